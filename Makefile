@@ -1,0 +1,51 @@
+# Everything a person runs. `make` alone lists the targets.
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help setup test lint types layers pytest test38 demo bench format clean
+
+help:  ## list the targets
+	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
+
+setup: $(STAMP)  ## make the environment .venv (Python 3.11)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v == (3, 11) or sys.exit("duckpilot: expected Python 3.11 (PyBullet has no newer wheel), got %d.%d; try: make PYTHON=python3.11 ..." % v)'
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --upgrade pip
+	$(PY) -m pip install --progress-bar on --constraint constraints.txt --editable '.[trainer,monitor,dev]'
+	@touch $@
+
+test: lint types layers pytest test38  ## everything that CI runs
+
+lint: $(STAMP)  ## ruff: style and format
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+types: $(STAMP)  ## mypy
+	$(VENV)/bin/mypy
+
+layers: $(STAMP)  ## the direction of imports
+	$(VENV)/bin/lint-imports
+
+pytest: $(STAMP)  ## the tests on Python 3.11
+	$(PY) -m pytest
+
+test38: $(STAMP)  ## the robot's tests on Python 3.8 with the Jetson Nano's wheels, where a 3.8 is found
+	@bash tools/test38.sh
+
+demo: $(STAMP)  ## train a lane-keeping policy, export it, drive it through virtual hardware: runs/demo/
+	$(PY) -m tools.demo --out runs/demo
+
+bench: $(STAMP)  ## the tables of figures: runs/bench.json
+	$(PY) -m tools.bench --out runs/bench.json
+
+format: $(STAMP)  ## let ruff rewrite the style
+	$(VENV)/bin/ruff check --fix .
+	$(VENV)/bin/ruff format .
+
+clean:  ## remove the environment and caches, keep runs/
+	rm -rf $(VENV) .venv38 .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,1 @@
+"""The overhead camera: finds the robots on the floor and says where they are."""

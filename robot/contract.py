@@ -1,0 +1,118 @@
+"""What simulator, trainer and robot must agree on: actions, pictures, policy metadata.
+
+One place, so that a policy that drives in simulation meets the same numbers on the robot.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Tuple
+
+from robot.errors import ConfigError, ContractError
+from robot.geometry import DifferentialDrive, Twist, WheelSpeeds
+from robot.typed_config import from_plain, to_plain
+
+SCHEMA_VERSION = 1
+
+CONTROL_DT_S = 0.1  # one decision of the policy
+FRAME_WIDTH_PX = 160  # camera frames are (FRAME_HEIGHT_PX, FRAME_WIDTH_PX, 3) uint8 RGB
+FRAME_HEIGHT_PX = 120
+PATH_POINTS = 10  # angles in path_input (paper A, section 3.3)
+PATH_ANGLE_LIMIT_RAD = math.pi / 4
+
+
+class Action(IntEnum):
+    """The five choices of paper A, Figure 5, with its numbers."""
+
+    LEFT = 0
+    SLIGHT_LEFT = 1
+    STRAIGHT = 2
+    SLIGHT_RIGHT = 3
+    RIGHT = 4
+
+
+DRIVE = DifferentialDrive()
+
+# A hard turn has a radius of 7.5 cm, so that it takes the tightest lane of any shipped map (13 cm)
+# with room to correct; a slight turn one of 33 cm.
+ACTION_TWISTS: Tuple[Twist, ...] = (
+    Twist(0.18, 2.4),
+    Twist(0.30, 0.9),
+    Twist(0.30, 0.0),
+    Twist(0.30, -0.9),
+    Twist(0.18, -2.4),
+)
+ACTION_WHEELS: Tuple[WheelSpeeds, ...] = tuple(DRIVE.wheels(twist) for twist in ACTION_TWISTS)
+MAX_WHEEL_MPS = max(max(wheels) for wheels in ACTION_WHEELS)
+
+
+@dataclass(frozen=True)
+class ImageSpec:
+    """The picture a policy sees: the frame resized to width x height, less its top rows."""
+
+    width_px: int = FRAME_WIDTH_PX
+    height_px: int = FRAME_HEIGHT_PX  # before the crop
+    crop_top_px: int = 0  # rows above the horizon hold no road
+
+    def __post_init__(self) -> None:
+        if not (self.width_px > 0 and 0 <= self.crop_top_px < self.height_px):
+            raise ConfigError(f"ImageSpec: expected 0 <= crop_top_px < height_px, got {self}")
+
+    @property
+    def shape(self) -> Tuple[int, int, int]:
+        """(H, W, 3) of the picture after the crop."""
+        return (self.height_px - self.crop_top_px, self.width_px, 3)
+
+
+@dataclass(frozen=True)
+class PolicyContract:
+    """Travels inside every ONNX file, as JSON under the metadata key ``duckpilot``.
+
+    ONNX inputs: ``image`` uint8 (N, H, W, 3) RGB and, when ``path_points`` > 0, ``path`` float32
+    (N, path_points) in [-1, 1]. Output: ``values`` float32 (N, actions); greedy is its argmax.
+    """
+
+    task: str  # lane, navigation or track
+    algorithm: str
+    image: ImageSpec = ImageSpec()
+    path_points: int = 0
+    actions: Tuple[Tuple[float, float], ...] = tuple((w[0], w[1]) for w in ACTION_WHEELS)
+    control_dt_s: float = CONTROL_DT_S
+    run: str = ""  # name of the training run
+    trained_steps: int = 0
+    score: float = float("nan")  # success rate of the training run's last evaluation
+    schema: int = SCHEMA_VERSION
+    notes: Tuple[str, ...] = field(default=())
+
+    METADATA_KEY = "duckpilot"
+
+    def to_json(self) -> str:
+        """One line of JSON; a score that was never measured is written as null."""
+        plain = to_plain(self)
+        if math.isnan(self.score):
+            plain["score"] = None
+        return json.dumps(plain, sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> PolicyContract:
+        """Read what ``to_json`` wrote.
+
+        Raises:
+            ContractError: not our JSON, or of another schema version.
+        """
+        try:
+            plain = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ContractError(f"policy metadata: expected JSON, got: {error}") from error
+        schema = plain.get("schema") if isinstance(plain, dict) else None
+        if schema != SCHEMA_VERSION:
+            raise ContractError(
+                f"policy metadata: expected schema {SCHEMA_VERSION}, got {schema!r}; "
+                "export the policy again with this version"
+            )
+        if plain.get("score") is None:
+            plain["score"] = float("nan")
+        return from_plain(cls, plain, where="policy metadata")

@@ -1,0 +1,103 @@
+"""Plane geometry and the differential drive.
+
+World frame: metres, x east, y north, heading counter-clockwise from x in (-pi, pi].
+Robot frame: origin on the floor below the middle of the wheel axle, x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Union
+
+import numpy as np
+
+Scalar = Union[float, np.ndarray]
+
+
+def wrap_angle(angle_rad: Scalar) -> Scalar:
+    """The same angle in (-pi, pi]."""
+    wrapped = -((-np.asarray(angle_rad, dtype=float) + math.pi) % (2.0 * math.pi) - math.pi)
+    return float(wrapped) if np.ndim(angle_rad) == 0 else wrapped
+
+
+class Pose(NamedTuple):
+    """Where a robot stands in the world frame: [m], [m], [rad]."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+    def to_robot(self, points_m: np.ndarray) -> np.ndarray:
+        """World points (..., 2) [m] in this robot's frame."""
+        delta = np.asarray(points_m, dtype=float) - (self.x_m, self.y_m)
+        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        return np.stack(
+            (c * delta[..., 0] + s * delta[..., 1], -s * delta[..., 0] + c * delta[..., 1]), axis=-1
+        )
+
+    def to_world(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (..., 2) [m] of this robot's frame in the world."""
+        points = np.asarray(points_m, dtype=float)
+        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        x = self.x_m + c * points[..., 0] - s * points[..., 1]
+        y = self.y_m + s * points[..., 0] + c * points[..., 1]
+        return np.stack((x, y), axis=-1)
+
+    def moved(self, forward_m: float, turn_rad: float) -> Pose:
+        """The pose after an arc of length ``forward_m`` that turns by ``turn_rad`` (exact)."""
+        half = turn_rad / 2.0
+        chord = forward_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        angle = self.heading_rad + half
+        heading = float(wrap_angle(self.heading_rad + turn_rad))
+        return Pose(self.x_m + chord * math.cos(angle), self.y_m + chord * math.sin(angle), heading)
+
+
+class Twist(NamedTuple):
+    """Motion of the robot frame: forward speed [m/s] and turn rate, left positive [rad/s]."""
+
+    forward_mps: float
+    turn_radps: float
+
+
+class WheelSpeeds(NamedTuple):
+    """Speed of each wheel's rim over the floor [m/s]."""
+
+    left_mps: float
+    right_mps: float
+
+
+@dataclass(frozen=True)
+class DifferentialDrive:
+    """Two driven wheels on one axle (Siegwart and Nourbakhsh, Autonomous Mobile Robots, 3.2)."""
+
+    baseline_m: float = 0.102  # between the wheels' contact points; Duckiebot, axle drawing
+    wheel_radius_m: float = 0.0325  # 65 mm wheel
+
+    def wheels(self, twist: Twist) -> WheelSpeeds:
+        """The wheel speeds that make this motion."""
+        half = 0.5 * self.baseline_m * twist.turn_radps
+        return WheelSpeeds(twist.forward_mps - half, twist.forward_mps + half)
+
+    def twist(self, wheels: WheelSpeeds) -> Twist:
+        """The motion that these wheel speeds make, without slip."""
+        return Twist(
+            0.5 * (wheels.left_mps + wheels.right_mps),
+            (wheels.right_mps - wheels.left_mps) / self.baseline_m,
+        )
+
+
+def bezier_points(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Cubic Bezier: control points (4, D), parameters (M,) in [0, 1] -> points (M, D)."""
+    t = np.asarray(t, dtype=float)[:, None]
+    u = 1.0 - t
+    p = np.asarray(control_points, dtype=float)
+    return u**3 * p[0] + 3 * u**2 * t * p[1] + 3 * u * t**2 * p[2] + t**3 * p[3]
+
+
+def bezier_tangents(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Derivative of the cubic Bezier by t: control points (4, D), (M,) -> (M, D), not unit."""
+    t = np.asarray(t, dtype=float)[:, None]
+    u = 1.0 - t
+    d = np.diff(np.asarray(control_points, dtype=float), axis=0)
+    return 3 * u**2 * d[0] + 6 * u * t * d[1] + 3 * t**2 * d[2]

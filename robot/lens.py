@@ -1,0 +1,227 @@
+"""Lenses and camera mountings: from a pixel to a ray in the robot's frame and back.
+
+Camera frame as in OpenCV: x right, y down, z forward. Robot frame: x forward, y left, z up.
+Pixel (0, 0) is the centre of the top-left pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Tuple, Union
+
+import numpy as np
+
+from robot.errors import ConfigError, nearest
+from robot.typed_config import read_yaml
+
+MODELS = ("pinhole", "plumb_bob", "fisheye")
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics as OpenCV has them: K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] and distortion D.
+
+    ``plumb_bob`` is OpenCV's k1, k2, p1, p2, k3 model, ``fisheye`` its equidistant k1..k4 model
+    (Kannala and Brandt 2006), ``pinhole`` has no D.
+    """
+
+    model: str
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    distortion: Tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ConfigError(f"lens model: unknown {self.model!r}; {nearest(self.model, MODELS)}")
+        valid = {"pinhole": (0,), "plumb_bob": (4, 5, 8), "fisheye": (4,)}[self.model]
+        if len(self.distortion) not in valid:
+            raise ConfigError(
+                f"{self.model} lens: expected {valid} coefficients, got {len(self.distortion)}"
+            )
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """K, (3, 3)."""
+        return np.array(
+            [[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]]
+        )
+
+    def scaled(self, width_px: int, height_px: int) -> Lens:
+        """The same lens read out at another picture size (pixel areas, not centres, scale)."""
+        sx, sy = width_px / self.width_px, height_px / self.height_px
+        return replace(
+            self,
+            width_px=width_px,
+            height_px=height_px,
+            fx_px=self.fx_px * sx,
+            fy_px=self.fy_px * sy,
+            cx_px=(self.cx_px + 0.5) * sx - 0.5,
+            cy_px=(self.cy_px + 0.5) * sy - 0.5,
+        )
+
+    def unproject(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) as (u, v) -> unit rays (..., 3) in the camera frame."""
+        import cv2
+
+        pixels = np.asarray(pixels, dtype=np.float64)
+        flat = pixels.reshape(-1, 1, 2)
+        eye = np.eye(3)
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+        if self.model == "fisheye":
+            return self._unproject_fisheye(pixels)
+        if self.model == "plumb_bob":
+            d = np.array(self.distortion)
+            plane = cv2.undistortPointsIter(flat, self.matrix, d, eye, eye, criteria)
+        else:
+            plane = (flat - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
+        plane = plane.reshape((*pixels.shape[:-1], 2))
+        rays = np.concatenate((plane, np.ones((*plane.shape[:-1], 1))), axis=-1)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+    def _unproject_fisheye(self, pixels: np.ndarray) -> np.ndarray:
+        # cv2.fisheye.undistortPoints stops at 90 degrees from the axis; a lens does not.
+        plane = (pixels - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
+        radius = np.linalg.norm(plane, axis=-1)
+        k = self.distortion
+        theta = radius.copy()
+        for _ in range(20):  # Newton on theta_d(theta) = radius
+            t2 = theta * theta
+            value = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
+            slope = 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
+            theta = np.clip(theta - (value - radius) / slope, 0.0, math.pi)
+        scale = np.sin(theta) / np.where(radius > 1e-12, radius, 1.0)
+        return np.stack((plane[..., 0] * scale, plane[..., 1] * scale, np.cos(theta)), axis=-1)
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the camera frame -> pixels (..., 2); NaN behind a non-fisheye lens."""
+        points = np.asarray(points, dtype=np.float64)
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        if self.model == "fisheye":
+            plane = self._distort_fisheye(x, y, z)
+        else:
+            front = z > 1e-9
+            depth = np.where(front, z, np.nan)
+            plane = self._distort_plumb_bob(x / depth, y / depth)
+        return plane * (self.fx_px, self.fy_px) + (self.cx_px, self.cy_px)
+
+    def _distort_fisheye(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        radius = np.hypot(x, y)
+        theta = np.arctan2(radius, z)
+        k = self.distortion
+        t2 = theta * theta
+        theta_d = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
+        scale = theta_d / np.where(radius > 1e-12, radius, 1.0)
+        return np.stack((x * scale, y * scale), axis=-1)
+
+    def _distort_plumb_bob(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, *([0.0] * 8))[:8]
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return np.stack((x * radial + dx, y * radial + dy), axis=-1)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where the camera sits on the robot, and which way it looks.
+
+    ``pitch_rad`` is downward, ``yaw_rad`` leftward, ``roll_rad`` clockwise as the camera sees it
+    (its right side dips).
+    """
+
+    height_m: float = 0.108
+    forward_m: float = 0.066  # ahead of the wheel axle
+    left_m: float = 0.0
+    pitch_rad: float = math.radians(19.15)
+    yaw_rad: float = 0.0
+    roll_rad: float = 0.0
+
+    @property
+    def position_m(self) -> np.ndarray:
+        """(3,) in the robot frame."""
+        return np.array([self.forward_m, self.left_m, self.height_m])
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3): turns a direction of the camera frame into the robot frame."""
+        level = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        cp, sp = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
+        cy, sy = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        cr, sr = math.cos(self.roll_rad), math.sin(self.roll_rad)
+        yaw = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+        pitch = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+        roll = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+        return yaw @ pitch @ roll @ level
+
+
+@dataclass(frozen=True)
+class CameraRig:
+    """A lens on a mounting."""
+
+    lens: Lens
+    mount: Mount = Mount()
+
+    def rays(self) -> np.ndarray:
+        """Unit directions (H, W, 3) in the robot frame, one per pixel."""
+        v, u = np.mgrid[0 : self.lens.height_px, 0 : self.lens.width_px]
+        directions = self.lens.unproject(np.stack((u, v), axis=-1))
+        return directions @ self.mount.rotation.T
+
+    def to_pixels(self, points_robot_m: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the robot frame [m] -> pixels (..., 2)."""
+        relative = np.asarray(points_robot_m, dtype=float) - self.mount.position_m
+        return self.lens.project(relative @ self.mount.rotation)
+
+    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) -> floor points (..., 2), robot frame [m]; NaN above the horizon."""
+        directions = self.lens.unproject(pixels) @ self.mount.rotation.T
+        down = np.where(directions[..., 2] < -1e-6, directions[..., 2], np.nan)
+        scale = -self.mount.height_m / down
+        return self.mount.position_m[:2] + directions[..., :2] * scale[..., None]
+
+
+# The lens of the Duckietown simulator and robots: 111 x 84 degrees (a calibration of a real robot).
+DUCKIEBOT_LENS = Lens(
+    "plumb_bob",
+    640,
+    480,
+    305.5718893575089,
+    308.8338858195428,
+    303.0797142544728,
+    231.8845403702499,
+    (-0.2, 0.0305, 0.0005859930422629722, -0.0006697840226199427, 0.0),
+)
+
+
+def load_ros_calibration(path: Union[str, Path]) -> Lens:
+    """A lens from a ROS ``camera_info`` YAML file.
+
+    Raises:
+        ConfigError: a key is missing, or the distortion model is not one of ours.
+    """
+    data = read_yaml(path)
+    models = {"plumb_bob": "plumb_bob", "rational_polynomial": "plumb_bob"}
+    models.update(equidistant="fisheye", fisheye="fisheye")
+    try:
+        k = [float(v) for v in data["camera_matrix"]["data"]]
+        d = tuple(float(v) for v in data["distortion_coefficients"]["data"])
+        name = str(data["distortion_model"])
+        size = int(data["image_width"]), int(data["image_height"])
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: expected a ROS camera_info file, missing {error}") from error
+    if name not in models:
+        raise ConfigError(f"{path}: distortion model {name!r}; {nearest(name, models)}")
+    return Lens(models[name], size[0], size[1], k[0], k[4], k[2], k[5], _trim(models[name], d))
+
+
+def _trim(model: str, d: Tuple[Any, ...]) -> Tuple[float, ...]:
+    if model == "fisheye":
+        return tuple(d[:4])
+    return tuple(d[:8]) if len(d) >= 8 else tuple(d[:5])

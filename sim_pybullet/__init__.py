@@ -1,0 +1,1 @@
+"""The simulated world: PyBullet bodies, fisheye cameras, looks, tasks and virtual hardware."""

@@ -1,0 +1,176 @@
+"""``Look``: everything about appearance and physics that can vary, as one frozen dataclass.
+
+Colours are (r, g, b) in 0..255. A Look is read from and written to YAML; randomisation
+(`sim_pybullet.randomise`) samples Looks and nothing else does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
+from robot.typed_config import from_plain, load_yaml
+
+Rgb = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class GroundLook:
+    """The painted floor."""
+
+    asphalt_rgb: Rgb = (46.0, 46.0, 50.0)
+    white_rgb: Rgb = (224.0, 224.0, 218.0)
+    yellow_rgb: Rgb = (224.0, 184.0, 44.0)
+    red_rgb: Rgb = (196.0, 40.0, 40.0)
+    outside_rgb: Rgb = (96.0, 108.0, 92.0)  # floor, grass and whatever lies beyond the map
+    grain: float = 6.0  # standard deviation of the surface noise, grey levels
+    seam_depth: float = 14.0  # how much darker the joints of the foam mats are, grey levels
+    wear: float = 0.0  # 0 new paint .. 1 half of it gone
+    line_width_scale: float = 1.0
+    brightness: float = 1.0  # multiplies the whole floor
+    patchiness: float = 0.0  # strength of large soft light and dark areas, 0..1
+    texture_seed: int = 0
+
+
+@dataclass(frozen=True)
+class SkyLook:
+    """What is above the horizon."""
+
+    horizon_rgb: Rgb = (176.0, 200.0, 220.0)
+    zenith_rgb: Rgb = (115.0, 209.0, 255.0)
+
+
+@dataclass(frozen=True)
+class LightLook:
+    """One far light and an ambient part; a floor lit from straight above has intensity 1."""
+
+    azimuth_rad: float = 0.8
+    elevation_rad: float = 1.2
+    ambient: float = 0.6
+    diffuse: float = 0.4
+
+
+@dataclass(frozen=True)
+class CameraLook:
+    """How this robot's camera differs from the nominal one."""
+
+    height_m: float = 0.108
+    forward_m: float = 0.066
+    left_m: float = 0.0
+    pitch_rad: float = math.radians(19.15)
+    yaw_rad: float = 0.0
+    roll_rad: float = 0.0
+    focal_scale: float = 1.0  # the fisheye's angle of view: below 1 sees more
+    distortion_scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class SensorLook:
+    """What happens to the light after the lens, in this order."""
+
+    blur_px: float = 0.0  # standard deviation of focus blur, in pixels of a 160 px wide frame
+    vignetting: float = 0.0  # darkening at the corners, 0..1
+    exposure: float = 1.0
+    white_balance: Rgb = (1.0, 1.0, 1.0)  # gains
+    noise: float = 0.0  # standard deviation, grey levels
+    jpeg_quality: int = 100  # 100 is no compression
+
+
+@dataclass(frozen=True)
+class DriveLook:
+    """How the wheels answer a command."""
+
+    forward_lag_s: float = 0.08  # first-order time constants; steppers follow almost at once
+    turn_lag_s: float = 0.08
+    delay_s: float = 0.0  # between command and wheel
+    gain: float = 1.0  # of both wheels
+    trim: float = 0.0  # right wheel gains this, left loses it
+    turn_gain: float = 1.0  # part of the commanded turn rate that the tyres turn into turning
+    noise: float = 0.02  # standard deviation of each wheel's speed, relative
+
+
+@dataclass(frozen=True)
+class TimingLook:
+    """When pictures arrive."""
+
+    camera_delay_s: float = 0.0
+    frame_skip: float = 0.0  # probability that a decision sees the previous picture again
+
+
+@dataclass(frozen=True)
+class PoseLook:
+    """Error of the poses that the overhead localizer sends."""
+
+    position_m: float = 0.0  # standard deviation of each coordinate
+    heading_rad: float = 0.0
+    correlation_s: float = 2.0  # the errors drift: Ornstein-Uhlenbeck with this time constant
+    delay_s: float = 0.0
+    dropout_per_s: float = 0.0  # rate at which gaps begin
+    dropout_s: float = 0.0  # longest gap
+    outlier: float = 0.0  # probability that a pose is wrong by up to a metre
+
+
+@dataclass(frozen=True)
+class Look:
+    """One world as one robot meets it in one episode."""
+
+    ground: GroundLook = GroundLook()
+    sky: SkyLook = SkyLook()
+    light: LightLook = LightLook()
+    camera: CameraLook = CameraLook()
+    sensor: SensorLook = SensorLook()
+    drive: DriveLook = DriveLook()
+    timing: TimingLook = TimingLook()
+    pose: PoseLook = PoseLook()
+
+    def rig(self, lens: Lens = DUCKIEBOT_LENS) -> CameraRig:
+        """This Look's camera: the given nominal lens on this mounting, with these scales."""
+        c = self.camera
+        changed = Lens(
+            lens.model,
+            lens.width_px,
+            lens.height_px,
+            lens.fx_px * c.focal_scale,
+            lens.fy_px * c.focal_scale,
+            lens.cx_px,
+            lens.cy_px,
+            tuple(k * c.distortion_scale for k in lens.distortion),
+        )
+        mount = Mount(c.height_m, c.forward_m, c.left_m, c.pitch_rad, c.yaw_rad, c.roll_rad)
+        return CameraRig(changed, mount)
+
+
+NOMINAL = Look()
+
+# Duckietown's DB18 with DC motors: u' = -5u + 1.5(R+L), w' = -4w + 15(R-L), R and L in [-1, 1] of
+# 0.6 m/s, so that a 0.102 m axle turns at 0.6375 of the kinematic rate (gym-duckietown 6.1.34).
+DB18_DRIVE = DriveLook(
+    forward_lag_s=0.2, turn_lag_s=0.25, delay_s=0.15, turn_gain=3.75 * 0.102 / 0.6, noise=0.0
+)
+
+# What an overhead camera over the arena delivers (specification row A10).
+ARENA_POSE = PoseLook(
+    position_m=0.03,
+    heading_rad=math.radians(5.0),
+    correlation_s=2.0,
+    delay_s=0.2,
+    dropout_per_s=0.05,
+    dropout_s=1.0,
+    outlier=0.005,
+)
+
+
+def load_look(path: str | Path) -> Look:
+    """A Look from YAML; absent keys are nominal, unknown ones refused with the nearest name.
+
+    Raises:
+        ConfigError: the file does not fit.
+    """
+    return load_yaml(Look, path)
+
+
+def look_from_plain(data: object) -> Look:
+    """A Look from plain nested data, as YAML gives it."""
+    return from_plain(Look, data, where="look")

@@ -1,0 +1,56 @@
+"""``Scene``: what there is to see, independent of who looks; both cameras draw the same Scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.look import LightLook, SkyLook
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The floor as one picture, seen from above; row 0 is the north edge, column 0 the west edge.
+
+    Texel (row, column) covers the square whose south-west corner is at
+    x = west_m + column * texel_m, y = north_m - (row + 1) * texel_m. Beyond the picture the floor
+    goes on without end in ``outside_rgb``, class OUTSIDE.
+    """
+
+    rgb: np.ndarray  # (H, W, 3) uint8
+    classes: np.ndarray  # (H, W) uint8, SemanticClass
+    texel_m: float
+    west_m: float
+    north_m: float
+    outside_rgb: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A box, an upright cylinder or a billboard that always faces the viewer.
+
+    ``size_m`` is (length along heading, width, height); a cylinder's diameter is its length.
+    """
+
+    shape: Literal["box", "cylinder", "billboard"]
+    x_m: float
+    y_m: float
+    heading_rad: float
+    size_m: tuple[float, float, float]
+    rgb: tuple[float, float, float]
+    kind: SemanticClass = SemanticClass.OBJECT
+    base_m: float = 0.0  # height of its underside above the floor
+    collides: bool = True
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Floor, solids, sky and light."""
+
+    ground: Ground
+    solids: tuple[Solid, ...]
+    sky: SkyLook
+    light: LightLook

@@ -1,0 +1,1 @@
+"""Programs around the robot and the trainer: demo, bench, loop, monitor."""

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# The robot's tests on Python 3.8 with the exact wheels of a Jetson Nano. PYTHON38 names the interpreter; without one, says so and passes.
+set -euo pipefail
+python38=${PYTHON38:-$(command -v python3.8 || true)}
+if [ -z "$python38" ]; then
+  echo "test38: skipped: no python3.8 on this machine (set PYTHON38=/path/to/python3.8)"
+  exit 0
+fi
+if [ ! -e .venv38/.installed ] || [ constraints-nano.txt -nt .venv38/.installed ]; then
+  "$python38" -m venv .venv38
+  .venv38/bin/python -m pip install --quiet --constraint constraints-nano.txt --editable . pytest pytest-timeout hypothesis
+  touch .venv38/.installed
+fi
+exec .venv38/bin/python -m pytest tests/robot

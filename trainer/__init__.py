@@ -1,0 +1,1 @@
+"""The offline trainer: networks, algorithms, evaluation, export and reports."""
