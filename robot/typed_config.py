@@ -79,7 +79,7 @@ def read_yaml(path: Union[str, Path]) -> Any:
 
 def _convert(kind: Any, value: Any, label: str) -> Any:
     origin = typing.get_origin(kind)
-    if origin is Union:
+    if origin is Union or type(kind).__name__ == "UnionType":  # the latter: A | B, Python 3.10
         return _convert_union(kind, value, label)
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return from_plain(kind, value, label)

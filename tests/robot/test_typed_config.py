@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Optional, Tuple
+
+import pytest
+from robot.contract import ACTION_TWISTS, ACTION_WHEELS, DRIVE, ImageSpec, PolicyContract
+from robot.errors import ConfigError, ContractError
+from robot.typed_config import from_plain, load_yaml, to_plain
+
+
+@dataclass(frozen=True)
+class Wheel:
+    radius_m: float = 0.03
+    name: str = "left"
+
+
+@dataclass(frozen=True)
+class Car:
+    wheels: Tuple[Wheel, ...] = (Wheel(), Wheel(name="right"))
+    bus: int = 1
+    size_m: Tuple[float, float] = (0.1, 0.2)
+    model: Optional[str] = None
+    armed: bool = False
+
+
+def test_what_is_written_is_read() -> None:
+    car = Car(wheels=(Wheel(0.5),), bus=7, model="a", armed=True)
+    assert from_plain(Car, to_plain(car)) == car
+
+
+def test_absent_keys_keep_their_defaults() -> None:
+    assert from_plain(Car, {}) == Car()
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"bsu": 1}, "unknown key 'bsu'; did you mean 'bus'"),
+        ({"wheels": [{"radius": 1.0}]}, r"wheels\[0\]: unknown key 'radius'; did you mean"),
+        ({"bus": "one"}, "bus: expected int, got 'one'"),
+        ({"bus": True}, "bus: expected int"),
+        ({"size_m": [1.0]}, "expected 2 values, got 1"),
+        ({"armed": 1}, "armed: expected bool"),
+        ({"model": 3}, "model: expected str"),
+        ([], "expected a mapping"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(data: object, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        from_plain(Car, data)
+
+
+def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="readable"):
+        load_yaml(Car, tmp_path / "none.yaml")
+    (tmp_path / "bad.yaml").write_text("a: [1")
+    with pytest.raises(ConfigError, match="expected YAML"):
+        load_yaml(Car, tmp_path / "bad.yaml")
+
+
+def test_policy_contract_survives_json() -> None:
+    contract = PolicyContract("lane", "dueling", ImageSpec(80, 60, 20), score=0.5, run="r")
+    assert PolicyContract.from_json(contract.to_json()) == contract
+    assert contract.image.shape == (40, 80, 3)
+    unscored = PolicyContract.from_json(PolicyContract("lane", "ppo").to_json())
+    assert unscored.score != unscored.score  # never measured
+
+
+def test_policy_contract_of_another_schema_is_refused() -> None:
+    with pytest.raises(ContractError, match="expected schema 1, got 99"):
+        PolicyContract.from_json('{"schema": 99}')
+    with pytest.raises(ContractError, match="expected JSON"):
+        PolicyContract.from_json("{")
+
+
+def test_the_action_table_is_symmetric_and_takes_the_tightest_lane() -> None:
+    for left, right in zip(ACTION_WHEELS, reversed(ACTION_WHEELS)):
+        assert tuple(left) == pytest.approx((right.right_mps, right.left_mps))
+    for twist, wheels in zip(ACTION_TWISTS, ACTION_WHEELS):
+        assert tuple(DRIVE.twist(wheels)) == pytest.approx(tuple(twist))
+    tightest_lane_radius_m = 0.3 * 0.44  # right turns on the arena's 0.44 m tiles
+    assert ACTION_TWISTS[0].forward_mps / ACTION_TWISTS[0].turn_radps < 0.6 * tightest_lane_radius_m
