@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Tuple, Union
 
@@ -99,7 +100,10 @@ class Lens:
         return np.stack((plane[..., 0] * scale, plane[..., 1] * scale, np.cos(theta)), axis=-1)
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the camera frame -> pixels (..., 2); NaN behind a non-fisheye lens."""
+        """Points (..., 3) of the camera frame -> pixels (..., 2).
+
+        NaN behind a non-fisheye lens, and where its distortion polynomial folds back on itself.
+        """
         points = np.asarray(points, dtype=np.float64)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         if self.model == "fisheye":
@@ -122,10 +126,22 @@ class Lens:
     def _distort_plumb_bob(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, *([0.0] * 8))[:8]
         r2 = x * x + y * y
+        r2 = np.where(r2 <= _fold_radius(self.distortion) ** 2, r2, np.nan)
         radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
         dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         return np.stack((x * radial + dx, y * radial + dy), axis=-1)
+
+
+@lru_cache(maxsize=None)
+def _fold_radius(distortion: Tuple[float, ...]) -> float:
+    """Undistorted radius from which on a plumb-bob lens maps outer points inwards again."""
+    k1, k2, _, _, k3, k4, k5, k6 = (*distortion, *([0.0] * 8))[:8]
+    r = np.linspace(0.0, 10.0, 2001)
+    r2 = r * r
+    distorted = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    falls = np.flatnonzero(np.diff(distorted) <= 0.0)
+    return float(r[falls[0]]) if len(falls) else math.inf
 
 
 @dataclass(frozen=True)

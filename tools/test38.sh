@@ -1,13 +1,20 @@
 #!/usr/bin/env bash
-# The robot's tests on Python 3.8 with the exact wheels of a Jetson Nano. PYTHON38 names the interpreter; without one, says so and passes.
+# The robot's tests on Python 3.8 with the exact wheels of a Jetson Nano.
+# PYTHON38 names the interpreter; without one (pyenv's are looked for too) it says so and passes.
 set -euo pipefail
-python38=${PYTHON38:-$(command -v python3.8 || true)}
+python38=
+for candidate in "${PYTHON38:-}" python3.8 "$HOME"/.pyenv/versions/3.8.*/bin/python3.8; do
+  if [ -n "$candidate" ] && "$candidate" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 8))' 2>/dev/null; then
+    python38=$candidate
+    break
+  fi
+done
 if [ -z "$python38" ]; then
-  echo "test38: skipped: no python3.8 on this machine (set PYTHON38=/path/to/python3.8)"
+  echo "test38: skipped: no Python 3.8 on this machine (set PYTHON38=/path/to/python3.8)"
   exit 0
 fi
 if [ ! -e .venv38/.installed ] || [ constraints-nano.txt -nt .venv38/.installed ]; then
-  "$python38" -m venv .venv38
+  "$python38" -m venv --clear .venv38
   .venv38/bin/python -m pip install --quiet --constraint constraints-nano.txt --editable . pytest pytest-timeout hypothesis
   touch .venv38/.installed
 fi

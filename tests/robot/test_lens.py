@@ -3,8 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
+
 from robot.errors import ConfigError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount, load_ros_calibration
 
@@ -51,6 +52,7 @@ def test_an_equidistant_fisheye_sees_behind_itself() -> None:
 def test_a_floor_point_comes_back_from_its_pixel(x: float, y: float) -> None:
     rig = CameraRig(SMALL)
     pixel = rig.to_pixels(np.array([x, y, 0.0]))
+    assume(np.all((pixel >= 0) & (pixel <= (159, 119))))
     assert np.allclose(rig.to_floor(pixel), [x, y], atol=1e-6)
 
 
@@ -86,3 +88,10 @@ def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("image_width: 3\n")
     with pytest.raises(ConfigError, match="camera_info"):
         load_ros_calibration(tmp_path / "a.yaml")
+
+
+def test_beyond_the_fold_of_its_polynomial_a_lens_sees_nothing() -> None:
+    lens = Lens("plumb_bob", 160, 120, 78.0, 78.0, 79.5, 59.5, (-0.4, 0.0, 0.0, 0.0))
+    tangents = np.array([0.5, 0.9, 0.95, 2.0])  # the slope of r (1 - 0.4 r^2) ends at r = 0.913
+    pixels = lens.project(np.stack((tangents, 0 * tangents, 1 + 0 * tangents), axis=-1))
+    assert np.array_equal(np.isnan(pixels[:, 0]), [False, False, True, True])
