@@ -1,0 +1,117 @@
+"""Domain randomisation: distributions over ``Look``, read from YAML.
+
+A file has the shape of a Look; each leaf is a value or one of ::
+
+    {uniform: [low, high]}      colours: one draw per channel between two colours
+    {log_uniform: [low, high]}  for gains, so that halving is as likely as doubling
+    {normal: [mean, sd]}        cut off at three standard deviations
+    {choice: [a, b, ...]}
+    {integer: [low, high]}      both included
+
+Absent leaves are nominal. Every leaf can so be switched off by deleting its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot.errors import ConfigError, nearest
+from robot.typed_config import read_yaml
+from sim_pybullet.look import Look, look_from_plain
+
+LOOKS_DIR = Path(__file__).parent / "looks"
+
+Sampler = Callable[[np.random.Generator], Look]
+
+
+def shipped_looks() -> dict[str, Path]:
+    """The looks and distributions that come with the project, by name."""
+    return {path.stem: path for path in sorted(LOOKS_DIR.glob("*.yaml"))}
+
+
+def load_look_sampler(source: str | Path) -> Sampler:
+    """A sampler of Looks from a YAML file, or from the name of a shipped one.
+
+    Raises:
+        ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
+    """
+    path = Path(source)
+    if not path.exists():
+        shipped = shipped_looks()
+        if str(source) not in shipped:
+            raise ConfigError(
+                f"look {str(source)!r}: no such file; {nearest(str(source), shipped)}"
+            )
+        path = shipped[str(source)]
+    return look_sampler(read_yaml(path), where=str(path))
+
+
+def look_sampler(data: Any, where: str = "look") -> Sampler:
+    """A sampler from plain data; draws once to refuse what does not fit now, not mid-training."""
+
+    def sample(rng: np.random.Generator) -> Look:
+        return look_from_plain(_draw(data, rng, where))
+
+    sample(np.random.default_rng(0))
+    return sample
+
+
+def fixed(look: Look) -> Sampler:
+    """The sampler that always gives this Look."""
+    return lambda _: look
+
+
+def _draw(node: Any, rng: np.random.Generator, where: str) -> Any:
+    if not isinstance(node, dict):
+        return node
+    if len(node) == 1:
+        (name, arguments), *_ = node.items()
+        if name in _DRAWS:
+            try:
+                return _DRAWS[name](rng, arguments)
+            except (TypeError, ValueError) as error:
+                raise ConfigError(f"{where}: cannot draw {name}: {arguments!r}: {error}") from error
+    return {key: _draw(value, rng, f"{where}.{key}") for key, value in node.items()}
+
+
+def _uniform(rng: np.random.Generator, arguments: Any) -> Any:
+    low, high = np.asarray(arguments[0], dtype=float), np.asarray(arguments[1], dtype=float)
+    if len(arguments) != 2 or np.any(high < low):
+        raise ValueError("expected [low, high]")
+    return np.asarray(rng.uniform(low, high)).tolist()
+
+
+def _log_uniform(rng: np.random.Generator, arguments: Any) -> Any:
+    low, high = np.asarray(arguments[0], dtype=float), np.asarray(arguments[1], dtype=float)
+    if len(arguments) != 2 or np.any(low <= 0) or np.any(high < low):
+        raise ValueError("expected [low, high], both positive")
+    return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high)))).tolist()
+
+
+def _normal(rng: np.random.Generator, arguments: Any) -> float:
+    mean, sd = (float(v) for v in arguments)
+    return mean + sd * float(np.clip(rng.standard_normal(), -3.0, 3.0))
+
+
+def _choice(rng: np.random.Generator, arguments: Any) -> Any:
+    if not arguments:
+        raise ValueError("expected at least one value")
+    return arguments[int(rng.integers(len(arguments)))]
+
+
+def _integer(rng: np.random.Generator, arguments: Any) -> int:
+    low, high = (int(v) for v in arguments)
+    return int(rng.integers(low, high + 1))
+
+
+_DRAWS: dict[str, Callable[[np.random.Generator, Any], Any]] = {
+    "uniform": _uniform,
+    "log_uniform": _log_uniform,
+    "normal": _normal,
+    "choice": _choice,
+    "integer": _integer,
+}

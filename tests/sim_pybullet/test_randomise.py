@@ -1,0 +1,73 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.errors import ConfigError
+from robot.typed_config import to_plain
+from sim_pybullet.look import NOMINAL, Look, load_look, look_from_plain
+from sim_pybullet.randomise import load_look_sampler, look_sampler, shipped_looks
+
+
+@pytest.mark.parametrize("name", shipped_looks())
+def test_every_shipped_look_can_be_drawn_and_repeats_by_seed(name: str) -> None:
+    sample = load_look_sampler(name)
+    assert sample(np.random.default_rng(3)) == sample(np.random.default_rng(3))
+
+
+def test_nominal_is_nominal_and_randomised_varies_every_named_leaf() -> None:
+    assert load_look_sampler("nominal")(np.random.default_rng(0)) == NOMINAL
+    sample = load_look_sampler("randomised")
+    one, two = (to_plain(sample(np.random.default_rng(seed))) for seed in (1, 2))
+    named = yaml.safe_load(shipped_looks()["randomised"].read_text())
+    for group, leaves in named.items():
+        for leaf in leaves:
+            assert one[group][leaf] != two[group][leaf], f"{group}.{leaf} did not vary"
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_draws_stay_in_their_ranges(seed: int) -> None:
+    look = load_look_sampler("randomised")(np.random.default_rng(seed))
+    assert 0.6 <= look.ground.brightness <= 1.4
+    assert all(20 <= v <= 220 for v in look.ground.outside_rgb)
+    assert abs(look.camera.roll_rad) <= 0.06
+    assert 0 <= look.ground.texture_seed <= 1_000_000
+
+
+def test_a_look_survives_yaml(tmp_path: Path) -> None:
+    look = load_look_sampler("randomised")(np.random.default_rng(5))
+    (tmp_path / "look.yaml").write_text(yaml.safe_dump(to_plain(look)))
+    assert load_look(tmp_path / "look.yaml") == look
+    assert load_look_sampler(tmp_path / "look.yaml")(np.random.default_rng(0)) == look
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"groud": {}}, "did you mean 'ground'"),
+        ({"ground": {"brigthness": {"uniform": [0, 1]}}}, "did you mean 'brightness'"),
+        ({"ground": {"wear": {"uniform": [1, 0]}}}, r"ground\.wear: cannot draw uniform"),
+        ({"ground": {"wear": {"normal": [1]}}}, r"ground\.wear: cannot draw normal"),
+        ({"ground": {"wear": {"unifrom": [0, 1]}}}, r"wear: expected float"),
+        ({"ground": {"wear": "new"}}, r"wear: expected float, got 'new'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_at_once(data: object, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        look_sampler(data)
+
+
+def test_an_unknown_name_lists_the_shipped_ones() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'randomised'"):
+        load_look_sampler("randomized")
+
+
+def test_the_rig_of_the_nominal_look_is_the_calibrated_camera() -> None:
+    rig = Look().rig()
+    assert rig.lens.fx_px == pytest.approx(305.57, abs=0.01)
+    assert look_from_plain({"camera": {"focal_scale": 2.0}}).rig().lens.fx_px == pytest.approx(
+        2 * rig.lens.fx_px
+    )
