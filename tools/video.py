@@ -67,11 +67,22 @@ def even(picture: np.ndarray) -> np.ndarray:
 
 def write_mp4(path: Path, frames: Iterable[np.ndarray], frames_per_s: float) -> None:
     """Encode frames (H, W, 3) uint8 RGB as H.264; the file appears under its name when whole."""
-    import imageio.v2 as imageio
+    import imageio_ffmpeg
 
     partial = path.with_name(f".{path.stem}.partial.mp4")
-    options = {"fps": frames_per_s, "codec": "libx264", "macro_block_size": 2, "quality": 7}
-    with imageio.get_writer(partial, **options) as writer:
+    writer = None
+    try:
         for frame in frames:
-            writer.append_data(frame)
+            if writer is None:
+                size = (frame.shape[1], frame.shape[0])
+                writer = imageio_ffmpeg.write_frames(
+                    str(partial), size, fps=frames_per_s, quality=7, macro_block_size=2
+                )
+                writer.send(None)
+            writer.send(np.ascontiguousarray(frame).tobytes())
+    finally:
+        if writer is not None:
+            writer.close()
+    if writer is None:
+        raise ValueError(f"{path}: expected at least one frame, got none")
     os.replace(partial, path)

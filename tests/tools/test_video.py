@@ -1,6 +1,6 @@
 from pathlib import Path
 
-import imageio.v2 as imageio
+import imageio_ffmpeg
 import numpy as np
 
 from robot.geometry import Pose
@@ -32,8 +32,8 @@ def test_a_video_holds_every_frame(tmp_path: Path) -> None:
         side_by_side(np.full((12, 16, 3), 40 * k, np.uint8), view().floor, f"{k}") for k in range(5)
     ]
     write_mp4(tmp_path / "drive.mp4", frames, 10)
-    read = imageio.mimread(tmp_path / "drive.mp4")
-    assert len(read) == 5
-    assert read[0].shape == frames[0].shape
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "drive.mp4"))
+    assert next(reader)["size"] == (frames[0].shape[1], frames[0].shape[0])
+    assert len(list(reader)) == 5
     assert [p.name for p in tmp_path.iterdir()] == ["drive.mp4"]
     assert even(np.zeros((5, 7, 3), np.uint8)).shape == (4, 6, 3)
