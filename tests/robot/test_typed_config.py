@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Optional, Tuple
 
 import pytest
+
 from robot.contract import ACTION_TWISTS, ACTION_WHEELS, DRIVE, ImageSpec, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.typed_config import from_plain, load_yaml, to_plain
