@@ -1,0 +1,258 @@
+"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from robot.errors import MapError, nearest
+from robot.geometry import Pose, wrap_angle
+
+_SIGNS = (
+    "4_way_intersect", "T_intersect", "blank", "do_not_enter", "duck_crossing", "left_T_intersect",
+    "no_left_turn", "no_right_turn", "oneway_left", "oneway_right", "pedestrian",
+    "right_T_intersect", "stop", "t_light_ahead", "yield",
+)  # fmt: skip
+SIGN_HEIGHT_M = 0.165
+# Height [m] of an object whose entry says ``scale: 1``, or no size at all: the height of the mesh
+# that gym-duckietown 6.1.34 draws (height over scale); ``building`` is taken as ``house``.
+NATURAL_HEIGHT_M: Dict[str, float] = {
+    **{f"sign_{name}": SIGN_HEIGHT_M for name in _SIGNS},
+    "barrier": 1.14,
+    "building": 4.82,
+    "bus": 4.41,
+    "checkerboard": 20.1,
+    "cone": 31.5,
+    "duckie": 1.52,
+    "duckiebot": 0.135,
+    "floor_tag": 0.0,
+    "house": 4.82,
+    "trafficlight": 0.366,
+    "tree": 3.56,
+    "truck": 5.19,
+}
+_FORMS = ("pos", "pose", "place", "attach")
+_KEYS = (*_FORMS, "kind", "rotate", "height", "scale", "static", "optional", "color", "tag")
+# How far a sign stands from the corner of its tile, along the kerb and away from it [m]; the slots
+# count counter-clockwise round the corner (duckietown-world's map format).
+_ALONG_M, _AWAY_M = 0.09, 0.035
+_SLOTS_M: Tuple[Tuple[float, float], ...] = (
+    (_ALONG_M, _AWAY_M), (_AWAY_M, _ALONG_M), (-_AWAY_M, _ALONG_M), (-_ALONG_M, _AWAY_M),
+    (-_ALONG_M, -_AWAY_M), (-_AWAY_M, -_ALONG_M), (_AWAY_M, -_ALONG_M), (_ALONG_M, -_AWAY_M),
+)  # fmt: skip
+
+
+class Tag(NamedTuple):
+    """An AprilTag: family such as ``36h11``, edge length [m], number."""
+
+    family: str
+    size_m: float
+    tag_id: int
+
+
+@dataclass(frozen=True)
+class MapObject:
+    """One object in the world frame; its front looks along ``heading_rad``.
+
+    ``optional`` objects may be left out of an episode; those not ``static`` move by themselves.
+    """
+
+    name: str
+    kind: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+    height_m: float
+    static: bool = True
+    optional: bool = False
+    color: Optional[str] = None
+    tag: Optional[Tag] = None
+
+
+class Grid(NamedTuple):
+    """What placing an object needs to know of its map."""
+
+    rows: int
+    columns: int
+    tile_size_m: float
+    compat: bool
+
+
+def read_objects(entries: Any, grid: Grid, where: str) -> Tuple[MapObject, ...]:
+    """Objects of a map file: a mapping of name to entry, a list of entries, or nothing.
+
+    Raises:
+        MapError: naming the object and what its entry should say.
+    """
+    if entries is None:
+        return ()
+    if isinstance(entries, list):
+        entries = {f"object {i}": entry for i, entry in enumerate(entries)}
+    if not isinstance(entries, dict):
+        raise MapError(f"{where}: expected objects as a mapping or a list, got {entries!r}")
+    return tuple(_read_object(str(n), e, grid, f"{where}: {n}") for n, e in entries.items())
+
+
+def _read_object(name: str, entry: Any, grid: Grid, where: str) -> MapObject:
+    if not isinstance(entry, dict):
+        raise MapError(f"{where}: expected a mapping with kind and a position, got {entry!r}")
+    refuse_misspelt_keys(entry, _KEYS, where)
+    kind = entry.get("kind")
+    if kind not in NATURAL_HEIGHT_M:
+        raise MapError(f"{where}: unknown kind {kind!r}; {nearest(str(kind), NATURAL_HEIGHT_M)}")
+    x_m, y_m, heading_rad = _place(entry, grid, where)
+    color = entry.get("color")
+    return MapObject(
+        name,
+        kind,
+        x_m,
+        y_m,
+        float(wrap_angle(heading_rad)),
+        _height(kind, entry, where),
+        _flag(entry, "static", True, where),
+        _flag(entry, "optional", False, where),
+        None if color is None else str(color),
+        _tag(entry.get("tag"), where),
+    )
+
+
+def _place(entry: Dict[str, Any], grid: Grid, where: str) -> Pose:
+    forms = [form for form in _FORMS if form in entry]
+    if not forms or (len(forms) > 1 and forms != ["pose", "attach"]):
+        raise MapError(
+            f"{where}: expected one position (pos and rotate, place, pose or attach), "
+            f"got {' and '.join(forms) or 'none'}"
+        )
+    rotate_rad = math.radians(number(entry.get("rotate", 0.0), f"{where}: rotate"))
+    if "pos" in entry:
+        return _place_by_pos(entry["pos"], rotate_rad, grid, where)
+    if "place" in entry:
+        return _place_in_tile(entry["place"], grid, where)
+    if "pose" in entry and ("attach" not in entry or grid.compat):
+        return _transform(entry["pose"], f"{where}: pose")
+    return _place_in_slot(entry, rotate_rad, grid, where)
+
+
+def _place_by_pos(pos: Any, rotate_rad: float, grid: Grid, where: str) -> Pose:
+    """Tiles east and south of the north-west corner; the simulator mixes up rows and columns."""
+    east, south = numbers(pos, 2, f"{where}: pos")
+    if grid.compat:
+        return Pose(
+            east * grid.tile_size_m,
+            (grid.columns - 1 - south) * grid.tile_size_m,
+            -rotate_rad,
+        )
+    return Pose(east * grid.tile_size_m, (grid.rows - south) * grid.tile_size_m, rotate_rad)
+
+
+def _place_in_tile(place: Any, grid: Grid, where: str) -> Pose:
+    """Metres from the centre of a tile counted east and north from the south-west corner."""
+    column, row_north = _tile_of(place, grid, f"{where}: place")
+    dx_m, dy_m, heading_rad = _transform(place.get("relative"), f"{where}: place.relative")
+    return Pose(
+        (column + 0.5) * grid.tile_size_m + dx_m,
+        (row_north + 0.5) * grid.tile_size_m + dy_m,
+        heading_rad,
+    )
+
+
+def _place_in_slot(entry: Dict[str, Any], rotate_rad: float, grid: Grid, where: str) -> Pose:
+    """One of eight places round the south-west corner of a tile; a pose is relative to it."""
+    column, row_north = _tile_of(entry["attach"], grid, f"{where}: attach")
+    slot = entry["attach"].get("slot")
+    slots = range(len(_SLOTS_M))
+    if str(slot) not in [str(i) for i in slots]:
+        raise MapError(f"{where}: attach.slot: expected {slots[0]} to {slots[-1]}, got {slot!r}")
+    dx_m, dy_m = _SLOTS_M[int(slot)]
+    unit_m = grid.tile_size_m if grid.compat else 1.0
+    corner = Pose(
+        column * grid.tile_size_m + dx_m * unit_m,
+        row_north * grid.tile_size_m + dy_m * unit_m,
+        rotate_rad,
+    )
+    relative = _transform(entry.get("pose"), f"{where}: pose")
+    x_m, y_m = corner.to_world(np.array([relative.x_m, relative.y_m]))
+    return Pose(float(x_m), float(y_m), rotate_rad + relative.heading_rad)
+
+
+def _tile_of(data: Any, grid: Grid, where: str) -> Tuple[int, int]:
+    """(column, rows north of the south row); the line beyond the last tile has corners too."""
+    if not isinstance(data, dict):
+        raise MapError(f"{where}: expected a mapping with tile: [column, row], got {data!r}")
+    column, row_north = numbers(data.get("tile"), 2, f"{where}.tile")
+    inside = 0 <= column <= grid.columns and 0 <= row_north <= grid.rows
+    if not inside or column != int(column) or row_north != int(row_north):
+        raise MapError(
+            f"{where}.tile: expected whole numbers, column 0 to {grid.columns} and row 0 to "
+            f"{grid.rows} counted from the south-west, got {data['tile']!r}"
+        )
+    return int(column), int(row_north)
+
+
+def _transform(data: Any, where: str) -> Pose:
+    """A ``~SE2Transform``: p [m] and theta_deg (or theta [rad]); what is absent is zero."""
+    content = data.get("~SE2Transform", data) if isinstance(data, dict) else data
+    if content is None:
+        return Pose(0.0, 0.0, 0.0)
+    if not isinstance(content, dict):
+        raise MapError(f"{where}: expected ~SE2Transform with p and theta_deg, got {data!r}")
+    refuse_misspelt_keys(content, ("p", "theta_deg", "theta"), where)
+    x_m, y_m = numbers(content.get("p", [0.0, 0.0]), 2, f"{where}: p")
+    if "theta_deg" in content:
+        return Pose(x_m, y_m, math.radians(number(content["theta_deg"], f"{where}: theta_deg")))
+    return Pose(x_m, y_m, number(content.get("theta", 0.0), f"{where}: theta"))
+
+
+def _height(kind: str, entry: Dict[str, Any], where: str) -> float:
+    if "height" in entry and "scale" in entry:
+        raise MapError(f"{where}: expected height or scale, got both; remove one of them")
+    if "height" in entry:
+        height_m = number(entry["height"], f"{where}: height")
+    else:
+        height_m = NATURAL_HEIGHT_M[kind] * number(entry.get("scale", 1.0), f"{where}: scale")
+    if height_m < 0.0 or (height_m == 0.0 and kind != "floor_tag"):
+        raise MapError(f"{where}: expected a height above 0 m, got {height_m}")
+    return height_m
+
+
+def _flag(entry: Dict[str, Any], key: str, default: bool, where: str) -> bool:
+    value = entry.get(key, default)
+    if not isinstance(value, bool):
+        raise MapError(f"{where}: {key}: expected true or false, got {value!r}")
+    return value
+
+
+def _tag(data: Any, where: str) -> Optional[Tag]:
+    if data is None:
+        return None
+    content = data.get("~TagInstance", data) if isinstance(data, dict) else data
+    try:
+        return Tag(str(content["family"]), float(content["size"]), int(content["tag_id"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise MapError(
+            f"{where}: tag: expected ~TagInstance with family, size and tag_id, got {data!r}"
+        ) from error
+
+
+def number(value: Any, where: str) -> float:
+    """A finite number as float; MapError otherwise."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise MapError(f"{where}: expected a number, got {value!r}")
+    return float(value)
+
+
+def numbers(value: Any, count: int, where: str) -> List[float]:
+    """A list of ``count`` finite numbers; MapError otherwise."""
+    if not isinstance(value, (list, tuple)) or len(value) != count:
+        raise MapError(f"{where}: expected {count} numbers, got {value!r}")
+    return [number(item, where) for item in value]
+
+
+def refuse_misspelt_keys(entry: Dict[Any, Any], known: Tuple[str, ...], where: str) -> None:
+    """Refuse a key that is nearly a known one; other unknown keys are some other tool's."""
+    for key in entry:
+        if key not in known and nearest(str(key), known).startswith("did you mean"):
+            raise MapError(f"{where}: unknown key {key!r}; {nearest(str(key), known)}")
