@@ -1,0 +1,127 @@
+"""Where each pixel of a camera looks, worked out once per rig: rays, floor points, filter sizes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from robot.contract import ImageSpec
+from robot.lens import CameraRig
+
+LEVELS = 8  # of the floor's mip pyramid
+MAX_TAPS = 4  # samples along a pixel's longer axis on the floor
+NEAREST_HORIZON = 1e-3  # rays less steep than this meet the floor as if they were this steep
+LOD_BIAS = -0.3  # bilinear interpolation blurs by itself: a slightly finer level looks the same
+
+
+@dataclass(frozen=True)
+class PixelRays:
+    """Unit directions (H, W, 3) in the robot frame; ``seen`` (H, W): the lens has such a pixel."""
+
+    directions: np.ndarray
+    seen: np.ndarray
+
+
+@dataclass(frozen=True)
+class FloorTable:
+    """The floor points of P = H * W pixels, in texels of the mip level that each is read from.
+
+    A pixel averages ``taps`` samples at (x + k * dx, y + k * dy), k = 0, 1, …: robot frame, x
+    forward and y left. ``runs`` (R, 4) int32 cuts each row into first pixel, last pixel + 1, level
+    and log2(taps); what no run covers is sky. Row r has the runs first_run[r]..first_run[r + 1].
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    runs: np.ndarray
+    first_run: np.ndarray
+
+
+@lru_cache(maxsize=512)
+def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
+    """The rays of the picture's pixels: the rig's lens read out at the picture's size, cropped."""
+    lens = rig.lens.scaled(image.width_px, image.height_px)
+    v, u = np.mgrid[image.crop_top_px : image.height_px, 0 : image.width_px]
+    pixels = np.stack((u, v), axis=-1).astype(np.float64)
+    rays = lens.unproject(pixels)
+    error = np.abs(lens.project(rays) - pixels).max(axis=-1)
+    seen = np.isfinite(rays).all(axis=-1) & (error < 0.5)
+    directions = np.where(seen[..., None], rays, (0.0, 0.0, 1.0)) @ rig.mount.rotation.T
+    directions.setflags(write=False)
+    return PixelRays(directions, seen)
+
+
+@lru_cache(maxsize=512)
+def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
+    """Floor points and filters of a rig over a floor of this texel size [m]."""
+    rays = pixel_rays(rig, image)
+    points, longer, long_px, short_px = _footprints(rays.directions, rig.mount.height_m / texel_m)
+    points += rig.mount.position_m[:2] / texel_m
+    taps = np.exp2(np.ceil(np.log2(np.clip(long_px / short_px, 1.0, MAX_TAPS)) - 0.5))
+    level = np.round(np.log2(np.maximum(short_px, long_px / taps)) + LOD_BIAS)
+    level = np.clip(level, 0, LEVELS - 1)
+    step = longer / taps[..., None]
+    start = points - 0.5 * (taps[..., None] - 1.0) * step
+    to_level = np.exp2(-level)[..., None]
+    floor = (rays.directions[..., 2] < 0.0) & rays.seen
+    runs, first_run = _runs(floor, level.astype(np.int32), np.log2(taps).astype(np.int32))
+    x, y = np.moveaxis(start * to_level, -1, 0).reshape(2, -1).astype(np.float32)
+    dx, dy = np.moveaxis(step * to_level, -1, 0).reshape(2, -1).astype(np.float32)
+    return FloorTable(x, y, dx, dy, runs, first_run)
+
+
+def _footprints(
+    directions: np.ndarray, height: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Floor point, longer axis (both (H, W, 2)) and both axes' lengths (H, W) of each pixel.
+
+    The pixel's square maps to a parallelogram J [0, 1]^2; its axes are J's singular values
+    (Heckbert 1989, Fundamentals of Texture Mapping, 3.5). In units of ``height``.
+    """
+    down = np.minimum(directions[..., 2], -NEAREST_HORIZON)[..., None]
+    points = directions[..., :2] / -down * height
+    edges = []
+    for axis in (1, 0):
+        slope = np.gradient(directions, axis=axis) if directions.shape[axis] > 1 else directions * 0
+        edges.append((slope[..., :2] - directions[..., :2] * slope[..., 2:] / down) / -down)
+    (a, c), (b, d) = (np.moveaxis(edge * height, -1, 0) for edge in edges)
+    sums, difference = a * a + b * b + c * c + d * d, a * a + b * b - c * c - d * d
+    cross = a * c + b * d
+    root = np.hypot(difference, 2.0 * cross)
+    long_px = np.sqrt(0.5 * (sums + root))
+    short_px = np.sqrt(np.maximum(0.5 * (sums - root), 1e-12))
+    angle = 0.5 * np.arctan2(2.0 * cross, difference)
+    longer = np.stack((np.cos(angle), np.sin(angle)), axis=-1) * long_px[..., None]
+    return points, longer, long_px, short_px
+
+
+def _runs(
+    floor: np.ndarray, level: np.ndarray, log_taps: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    height, width = floor.shape
+    code = np.where(floor, level * 8 + log_taps, -1)
+    starts = np.ones_like(floor)
+    starts[:, 1:] = code[:, 1:] != code[:, :-1]
+    first = np.flatnonzero(starts)
+    last = np.append(first[1:], height * width)
+    kept = code.ravel()[first] >= 0
+    first, last = first[kept], last[kept]
+    value = code.ravel()[first]
+    runs = np.stack((first, last, value // 8, value % 8), axis=-1).astype(np.int32)
+    first_run = np.searchsorted(first, np.arange(height + 1) * width).astype(np.int32)
+    return runs, first_run
+
+
+def sky_share(rays: PixelRays) -> np.ndarray:
+    """How far from the horizon's colour to the zenith's a pixel's sky is, (H, W) in [0, 1]."""
+    return np.sqrt(np.clip(rays.directions[..., 2], 0.0, 1.0))
+
+
+def floor_shade(ambient: float, diffuse: float, elevation_rad: float) -> float:
+    """Brightness of the level floor under the far light (Lambert's law)."""
+    return ambient + diffuse * max(0.0, math.sin(elevation_rad))
