@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import carray, njit, prange, types
@@ -13,8 +13,33 @@ LANES = np.uint64(0xFF | 0xFF << 24 | 0xFF << 44)  # red, blue, green with room 
 HALF = np.uint64(128 | 128 << 24 | 128 << 44)
 
 
+class FloorTables(NamedTuple):
+    """The ``FloorTable`` of every slot: (S, P) float32, runs (S, R, 4), first_run (S, H + 1)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    runs: np.ndarray
+    first_run: np.ndarray
+
+
+class FloorViews(NamedTuple):
+    """What N robots look at.
+
+    ``placed`` (N, 4) float64 is where they stand in the texture: column and row of the robot's
+    origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables,
+    ``addresses`` (N,) and ``levels`` (N, L, 3) their ``MipTexture``.
+    """
+
+    placed: np.ndarray
+    slots: np.ndarray
+    addresses: np.ndarray
+    levels: np.ndarray
+
+
 @intrinsic
-def _as_texels(_context: Any, address: Any) -> Any:
+def _as_texels(_context: Any, _address: Any) -> Any:
     """An address as a pointer to uint32, so that one call reads textures of many sizes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -24,7 +49,7 @@ def _as_texels(_context: Any, address: Any) -> Any:
 
 
 @njit(inline="always")
-def _sample(texels: np.ndarray, stride: int, column: int, row: int) -> np.uint64:
+def _sample(texels: np.ndarray, stride: np.int64, column: np.int64, row: np.int64) -> np.uint64:
     """Four texels around a fixed-point position (8 fractional bits), weighted to a sum of 256."""
     i = np.uint64((row >> 8) * stride + (column >> 8))
     fx, fy = column & 255, row & 255
@@ -53,34 +78,22 @@ def _store(picture: np.ndarray, pixel: int, total: np.uint64, shift: np.uint64) 
 def draw_floor(
     pictures: np.ndarray,
     skies: np.ndarray,
-    poses: np.ndarray,
-    slots: np.ndarray,
-    addresses: np.ndarray,
-    levels: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    dx: np.ndarray,
-    dy: np.ndarray,
-    runs: np.ndarray,
-    first_run: np.ndarray,
+    views: FloorViews,
+    tables: FloorTables,
     blocks: int,
 ) -> None:
     """Fill pictures (N, P, 3) uint8 with floor and, where no run covers, with skies (N, P, 3).
 
-    Args:
-        poses: (N, 4) float64, the robot in the texture: column and row of its origin [texels],
-            cosine and sine of its heading.
-        slots: (N,) which floor table each robot uses.
-        addresses, levels: (N,) int64 of the packed texels; (N, L, 3) int32, see ``MipTexture``.
-        x, y, dx, dy: (S, P) float32; runs: (S, R, 4); first_run: (S, H + 1): see ``FloorTable``.
-        blocks: into how many bands of rows each picture is cut, to be drawn in parallel.
+    ``blocks``: into how many bands of rows each picture is cut, to be drawn in parallel.
     """
+    x, y, dx, dy, runs, first_run = tables
+    placed, slots, addresses, levels = views
     height = first_run.shape[1] - 1
     width = pictures.shape[1] // height
     for task in prange(len(pictures) * blocks):
         i, block = task // blocks, task % blocks
         slot = slots[i]
-        texels = carray(_as_texels(addresses[i]), levels[i, -1, 0] + levels[i, -1, 1])
+        texels = carray(_as_texels(addresses[i]), levels[i, -1, 0] + levels[i, -1, 1])  # type: ignore[call-arg]
         for row in range(height * block // blocks, height * (block + 1) // blocks):
             pixel = row * width
             for run in range(first_run[slot, row], first_run[slot, row + 1]):
@@ -90,7 +103,7 @@ def draw_floor(
                     pictures[i],
                     texels,
                     levels[i, level],
-                    poses[i],
+                    placed[i],
                     level,
                     log_taps,
                     first,
@@ -157,25 +170,15 @@ def _draw_run(
 
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
-def label_floor(
-    labels: np.ndarray,
-    poses: np.ndarray,
-    slots: np.ndarray,
-    addresses: np.ndarray,
-    levels: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    dx: np.ndarray,
-    dy: np.ndarray,
-    runs: np.ndarray,
-    first_run: np.ndarray,
-) -> None:
+def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTables) -> None:
     """Fill labels (N, P) uint8, sky (0) beforehand, with the class that each pixel's ray meets."""
+    x, y, dx, dy, runs, first_run = tables
+    placed, slots, addresses, levels = views
     for i in prange(len(labels)):
         slot = slots[i]
         wide, high = levels[i, 0, 1], levels[i, 0, 2]
-        texels = carray(_as_texels(addresses[i]), wide * high)
-        column0, row0, c, s = poses[i]
+        texels = carray(_as_texels(addresses[i]), wide * high)  # type: ignore[call-arg]
+        column0, row0, c, s = placed[i]
         for run in range(first_run[slot, -1]):
             first, last, level, log_taps = runs[slot, run]
             middle = 0.5 * ((1 << log_taps) - 1)

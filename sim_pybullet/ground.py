@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from robot.road_map import RoadMap
+from robot.tiles import ROAD_SIDES, Tile
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.ground_kernel import compose
 from sim_pybullet.look import GroundLook
@@ -19,8 +20,7 @@ from sim_pybullet.scene import Ground
 TEXEL_M = 0.0027  # aimed at; a tile is a whole number of texels, a multiple of 8
 NOISE_SIZE_PX = 1024  # the surface noise repeats after this many texels (2.8 m)
 GRASS_RGB = (82.0, 118.0, 62.0)
-MATS = ("straight", "curve_left", "curve_right", "3way_left", "3way_right", "4way", "asphalt")
-MATS = (*MATS, "calibration_tile")
+MATS = (*ROAD_SIDES, "asphalt", "calibration_tile")  # kinds made of dark foam mats
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,12 @@ class _Noise:
 def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
     """The floor of ``road_map``; the same arguments paint the same floor."""
     size = 8 * max(1, round(road_map.tile_size_m / TEXEL_M / 8))
-    names = sorted({(tile.kind, tile.quarter_turns % 4) for row in road_map.tiles for tile in row})
+    painted = [[_painted_as(tile, road_map.compat) for tile in row] for row in road_map.tiles]
+    names = sorted({name for row in painted for name in row})
     paints = np.stack(
         [np.rot90(tile_paint(kind, size, look.line_width_scale), turns) for kind, turns in names]
     )
-    index = np.array(
-        [[names.index((t.kind, t.quarter_turns % 4)) for t in row] for row in road_map.tiles]
-    )
+    index = np.array([[names.index(name) for name in row] for row in painted])
     noise = _noise(look.texture_seed)
     rgb = compose(
         index,
@@ -64,6 +63,12 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
         north_m=len(road_map.tiles) * road_map.tile_size_m,
         outside_rgb=(outside[0], outside[1], outside[2]),
     )
+
+
+def _painted_as(tile: Tile, compat: bool) -> tuple[str, int]:
+    """Kind and quarter turns; the reference simulator takes both T-junctions for the left one."""
+    kind = "3way_left" if compat and tile.kind == "3way_right" else tile.kind
+    return kind, tile.quarter_turns % 4
 
 
 def _base_rgb(kind: str, look: GroundLook) -> tuple[float, float, float]:

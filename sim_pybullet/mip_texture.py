@@ -8,6 +8,7 @@ add up sixteen weighted texels. Each level has a border of one texel of the outs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit, prange
@@ -36,10 +37,10 @@ def mip_texture(ground: Ground, shade: float) -> MipTexture:
     outside = np.clip(np.array(ground.outside_rgb) * shade + 0.5, 0.0, 255.0).astype(np.uint32)
     code = outside[0] | outside[1] << 12 | outside[2] << 24 | int(SemanticClass.OUTSIDE) << 8
     texels = np.full(int(offsets[-1]), code, np.uint32)
-    views = [texels[o : o + h * w].reshape(h, w) for o, (h, w) in zip(offsets, shapes, strict=False)]
+    views = [texels[o : o + h * w].reshape(h, w) for o, w, h in levels]
     height, width = ground.classes.shape
     _pack(ground.rgb, ground.classes, np.float32(shade), views[0][1 : height + 1, 1 : width + 1])
-    for finer, coarser in zip(views, views[1:], strict=False):
+    for finer, coarser in pairwise(views):
         _halve(finer[1:-1, 1:-1], coarser[1:-1, 1:-1])
     return MipTexture(texels, levels)
 

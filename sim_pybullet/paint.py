@@ -12,6 +12,8 @@ from functools import lru_cache
 import numpy as np
 
 from robot.geometry import bezier_points
+from robot.lanes import tile_lanes
+from robot.tiles import Tile
 
 WHITE, YELLOW, RED = 0, 1, 2  # planes of a tile's paint
 
@@ -25,16 +27,13 @@ TOOTH_PITCH = 0.1  # of the joints between foam mats, in tiles
 TOOTH_HEIGHT = 0.02
 SEAM_WIDTH = 0.005
 
-# The outer and the inner lane of a left curve (gym-duckietown's curves, tile frame).
-CURVE_LANES = (
-    ((-0.2, -0.5), (-0.2, 0.0), (0.0, 0.2), (0.5, 0.2)),
-    ((0.5, -0.2), (0.3, -0.2), (0.2, -0.3), (0.2, -0.5)),
-)
-
 
 @lru_cache(maxsize=64)
 def tile_paint(kind: str, size_px: int, width_scale: float) -> np.ndarray:
-    """Coverage (size, size, 3) uint8 of white, yellow and red paint; zero for unpainted kinds."""
+    """Coverage (size, size, 3) uint8 of white, yellow and red paint; zero for unpainted kinds.
+
+    A ``3way_right`` is a ``3way_left`` turned twice (its side road leaves to the other side).
+    """
     planes = np.zeros((size_px, size_px, 3), np.float32)
     x, z = _grid(size_px)
     if kind == "straight":
@@ -43,9 +42,11 @@ def tile_paint(kind: str, size_px: int, width_scale: float) -> np.ndarray:
         _curve(planes, x, z, width_scale)
     elif kind == "curve_right":
         return np.ascontiguousarray(tile_paint("curve_left", size_px, width_scale)[:, ::-1])
-    elif kind in ("3way_left", "3way_right"):
+    elif kind == "3way_left":
         planes[..., WHITE] = _band(x + 0.5, WHITE_BAND, width_scale, size_px)
         _junction(planes, x, z, width_scale, sides=(0, 2, 3), corners=(0, 3))
+    elif kind == "3way_right":
+        return np.ascontiguousarray(tile_paint("3way_left", size_px, width_scale)[::-1, ::-1])
     elif kind == "4way":
         _junction(planes, x, z, width_scale, sides=(0, 1, 2, 3), corners=(0, 1, 2, 3))
     return np.round(255.0 * np.clip(planes, 0.0, 1.0)).astype(np.uint8)
@@ -93,7 +94,8 @@ def _lane_markings(
 def _curve(planes: np.ndarray, x: np.ndarray, z: np.ndarray, scale: float) -> None:
     """The markings bent so that both lanes' Beziers run in the middle between their lines."""
     radius, angle = np.hypot(0.5 - x, z + 0.5), np.arctan2(z + 0.5, 0.5 - x)
-    outer, inner = (_polar_radius(curve, angle) for curve in CURVE_LANES)
+    lanes = tile_lanes(Tile("curve_left", 0, 0, 0), 1.0, 1)
+    outer, inner = (_polar_radius(lane.control_points_m - 0.5, angle) for lane in lanes)
     across = np.where(
         radius < inner,
         0.3 * radius / inner,
@@ -104,10 +106,10 @@ def _curve(planes: np.ndarray, x: np.ndarray, z: np.ndarray, scale: float) -> No
     _lane_markings(planes, across, angle / (0.5 * np.pi), 6, scale)
 
 
-def _polar_radius(lane: tuple[tuple[float, float], ...], angle: np.ndarray) -> np.ndarray:
-    """Distance of a left curve's lane from the tile corner (0.5, -0.5), by polar angle [rad]."""
-    points = bezier_points(np.array(lane), np.linspace(0.0, 1.0, 200))
-    dx, dz = 0.5 - points[:, 0], points[:, 1] + 0.5
+def _polar_radius(lane: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Distance of a lane (4, 2), x east and y north, from the tile's north-east corner."""
+    points = bezier_points(lane, np.linspace(0.0, 1.0, 200))
+    dx, dz = 0.5 - points[:, 0], 0.5 - points[:, 1]
     angles, radii = np.arctan2(dz, dx), np.hypot(dx, dz)
     order = np.argsort(angles)
     return np.interp(angle, angles[order], radii[order]).astype(np.float32)

@@ -10,7 +10,7 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.floor_kernel import draw_floor, label_floor
+from sim_pybullet.floor_kernel import FloorTables, FloorViews, draw_floor, label_floor
 from sim_pybullet.look import SkyLook
 from sim_pybullet.mip_texture import MipTexture, mip_texture
 from sim_pybullet.rays import (
@@ -72,11 +72,8 @@ class RayCamera:
             draw_floor(
                 pictures,
                 self._skies,
-                self._placed(poses),
-                self._tables.slots,
-                self._addresses,
-                self._levels,
-                *self._tables.arrays,
+                self._views(poses),
+                self._tables.arrays,
                 max(1, -(-2 * threads // len(poses))),
             )
         return pictures.reshape(len(poses), *self.shape)
@@ -87,11 +84,8 @@ class RayCamera:
         with self._using_threads():
             label_floor(
                 labels,
-                self._placed(poses),
-                self._tables.slots,
-                self._addresses,
-                self._levels,
-                *self._tables.arrays,
+                self._views(poses),
+                self._tables.arrays,
             )
         return labels.reshape(len(poses), *self.shape[:2])
 
@@ -99,8 +93,7 @@ class RayCamera:
         same = (t for s, t in zip(self._scenes, self._textures, strict=True) if s is scene)
         return next(same, None)
 
-    def _placed(self, poses: np.ndarray) -> np.ndarray:
-        """(N, 4): column and row of each robot in its floor picture, cosine and sine."""
+    def _views(self, poses: np.ndarray) -> FloorViews:
         poses = np.asarray(poses, dtype=np.float64)
         if poses.shape != (len(self._scenes), 3) or None in self._scenes:
             ready = sum(scene is not None for scene in self._scenes)
@@ -110,14 +103,15 @@ class RayCamera:
             )
         west, north, texel = self._origins.T
         x, y, heading = poses.T
-        return np.stack(
+        placed = np.stack(
             ((x - west) / texel, (north - y) / texel, np.cos(heading), np.sin(heading)), axis=-1
         )
+        return FloorViews(placed, self._tables.slots, self._addresses, self._levels)
 
     @contextmanager
     def _using_threads(self) -> Iterator[int]:
         before = numba.get_num_threads()
-        threads = min(self._threads or before, numba.config.NUMBA_NUM_THREADS)
+        threads = self._threads or before
         numba.set_num_threads(threads)
         try:
             yield threads
@@ -137,9 +131,10 @@ class _Tables:
         self._first_run = np.zeros((1, height + 1), np.int32)
 
     @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """x, y, dx, dy, runs and first_run, as the kernels take them."""
-        return (*self._points, self._runs, self._first_run)
+    def arrays(self) -> FloorTables:
+        """All slots, as the kernels take them."""
+        x, y, dx, dy = self._points
+        return FloorTables(x, y, dx, dy, self._runs, self._first_run)
 
     def put(self, i: int, table: FloorTable) -> None:
         """Let robot ``i`` use this table."""
