@@ -1,0 +1,150 @@
+"""``make demo``: train, export, evaluate and drive through virtual hardware, before your eyes.
+
+Every stage is a command that a person can run alone; the demo prints each one, then runs it. A demo
+that was killed goes on with the stage it was in.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+TRAIN_SECONDS = 75.0
+EPISODES = 20
+LAPS = 2
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One command, and the file that says it is done."""
+
+    title: str
+    arguments: tuple[str, ...]
+    result: Path
+
+
+def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
+    """The four stages of the demo, writing into ``out``."""
+    run, model = out / "lane", out / "lane" / "model.onnx"
+    train = f"train --task lane --algo dueling --preset fast --map loop --seed {seed} --resume"
+    evaluate = f"evaluate --task lane --map loop --episodes {EPISODES} --seed 1000"
+    return (
+        Stage(
+            "Train a Dueling DQN to keep its lane",
+            ("trainer", *train.split(), "--seconds", str(seconds), "--out", str(run)),
+            run / "metrics.json",
+        ),
+        Stage("Export it to ONNX", ("trainer", "export", str(run)), run / "model_int8.onnx"),
+        Stage(
+            f"Evaluate the ONNX policy over {EPISODES} episodes of {LAPS} laps",
+            (
+                "trainer",
+                *evaluate.split(),
+                "--model",
+                str(model),
+                "--json",
+                f"{out}/evaluation.json",
+            ),
+            out / "evaluation.json",
+        ),
+        Stage(
+            f"Drive {LAPS} laps in the loop: virtual camera, virtual stepper HAT, the robot's runtime",
+            ("tools.loop", "--map", "loop", "--model", str(model), "--laps", str(LAPS))
+            + ("--video", str(out / "drive.mp4"), "--json", str(out / "loop.json")),
+            out / "loop.json",
+        ),
+    )
+
+
+def run_stage(stage: Stage, console: Console) -> float:
+    """Run one stage unless its result is there; wall-clock seconds it took."""
+    console.rule(f"[bold]{stage.title}")
+    if stage.result.exists():
+        console.print(f"already done: {stage.result}")
+        return 0.0
+    console.print(f"[dim]python -m {' '.join(stage.arguments)}", soft_wrap=True)
+    begin = time.monotonic()
+    subprocess.run([sys.executable, "-m", *stage.arguments], check=True)
+    return time.monotonic() - begin
+
+
+def read(path: Path) -> dict:
+    """One JSON object."""
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def summarise(out: Path, total_s: float) -> dict:
+    """The demo's metrics from the files of its stages."""
+    training, evaluation = read(out / "lane" / "metrics.json"), read(out / "evaluation.json")
+    loop = read(out / "loop.json")
+    return {
+        "schema": 1,
+        "inputs": {"map": "loop", "algo": "dueling", "preset": "fast", "episodes": EPISODES},
+        "train_seconds": training["train_seconds"],
+        "train_steps": training["train_steps"],
+        "success_rate": evaluation["success_rate"],
+        "mean_path_distance_m": evaluation["mean_path_distance_m"],
+        "loop_laps": loop["laps"],
+        "total_seconds": round(total_s, 1),
+    }
+
+
+def show(metrics: dict, out: Path, console: Console) -> None:
+    """A short table, and where to look."""
+    table = Table(title="duckpilot demo", show_header=False)
+    table.add_row(
+        "trained for", f"{metrics['train_seconds']:.0f} s, {metrics['train_steps']} steps"
+    )
+    table.add_row("two laps kept", f"{metrics['success_rate']:.0%} of {EPISODES} episodes")
+    table.add_row("mean distance to the lane", f"{100 * metrics['mean_path_distance_m']:.1f} cm")
+    table.add_row("laps through the virtual HAT", f"{metrics['loop_laps']:.2f}")
+    table.add_row("all of it took", f"{metrics['total_seconds']:.0f} s")
+    for name, path in (
+        ("learning curve", out / "lane" / "curve.png"),
+        ("video", out / "drive.mp4"),
+        ("policy", out / "lane" / "model.onnx"),
+        ("figures", out / "metrics.json"),
+    ):
+        table.add_row(name, str(path))
+    console.print(table)
+
+
+def main() -> int:
+    """Run the demo; exit status 0 when it drove."""
+    parser = argparse.ArgumentParser(prog="python -m tools.demo", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("runs/demo"))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=TRAIN_SECONDS, help="of training")
+    options = parser.parse_args()
+    console = Console()
+    out: Path = options.out
+    if (out / "metrics.json").exists():  # the last demo ended: this is a new one
+        shutil.rmtree(out)
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        total_s = sum(
+            run_stage(stage, console) for stage in stages(out, options.seed, options.seconds)
+        )
+    except subprocess.CalledProcessError as error:
+        console.print(f"[red]demo stopped: {' '.join(error.cmd[1:])} ended with {error.returncode}")
+        return 1
+    metrics = summarise(out, total_s)
+    partial = out / ".metrics.json.partial"
+    partial.write_text(json.dumps(metrics, indent=2) + "\n", encoding="utf-8")
+    os.replace(partial, out / "metrics.json")
+    show(metrics, out, console)
+    return 0 if metrics["loop_laps"] >= LAPS else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
