@@ -36,8 +36,10 @@ class Stage:
 def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
     """The four stages of the demo, writing into ``out``."""
     run, model = out / "lane", out / "lane" / "model.onnx"
+    evaluation = out / "evaluation.json"
     train = f"train --task lane --algo dueling --preset fast --map loop --seed {seed} --resume"
     evaluate = f"evaluate --task lane --map loop --episodes {EPISODES} --seed 1000"
+    drive = f"--map loop --model {model} --laps {LAPS} --video {out}/drive.mp4"
     return (
         Stage(
             "Train a Dueling DQN to keep its lane",
@@ -47,20 +49,12 @@ def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
         Stage("Export it to ONNX", ("trainer", "export", str(run)), run / "model_int8.onnx"),
         Stage(
             f"Evaluate the ONNX policy over {EPISODES} episodes of {LAPS} laps",
-            (
-                "trainer",
-                *evaluate.split(),
-                "--model",
-                str(model),
-                "--json",
-                f"{out}/evaluation.json",
-            ),
-            out / "evaluation.json",
+            ("trainer", *evaluate.split(), "--model", str(model), "--json", str(evaluation)),
+            evaluation,
         ),
         Stage(
-            f"Drive {LAPS} laps in the loop: virtual camera, virtual stepper HAT, the robot's runtime",
-            ("tools.loop", "--map", "loop", "--model", str(model), "--laps", str(LAPS))
-            + ("--video", str(out / "drive.mp4"), "--json", str(out / "loop.json")),
+            f"Drive {LAPS} laps in the loop: the robot's runtime on virtual camera and stepper HAT",
+            ("tools.loop", *drive.split(), "--json", str(out / "loop.json")),
             out / "loop.json",
         ),
     )
