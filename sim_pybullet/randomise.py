@@ -7,6 +7,7 @@ A file has the shape of a Look; each leaf is a value or one of ::
     {normal: [mean, sd]}        cut off at three standard deviations
     {choice: [a, b, ...]}
     {integer: [low, high]}      both included
+    {grey: [low, high, tint]}   a grey, each channel off by at most ``tint``
 
 Absent leaves are nominal. Every leaf can so be switched off by deleting its line.
 """
@@ -108,10 +109,17 @@ def _integer(rng: np.random.Generator, arguments: Any) -> int:
     return int(rng.integers(low, high + 1))
 
 
+def _grey(rng: np.random.Generator, arguments: Any) -> list[float]:
+    low, high, tint = (float(v) for v in arguments)
+    channels = rng.uniform(low, high) + rng.uniform(-tint, tint, 3)
+    return np.clip(channels, 0.0, 255.0).tolist()
+
+
 _DRAWS: dict[str, Callable[[np.random.Generator, Any], Any]] = {
     "uniform": _uniform,
     "log_uniform": _log_uniform,
     "normal": _normal,
     "choice": _choice,
     "integer": _integer,
+    "grey": _grey,
 }
