@@ -1,0 +1,115 @@
+"""The operator's hand: sends commands, collects the answers, repeats STOP until it is acked."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import time
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Tuple
+
+from robot.errors import ContractError
+from robot.link.commands import Ack, Command, Mission
+from robot.link.messages import UNSENT
+from robot.link.sockets import DEAF_S, Link
+from robot.link.streams import Clock, new_session
+from robot.link.wire import MESSAGE_LIMIT_BYTES
+
+BEAT_S = 0.2
+STOP_REPEAT_S = 0.1
+ANSWER_WITHIN_S = 1.0
+
+
+@dataclass
+class _Pending:
+    command: Command
+    first_s: float
+    sent_s: float
+
+
+class CommandClient:
+    """The operator's side. ``poll`` often: it beats, repeats STOP and collects the answers."""
+
+    def __init__(
+        self, link: Link, endpoint: str, peer: str = "robot", clock: Clock = time.monotonic
+    ) -> None:
+        import zmq
+
+        self.session = new_session()
+        self.refused = 0
+        self._link = link
+        self._endpoint = endpoint
+        self._clock = clock
+        self._connected_s = clock()
+        self._robot_session = UNSENT
+        self._robot_time_s = 0.0
+        self._heard_s = -math.inf
+        self._beat_s = -math.inf
+        self._pending: Dict[str, _Pending] = {}
+        self._socket = link.connect(zmq.DEALER, endpoint, MESSAGE_LIMIT_BYTES, peer=peer)
+
+    def send(
+        self, kind: str, mission: Optional[Mission] = None, action: Optional[int] = None
+    ) -> str:
+        """Send a command once (STOP: until it is acked); ``poll`` gives the answer to this id."""
+        for pending in self._pending.values():
+            if kind == pending.command.kind == "stop":
+                return pending.command.id
+        echo = (self._robot_session, self._robot_time_s)
+        command = Command(secrets.token_hex(8), self.session, kind, mission, action, *echo)
+        now_s = self._clock()
+        self._transmit(command)
+        if kind != "beat":
+            self._pending[command.id] = _Pending(command, now_s, now_s)
+        return command.id
+
+    def poll(self) -> Tuple[Ack, ...]:
+        """The answers that came; a command without one in ``ANSWER_WITHIN_S`` counts as refused."""
+        now_s = self._clock()
+        acks = self._collect(now_s)
+        if now_s - max(self._heard_s, self._connected_s) > DEAF_S:
+            self._connected_s = now_s
+            self._link.reconnect(self._socket, self._endpoint)
+        if now_s - self._beat_s >= BEAT_S:
+            self._beat_s = now_s
+            self.send("beat")
+        for pending in list(self._pending.values()):
+            stop = pending.command.kind == "stop"
+            if stop and now_s - pending.sent_s >= STOP_REPEAT_S:
+                pending.sent_s = now_s
+                self._transmit(pending.command)
+            if not stop and now_s - pending.first_s >= ANSWER_WITHIN_S:
+                del self._pending[pending.command.id]
+                acks.append(Ack(pending.command.id, False, "the robot does not answer"))
+        return tuple(acks)
+
+    def silence_s(self) -> float:
+        """Time [s] since the robot last answered anything; infinite when it never did."""
+        return self._clock() - self._heard_s
+
+    def _collect(self, now_s: float) -> List[Ack]:
+        import zmq
+
+        acks: List[Ack] = []
+        while True:
+            try:
+                parts = self._socket.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return acks
+            try:
+                ack = Ack.from_bytes(parts[-1])
+            except ContractError:
+                self.refused += 1
+                continue
+            self._heard_s = now_s
+            self._robot_session, self._robot_time_s = ack.robot_session, ack.robot_time_s
+            if self._pending.pop(ack.id, None) is not None:
+                acks.append(ack)
+
+    def _transmit(self, command: Command) -> None:
+        import zmq
+
+        try:
+            self._socket.send(command.to_bytes(), zmq.NOBLOCK)
+        except zmq.Again:
+            return  # nobody is connected: poll reports the silence, and repeats a STOP

@@ -1,0 +1,120 @@
+"""The robot's ear: commands from allowed senders, each done once, old ones refused."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import OrderedDict
+from typing import Callable, List, Optional, Tuple
+
+from robot.errors import ContractError, DuckpilotError
+from robot.link.commands import (
+    ALWAYS_TAKEN,
+    MAX_ECHO_AGE_S,
+    REASON_LIMIT_BYTES,
+    Ack,
+    Command,
+)
+from robot.link.sockets import Link
+from robot.link.streams import Clock, new_session
+from robot.link.wire import MESSAGE_LIMIT_BYTES, tidy_text
+
+MAX_SERVED = 32  # commands in one call, so that a flood cannot hold up the control loop
+REMEMBERED = 256
+CLOCK_ROUNDING_S = 1e-3
+
+Sender = Tuple[str, str]  # name of its key, its session
+Handler = Callable[[Command], None]  # raises DuckpilotError to refuse, with the reason
+
+
+class CommandServer:
+    """The robot's side. ``serve`` in every turn of the control loop; it never blocks."""
+
+    def __init__(self, link: Link, endpoint: str, clock: Clock = time.monotonic) -> None:
+        import zmq
+
+        self.session = new_session()
+        self.refused = 0
+        self.last_refusal = ""
+        self._link = link
+        self._clock = clock
+        self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
+        self._operator: Optional[Sender] = None
+        self._operator_s = -math.inf
+        self._socket = link.bind(zmq.ROUTER, endpoint, MESSAGE_LIMIT_BYTES)
+
+    def serve(self, handle: Handler) -> None:
+        """Read what has come, give each new command to ``handle`` once, and answer all."""
+        import zmq
+
+        self._link.admit()
+        for _ in range(MAX_SERVED):
+            try:
+                parts = self._socket.recv_multipart(zmq.NOBLOCK, copy=False)
+            except zmq.Again:
+                return
+            ack = self._answer(parts, handle)
+            if ack is not None:
+                self._socket.send_multipart([parts[0].bytes, ack.to_bytes()], zmq.NOBLOCK)
+
+    def operator_age_s(self) -> float:
+        """How old [s] the operator's newest word from the robot is, by the robot's own clock.
+
+        The operator is who last armed, drove or sent a mission; infinite when nobody did. Counted
+        from the echo and not from the arrival, so that beats held up on the way do not look alive.
+        """
+        return self._clock() - self._operator_s
+
+    def _answer(self, parts: List, handle: Handler) -> Optional[Ack]:
+        try:
+            if len(parts) != 2:
+                raise ContractError(f"command: expected one part, got {len(parts) - 1}")
+            command = Command.from_bytes(parts[1].bytes)
+        except ContractError as error:
+            self.refused += 1
+            self.last_refusal = str(error)
+            return None
+        sender = (_user(parts), command.session)
+        ack = self._answers.get((sender, command.id)) or self._first_answer(command, handle, sender)
+        if sender == self._operator and command.robot_session == self.session:
+            self._operator_s = max(self._operator_s, min(command.robot_time_s, self._clock()))
+        return ack
+
+    def _first_answer(self, command: Command, handle: Handler, sender: Sender) -> Ack:
+        reason = self._staleness(command)
+        if not reason and command.kind != "beat":
+            try:
+                handle(command)
+            except DuckpilotError as error:
+                reason = tidy_text(str(error), REASON_LIMIT_BYTES) or "refused"
+        ack = Ack(command.id, not reason, reason, self.session, self._clock())
+        if ack.accepted and command.kind not in ALWAYS_TAKEN:
+            self._operator = sender
+        if command.kind != "beat":
+            self._remember(sender, ack)
+        return ack
+
+    def _staleness(self, command: Command) -> str:
+        if command.kind in ALWAYS_TAKEN:
+            return ""
+        if command.robot_session != self.session:
+            return "the robot was started since its sender last heard it; send the command again"
+        age_s = self._clock() - command.robot_time_s
+        if not -CLOCK_ROUNDING_S <= age_s <= MAX_ECHO_AGE_S:
+            return f"the command is {age_s:.1f} s old; send it again"
+        return ""
+
+    def _remember(self, sender: Sender, ack: Ack) -> None:
+        self._answers[(sender, ack.id)] = ack
+        while len(self._answers) > REMEMBERED:
+            self._answers.popitem(last=False)
+
+
+def _user(parts: List) -> str:
+    """Name of the sender's key in the allow-list; ``plaintext`` without keys."""
+    import zmq
+
+    try:
+        return parts[1].get("User-Id")
+    except zmq.ZMQError:
+        return "plaintext"

@@ -1,0 +1,111 @@
+"""What a person asks of the robot, and its answer.
+
+A command that moves the robot must echo the robot's own clock as the sender last heard it: one that
+waited in a network buffer is then recognised as old and refused, without a shared clock. Stopping
+is always taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Optional, Tuple
+
+from robot.contract import ACTION_WHEELS
+from robot.errors import ContractError
+from robot.link.messages import FAR_M, MAX_TIME_S, UNSENT
+from robot.link.wire import (
+    decode,
+    encode,
+    require_name,
+    require_number,
+    require_one_of,
+    require_text,
+)
+
+ALWAYS_TAKEN = ("beat", "stop", "disarm")
+KINDS = (*ALWAYS_TAKEN, "arm", "clear", "mission", "manual")
+MANUAL_EXPIRY_S = 0.5  # a manual command holds no longer than this
+MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
+REASON_LIMIT_BYTES = 400
+
+
+@dataclass(frozen=True)
+class Mission:
+    """Drive to ``destination`` [m], world frame; from ``start``, or from where the robot is."""
+
+    destination: Tuple[float, float]
+    start: Optional[Tuple[float, float]] = None
+
+    def __post_init__(self) -> None:
+        for what, point in (("start", self.start), ("destination", self.destination)):
+            for value in point or ():
+                require_number(f"mission {what} [m]", value, -FAR_M, FAR_M)
+
+
+@dataclass(frozen=True)
+class Command:
+    """One request. Kinds:
+
+    ``beat`` says that the operator is there; ``stop`` is the emergency stop; ``disarm`` lets the
+    coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``mission`` drives to
+    ``mission.destination``; ``manual`` drives ``action`` (None: stand) for ``MANUAL_EXPIRY_S``.
+    """
+
+    id: str
+    session: str  # of the sender
+    kind: str
+    mission: Optional[Mission] = None
+    action: Optional[int] = None
+    robot_session: str = UNSENT  # echo of the robot's newest ack
+    robot_time_s: float = 0.0
+
+    KIND: ClassVar[str] = "command"
+
+    def __post_init__(self) -> None:
+        require_name("command id", self.id)
+        require_name("command session", self.session)
+        require_one_of("command kind", self.kind, KINDS)
+        require_number("command action", self.action, 0, len(ACTION_WHEELS) - 1)
+        require_name("command robot_session", self.robot_session)
+        require_number("command robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
+        if (self.mission is not None) != (self.kind == "mission"):
+            raise ContractError(f"command {self.kind}: expected a mission only with kind mission")
+        if self.action is not None and self.kind != "manual":
+            raise ContractError(f"command {self.kind}: expected an action only with kind manual")
+
+    def to_bytes(self) -> bytes:
+        """One JSON part."""
+        return encode(self)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Command:
+        """Read ``to_bytes``; ContractError for anything else."""
+        return decode(cls, data)
+
+
+@dataclass(frozen=True)
+class Ack:
+    """The robot's answer to the command ``id``; its clock is what the next command echoes."""
+
+    id: str
+    accepted: bool
+    reason: str = ""  # why not
+    robot_session: str = UNSENT
+    robot_time_s: float = 0.0
+
+    KIND: ClassVar[str] = "ack"
+
+    def __post_init__(self) -> None:
+        require_name("ack id", self.id)
+        require_text("ack reason", self.reason, REASON_LIMIT_BYTES)
+        require_name("ack robot_session", self.robot_session)
+        require_number("ack robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
+
+    def to_bytes(self) -> bytes:
+        """One JSON part."""
+        return encode(self)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Ack:
+        """Read ``to_bytes``; ContractError for anything else."""
+        return decode(cls, data)

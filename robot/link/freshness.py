@@ -1,0 +1,151 @@
+"""Is what arrives new, in order, from one publisher and possible? Judged by the receiver's clock.
+
+Silence gives no error on a network: only age does. The age of a message counts from its arrival and
+adds what the sender's own clock tells: the time from capture to sending, and the delay beyond the
+fastest message of the session, so that a backlog from a network buffer does not look fresh.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import Deque, Optional, Tuple
+
+from robot.contract import MAX_WHEEL_MPS
+from robot.link.messages import PoseMessage
+
+CLOCK_DRIFT = 2e-4  # two quartz clocks differ by at most 200 ppm
+TAKEOVER_S = 1.0  # silence after which an earlier session may come back
+REMEMBERED_SESSIONS = 16
+
+
+class StreamGate:
+    """Order and age of one stream. ``refused`` counts what was turned away, by reason."""
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        self._session: Optional[str] = None
+        self._retired: Deque[str] = deque(maxlen=REMEMBERED_SESSIONS)
+        self._sequence = -1
+        self._arrival_s = -math.inf  # of the newest taken
+        self._heard_s = -math.inf  # of the newest of the current session, taken or not
+        self._conflict_until_s = -math.inf
+        self._fastest_s = math.inf  # least arrival minus sending time, across the two clocks
+        self._fastest_at_s = 0.0
+        self._delay_s = 0.0
+
+    def problem(self, session: str, sequence: int, now_s: float) -> str:
+        """Why this message may not be used, or "".
+
+        A new session is a restart and replaces the old one at once. When a replaced session speaks
+        again while its successor lives, two publishers are at work: nothing is taken from either
+        until one has been silent for ``TAKEOVER_S``.
+        """
+        if session == self._session:
+            self._heard_s = now_s
+        elif session in self._retired and now_s - self._heard_s < TAKEOVER_S:
+            self._conflict_until_s = now_s + TAKEOVER_S
+        else:
+            self._change_session(session, now_s)
+        if self.conflict(now_s):
+            return "two publishers"
+        return "" if sequence > self._sequence else "out of order"
+
+    def take(
+        self, sequence: int, t_sent_s: float, now_s: float, t_capture_s: Optional[float] = None
+    ) -> None:
+        """Note a message that has no ``problem`` as the newest."""
+        self._sequence = sequence
+        self._arrival_s = now_s
+        capture_s = t_sent_s if t_capture_s is None else min(t_capture_s, t_sent_s)
+        self._delay_s = self._queueing_s(t_sent_s, now_s) + (t_sent_s - capture_s)
+
+    def refuse(self, reason: str) -> None:
+        """Count a message that is not used."""
+        self.refused[reason] += 1
+
+    def age_s(self, now_s: float) -> float:
+        """Age [s] of the newest message taken; infinite when there was none."""
+        return now_s - self._arrival_s + self._delay_s
+
+    def conflict(self, now_s: float) -> bool:
+        """Whether two publishers are at work on this stream."""
+        return now_s < self._conflict_until_s
+
+    def _change_session(self, session: str, now_s: float) -> None:
+        if self._session is not None:
+            self._retired.append(self._session)
+        if session in self._retired:
+            self._retired.remove(session)
+        self._session, self._sequence, self._heard_s = session, -1, now_s
+        self._fastest_s = math.inf
+
+    def _queueing_s(self, t_sent_s: float, now_s: float) -> float:
+        lag_s = now_s - t_sent_s
+        drift_s = CLOCK_DRIFT * (now_s - self._fastest_at_s)
+        self._fastest_s = min(lag_s, self._fastest_s + drift_s)
+        self._fastest_at_s = now_s
+        return lag_s - self._fastest_s
+
+
+@dataclass(frozen=True)
+class PoseLimits:
+    """How fast a pose may move, and where it can be: x_min, y_min, x_max, y_max [m]."""
+
+    v_max_mps: float = 1.25 * MAX_WHEEL_MPS
+    margin_m: float = 0.10  # measurement noise and detection glitches
+    bounds_m: Optional[Tuple[float, float, float, float]] = None
+    min_confidence: float = 0.1
+
+
+class PoseGate:
+    """A ``StreamGate`` that also refuses poses of another robot, off the map, or out of reach.
+
+    A jump is farther than ``v_max_mps`` x time + ``margin_m`` from the last pose taken: a robot
+    that was carried elsewhere is believed again once it could have driven there, and by then its
+    pose is stale, so it stands.
+    """
+
+    def __init__(self, robot: str, limits: Optional[PoseLimits] = None) -> None:
+        self.latest: Optional[PoseMessage] = None
+        self.stream = StreamGate()
+        self._robot = robot
+        self._limits = limits or PoseLimits()
+        self._taken_s = -math.inf
+
+    def take(self, message: PoseMessage, now_s: float) -> bool:
+        """Whether this pose may be used; it is then ``latest``."""
+        stream = self.stream
+        reason = stream.problem(message.session, message.sequence, now_s)
+        reason = reason or self._identity_problem(message) or self._place_problem(message, now_s)
+        if reason:
+            stream.refuse(reason)
+            return False
+        stream.take(message.sequence, message.t_sent_s, now_s, message.t_capture_s)
+        self.latest, self._taken_s = message, now_s
+        return True
+
+    def age_s(self, now_s: float) -> float:
+        """Age [s] of ``latest`` since its picture was taken; infinite when there is none."""
+        return self.stream.age_s(now_s)
+
+    def _identity_problem(self, message: PoseMessage) -> str:
+        if message.robot != self._robot:
+            return "another robot"
+        return "low confidence" if message.confidence < self._limits.min_confidence else ""
+
+    def _place_problem(self, message: PoseMessage, now_s: float) -> str:
+        bounds_m, latest = self._limits.bounds_m, self.latest
+        if bounds_m is not None:
+            x_min, y_min, x_max, y_max = bounds_m
+            if not (x_min <= message.x_m <= x_max and y_min <= message.y_m <= y_max):
+                return "off the map"
+        if latest is None:
+            return ""
+        elapsed_s = now_s - self._taken_s
+        if message.session == latest.session:
+            elapsed_s = max(elapsed_s, message.t_capture_s - latest.t_capture_s)
+        moved_m = math.hypot(message.x_m - latest.x_m, message.y_m - latest.y_m)
+        reach_m = self._limits.v_max_mps * elapsed_s + self._limits.margin_m
+        return "jump" if moved_m > reach_m else ""

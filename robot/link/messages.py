@@ -1,0 +1,133 @@
+"""What is published: poses of the localizer, camera frames of the robot (telemetry: next file).
+
+Every published message carries the ``session`` of its publisher (new at each start), a ``sequence``
+that only grows within it, and ``t_sent_s`` of the sender's own monotonic clock; the ``Publisher``
+stamps them. A receiver compares such times only with each other, never with its own clock.
+The pose follows SSL-Vision's detection frame (t_capture, t_sent, confidence, x, y, orientation).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import ClassVar, Optional
+
+from robot.errors import ContractError
+from robot.geometry import Pose
+from robot.link.wire import (
+    MAX_COUNT,
+    SCHEMA,
+    decode,
+    encode,
+    require_name,
+    require_number,
+    require_size,
+)
+
+FRAME_LIMIT_BYTES = 65536
+FAR_M = 1000.0  # no arena is larger
+MAX_TIME_S = 1e10
+MAX_SIDE_PX = 4096
+UNSENT = "unsent"  # the session of a message that no publisher has stamped
+
+
+def require_stamp(session: str, sequence: int, t_sent_s: float) -> None:
+    """Refuse an impossible session, sequence or sending time."""
+    require_name("session", session)
+    require_number("sequence", sequence, 0, MAX_COUNT)
+    require_number("t_sent_s", t_sent_s, 0.0, MAX_TIME_S)
+
+
+@dataclass(frozen=True)
+class PoseMessage:
+    """Where the overhead camera saw a robot: world frame [m], [rad], capture time [s].
+
+    ``heading_rad`` is None when only a position was seen.
+    """
+
+    robot: str
+    x_m: float
+    y_m: float
+    heading_rad: Optional[float]
+    confidence: float  # 0 to 1
+    t_capture_s: float  # the sender's monotonic clock
+    session: str = UNSENT
+    sequence: int = 0
+    t_sent_s: float = 0.0
+
+    KIND: ClassVar[str] = "pose"
+
+    def __post_init__(self) -> None:
+        require_name("pose robot", self.robot)
+        require_number("pose x_m", self.x_m, -FAR_M, FAR_M)
+        require_number("pose y_m", self.y_m, -FAR_M, FAR_M)
+        require_number("pose heading_rad", self.heading_rad, -math.pi - 1e-6, math.pi + 1e-6)
+        require_number("pose confidence", self.confidence, 0.0, 1.0)
+        require_number("pose t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
+        require_stamp(self.session, self.sequence, self.t_sent_s)
+
+    @property
+    def pose(self) -> Optional[Pose]:
+        """The pose, or None when the heading was not seen."""
+        if self.heading_rad is None:
+            return None
+        return Pose(self.x_m, self.y_m, self.heading_rad)
+
+    def to_bytes(self) -> bytes:
+        """One JSON part."""
+        return encode(self)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> PoseMessage:
+        """Read ``to_bytes``; ContractError for anything else."""
+        return decode(cls, data)
+
+
+@dataclass(frozen=True)
+class FrameMessage:
+    """One camera picture as JPEG, behind a small binary header (big-endian)."""
+
+    jpeg: bytes
+    width_px: int
+    height_px: int
+    t_capture_s: float  # the sender's monotonic clock
+    session: str = UNSENT
+    sequence: int = 0
+    t_sent_s: float = 0.0
+
+    KIND: ClassVar[str] = "frame"
+    HEADER: ClassVar[struct.Struct] = struct.Struct("!4sH32sQddHH")
+    MAGIC: ClassVar[bytes] = b"DPFR"
+
+    def __post_init__(self) -> None:
+        if not (self.jpeg.startswith(b"\xff\xd8") and self.jpeg.endswith(b"\xff\xd9")):
+            raise ContractError(f"frame: expected JPEG bytes, got {self.jpeg[:8]!r}…")
+        require_size("frame", self.jpeg, FRAME_LIMIT_BYTES - self.HEADER.size)
+        require_number("frame width_px", self.width_px, 1, MAX_SIDE_PX)
+        require_number("frame height_px", self.height_px, 1, MAX_SIDE_PX)
+        require_number("frame t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
+        require_stamp(self.session, self.sequence, self.t_sent_s)
+
+    def to_bytes(self) -> bytes:
+        """Header and JPEG in one part."""
+        session = self.session.encode("ascii")
+        times = (self.sequence, self.t_capture_s, self.t_sent_s)
+        head = self.HEADER.pack(self.MAGIC, SCHEMA, session, *times, self.width_px, self.height_px)
+        return head + self.jpeg
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> FrameMessage:
+        """Read ``to_bytes``; ContractError for anything else. The JPEG is not decoded."""
+        require_size("frame", data, FRAME_LIMIT_BYTES)
+        size = cls.HEADER.size
+        if len(data) < size:
+            raise ContractError(f"frame: expected at least {size} bytes, got {len(data)}")
+        magic, schema, session, sequence, t_capture_s, t_sent_s, width_px, height_px = (
+            cls.HEADER.unpack_from(data)
+        )
+        if magic != cls.MAGIC or schema != SCHEMA:
+            raise ContractError(f"frame: expected {cls.MAGIC!r} {SCHEMA}, got {magic!r} {schema}")
+        name = session.rstrip(b"\0").decode("ascii", "replace")
+        jpeg = bytes(data[size:])
+        return cls(jpeg, width_px, height_px, t_capture_s, name, sequence, t_sent_s)

@@ -1,0 +1,196 @@
+"""What the robot says about itself, ten times a second: enough for the whole monitor page."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Optional, Tuple
+
+import numpy as np
+
+from robot.contract import ACTION_WHEELS
+from robot.errors import ContractError
+from robot.link.messages import FAR_M, UNSENT, require_stamp
+from robot.link.wire import (
+    decode,
+    encode,
+    require_length,
+    require_name,
+    require_number,
+    require_one_of,
+    require_text,
+)
+
+STATES = ("DISARMED", "READY", "AUTO", "MANUAL", "HOLD", "FAULT")
+PHASES = ("driving", "arrived", "failed", "stopped")
+LEVELS = ("ok", "warn", "bad")
+TEXT_LIMIT_BYTES = 160
+MAX_PATH_POINTS = 96
+MAX_ENTRIES = 8
+MAX_ATTENTION_CELLS = 192
+MAX_AGE_S = 1e6
+BIG = 1e9
+
+XY = Tuple[float, float]
+
+
+@dataclass(frozen=True)
+class InputAge:
+    """How old the newest of one input is; None when none ever came."""
+
+    name: str  # camera, pose, monitor, ...
+    age_s: Optional[float]
+    limit_s: float  # older than this and the robot stops
+
+    def __post_init__(self) -> None:
+        require_name("input name", self.name)
+        require_number("input age_s", self.age_s, 0.0, MAX_AGE_S)
+        require_number("input limit_s", self.limit_s, 0.0, MAX_AGE_S)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One health figure, judged by the robot: a temperature, free disk, bus errors."""
+
+    name: str
+    value: float
+    unit: str = ""
+    level: str = "ok"  # one of LEVELS
+
+    def __post_init__(self) -> None:
+        require_name("reading name", self.name)
+        require_number("reading value", self.value, -BIG, BIG)
+        require_text("reading unit", self.unit, 8)
+        require_one_of("reading level", self.level, LEVELS)
+
+
+@dataclass(frozen=True)
+class MissionStatus:
+    """How the mission stands: progress 0 to 1, what is left [m], offset from the path [m]."""
+
+    id: str
+    destination: XY  # world frame [m]
+    phase: str = "driving"  # one of PHASES
+    progress: float = 0.0
+    remaining_m: float = 0.0
+    offset_m: float = 0.0  # left of the path is positive
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        require_name("mission id", self.id)
+        _require_xy("mission destination", self.destination)
+        require_one_of("mission phase", self.phase, PHASES)
+        require_number("mission progress", self.progress, 0.0, 1.0)
+        require_number("mission remaining_m", self.remaining_m, 0.0, BIG)
+        require_number("mission offset_m", self.offset_m, -FAR_M, FAR_M)
+        require_text("mission reason", self.reason, TEXT_LIMIT_BYTES)
+
+
+@dataclass(frozen=True)
+class Attention:
+    """Where the policy looks: a coarse grid over the picture, one byte a cell, rows from the top.
+
+    ``cells`` is base64; make one with ``from_array``.
+    """
+
+    rows: int
+    columns: int
+    cells: str
+
+    def __post_init__(self) -> None:
+        require_number("attention rows", self.rows, 1, MAX_ATTENTION_CELLS)
+        require_number("attention columns", self.columns, 1, MAX_ATTENTION_CELLS)
+        require_number("attention cells", self.rows * self.columns, 1, MAX_ATTENTION_CELLS)
+        try:
+            size = len(base64.b64decode(self.cells, validate=True))
+        except (binascii.Error, ValueError) as error:
+            raise ContractError(f"attention: expected base64 cells, got: {error}") from error
+        if size != self.rows * self.columns:
+            raise ContractError(f"attention: expected {self.rows} x {self.columns}, got {size}")
+
+    @classmethod
+    def from_array(cls, weights: np.ndarray) -> Attention:
+        """A grid (rows, columns) of weights in [0, 1]."""
+        cells = np.round(np.clip(np.nan_to_num(weights), 0.0, 1.0) * 255.0).astype(np.uint8)
+        rows, columns = cells.shape
+        return cls(rows, columns, base64.b64encode(cells.tobytes()).decode("ascii"))
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """The robot's report. ``pose`` is the fused estimate: x [m], y [m], heading [rad]."""
+
+    robot: str
+    state: str  # one of STATES
+    reason: str = ""
+    action: Optional[int] = None  # of contract.Action; None when standing
+    values: Tuple[float, ...] = ()  # the policy's output, one an action
+    pose: Optional[Tuple[float, float, float]] = None
+    path: Tuple[XY, ...] = ()  # the planned way, world frame [m]; see ``thin_path``
+    mission: Optional[MissionStatus] = None
+    inputs: Tuple[InputAge, ...] = ()
+    health: Tuple[Reading, ...] = ()
+    fps: float = 0.0  # decisions a second
+    lag_s: float = 0.0  # from capture to wheels
+    model: str = ""
+    map: str = ""
+    attention: Optional[Attention] = None
+    session: str = UNSENT
+    sequence: int = 0
+    t_sent_s: float = 0.0
+
+    KIND: ClassVar[str] = "telemetry"
+
+    def __post_init__(self) -> None:
+        require_name("telemetry robot", self.robot)
+        require_one_of("telemetry state", self.state, STATES)
+        for what, text, limit in (
+            ("reason", self.reason, TEXT_LIMIT_BYTES),
+            ("model", self.model, 64),
+            ("map", self.map, 64),
+        ):
+            require_text(f"telemetry {what}", text, limit)
+        require_number("telemetry action", self.action, 0, len(ACTION_WHEELS) - 1)
+        self._check_lists()
+        require_number("telemetry fps", self.fps, 0.0, 1e4)
+        require_number("telemetry lag_s", self.lag_s, 0.0, MAX_AGE_S)
+        require_stamp(self.session, self.sequence, self.t_sent_s)
+
+    def _check_lists(self) -> None:
+        require_length("telemetry values", self.values, 16)
+        for value in self.values:
+            require_number("telemetry values", value, -BIG, BIG)
+        if self.pose is not None:
+            _require_xy("telemetry pose", self.pose[:2])
+            require_number("telemetry heading", self.pose[2], -math.pi - 1e-6, math.pi + 1e-6)
+        require_length("telemetry path", self.path, MAX_PATH_POINTS)
+        for point in self.path:
+            _require_xy("telemetry path", point)
+        require_length("telemetry inputs", self.inputs, MAX_ENTRIES)
+        require_length("telemetry health", self.health, MAX_ENTRIES)
+
+    def to_bytes(self) -> bytes:
+        """One JSON part."""
+        return encode(self)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Telemetry:
+        """Read ``to_bytes``; ContractError for anything else."""
+        return decode(cls, data)
+
+
+def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
+    """Points (M, 2) [m] of a path, thinned evenly to what telemetry carries, rounded to 1 mm."""
+    points = np.asarray(points_m, dtype=float)
+    count = min(len(points), MAX_PATH_POINTS)
+    chosen = points[np.linspace(0, len(points) - 1, count).round().astype(int)]
+    return tuple((round(float(x), 3), round(float(y), 3)) for x, y in chosen)
+
+
+def _require_xy(what: str, point: Tuple[float, ...]) -> None:
+    if len(point) != 2:
+        raise ContractError(f"{what}: expected x and y, got {len(point)} numbers")
+    for value in point:
+        require_number(f"{what} [m]", value, -FAR_M, FAR_M)

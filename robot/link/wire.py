@@ -1,0 +1,147 @@
+"""Frozen dataclasses to and from one JSON part: strict, small and versioned.
+
+A receiver refuses what it does not know (schema, keys, kinds) rather than guess, and whatever bytes
+come it raises nothing but ``ContractError``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import numbers
+import re
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Type, TypeVar
+
+from robot.errors import ConfigError, ContractError, nearest
+from robot.typed_config import from_plain
+
+SCHEMA = 1
+MESSAGE_LIMIT_BYTES = 4096
+MAX_COUNT = 2**53  # integers beyond this are not the same number in a browser
+DECIMALS = 6  # a micrometre, a microsecond
+
+T = TypeVar("T")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
+
+
+def encode(message: Any) -> bytes:
+    """One message as UTF-8 JSON with its name and ``schema``; numbers keep six decimals.
+
+    Raises:
+        ContractError: larger than ``MESSAGE_LIMIT_BYTES``.
+    """
+    plain = {"schema": SCHEMA, "message": message.KIND, **_plain(message)}
+    data = json.dumps(plain, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    require_size(f"{message.KIND} message", data, MESSAGE_LIMIT_BYTES)
+    return data
+
+
+def decode(kind: Type[T], data: bytes) -> T:
+    """The message of class ``kind`` that ``encode`` wrote.
+
+    Raises:
+        ContractError: not such a message, of another schema, or with a value out of range.
+    """
+    name: str = kind.KIND  # type: ignore[attr-defined]
+    require_size(f"{name} message", data, MESSAGE_LIMIT_BYTES)
+    plain = _parse(name, data)
+    for key, expected in (("schema", SCHEMA), ("message", name)):
+        got = plain.pop(key, None)
+        if got != expected or isinstance(got, bool):
+            raise ContractError(f"{name} message: expected {key} {expected!r}, got {_short(got)}")
+    try:
+        return from_plain(kind, plain, where=name)
+    except (ConfigError, OverflowError) as error:
+        raise ContractError(_clip(str(error))) from error
+
+
+def require_size(what: str, data: bytes, limit_bytes: int) -> None:
+    """Refuse what is larger than its channel allows."""
+    if len(data) > limit_bytes:
+        raise ContractError(f"{what}: expected at most {limit_bytes} bytes, got {len(data)}")
+
+
+def require_number(what: str, value: Optional[float], low: float, high: float) -> None:
+    """Refuse a number outside [low, high], which no NaN is in; None passes."""
+    if value is not None and not low <= value <= high:
+        raise ContractError(f"{what}: expected a number in [{low:g}, {high:g}], got {value!r:.40}")
+
+
+def require_name(what: str, value: str) -> None:
+    """Refuse what is not a short identifier of letters, digits, '.', '_' and '-'."""
+    if not _NAME.fullmatch(value):
+        raise ContractError(
+            f"{what}: expected 1 to 32 letters, digits, '.', '_' or '-', got {_short(value)}"
+        )
+
+
+def require_text(what: str, value: str, limit_bytes: int) -> None:
+    """Refuse text that is too long or has control characters or lone surrogates."""
+    size = len(value.encode("utf-8", "replace"))
+    if size > limit_bytes or not all(c.isprintable() for c in value):
+        raise ContractError(
+            f"{what}: expected at most {limit_bytes} bytes of printable text, got {_short(value)}"
+        )
+
+
+def tidy_text(text: str, limit_bytes: int) -> str:
+    """The same text on one line, printable and cut to ``limit_bytes``: what a message takes."""
+    line = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+    return line.encode("utf-8")[:limit_bytes].decode("utf-8", "ignore")
+
+
+def require_one_of(what: str, value: str, valid: Sequence[str]) -> None:
+    """Refuse a word outside the list."""
+    if value not in valid:
+        raise ContractError(f"{what}: unknown {_short(value)}; {nearest(value[:40], valid)}")
+
+
+def require_length(what: str, values: Sequence[Any], limit: int) -> None:
+    """Refuse a list with more than ``limit`` entries."""
+    if len(values) > limit:
+        raise ContractError(f"{what}: expected at most {limit} entries, got {len(values)}")
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    return round(float(value), DECIMALS)
+
+
+def _parse(name: str, data: bytes) -> Dict[str, Any]:
+    try:
+        plain = json.loads(
+            data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=_unique
+        )
+    except ContractError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise ContractError(f"{name} message: expected JSON, got: {_clip(str(error))}") from error
+    if not isinstance(plain, dict):
+        raise ContractError(f"{name} message: expected an object, got {_short(plain)}")
+    return plain
+
+
+def _refuse_constant(constant: str) -> float:
+    raise ContractError(f"message: expected finite numbers, got {constant}")
+
+
+def _unique(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
+    plain = dict(pairs)
+    if len(plain) != len(pairs):
+        raise ContractError("message: expected every key once, got a key twice")
+    return plain
+
+
+def _short(value: Any) -> str:
+    return _clip(repr(value), 60)
+
+
+def _clip(text: str, limit: int = 200) -> str:
+    return text if len(text) <= limit else text[: limit - 1] + "…"

@@ -1,0 +1,221 @@
+"""Commands: each done once, old ones refused, STOP repeated until it is acked."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+
+import pytest
+
+from robot.errors import PlanError
+from robot.link.command_client import CommandClient
+from robot.link.command_server import CommandServer
+from robot.link.commands import MAX_ECHO_AGE_S, Ack, Command, Mission
+from robot.link.config import LinkConfig
+from robot.link.sockets import Link
+from tests.robot.link.conftest import free_base_port, until
+
+zmq = pytest.importorskip("zmq")
+
+Open = Callable[[LinkConfig], Link]
+Configs = dict[str, LinkConfig]
+
+
+class Robot:
+    """Notes what it was asked; refuses missions to the west."""
+
+    def __init__(self, server: CommandServer) -> None:
+        self.server = server
+        self.asked: list[Command] = []
+
+    def handle(self, command: Command) -> None:
+        self.asked.append(command)
+        if command.mission is not None and command.mission.destination[0] < 0:
+            raise PlanError("the destination is off\nthe road")
+
+    def kinds(self) -> list[str]:
+        return [command.kind for command in self.asked]
+
+
+class Operator:
+    """Collects the answers."""
+
+    def __init__(self, client: CommandClient, robot: Robot | None) -> None:
+        self.client = client
+        self.robot = robot
+        self.answers: dict[str, Ack] = {}
+
+    def turn(self) -> None:
+        if self.robot is not None:
+            self.robot.server.serve(self.robot.handle)
+        self.answers.update({ack.id: ack for ack in self.client.poll()})
+
+    def answer(self, command_id: str) -> Ack:
+        def answered() -> bool:
+            self.turn()
+            return command_id in self.answers
+
+        assert until(answered)
+        return self.answers[command_id]
+
+    def connected(self) -> bool:
+        self.turn()
+        return self.client.silence_s() < 0.1
+
+
+@pytest.fixture
+def operator(configs: Configs, open_link: Open) -> Operator:
+    robot, monitor = configs["robot"], configs["monitor"]
+    server = robot.command_server(open_link(robot))
+    operator = Operator(monitor.command_client(open_link(monitor)), Robot(server))
+    assert until(operator.connected)
+    return operator
+
+
+def asked(operator: Operator) -> list[str]:
+    assert operator.robot is not None
+    return operator.robot.kinds()
+
+
+def test_a_command_is_done_and_answered(operator: Operator) -> None:
+    for kind in ("arm", "disarm", "stop", "clear"):
+        assert operator.answer(operator.client.send(kind)).accepted
+    assert operator.answer(operator.client.send("manual", action=2)).accepted
+    assert operator.answer(operator.client.send("mission", Mission((1.0, 2.0)))).accepted
+    assert asked(operator) == ["arm", "disarm", "stop", "clear", "manual", "mission"]
+
+
+def test_a_refusal_carries_the_reason_on_one_line(operator: Operator) -> None:
+    ack = operator.answer(operator.client.send("mission", Mission((-1.0, 2.0))))
+    assert not ack.accepted
+    assert ack.reason == "the destination is off the road"
+
+
+def test_the_same_command_twice_is_done_once_and_answered_twice(
+    configs: Configs, open_link: Open
+) -> None:
+    robot, monitor = configs["robot"], configs["monitor"]
+    server = robot.command_server(open_link(robot))
+    body = Robot(server)
+    raw = open_link(monitor).connect(
+        zmq.DEALER, monitor.connect_endpoint("command"), 4096, peer="robot"
+    )
+    command = Command("c1", "s1", "stop").to_bytes()
+    answers: list[Ack] = []
+
+    def answered_twice() -> bool:
+        with contextlib.suppress(zmq.Again):
+            raw.send(command, zmq.NOBLOCK)
+        server.serve(body.handle)
+        with contextlib.suppress(zmq.Again):
+            answers.append(Ack.from_bytes(raw.recv(zmq.NOBLOCK)))
+        return len(answers) >= 3
+
+    assert until(answered_twice)
+    assert body.kinds() == ["stop"]
+    assert answers[0] == answers[1] == answers[2]
+
+
+def test_garbage_is_counted_and_does_not_stop_the_server(
+    operator: Operator, configs: Configs, open_link: Open
+) -> None:
+    monitor = configs["monitor"]
+    raw = open_link(monitor).connect(
+        zmq.DEALER, monitor.connect_endpoint("command"), 4096, peer="robot"
+    )
+    assert operator.robot is not None
+    server = operator.robot.server
+
+    def refused() -> bool:
+        for parts in ([b"garbage"], [b"", b"two parts"]):
+            with contextlib.suppress(zmq.Again):
+                raw.send_multipart(parts, zmq.NOBLOCK)
+        operator.turn()
+        return server.refused >= 2
+
+    assert until(refused)
+    assert server.last_refusal
+    assert operator.answer(operator.client.send("arm")).accepted
+
+
+class Clock:
+    """A robot's clock that we set."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def timed(open_link: Open) -> tuple[Operator, Clock]:
+    config = LinkConfig(plaintext=True, base_port=free_base_port())
+    clock = Clock()
+    server = CommandServer(open_link(config), config.bind_endpoint("command"), clock)
+    operator = Operator(config.command_client(open_link(config)), Robot(server))
+    assert until(operator.connected)
+    return operator, clock
+
+
+def test_a_command_that_waited_on_the_way_is_refused_but_not_a_stop(
+    timed: tuple[Operator, Clock],
+) -> None:
+    operator, clock = timed
+    clock.now_s += MAX_ECHO_AGE_S + 0.1
+    late = operator.client.send("arm")
+    stop = operator.client.send("stop")
+    assert not operator.answer(late).accepted
+    assert "send it again" in operator.answers[late].reason
+    assert operator.answer(stop).accepted
+    assert asked(operator) == ["stop"]
+    assert operator.answer(operator.client.send("arm")).accepted
+
+
+def test_a_restarted_robot_takes_nothing_meant_for_its_predecessor(open_link: Open) -> None:
+    config = LinkConfig(plaintext=True, base_port=free_base_port())
+    client = config.command_client(open_link(config))
+    with config.open() as link:
+        operator = Operator(client, Robot(config.command_server(link)))
+        assert until(operator.connected)
+    successor = Robot(config.command_server(open_link(config)))
+    operator.robot = None
+    time.sleep(0.2)
+    sent = [client.send("arm") for _ in range(20) if not time.sleep(0.02)]
+    operator.robot = successor
+    answers = [operator.answer(command_id) for command_id in sent]
+    assert successor.kinds() == []
+    assert not any(ack.accepted for ack in answers)
+    assert operator.answer(client.send("arm")).accepted
+
+
+def test_the_operator_is_heard_by_beats_and_grows_old_in_silence(
+    timed: tuple[Operator, Clock],
+) -> None:
+    operator, clock = timed
+    assert operator.robot is not None
+    server = operator.robot.server
+    assert server.operator_age_s() == float("inf")
+    assert operator.answer(operator.client.send("arm")).accepted
+    clock.now_s += 5.0
+    assert server.operator_age_s() == pytest.approx(5.0, abs=0.01)
+
+    def heard() -> bool:
+        operator.turn()
+        return server.operator_age_s() < 0.1
+
+    assert until(heard)
+
+
+def test_without_a_robot_a_command_is_lost_and_says_so_but_a_stop_waits(open_link: Open) -> None:
+    config = LinkConfig(plaintext=True, base_port=free_base_port())
+    operator = Operator(config.command_client(open_link(config)), None)
+    arm, stop = operator.client.send("arm"), operator.client.send("stop")
+    assert operator.client.send("stop") == stop, "one STOP is pending at a time"
+    assert operator.answer(arm) == Ack(arm, False, "the robot does not answer")
+    assert stop not in operator.answers
+    robot = Robot(config.command_server(open_link(config)))
+    operator.robot = robot
+    assert operator.answer(stop).accepted
+    assert robot.kinds() == ["stop"]

@@ -1,0 +1,209 @@
+"""Messages survive the wire, and nothing else gets in."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot.errors import ContractError
+from robot.link import telemetry as tm
+from robot.link.commands import KINDS, Ack, Command, Mission
+from robot.link.messages import FAR_M, FRAME_LIMIT_BYTES, FrameMessage, PoseMessage
+from robot.link.telemetry import (
+    Attention,
+    InputAge,
+    MissionStatus,
+    Reading,
+    Telemetry,
+    thin_path,
+)
+from robot.link.wire import MESSAGE_LIMIT_BYTES
+
+names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}", fullmatch=True)
+metres = st.floats(-FAR_M, FAR_M)
+angles = st.floats(-math.pi, math.pi)
+times = st.floats(0, 1e9)
+points = st.tuples(metres, metres)
+counts = st.integers(0, 2**53)
+stamps = {"session": names, "sequence": counts, "t_sent_s": times}
+texts = st.text(st.characters(exclude_categories=("C", "Z")), max_size=30)
+shares = st.floats(0, 1)
+
+poses = st.builds(
+    PoseMessage,
+    robot=names,
+    x_m=metres,
+    y_m=metres,
+    heading_rad=st.none() | angles,
+    confidence=shares,
+    t_capture_s=times,
+    **stamps,
+)
+attentions = st.integers(1, 12).flatmap(
+    lambda n: st.lists(st.lists(shares, min_size=n, max_size=n), min_size=1, max_size=16).map(
+        lambda rows: Attention.from_array(np.array(rows))
+    )
+)
+ages = st.builds(InputAge, names, st.none() | st.floats(0, 1e5), st.floats(0, 10))
+readings = st.builds(
+    Reading, names, st.floats(-1e6, 1e6), st.just("°C"), st.sampled_from(tm.LEVELS)
+)
+missions = st.builds(
+    MissionStatus,
+    id=names,
+    destination=points,
+    phase=st.sampled_from(tm.PHASES),
+    progress=shares,
+    remaining_m=st.floats(0, 100),
+    offset_m=st.floats(-1, 1),
+    reason=texts,
+)
+telemetries = st.builds(
+    Telemetry,
+    robot=names,
+    state=st.sampled_from(tm.STATES),
+    reason=texts,
+    action=st.none() | st.integers(0, 4),
+    values=st.lists(st.floats(-1e3, 1e3), max_size=5).map(tuple),
+    pose=st.none() | st.tuples(metres, metres, angles),
+    path=st.lists(points, max_size=400).map(lambda p: thin_path(np.array(p).reshape(-1, 2))),
+    mission=st.none() | missions,
+    inputs=st.lists(ages, max_size=tm.MAX_ENTRIES).map(tuple),
+    health=st.lists(readings, max_size=tm.MAX_ENTRIES).map(tuple),
+    fps=st.floats(0, 1000),
+    lag_s=st.floats(0, 10),
+    attention=st.none() | attentions,
+    **stamps,
+)
+commands = st.sampled_from(KINDS).flatmap(
+    lambda kind: st.builds(
+        Command,
+        id=names,
+        session=names,
+        kind=st.just(kind),
+        mission=st.builds(Mission, points, st.none() | points) if kind == "mission" else st.none(),
+        action=st.none() | st.integers(0, 4) if kind == "manual" else st.none(),
+        robot_session=names,
+        robot_time_s=times,
+    )
+)
+acks = st.builds(Ack, names, st.booleans(), texts, names, times)
+PARSERS = (PoseMessage, Telemetry, Command, Ack, FrameMessage)
+
+POSE = PoseMessage("duck", 1.0, 2.0, 0.5, 0.9, 10.0, "abcd", 7, 10.1)
+
+
+@given(poses | telemetries | commands | acks)
+@settings(max_examples=150, deadline=None)
+def test_every_message_fits_and_survives_the_wire(message: Any) -> None:
+    data = message.to_bytes()
+    assert len(data) <= MESSAGE_LIMIT_BYTES
+    again = type(message).from_bytes(data)
+    assert again.to_bytes() == data
+
+
+@given(names, counts, times, st.binary(max_size=300))
+@settings(max_examples=50, deadline=None)
+def test_a_frame_survives_the_wire(session: str, sequence: int, t_s: float, body: bytes) -> None:
+    frame = FrameMessage(b"\xff\xd8" + body + b"\xff\xd9", 160, 120, t_s, session, sequence, t_s)
+    assert FrameMessage.from_bytes(frame.to_bytes()) == frame
+
+
+@pytest.mark.parametrize("kind", PARSERS)
+@given(data=st.binary(max_size=200))
+@settings(max_examples=60, deadline=None)
+def test_garbage_raises_only_contract_errors(kind: Any, data: bytes) -> None:
+    with pytest.raises(ContractError):
+        kind.from_bytes(data)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=10),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+
+
+@pytest.mark.parametrize("kind", [PoseMessage, Telemetry, Command, Ack])
+@given(data=st.data())
+@settings(max_examples=100, deadline=None)
+def test_a_spoilt_message_is_read_or_refused_but_never_breaks(kind: Any, data: Any) -> None:
+    """One field of a good message replaced by anything: equal kind out, or ContractError."""
+    source = {PoseMessage: poses, Telemetry: telemetries, Command: commands, Ack: acks}[kind]
+    plain = json.loads(data.draw(source).to_bytes())
+    plain[data.draw(st.sampled_from(sorted(plain)))] = data.draw(json_values)
+    try:
+        again = kind.from_bytes(json.dumps(plain).encode())
+    except ContractError:
+        return
+    assert len(again.to_bytes()) <= MESSAGE_LIMIT_BYTES
+
+
+def spoilt(**changes: Any) -> bytes:
+    return json.dumps({**json.loads(POSE.to_bytes()), **changes}).encode()
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (spoilt(schema=2), "expected schema 1, got 2"),
+        (spoilt(schema=True), "expected schema 1, got True"),
+        (spoilt(message="ack"), "expected message 'pose'"),
+        (spoilt(xm=1.0), "did you mean 'x_m'"),
+        (spoilt(x_m=float("nan")), "finite"),
+        (spoilt(x_m=10**400), "too large"),
+        (spoilt(x_m=2000.0), r"\[-1000, 1000\]"),
+        (spoilt(y_m=True), "expected float"),
+        (spoilt(heading_rad=4.0), "heading_rad"),
+        (spoilt(confidence=1.5), "confidence"),
+        (spoilt(sequence=-1), "sequence"),
+        (spoilt(sequence=1.5), "expected int"),
+        (spoilt(robot="../duck"), "letters"),
+        (spoilt(robot="d" * 5000), "at most 4096 bytes"),
+        (POSE.to_bytes().replace(b'"x_m"', b'"y_m"'), "key twice"),
+        (b"[" * 4000, "expected JSON"),
+        (b"\xff\xfe", "expected JSON"),
+        (b"[]", "expected an object"),
+        (b"{}", "expected schema"),
+        (spoilt(x_m=1.0).replace(b"1.0", b"1e999"), "expected a number"),
+    ],
+)
+def test_the_refusal_says_what_was_wrong(data: bytes, says: str) -> None:
+    with pytest.raises(ContractError, match=says):
+        PoseMessage.from_bytes(data)
+
+
+def test_a_frame_that_is_no_jpeg_or_too_large_is_refused() -> None:
+    with pytest.raises(ContractError, match="JPEG"):
+        FrameMessage(b"GIF89a", 160, 120, 0.0)
+    with pytest.raises(ContractError, match="at most"):
+        FrameMessage(b"\xff\xd8" + bytes(FRAME_LIMIT_BYTES) + b"\xff\xd9", 160, 120, 0.0)
+    good = FrameMessage(b"\xff\xd8\xff\xd9", 160, 120, 0.0).to_bytes()
+    with pytest.raises(ContractError, match="expected b'DPFR' 1"):
+        FrameMessage.from_bytes(b"DPFR\x00\x09" + good[6:])
+    with pytest.raises(ContractError, match="at least"):
+        FrameMessage.from_bytes(good[:20])
+
+
+def test_a_mission_comes_with_a_mission_command_only() -> None:
+    with pytest.raises(ContractError, match="mission"):
+        Command("1", "s", "mission")
+    with pytest.raises(ContractError, match="mission"):
+        Command("1", "s", "arm", Mission((0.0, 0.0)))
+    with pytest.raises(ContractError, match="action"):
+        Command("1", "s", "stop", action=2)
+
+
+def test_a_thinned_path_keeps_both_ends() -> None:
+    line = np.stack((np.linspace(0, 9, 1000), np.linspace(0, 1, 1000)), axis=1)
+    thin = thin_path(line)
+    assert len(thin) == tm.MAX_PATH_POINTS
+    assert thin[0] == (0.0, 0.0)
+    assert thin[-1] == (9.0, 1.0)
+    assert thin_path(np.zeros((0, 2))) == ()

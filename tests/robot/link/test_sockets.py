@@ -1,0 +1,210 @@
+"""Streams over real loopback sockets: who receives, what is refused, what silence looks like."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from robot.errors import ConfigError
+from robot.link.config import LinkConfig
+from robot.link.freshness import PoseGate
+from robot.link.keys import Keys, keygen, load_keys
+from robot.link.messages import PoseMessage
+from robot.link.sockets import Link
+from robot.link.streams import Publisher, Subscriber
+from tests.robot.link.conftest import free_base_port, until
+
+zmq = pytest.importorskip("zmq")
+
+Open = Callable[[LinkConfig], Link]
+Configs = dict[str, LinkConfig]
+POSE = PoseMessage("duck", 1.0, 2.0, 0.5, 0.9, t_capture_s=time.monotonic())
+
+
+def pair(configs: Configs, open_link: Open, to: str = "robot") -> tuple[Publisher, Subscriber]:
+    localizer, receiver = configs["localizer"], configs[to]
+    publisher = localizer.publisher(open_link(localizer), PoseMessage)
+    return publisher, receiver.subscriber(open_link(receiver), PoseMessage)
+
+
+def deliver(publisher: Publisher, subscriber: Subscriber, timeout_s: float = 3.0) -> PoseMessage:
+    """Publish until the subscriber has one."""
+    got = []
+
+    def arrived() -> bool:
+        publisher.send(replace(POSE, t_capture_s=time.monotonic()))
+        message = subscriber.receive()
+        if message is not None:
+            got.append(message)
+        return bool(got)
+
+    assert until(arrived, timeout_s), "nothing arrived"
+    return got[-1]
+
+
+@pytest.mark.parametrize("to", ["robot", "monitor"])
+def test_allowed_keys_receive(configs: Configs, open_link: Open, to: str) -> None:
+    publisher, subscriber = pair(configs, open_link, to)
+    message = deliver(publisher, subscriber)
+    assert message.session == publisher.session
+    assert (message.x_m, message.y_m) == (1.0, 2.0)
+
+
+def strangers(configs: Configs, tmp_path: Path) -> dict[str, Link]:
+    """Links that must receive nothing: unlisted key, wrong server key, no encryption."""
+    own = load_keys(configs["robot"].keys)
+    unlisted = load_keys(keygen(tmp_path, ("robot", "localizer"))["robot"])
+    return {
+        "unlisted": Link(replace(unlisted, peers=own.peers)),
+        "wrong server": Link(replace(own, peers=unlisted.peers)),
+        "plain": Link(None, plaintext=True),
+    }
+
+
+def test_strangers_receive_nothing(configs: Configs, open_link: Open, tmp_path: Path) -> None:
+    publisher, subscriber = pair(configs, open_link)
+    endpoint = configs["robot"].connect_endpoint("pose")
+    links = strangers(configs, tmp_path)
+    others = {n: Subscriber(k, endpoint, PoseMessage, "localizer") for n, k in links.items()}
+    deliver(publisher, subscriber)
+    leaked = []
+    deadline_s = time.monotonic() + 1.0
+    while time.monotonic() < deadline_s:
+        publisher.send(POSE)
+        leaked += [name for name, other in others.items() if other.receive() is not None]
+        time.sleep(0.01)
+    for link in links.values():
+        link.close()
+    assert leaked == []
+    assert deliver(publisher, subscriber), "strangers must not disturb those who are allowed"
+
+
+def test_only_the_newest_after_a_pause(configs: Configs, open_link: Open) -> None:
+    publisher, subscriber = pair(configs, open_link)
+    deliver(publisher, subscriber)
+    for _ in range(60):
+        last = publisher.send(POSE)
+        time.sleep(0.005)
+    time.sleep(0.1)
+    received = subscriber.receive()
+    assert received is not None
+    assert received.sequence == last.sequence
+    assert subscriber.receive() is None
+
+
+def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_a_second(
+    configs: Configs, open_link: Open
+) -> None:
+    localizer, robot = configs["localizer"], configs["robot"]
+    subscriber = robot.subscriber(open_link(robot), PoseMessage)
+    gate = PoseGate("duck")
+    with localizer.open() as link:
+        message = deliver(localizer.publisher(link, PoseMessage), subscriber)
+        assert gate.take(message, time.monotonic())
+    time.sleep(0.6)
+    assert subscriber.receive() is None
+    assert gate.age_s(time.monotonic()) > 0.5
+    publisher = localizer.publisher(open_link(localizer), PoseMessage)
+    began_s = time.monotonic()
+    message = deliver(publisher, subscriber)
+    assert time.monotonic() - began_s < 1.0
+    assert gate.take(message, time.monotonic())
+    assert gate.age_s(time.monotonic()) < 0.5
+
+
+def raw_publisher(config: LinkConfig, open_link: Open) -> Callable[[bytes], None]:
+    """Sends any bytes with the localizer's own key."""
+    link = open_link(config)
+    socket = link.bind(zmq.PUB, config.bind_endpoint("pose"), 10**6)
+
+    def send(data: bytes) -> None:
+        link.admit()
+        socket.send(data)
+
+    return send
+
+
+def test_garbage_is_refused_and_counted_and_the_next_good_message_gets_in(
+    configs: Configs, open_link: Open
+) -> None:
+    send = raw_publisher(configs["localizer"], open_link)
+    robot = configs["robot"]
+    subscriber = robot.subscriber(open_link(robot), PoseMessage)
+
+    def refused_one(data: bytes) -> bool:
+        before = subscriber.refused
+
+        def tried() -> bool:
+            send(data)
+            assert subscriber.receive() is None
+            return subscriber.refused > before
+
+        return until(tried)
+
+    for data in (b"", b"\x00" * 30, b"{}", POSE.to_bytes().replace(b":1.0", b":NaN", 1)):
+        assert refused_one(data), data
+        assert subscriber.last_refusal
+
+    def good() -> bool:
+        send(POSE.to_bytes())
+        return subscriber.receive() is not None
+
+    assert until(good)
+
+
+def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_link: Open) -> None:
+    send = raw_publisher(configs["localizer"], open_link)
+    robot = configs["robot"]
+    subscriber = robot.subscriber(open_link(robot), PoseMessage)
+
+    def good() -> bool:
+        send(POSE.to_bytes())
+        return subscriber.receive() is not None
+
+    assert until(good)
+    time.sleep(0.1)
+    subscriber.receive()
+    for _ in range(20):
+        send(b"x" * 100_000)
+        time.sleep(0.01)
+        assert subscriber.receive() is None
+    assert subscriber.refused == 0, "the socket itself refuses it"
+    assert until(good), "and hears the next good one"
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://*:5999", "tcp://0.0.0.0:5999", "tcp://192.168.1.2:5"])
+def test_plaintext_is_for_loopback_only(endpoint: str) -> None:
+    with Link(None, plaintext=True) as link, pytest.raises(ConfigError, match="keygen"):
+        Publisher(link, endpoint, PoseMessage)
+
+
+def test_plaintext_needs_its_flag_and_excludes_keys() -> None:
+    with pytest.raises(ConfigError, match="neither"):
+        Link(None)
+    with pytest.raises(ConfigError, match="both"):
+        Link(Keys(b"", b""), plaintext=True)
+
+
+def test_plaintext_on_loopback_works(open_link: Open) -> None:
+    config = LinkConfig(plaintext=True, base_port=free_base_port())
+    deliver(*pair({"localizer": config, "robot": config}, open_link))
+
+
+def test_waiting_lets_allowed_peers_in(configs: Configs, open_link: Open) -> None:
+    """A program that only waits (no send, no serve) still answers at the door."""
+    localizer, robot = configs["localizer"], configs["robot"]
+    door = open_link(localizer)
+    publisher = localizer.publisher(door, PoseMessage)
+    link = open_link(robot)
+    subscriber = robot.subscriber(link, PoseMessage)
+    for _ in range(10):
+        door.wait(0.05)
+    for _ in range(5):  # first messages are lost while the publisher takes note of who came in
+        publisher.send(POSE)
+        time.sleep(0.01)
+    assert link.wait(2.0)
+    assert subscriber.receive() is not None
