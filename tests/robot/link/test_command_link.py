@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from typing import Callable, Dict
 
 import pytest
 
@@ -19,7 +19,7 @@ from tests.robot.link.conftest import free_base_port, until
 zmq = pytest.importorskip("zmq")
 
 Open = Callable[[LinkConfig], Link]
-Configs = dict[str, LinkConfig]
+Configs = Dict[str, LinkConfig]
 
 
 class Robot:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Callable, Dict
 
 import pytest
 
@@ -21,7 +21,7 @@ from tests.robot.link.conftest import free_base_port, until
 zmq = pytest.importorskip("zmq")
 
 Open = Callable[[LinkConfig], Link]
-Configs = dict[str, LinkConfig]
+Configs = Dict[str, LinkConfig]
 POSE = PoseMessage("duck", 1.0, 2.0, 0.5, 0.9, t_capture_s=time.monotonic())
 
 
@@ -105,7 +105,9 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
     with localizer.open() as link:
         message = deliver(localizer.publisher(link, PoseMessage), subscriber)
         assert gate.take(message, time.monotonic())
-    time.sleep(0.6)
+    time.sleep(0.1)
+    subscriber.receive()
+    time.sleep(0.5)
     assert subscriber.receive() is None
     assert gate.age_s(time.monotonic()) > 0.5
     publisher = localizer.publisher(open_link(localizer), PoseMessage)
