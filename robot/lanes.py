@@ -89,3 +89,13 @@ def _turned(curve: Curve, quarter_turns: int) -> np.ndarray:
     for _ in range(quarter_turns % 4):
         points = np.stack((-points[:, 1], points[:, 0]), axis=1)
     return points
+
+
+def border_point(point_m: np.ndarray, tile_size_m: float) -> Tuple[int, int]:
+    """A hashable name for the place where lanes meet: its coordinates in tenths of a tile.
+
+    Every lane begins and ends 0.2 tiles beside the middle of a tile's side, so that rounding to
+    tenths is safe. Traffic keeps right, so that lanes which meet also agree in direction.
+    """
+    x, y = np.rint(np.asarray(point_m) * (10.0 / tile_size_m)).astype(int).tolist()
+    return x, y

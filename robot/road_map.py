@@ -14,6 +14,7 @@ from typing import Any, Dict, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
 from robot.geometry import Pose, wrap_angle
+from robot.lane_pose import LaneIndex
 from robot.lanes import Lane, tile_lanes
 from robot.map_objects import Grid, MapObject, number, numbers, read_objects, refuse_misspelt_keys
 from robot.tiles import Tile, parse_tile
@@ -68,6 +69,11 @@ class RoadMap:
             for tile in self.road_tiles
             for lane in tile_lanes(tile, self.tile_size_m, self.rows, reference=self.compat)
         )
+
+    @cached_property
+    def lane_index(self) -> LaneIndex:
+        """Finds the nearest points of all ``lanes``."""
+        return LaneIndex(self.lanes)
 
     def tile_at(self, x_m: float, y_m: float) -> Optional[Tile]:
         """The tile under a point of the world; None beyond the grid."""
