@@ -1,0 +1,154 @@
+"""What must hold for the robot to move: each input fresh, finite and plausible.
+
+Ages are by the robot's own monotonic clock, from arrival. An age that is NaN or negative (a clock
+that jumped) counts as too old.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Iterator, NamedTuple, Optional
+
+from robot.contract import MAX_WHEEL_MPS
+from robot.errors import ConfigError
+
+
+class Reason(Enum):
+    """Why the robot stands, or why it is in the state it is in."""
+
+    BOOT = "boot"
+    PERSON = "person"
+    ARRIVED = "arrived"
+    # Gates.
+    LOOP_LATE = "loop_late"
+    FRAME_STALE = "frame_stale"
+    FRAME_FROZEN = "frame_frozen"
+    NON_FINITE = "non_finite"
+    DUPLICATE_PUBLISHER = "duplicate_publisher"
+    POSE_JUMP = "pose_jump"
+    POSE_STALE = "pose_stale"
+    OFF_MAP = "off_map"
+    OFF_PATH = "off_path"
+    LINK_LOST = "link_lost"
+    MANUAL_STALE = "manual_stale"
+    # A part that raised an error.
+    CAMERA = "camera"
+    POLICY = "policy"
+    MOTORS = "motors"
+    NAVIGATOR = "navigator"
+    OPERATOR = "operator"
+    SUBSCRIBER = "subscriber"
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """When an input is too old. The defaults are where comparable products agree.
+
+    Raises:
+        ConfigError: a limit that is not positive, or a speed beyond the action table's.
+    """
+
+    frame_age_s: float = 0.2
+    frozen_frames: int = 5  # new frames with the same bytes while driving; above a camera's delay
+    loop_age_s: float = 0.2  # ArduPilot Rover disarms when its main loop stalls for 0.2 s
+    pose_age_s: float = 1.0
+    link_age_s: float = 1.0
+    manual_age_s: float = 0.5  # ros2_control's diff_drive, LeKiwi
+    max_wheel_mps: float = MAX_WHEEL_MPS
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 < value < math.inf:
+                raise ConfigError(f"{name}: expected a positive number, got {value}")
+        if self.max_wheel_mps > MAX_WHEEL_MPS:
+            raise ConfigError(
+                f"max_wheel_mps: expected at most {MAX_WHEEL_MPS:g} m/s, the fastest wheel of the "
+                f"action table, got {self.max_wheel_mps:g}"
+            )
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the gates look at. An age is infinite until its input has come once.
+
+    ``pose_age_s`` is None unless the robot navigates, ``link_age_s`` is None when it was started
+    without a link, ``manual_age_s`` is None until a person has driven by hand.
+    """
+
+    frame_age_s: float
+    frame_repeats: int = 0  # new frames in a row, each with the bytes of the one before
+    values_finite: bool = True
+    pose_age_s: Optional[float] = None
+    link_age_s: Optional[float] = None
+    manual_age_s: Optional[float] = None
+    off_path: bool = False
+    off_map: bool = False
+    pose_jump: bool = False
+    duplicate_publisher: bool = False
+
+
+class Trip(NamedTuple):
+    """A gate that does not hold, in words for a person."""
+
+    reason: Reason
+    sentence: str
+
+
+def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[Trip]:
+    """Every gate that does not hold, the gravest first.
+
+    Args:
+        inputs: as of now.
+        loop_age_s: since the gates were last looked at [s].
+        limits: the greatest ages that pass.
+    """
+    if _old(loop_age_s, limits.loop_age_s):
+        yield Trip(Reason.LOOP_LATE, _late("the control loop", loop_age_s, limits.loop_age_s))
+    if _old(inputs.frame_age_s, limits.frame_age_s):
+        sentence = _late("the camera's newest frame", inputs.frame_age_s, limits.frame_age_s)
+        yield Trip(Reason.FRAME_STALE, sentence)
+    if inputs.frame_repeats >= limits.frozen_frames:
+        yield Trip(
+            Reason.FRAME_FROZEN,
+            f"the camera sent the same picture {inputs.frame_repeats + 1} times while driving",
+        )
+    if not inputs.values_finite:
+        yield Trip(Reason.NON_FINITE, "the policy's values are not finite numbers")
+    yield from _pose_trips(inputs, limits)
+    if inputs.link_age_s is not None and _old(inputs.link_age_s, limits.link_age_s):
+        sentence = _late("the operator's last sign of life", inputs.link_age_s, limits.link_age_s)
+        yield Trip(Reason.LINK_LOST, sentence)
+    manual_age_s = math.inf if inputs.manual_age_s is None else inputs.manual_age_s
+    if _old(manual_age_s, limits.manual_age_s):
+        sentence = _late("the last manual command", manual_age_s, limits.manual_age_s)
+        yield Trip(Reason.MANUAL_STALE, sentence)
+
+
+def _pose_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
+    if inputs.duplicate_publisher:
+        sentence = "two localizers send poses of this robot; switch one off"
+        yield Trip(Reason.DUPLICATE_PUBLISHER, sentence)
+    if inputs.pose_jump:
+        sentence = "the overhead pose jumped farther than the robot can drive"
+        yield Trip(Reason.POSE_JUMP, sentence)
+    if inputs.pose_age_s is not None and _old(inputs.pose_age_s, limits.pose_age_s):
+        sentence = _late("the newest overhead pose", inputs.pose_age_s, limits.pose_age_s)
+        yield Trip(Reason.POSE_STALE, sentence)
+    if inputs.off_map:
+        yield Trip(Reason.OFF_MAP, "the robot is off the map")
+    if inputs.off_path:
+        yield Trip(Reason.OFF_PATH, "the robot has left its planned path")
+
+
+def _old(age_s: float, limit_s: float) -> bool:
+    return not 0.0 <= age_s <= limit_s
+
+
+def _late(what: str, age_s: float, limit_s: float) -> str:
+    if age_s == math.inf:
+        return f"{what} has not come yet"
+    if not age_s >= 0.0:
+        return f"{what} is dated in the future ({age_s:g} s): the clock jumped"
+    return f"{what} is {1e3 * age_s:.0f} ms old, more than {1e3 * limit_s:.0f} ms"

@@ -1,0 +1,54 @@
+"""Limits on what is asked of the wheels: pure functions from wanted to allowed.
+
+The figures leave the whole action table free, so that a policy drives for real as it did in
+simulation; they catch what no policy asks for.
+"""
+
+from __future__ import annotations
+
+import math
+
+from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
+from robot.errors import ContractError
+from robot.geometry import WheelSpeeds
+
+STILL = WheelSpeeds(0.0, 0.0)
+# From rest to the table's fastest wheel within one decision, and a quarter more.
+MAX_WHEEL_MPS2 = 1.25 * MAX_WHEEL_MPS / CONTROL_DT_S  # 3.8 m/s^2
+
+
+def limit_speed(wanted: WheelSpeeds, most_mps: float = MAX_WHEEL_MPS) -> WheelSpeeds:
+    """The same curve, slower where a wheel would exceed ``most_mps`` [m/s] either way.
+
+    Raises:
+        ContractError: a speed is NaN or infinite.
+    """
+    _check_finite(wanted)
+    fastest_mps = max(abs(speed) for speed in wanted)
+    if fastest_mps <= most_mps:
+        return wanted
+    scale = most_mps / fastest_mps
+    return WheelSpeeds(wanted.left_mps * scale, wanted.right_mps * scale)
+
+
+def limit_rate(
+    wanted: WheelSpeeds, last: WheelSpeeds, dt_s: float, most_mps2: float = MAX_WHEEL_MPS2
+) -> WheelSpeeds:
+    """``wanted``, but each wheel at most ``most_mps2`` x ``dt_s`` away from ``last``.
+
+    Only for driving: a stop is a stop, and never goes through here.
+
+    Raises:
+        ContractError: a speed or the time step is NaN, infinite or negative.
+    """
+    _check_finite(wanted)
+    _check_finite(last)
+    if not 0.0 <= dt_s < math.inf:
+        raise ContractError(f"dt_s: expected a time step of 0 s or more, got {dt_s}")
+    step_mps = most_mps2 * dt_s
+    return WheelSpeeds(*(min(max(w, v - step_mps), v + step_mps) for w, v in zip(wanted, last)))
+
+
+def _check_finite(wheels: WheelSpeeds) -> None:
+    if not all(math.isfinite(speed) for speed in wheels):
+        raise ContractError(f"wheel speeds: expected two finite numbers [m/s], got {tuple(wheels)}")
