@@ -10,6 +10,7 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
+from sim_pybullet.look import LightLook
 
 LEVELS = 8  # of the floor's mip pyramid
 MAX_TAPS = 4  # samples along a pixel's longer axis on the floor
@@ -19,7 +20,8 @@ LOD_BIAS = -0.3  # bilinear interpolation blurs by itself: a slightly finer leve
 
 @dataclass(frozen=True)
 class PixelRays:
-    """Unit directions (H, W, 3) in the robot frame; ``seen`` (H, W): the lens has such a pixel."""
+    """Unit directions (H, W, 3) in the robot frame, straight up where the lens has no such pixel:
+    ``seen`` (H, W) is False there."""
 
     directions: np.ndarray
     seen: np.ndarray
@@ -51,7 +53,7 @@ def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
     rays = lens.unproject(pixels)
     error = np.abs(lens.project(rays) - pixels).max(axis=-1)
     seen = np.isfinite(rays).all(axis=-1) & (error < 0.5)
-    directions = np.where(seen[..., None], rays, (0.0, 0.0, 1.0)) @ rig.mount.rotation.T
+    directions = np.where(seen[..., None], rays @ rig.mount.rotation.T, (0.0, 0.0, 1.0))
     directions.setflags(write=False)
     return PixelRays(directions, seen)
 
@@ -122,6 +124,6 @@ def sky_share(rays: PixelRays) -> np.ndarray:
     return np.sqrt(np.clip(rays.directions[..., 2], 0.0, 1.0))
 
 
-def floor_shade(ambient: float, diffuse: float, elevation_rad: float) -> float:
+def floor_shade(light: LightLook) -> float:
     """Brightness of the level floor under the far light (Lambert's law)."""
-    return ambient + diffuse * max(0.0, math.sin(elevation_rad))
+    return light.ambient + light.diffuse * max(0.0, math.sin(light.elevation_rad))
