@@ -68,11 +68,11 @@ class RayCamera:
     def render(self, poses: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading."""
         poses = self._checked(poses)
-        pictures = np.empty((len(poses), *self._skies.shape[1:]), np.uint8)
+        pictures = np.empty((len(poses), *self.shape), np.uint8)
+        flat = pictures.reshape(len(poses), -1, 3)
         with self._using_threads() as threads:
             blocks = max(1, -(-2 * threads // len(poses)))
-            draw_floor(pictures, self._skies, self._floor_views(poses), self._tables.floor, blocks)
-            pictures = pictures.reshape(len(poses), *self.shape)
+            draw_floor(flat, self._skies, self._floor_views(poses), self._tables.floor, blocks)
             views = self._solid_views(poses)
             if len(views.rows):
                 draw_solids(pictures, views)
@@ -81,10 +81,10 @@ class RayCamera:
     def segment(self, poses: np.ndarray) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
         poses = self._checked(poses)
-        labels = np.zeros((len(poses), self._skies.shape[1]), np.uint8)
+        labels = np.zeros((len(poses), *self.shape[:2]), np.uint8)
         with self._using_threads():
-            label_floor(labels, self._floor_views(poses), self._tables.floor)
-            labels = labels.reshape(len(poses), *self.shape[:2])
+            flat = labels.reshape(len(poses), -1)
+            label_floor(flat, self._floor_views(poses), self._tables.floor)
             views = self._solid_views(poses)
             if len(views.rows):
                 label_solids(labels, views)

@@ -89,7 +89,9 @@ def gather_solids(scenes: list[Scene]) -> SolidRows:
             total += len(scene.solids)
             tables.append(solid_rows(scene.solids))
     first, last = np.array([spans[id(scene)] for scene in scenes]).T
-    return SolidRows(np.concatenate(tables), np.ascontiguousarray(first), np.ascontiguousarray(last))
+    return SolidRows(
+        np.concatenate(tables), np.ascontiguousarray(first), np.ascontiguousarray(last)
+    )
 
 
 def _grown(array: np.ndarray, axis: int, length: int) -> np.ndarray:

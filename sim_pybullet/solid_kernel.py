@@ -9,9 +9,24 @@ import numpy as np
 from numba import njit, prange
 
 from sim_pybullet import solid_table as column
-from sim_pybullet.solid_geometry import NO_HIT, Outline, hit, looks_into, outline, pixel_box, to_camera
+from sim_pybullet.solid_geometry import (
+    NO_HIT,
+    Outline,
+    hit,
+    looks_into,
+    outline,
+    pixel_box,
+    to_camera,
+)
 
-_X, _Y, _KIND, _RED, _GREEN, _BLUE = column.X, column.Y, column.KIND, column.RED, column.GREEN, column.BLUE
+_X, _Y, _KIND, _RED, _GREEN, _BLUE = (
+    column.X,
+    column.Y,
+    column.KIND,
+    column.RED,
+    column.GREEN,
+    column.BLUE,
+)
 
 
 class SolidViews(NamedTuple):
