@@ -1,0 +1,95 @@
+"""``MotorModel``: how fast robots really move after wheel speeds were commanded.
+
+After a delay, forward speed and turn rate follow the command with first-order lags of their own;
+gain, trim and noise of the wheels come on top. Without these it is gym-duckietown's model of the
+DB18 (u' = -5u + 1.5(R + L), w' = -4w + 15(R - L), in Euler steps of 1/30 s), step for step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from robot.contract import CONTROL_DT_S, DRIVE
+from sim_pybullet.look import DriveLook
+
+PHYSICS_STEPS = 3  # per decision
+PHYSICS_DT_S = CONTROL_DT_S / PHYSICS_STEPS
+
+
+class MotorModel:
+    """The motors of N robots, each after a ``DriveLook`` of its own.
+
+    Args:
+        n_robots: N.
+        dt_s: time between two calls of ``step``. A command that reaches the wheels within a step
+            counts for the rest of that step; a lag shorter than a step is none.
+    """
+
+    def __init__(self, n_robots: int, dt_s: float = PHYSICS_DT_S) -> None:
+        self._dt_s = dt_s
+        self._decay = np.zeros((n_robots, 2))  # of forward speed and turn rate, per step
+        self._gains = np.ones((n_robots, 2))  # left, right
+        self._turn_gain = np.ones(n_robots)
+        self._noise = np.zeros(n_robots)
+        self._delay = np.zeros(n_robots)  # steps
+        self._twists = np.zeros((n_robots, 2))
+        self._commands = np.zeros((1, n_robots, 2))  # a ring that holds the longest delay
+        self._now = 0
+        for i in range(n_robots):
+            self.reset(i, DriveLook())
+
+    def reset(self, i: int, look: DriveLook) -> None:
+        """Robot ``i`` stands still, with no command under way, and drives after ``look``."""
+        lags_s = (look.forward_lag_s, look.turn_lag_s)
+        self._decay[i] = [1.0 - self._dt_s / max(lag, self._dt_s) for lag in lags_s]
+        self._gains[i] = look.gain - look.trim, look.gain + look.trim
+        self._turn_gain[i] = look.turn_gain
+        self._noise[i] = look.noise
+        self._delay[i] = look.delay_s / self._dt_s
+        self._make_room(math.floor(self._delay[i]) + 2)
+        self._commands[:, i] = 0.0
+        self._twists[i] = 0.0
+
+    @property
+    def twists(self) -> np.ndarray:
+        """Forward speed [m/s] and turn rate [rad/s] now, (N, 2)."""
+        return self._twists.copy()
+
+    def step(self, wheel_mps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Advance by one time step under commanded wheel speeds.
+
+        Args:
+            wheel_mps: (N, 2) left and right rim speeds [m/s].
+            rng: draws the noise of the wheels.
+
+        Returns:
+            (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.
+        """
+        self._now = (self._now + 1) % len(self._commands)
+        self._commands[self._now] = wheel_mps
+        wheels = self._arrived() * self._gains
+        if self._noise.any():
+            wheels *= 1.0 + self._noise[:, None] * rng.standard_normal(wheels.shape)
+        forward = wheels.mean(axis=1)
+        turn = self._turn_gain * (wheels[:, 1] - wheels[:, 0]) / DRIVE.baseline_m
+        target = np.stack((forward, turn), axis=1)
+        self._twists = target + (self._twists - target) * self._decay
+        return self._twists.copy()
+
+    def _arrived(self) -> np.ndarray:
+        """The commands (N, 2) that the wheels have in this step, on average."""
+        whole = np.floor(self._delay).astype(int)
+        share = (self._delay - whole)[:, None]
+        robots, depth = np.arange(len(whole)), len(self._commands)
+        newer = self._commands[(self._now - whole) % depth, robots]
+        older = self._commands[(self._now - whole - 1) % depth, robots]
+        return (1.0 - share) * newer + share * older
+
+    def _make_room(self, depth: int) -> None:
+        missing = depth - len(self._commands)
+        if missing > 0:
+            oldest_first = np.roll(self._commands, -self._now - 1, axis=0)
+            self._commands = np.pad(oldest_first, ((missing, 0), (0, 0), (0, 0)))
+            self._now = depth - 1

@@ -1,0 +1,133 @@
+"""``Town``: the bodies of N robots and of what stands around them, in one PyBullet client."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+
+import numpy as np
+
+from robot.contract import DRIVE
+from robot.geometry import Pose
+from sim_pybullet.bullet import ROBOT, STATIC, Body, Bullet
+from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.scene import Solid
+
+URDF = Path(__file__).parent / "assets" / "duckpilot.urdf"
+Drive = Literal["planar", "wheels"]
+
+_WHEELS = ("left_wheel", "right_wheel")
+_WHEEL_TORQUE_NM = 0.5  # more than the tyres can pass on: wheels turn as they are told
+_SUBSTEPS = 4  # contact of a wheel with the floor needs about 1/120 s
+_APART_M = 100.0  # between the origins of two worlds in the client
+
+
+class Town:
+    """N robots among solids that do not move; robots pass through each other unless asked.
+
+    ``worlds`` are W lists of solids (`sim_pybullet.scene.Scene.solids`); every robot is in one of
+    them and knows no other. Poses in and out are in the frame of that world's map.
+
+    ``planar`` robots have a single body, upright by construction, whose velocity is set in every
+    step: they follow a twist exactly, until they meet something. Robots on ``wheels`` stand on
+    the floor and move by the friction of two driven wheels and a caster (for virtual hardware).
+
+    Args:
+        worlds: W sequences of solids.
+        n_robots: N. All begin at the origin of world 0, so ``place`` them.
+        drive: see above.
+        robots_collide: whether the robots of one world meet each other.
+        dt_s: time of one step [s].
+    """
+
+    def __init__(
+        self,
+        worlds: Sequence[Sequence[Solid]],
+        n_robots: int,
+        drive: Drive = "planar",
+        robots_collide: bool = False,
+        dt_s: float = PHYSICS_DT_S,
+    ) -> None:
+        self._dt_s = dt_s
+        self._wheels = drive == "wheels"
+        self._bullet = Bullet(dt_s, self._wheels, _SUBSTEPS if self._wheels else 1)
+        self._floor = self._bullet.add_floor() if self._wheels else -1
+        for world, solids in enumerate(worlds):
+            self._bullet.add_solids(solids, world * _APART_M, 0.0)
+        mask = STATIC | ROBOT if robots_collide else STATIC
+        self._bodies = [self._build_robot(mask) for _ in range(n_robots)]
+        self._origins = np.zeros((n_robots, 3))  # of each robot's world in the client
+        self._poses = np.zeros((n_robots, 3))
+        self._collided = np.zeros(n_robots, dtype=bool)
+        for i in range(n_robots):
+            self.place(i, Pose(0.0, 0.0, 0.0))
+
+    def close(self) -> None:
+        """Free the physics client."""
+        self._bullet.close()
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(N, 3): x [m], y [m], heading [rad] of each robot in its world."""
+        return self._poses.copy()
+
+    @property
+    def collided(self) -> np.ndarray:
+        """(N,) bool: whether the robot touched a solid (or, if asked, a robot) in the last step."""
+        return self._collided.copy()
+
+    def place(self, i: int, pose: Pose, world: int = 0) -> None:
+        """Put robot ``i`` down at rest in a world."""
+        self._origins[i, 0] = world * _APART_M
+        self._poses[i] = pose
+        self._collided[i] = False
+        x_m, y_m, heading_rad = self._origins[i] + self._poses[i]
+        self._bullet.place(self._bodies[i], x_m, y_m, heading_rad)
+
+    def step(self, twists: np.ndarray) -> None:
+        """Advance by one time step.
+
+        Args:
+            twists: (N, 2) forward speed [m/s] and turn rate [rad/s] that each robot is driven at.
+        """
+        if self._wheels:
+            self._bullet.spin(self._bodies, _wheel_rates(twists), _WHEEL_TORQUE_NM)
+        else:
+            self._bullet.glide(self._bodies, self._velocities(twists))
+        self._bullet.step()
+        self._poses = self._bullet.poses(self._bodies) - self._origins
+        touching = self._bullet.touching(ignored=self._floor)
+        self._collided = np.array([body.number in touching for body in self._bodies])
+
+    def _build_robot(self, mask: int) -> Body:
+        if self._wheels:
+            return self._bullet.load_robot(URDF, _WHEELS, mask)
+        return self._bullet.add_box_robot(*_chassis(), mask)
+
+    def _velocities(self, twists: np.ndarray) -> np.ndarray:
+        """(N, 3) over the floor: the chord of the arc that the twist makes in one step."""
+        forward, turn = np.asarray(twists, dtype=float).T
+        half = 0.5 * self._dt_s * turn
+        chord = forward * np.sinc(half / np.pi)
+        heading = self._poses[:, 2] + half
+        return np.stack((chord * np.cos(heading), chord * np.sin(heading), turn), axis=1)
+
+
+def _wheel_rates(twists: np.ndarray) -> np.ndarray:
+    """(N, 2) rates [rad/s] of left and right wheel for twists (N, 2)."""
+    forward, turn = np.asarray(twists, dtype=float).T
+    half = 0.5 * DRIVE.baseline_m * turn
+    return np.stack((forward - half, forward + half), axis=1) / DRIVE.wheel_radius_m
+
+
+def _chassis() -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Size and centre (x, y, z) [m] of the chassis' collision box, from the robot's URDF."""
+    link = next(ElementTree.parse(URDF).getroot().iterfind("link[@name='chassis']"))
+    origin, box = (next(link.iterfind(f"collision/{part}")) for part in ("origin", "geometry/box"))
+    return _triple(box.attrib["size"]), _triple(origin.attrib["xyz"])
+
+
+def _triple(text: str) -> tuple[float, ...]:
+    return tuple(float(word) for word in text.split())
