@@ -1,5 +1,7 @@
 """The ten angles: range, sign, symmetry, and one implementation for one robot and for many."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Lane poses against the reference simulator's figures and against brute force."""
 
+from __future__ import annotations
+
 import json
 import math
 from pathlib import Path
@@ -48,7 +50,7 @@ def test_nearest_lane_along_the_heading(x: float, y: float, heading: float) -> N
     t = SAMPLES[np.hypot(*np.moveaxis(DENSE - (x, y), -1, 0)).argmin(axis=1)]
     tangents = np.array(
         [bezier_tangents(lane.control_points_m, np.array([u]))[0]
-         for lane, u in zip(TOWN.lanes, t, strict=True)]
+         for lane, u in zip(TOWN.lanes, t)]
     )  # fmt: skip
     angles = np.asarray(wrap_angle(heading - np.arctan2(tangents[:, 1], tangents[:, 0])))
     clearly_along = np.abs(angles) < math.pi / 2 - 0.05

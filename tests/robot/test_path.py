@@ -1,5 +1,7 @@
 """Paths: arc length, nearest points against brute force, batches against single paths."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path as FilePath
 
@@ -25,7 +27,7 @@ def brute_force(path: Path, x: float, y: float) -> float:
     ends = np.roll(path.points_m, -1, axis=0) if path.closed else path.points_m[1:]
     starts = path.points_m[: len(ends)]
     best = math.inf
-    for a, b in zip(starts, ends, strict=True):
+    for a, b in zip(starts, ends):
         along = np.clip(np.dot((x, y) - a, b - a) / np.dot(b - a, b - a), 0, 1)
         best = min(best, float(np.hypot(*(a + along * (b - a) - (x, y)))))
     return best

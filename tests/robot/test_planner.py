@@ -1,9 +1,11 @@
 """Routes: as cheap as Dijkstra's, without U-turns, continuous, and refused with a reason."""
 
+from __future__ import annotations
+
 import heapq
 import math
-from collections.abc import Iterator
 from pathlib import Path as FilePath
+from typing import Iterator
 
 import numpy as np
 import pytest
@@ -79,12 +81,12 @@ def test_plans_are_chains_of_lanes(all_maps: list[RoadMap]) -> None:
 def test_no_lane_turns_back_and_lanes_meet_in_the_same_direction(all_maps: list[RoadMap]) -> None:
     for road_map in all_maps:
         graph = LaneGraph(road_map)
-        for lane, (start, end) in zip(graph.lanes, graph.lane_nodes, strict=True):
+        for lane, (start, end) in zip(graph.lanes, graph.lane_nodes):
             tangents = bezier_tangents(lane.control_points_m, np.array([0.0, 1.0]))
             headings = np.arctan2(tangents[:, 1], tangents[:, 0])
             turn = wrap_angle(headings[1] - headings[0])
             assert abs(turn) < math.radians(100), "a U-turn"
-            for node, heading in zip((start, end), headings, strict=True):
+            for node, heading in zip((start, end), headings):
                 gap = wrap_angle(heading - graph.node_poses[node, 2])
                 assert abs(gap) < math.radians(1), "lanes meet at an angle"
 

@@ -1,10 +1,12 @@
 """Road maps against the reference simulator's figures, and refusals that say what is wrong."""
 
+from __future__ import annotations
+
 import json
 import math
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Dict
 
 import numpy as np
 import pytest
@@ -59,7 +61,7 @@ def test_objects_equal_the_reference_in_compat(data_dir: Path, oracle: dict[str,
         road_map = oracle_map(data_dir, name)
         solid = [thing for thing in road_map.objects if thing.kind != "floor_tag"]
         assert [thing.kind for thing in solid] == [o["kind"] for o in expected["objects"]]
-        for thing, other in zip(solid, expected["objects"], strict=True):
+        for thing, other in zip(solid, expected["objects"]):
             position = sim_to_world(other["pos"], road_map)
             np.testing.assert_allclose((thing.x_m, thing.y_m), position, atol=1e-6)
             turned = math.degrees(thing.heading_rad) - other["angle_deg"]
@@ -159,7 +161,7 @@ def test_every_pair_of_road_sides_has_one_lane_and_no_u_turn(kind: str) -> None:
 
 def side_of(point: np.ndarray) -> str:
     x, y = point
-    return next(s for s, gap in zip("SENW", (y, 1 - x, 1 - y, x), strict=True) if gap < 1e-9)
+    return next(s for s, gap in zip("SENW", (y, 1 - x, 1 - y, x)) if gap < 1e-9)
 
 
 @given(
@@ -175,7 +177,7 @@ def test_an_unknown_tile_is_named_with_its_place(row: int, column: int, word: st
     assert "curve_left" in str(error.value)
 
 
-GOOD: dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
+GOOD: Dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
 
 
 @pytest.mark.parametrize(
