@@ -180,6 +180,51 @@ def test_an_unknown_tile_is_named_with_its_place(row: int, column: int, word: st
 GOOD: Dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
 
 
+@given(
+    east=st.floats(0.0, 2.0),
+    south=st.floats(0.0, 3.0),
+    degrees=st.floats(-180.0, 180.0),
+)
+def test_the_position_forms_agree(east: float, south: float, degrees: float) -> None:
+    """One place, written in each of the four forms, in a grid of 3 rows and 2 columns."""
+    size_m = 0.6
+    x_m, y_m = east * size_m, (3 - south) * size_m
+    corner = (1 * size_m + 0.09, 2 * size_m + 0.035)  # slot 0 of tile [1, 2]
+    forms: Dict[str, Any] = {
+        "pos": {"pos": [east, south], "rotate": degrees},
+        "pose": {"pose": transform(x_m, y_m, degrees)},
+        "place": {
+            "place": {
+                "tile": [1, 0],
+                "relative": transform(x_m - 1.5 * size_m, y_m - 0.5 * size_m, degrees),
+            }
+        },
+        "attach": {
+            "attach": {"tile": [1, 2], "slot": 0},
+            "pose": transform(x_m - corner[0], y_m - corner[1], degrees),
+        },
+    }
+    objects = {name: {"kind": "duckie", **form} for name, form in forms.items()}
+    tiles = [["floor"] * 2] * 3
+    road_map = read_map({"tiles": tiles, "tile_size": size_m, "objects": objects}, "forms")
+    for thing in road_map.objects:
+        assert (thing.x_m, thing.y_m) == pytest.approx((x_m, y_m), abs=1e-9)
+        turned = thing.heading_rad - math.radians(degrees)
+        assert math.cos(turned) == pytest.approx(1.0)
+
+
+def transform(x_m: float, y_m: float, degrees: float) -> Dict[str, Any]:
+    return {"~SE2Transform": {"p": [x_m, y_m], "theta_deg": degrees}}
+
+
+def test_slots_are_in_metres_and_in_compat_in_tiles() -> None:
+    sign = {"kind": "sign_stop", "attach": {"tile": [1, 1], "slot": 3}}
+    data = {"tiles": [["floor"] * 2] * 2, "tile_size": 0.6, "objects": [sign]}
+    ours, theirs = (read_map(data, "slots", compat).objects[0] for compat in (False, True))
+    assert (ours.x_m, ours.y_m) == pytest.approx((0.6 - 0.09, 0.6 + 0.035))
+    assert (theirs.x_m, theirs.y_m) == pytest.approx((0.6 * (1 - 0.09), 0.6 * (1 + 0.035)))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
