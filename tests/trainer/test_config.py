@@ -1,0 +1,42 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from robot.errors import ConfigError
+from trainer.algorithms import build_policy
+from trainer.config import ALGORITHMS, preset
+from trainer.run import RunFolder
+
+PRESETS = ("paper", "fast", "debug")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_preset_builds_and_survives_its_file(
+    algorithm: str, name: str, tmp_path: Path
+) -> None:
+    config = replace(preset("lane", algorithm, name), seed=3, seconds=2.5)
+    if (algorithm, name) == ("dueling", "paper") or name != "paper":  # six million weights each
+        build_policy(config)
+    folder = RunFolder(tmp_path)
+    folder.create(config)
+    assert folder.load_config() == config
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (("lane", "dualing", "fast"), "'dueling'"),
+        (("lane", "ppo", "papper"), "'paper'"),
+        (("lain", "ppo", "fast"), "'lane'"),
+    ],
+)
+def test_a_typo_is_told_the_nearest_name(arguments: tuple[str, str, str], hint: str) -> None:
+    with pytest.raises(ConfigError, match=f"did you mean {hint}"):
+        preset(*arguments)
+
+
+def test_a_run_of_no_steps_is_refused() -> None:
+    with pytest.raises(ConfigError, match="steps >= 1"):
+        replace(preset("lane", "ppo", "fast"), steps=0)

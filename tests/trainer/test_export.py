@@ -1,0 +1,92 @@
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from robot.contract import PATH_POINTS, PolicyContract
+from robot.errors import ContractError
+from robot.policy import OnnxPolicy
+from trainer.algorithms import build_policy
+from trainer.config import ALGORITHMS, RunConfig, preset
+from trainer.export import check_equal, export_network, quantise
+from trainer.networks import GreedyNetwork
+
+
+def network_and_contract(config: RunConfig) -> tuple[GreedyNetwork, PolicyContract]:
+    torch.manual_seed(0)
+    contract = PolicyContract("lane", config.algorithm, config.image, score=0.95)
+    return GreedyNetwork(build_policy(config)), contract
+
+
+def observations(config: RunConfig, count: int) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return {"image": rng.integers(0, 256, (count, *config.image.shape), dtype=np.uint8)}
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_onnx_answers_as_torch_does(algorithm: str, tmp_path: Path) -> None:
+    config = preset("lane", algorithm, "fast")
+    network, contract = network_and_contract(config)
+    path = tmp_path / "model.onnx"
+    export_network(network, contract, path)
+    assert check_equal(network, path, observations(config, 64)) <= 1e-4
+    assert check_equal(network, path, observations(config, 1)) <= 1e-4
+    policy = OnnxPolicy(path)
+    assert policy.contract == contract
+    image = observations(config, 7)["image"]
+    assert (policy.act(image) == network.actions(image)).all()
+
+
+def test_a_robot_can_load_it(tmp_path: Path) -> None:
+    network, contract = network_and_contract(preset("lane", "dueling", "fast"))
+    export_network(network, contract, tmp_path / "model.onnx")
+    model = onnx.load(str(tmp_path / "model.onnx"))
+    assert model.ir_version <= 9
+    assert [(o.domain, o.version <= 17) for o in model.opset_import] == [("", True)]
+
+
+def test_another_network_is_noticed(tmp_path: Path) -> None:
+    config = preset("lane", "ddqn", "debug")
+    network, contract = network_and_contract(config)
+    export_network(network, contract, tmp_path / "model.onnx")
+    other = GreedyNetwork(build_policy(config))
+    with pytest.raises(ContractError, match="agree within"):
+        check_equal(other, tmp_path / "model.onnx", observations(config, 8))
+
+
+def test_int8_loads_where_fp32_does_and_chooses_alike(tmp_path: Path) -> None:
+    config = preset("lane", "dueling", "fast")
+    network, contract = network_and_contract(config)
+    export_network(network, contract, tmp_path / "model.onnx")
+    batch = observations(config, 256)
+    quantise(tmp_path / "model.onnx", batch, tmp_path / "int8.onnx")
+    policy = OnnxPolicy(tmp_path / "int8.onnx")
+    assert policy.contract == contract
+    model = onnx.load(str(tmp_path / "int8.onnx"))
+    assert model.ir_version <= 9
+    assert all(o.version <= 17 for o in model.opset_import if not o.domain)
+    values, exact = policy.values(batch["image"]), OnnxPolicy(tmp_path / "model.onnx")
+    error = np.abs(values - exact.values(batch["image"]))
+    assert error.mean() < 0.1 * exact.values(batch["image"]).std()
+
+
+def test_both_inputs_are_exported(tmp_path: Path) -> None:
+    from gymnasium import spaces
+
+    from trainer.algorithms import observation_space, policy_arguments, policy_class
+
+    config = preset("lane", "dueling", "debug")
+    path_space = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+    both = spaces.Dict({"image": observation_space(config), "path": path_space})
+    policy = policy_class(config)(
+        both, spaces.Discrete(5), lambda _: 1e-3, **policy_arguments(config)
+    )
+    network = GreedyNetwork(policy)
+    contract = PolicyContract("navigation", "dueling", config.image, path_points=PATH_POINTS)
+    export_network(network, contract, tmp_path / "model.onnx")
+    path = np.random.default_rng(0).uniform(-1, 1, (9, PATH_POINTS)).astype(np.float32)
+    batch = {**observations(config, 9), "path": path}
+    assert check_equal(network, tmp_path / "model.onnx", batch) <= 1e-4
+    assert OnnxPolicy(tmp_path / "model.onnx").values(batch["image"], path).shape == (9, 5)

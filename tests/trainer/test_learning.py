@@ -1,0 +1,129 @@
+"""Each algorithm learns a toy world in seconds, the same way each time."""
+
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+from stable_baselines3.common.env_checker import check_env
+
+from tests.trainer.toy import BrightColumn, ToyVecEnv, make_toy, toy_config, train_toy
+from trainer.algorithms import build_model, build_policy
+from trainer.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
+from trainer.config import RunConfig
+from trainer.dqn import DoubleDQN
+from trainer.networks import GreedyNetwork
+from trainer.run import RunFolder
+from trainer.train import train
+
+STEPS = {"ddqn": 4_000, "dueling": 4_000, "dagger": 3_000, "ppo": 8_000, "a2c": 16_000}
+
+
+@pytest.mark.filterwarnings("ignore:It seems that your observation")
+def test_toy_is_a_proper_environment() -> None:
+    check_env(BrightColumn())
+
+
+@pytest.mark.parametrize("algorithm", STEPS)
+def test_learns_the_toy(algorithm: str, tmp_path: Path) -> None:
+    metrics = train_toy(toy_config(algorithm, STEPS[algorithm]), tmp_path)
+    assert metrics.success_rate >= 0.9
+    assert metrics.train_steps <= STEPS[algorithm] + 256
+
+
+@pytest.mark.parametrize("algorithm", ["dueling", "ppo"])
+def test_learns_from_the_path_when_the_picture_is_empty(algorithm: str, tmp_path: Path) -> None:
+    def make_navigator(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
+        def one() -> gymnasium.Env:
+            return BrightColumn(with_path=True)
+
+        env = ToyVecEnv([one] * robots)
+        env.seed(seed)
+        return env
+
+    config = toy_config(algorithm, 3_000)
+    folder = RunFolder(tmp_path)
+    env = make_navigator(config, config.learn.robots, 0)
+    model = build_model(config, env, folder.replay)
+    model.learn(3_000 if algorithm == "dueling" else 6_000)
+    env.seed(99)
+    observation, rewards = env.reset(), []
+    for _ in range(32):
+        actions = GreedyNetwork(model.policy).actions(observation)
+        observation, reward, _, _ = env.step(actions)
+        rewards.append(reward)
+    assert np.mean(rewards) >= 0.9
+
+
+@pytest.mark.parametrize("algorithm", STEPS)
+def test_two_runs_with_one_seed_are_one_run(algorithm: str, tmp_path: Path) -> None:
+    def run(name: str, seed: int) -> tuple[list[tuple[int, float]], dict[str, torch.Tensor]]:
+        folder = tmp_path / name
+        train_toy(toy_config(algorithm, 400, seed), folder)
+        policy = build_policy(toy_config(algorithm, 400, seed))
+        load_policy(folder / "best.pt", policy)
+        episodes = [(e.step, e.reward) for e in RunFolder(folder).episodes()]
+        return episodes, policy.state_dict()
+
+    (first, weights), (second, same), (other, _) = run("a", 1), run("b", 1), run("c", 2)
+    assert first == second
+    assert first != other
+    assert all(torch.equal(weights[name], same[name]) for name in weights)
+
+
+@pytest.mark.parametrize("algorithm", STEPS)
+def test_a_checkpoint_brings_back_what_went_in(algorithm: str, tmp_path: Path) -> None:
+    config = toy_config(algorithm, 600)
+    model = build_model(config, make_toy(config, config.learn.robots, 0), tmp_path / "a")
+    model.learn(600)
+    save_checkpoint(tmp_path / "checkpoint.pt", model, TrainState(seconds=12.5))
+    fresh = build_model(config, make_toy(config, config.learn.robots, 0), tmp_path / "b")
+    state = load_checkpoint(tmp_path / "checkpoint.pt", fresh)
+    assert state == TrainState(seconds=12.5)
+    assert fresh.num_timesteps == model.num_timesteps
+    weights = fresh.policy.state_dict()
+    assert all(torch.equal(v, weights[k]) for k, v in model.policy.state_dict().items())
+    assert _flat(model.policy.optimizer.state_dict()) == _flat(fresh.policy.optimizer.state_dict())
+
+
+def _flat(state: dict) -> list[float]:
+    moments = [value for entry in state["state"].values() for value in entry.values()]
+    return [float(torch.as_tensor(value).sum()) for value in moments]
+
+
+def test_double_target_takes_the_choice_of_one_and_the_value_of_the_other(tmp_path: Path) -> None:
+    config = toy_config("ddqn", 1_000)
+    model = build_model(config, make_toy(config, 8, 0), tmp_path)
+    assert isinstance(model, DoubleDQN)
+    model.learn(300)  # past the warm-up: both networks differ
+    batch = model.replay_buffer.sample(64)  # type: ignore[union-attr]
+    with torch.no_grad():
+        following, target = (
+            net(batch.next_observations).numpy() for net in (model.q_net, model.q_net_target)
+        )
+        values = model.q_net(batch.observations).numpy()
+    rows = np.arange(64)
+    double = target[rows, following.argmax(1)]
+    going_on = ((1 - batch.dones) * batch.discounts)[:, 0].numpy()
+    wanted = batch.rewards[:, 0].numpy() + going_on * double
+    error = values[rows, batch.actions[:, 0]] - wanted
+    huber = np.where(np.abs(error) < 1, 0.5 * error**2, np.abs(error) - 0.5).mean()
+    model.replay_buffer.sample = lambda _: batch  # type: ignore[union-attr, method-assign]
+    assert model._update(64) == pytest.approx(float(huber), rel=1e-5)
+
+
+def test_a_time_budget_ends_a_run(tmp_path: Path) -> None:
+    now = [0.0]
+
+    def clock() -> float:
+        now[0] += 0.01
+        return now[0]
+
+    config = RunConfig(**{**vars(toy_config("ppo", 10**6)), "seconds": 5.0})
+    folder = RunFolder(tmp_path)
+    folder.create(config)
+    metrics = train(config, folder, make_toy, Console(quiet=True), clock)
+    assert metrics.stopped_by in ("seconds", "solved")
+    assert metrics.train_seconds < 6.0

@@ -1,0 +1,82 @@
+"""What a run must remember to go on: network, optimiser, counters and the record so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import BasePolicy
+
+from robot.typed_config import from_plain, to_plain
+from trainer.run import atomically
+
+_COUNTERS = ("num_timesteps", "_n_updates", "_n_calls", "_episode_num")
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """The outcome of one evaluation during training."""
+
+    step: int
+    seconds: float  # of training until then
+    success_rate: float
+    mean_reward: float
+    mean_steps: float  # decisions until the end of the episode
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Larger is better."""
+        return (self.success_rate, self.mean_reward)
+
+
+@dataclass
+class TrainState:
+    """The record of a run, kept in its checkpoint."""
+
+    seconds: float = 0.0  # wall clock of training, evaluations included
+    evaluation_seconds: float = 0.0
+    evaluations: list[Evaluated] = field(default_factory=list)
+    stopped_by: str = ""  # steps, seconds, solved or interrupted; empty while it runs
+
+    @property
+    def best(self) -> Evaluated | None:
+        """The evaluation whose policy is kept; of equals the first."""
+        return max(self.evaluations, key=lambda e: e.rank, default=None)
+
+
+def save_checkpoint(path: Path, model: BaseAlgorithm, state: TrainState) -> None:
+    """Atomically write everything but the replay buffer, which lies in files of its own."""
+    content = {
+        "policy": model.policy.state_dict(),
+        "optimizer": model.policy.optimizer.state_dict(),
+        "counters": {n: getattr(model, n) for n in _COUNTERS if hasattr(model, n)},
+        "state": to_plain(state),
+    }
+    with atomically(path) as temporary:
+        torch.save(content, temporary)
+
+
+def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
+    """Put a freshly built model back where `save_checkpoint` found it."""
+    content: dict[str, Any] = torch.load(path, map_location=model.device, weights_only=True)
+    model.policy.load_state_dict(content["policy"])
+    model.policy.optimizer.load_state_dict(content["optimizer"])
+    for name, value in content["counters"].items():
+        setattr(model, name, value)
+    state: TrainState = from_plain(TrainState, content["state"], where=str(path))
+    state.evaluations = list(state.evaluations)
+    return state
+
+
+def save_policy(path: Path, policy: BasePolicy) -> None:
+    """Atomically write the weights alone."""
+    with atomically(path) as temporary:
+        torch.save(policy.state_dict(), temporary)
+
+
+def load_policy(path: Path, policy: BasePolicy) -> None:
+    """Read what `save_policy` wrote, into a policy of the same shape."""
+    policy.load_state_dict(torch.load(path, map_location=policy.device, weights_only=True))

@@ -1,0 +1,184 @@
+"""What a run is: frozen dataclasses, and the presets ``paper``, ``fast`` and ``debug``.
+
+``paper`` is the network and picture of the Duckiebot paper (Figures 7 and 15), ``fast`` the same
+shape made small enough for two CPU cores, ``debug`` takes seconds and learns nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError, nearest
+
+T = TypeVar("T")
+
+_WHOLE_FRAME = ImageSpec()
+
+TASKS = ("lane",)
+
+
+@dataclass(frozen=True)
+class NetConfig:
+    """Widths of the network; kernels and strides are in `trainer.networks`."""
+
+    channels: tuple[int, int, int] = (16, 32, 32)  # of the three convolutions
+    image_fc: int = 256  # first fully connected layer, shared by actor and critic
+    path_fc: tuple[int, int] = (64, 128)  # the path branch, where there is one
+    head_fc: int = 128  # second fully connected layer, one per head
+
+
+@dataclass(frozen=True)
+class QConfig:
+    """Double DQN (van Hasselt et al. 2016), plain or dueling (Wang et al. 2016)."""
+
+    robots: int = 16
+    learning_rate: float = 5e-4
+    gamma: float = 0.95
+    n_step: int = 3
+    batch: int = 128
+    gradient_steps: int = 1  # per step of all robots
+    buffer: int = 40_000  # transitions
+    warm_up: int = 500  # random steps before the first update
+    target_tau: float = 0.01  # the target network follows by this share each step of all robots
+    epsilon_final: float = 0.02
+    epsilon_steps: int = 15_000  # from 1 to final
+    max_grad_norm: float = 10.0
+
+
+@dataclass(frozen=True)
+class PpoConfig:
+    """Proximal policy optimisation (Schulman et al. 2017)."""
+
+    robots: int = 32
+    learning_rate: float = 5e-4
+    gamma: float = 0.95
+    rollout: int = 64  # steps of each robot between updates
+    minibatch: int = 256
+    epochs: int = 3
+    gae_lambda: float = 0.9
+    clip: float = 0.2
+    entropy: float = 0.01
+    value: float = 0.5
+    max_grad_norm: float = 0.5
+
+
+@dataclass(frozen=True)
+class A2cConfig:
+    """Advantage actor-critic (Mnih et al. 2016, without the asynchrony)."""
+
+    robots: int = 32
+    learning_rate: float = 1e-3
+    gamma: float = 0.95
+    a2c_rollout: int = 8
+    gae_lambda: float = 0.9
+    entropy: float = 0.01
+    value: float = 0.5
+    max_grad_norm: float = 0.5
+
+
+@dataclass(frozen=True)
+class DaggerConfig:
+    """Imitation of the expert on the learner's own states (Ross et al. 2011)."""
+
+    robots: int = 16
+    learning_rate: float = 5e-4
+    batch: int = 128
+    dagger_every: int = 4  # steps of all robots between updates
+    gradient_steps: int = 2
+    buffer: int = 40_000
+    warm_up: int = 500
+    expert_steps: int = 2_000  # over which the expert's share of the driving falls from 1 to 0
+    random_share: float = 0.08  # of the actions, so that recoveries are seen
+    max_grad_norm: float = 10.0
+
+
+AlgorithmConfig = QConfig | PpoConfig | A2cConfig | DaggerConfig
+
+ALGORITHMS: Mapping[str, AlgorithmConfig] = {
+    "ddqn": QConfig(),
+    "dueling": QConfig(),
+    "a2c": A2cConfig(),
+    "ppo": PpoConfig(),
+    "dagger": DaggerConfig(),
+}
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """Greedy driving between updates: decides which policy is kept, and when to stop."""
+
+    episodes: int = 20  # one robot each
+    every_steps: int = 2_000
+    stop_after_perfect: int = 2  # evaluations in a row without a failure; 0 never stops
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that makes a run what it is; ``config.yaml`` of its folder."""
+
+    task: str
+    algorithm: str
+    preset: str
+    learn: AlgorithmConfig
+    maps: tuple[str, ...] = ("loop",)  # files, or names of shipped maps
+    seed: int = 0
+    steps: int = 200_000  # decisions of all robots together
+    seconds: float | None = None  # wall clock, over all resumptions
+    image: ImageSpec = _WHOLE_FRAME
+    net: NetConfig = NetConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+    look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
+    device: str = "cpu"  # of the network: cpu, cuda or auto
+    threads: int = 1  # of torch: with a second one small networks are slower, not faster
+
+    def __post_init__(self) -> None:
+        choose("task", self.task, dict.fromkeys(TASKS))
+        choose("algorithm", self.algorithm, ALGORITHMS)
+        if self.steps < 1 or (self.seconds is not None and self.seconds <= 0):
+            raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {self}")
+
+
+_PAPER_NET = NetConfig((32, 64, 64), image_fc=512, path_fc=(64, 128), head_fc=256)
+_FAST_IMAGE = ImageSpec(80, 60, crop_top_px=20)
+_DEBUG_NET = NetConfig((4, 4, 4), image_fc=16, path_fc=(8, 8), head_fc=16)
+
+
+def preset(task: str, algorithm: str, name: str) -> RunConfig:
+    """The named starting point of a run.
+
+    Raises:
+        ConfigError: an unknown name, with the nearest known one.
+    """
+    learn = choose("algorithm", algorithm, ALGORITHMS)
+    run = RunConfig(task, algorithm, name, learn, image=_FAST_IMAGE)
+    makers = {"paper": _paper, "fast": lambda config: config, "debug": _debug}
+    return choose("preset", name, makers)(run)
+
+
+def choose(what: str, name: str, valid: Mapping[str, T]) -> T:
+    """``valid[name]``, or a ConfigError that names the nearest choice."""
+    if name not in valid:
+        raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")
+    return valid[name]
+
+
+def _paper(run: RunConfig) -> RunConfig:
+    net = _PAPER_NET if run.task == "lane" else replace(_PAPER_NET, image_fc=256)
+    learn = run.learn
+    if isinstance(learn, (QConfig, DaggerConfig)):
+        learn = replace(learn, buffer=20_000)  # 58 kB a picture, each kept twice: 2.3 GB
+    return replace(run, image=_WHOLE_FRAME, net=net, learn=learn, steps=2_000_000, device="auto")
+
+
+def _debug(run: RunConfig) -> RunConfig:
+    small = {"robots": 4}
+    if isinstance(run.learn, (QConfig, DaggerConfig)):
+        small.update(buffer=1_000, warm_up=64, batch=16)
+    elif isinstance(run.learn, PpoConfig):
+        small.update(rollout=16, minibatch=32)
+    learn = replace(run.learn, **small)  # type: ignore[arg-type]
+    evaluation = EvaluationConfig(episodes=2, every_steps=256)
+    return replace(run, net=_DEBUG_NET, learn=learn, evaluation=evaluation, steps=512)

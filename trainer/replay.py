@@ -1,0 +1,158 @@
+"""A replay buffer that lies in files, so that it outlives its process.
+
+stable-baselines3's `NStepReplayBuffer` does the n-step arithmetic; here it only ever sees the
+numbers of the pictures, and the pictures stay where they are until a batch asks for them. That
+also gives it the dict observations which it does not have.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.buffers import NStepReplayBuffer
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.vec_env import VecNormalize
+
+from robot.errors import ConfigError
+
+_NUMBER = spaces.Box(0, np.iinfo(np.int64).max, shape=(), dtype=np.int64)
+_PICTURE = "image"
+
+
+class MappedReplayBuffer(NStepReplayBuffer):
+    """Transitions of N robots in memory-mapped files under ``folder``.
+
+    The file ``rows`` holds the number of rows ever written and is set after the row itself, so a
+    process that dies at any moment leaves at most one half-written row, which is repaired
+    when the next one opens it.
+    A folder that already holds a buffer of this shape is taken over with its contents.
+    """
+
+    def __init__(
+        self,
+        buffer_size: int,
+        observation_space: spaces.Space,
+        action_space: spaces.Space,
+        device: torch.device | str = "cpu",
+        n_envs: int = 1,
+        optimize_memory_usage: bool = False,
+        *,
+        folder: Path,
+        n_steps: int,
+        gamma: float,
+    ) -> None:
+        super().__init__(
+            buffer_size,
+            _NUMBER,
+            action_space,
+            device,
+            n_envs,
+            optimize_memory_usage,
+            n_steps=n_steps,
+            gamma=gamma,
+        )
+        self.folder = folder
+        self.taken_over = True
+        folder.mkdir(parents=True, exist_ok=True)
+        rows = (self.buffer_size, n_envs)
+        self.observations = np.arange(rows[0] * rows[1], dtype=np.int64).reshape(rows)
+        self.next_observations = self.observations
+        parts = _parts(observation_space)
+        _check_space(folder, 2 * sum(_bytes(part) for part in parts.values()) * rows[0] * n_envs)
+        self.seen = {k: self._map(k, rows + s.shape, s.dtype) for k, s in parts.items()}
+        self.seen_next = {
+            k: self._map(f"next_{k}", rows + s.shape, s.dtype) for k, s in parts.items()
+        }
+        for name in ("actions", "rewards", "dones", "timeouts"):
+            array = getattr(self, name)
+            setattr(self, name, self._map(name, array.shape, array.dtype))
+        self.rows = self._map("rows", (1,), np.dtype(np.int64))
+        self._reopen()
+
+    def add(
+        self,
+        obs: Any,
+        next_obs: Any,
+        action: np.ndarray,
+        reward: np.ndarray,
+        done: np.ndarray,
+        infos: list[dict[str, Any]],
+    ) -> None:
+        """One row: a transition of every robot."""
+        for store, observation in ((self.seen, obs), (self.seen_next, next_obs)):
+            for name, array in store.items():
+                is_dict = isinstance(observation, dict)
+                array[self.pos] = observation[name] if is_dict else observation
+        numbers = self.observations[self.pos]
+        super().add(numbers, numbers, action, reward, done, infos)
+        self.rows[0] += 1
+
+    def _get_samples(
+        self, batch_inds: np.ndarray, env: VecNormalize | None = None
+    ) -> ReplayBufferSamples:
+        samples = super()._get_samples(batch_inds, env)
+        return samples._replace(
+            observations=self._fetch(self.seen, samples.observations),
+            next_observations=self._fetch(self.seen_next, samples.next_observations),
+        )
+
+    def close(self, delete: bool = False) -> None:
+        """Let go of the files; a finished run has no more use for them."""
+        for name in ("seen", "seen_next", "actions", "rewards", "dones", "timeouts", "rows"):
+            delattr(self, name)
+        if delete:
+            shutil.rmtree(self.folder)
+
+    def _fetch(self, store: dict[str, np.ndarray], numbers: torch.Tensor) -> Any:
+        which = numbers.cpu().numpy()
+        batch = {
+            name: torch.from_numpy(array.reshape(-1, *array.shape[2:])[which]).to(self.device)
+            for name, array in store.items()
+        }
+        return batch if len(batch) > 1 else batch[_PICTURE]
+
+    def _map(self, name: str, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+        path = self.folder / name
+        size = int(np.prod(shape)) * dtype.itemsize
+        fits = path.exists() and path.stat().st_size == size
+        self.taken_over = self.taken_over and fits
+        # np.asarray: indexing a plain array is several times quicker than indexing a np.memmap
+        return np.asarray(np.memmap(path, dtype, mode="r+" if fits else "w+", shape=shape))
+
+    def _reopen(self) -> None:
+        """Take up an old buffer: its robots are gone, so its last transitions lead nowhere."""
+        if not self.taken_over:
+            self.rows[0] = 0
+        rows = int(self.rows[0])
+        self.full, self.pos = rows >= self.buffer_size, rows % self.buffer_size
+        if rows == 0:
+            return
+        last = self.pos - 1
+        self.timeouts[last] = np.maximum(self.timeouts[last], 1.0 - self.dones[last])
+        scalars = (self.actions, self.rewards, self.dones, self.timeouts)
+        for array in (*self.seen.values(), *self.seen_next.values(), *scalars):
+            array[self.pos] = array[last]  # may be half written
+
+
+def _parts(space: spaces.Space) -> dict[str, spaces.Box]:
+    found = dict(space.spaces) if isinstance(space, spaces.Dict) else {_PICTURE: space}
+    return {name: part for name, part in found.items() if isinstance(part, spaces.Box)}
+
+
+def _bytes(space: spaces.Box) -> int:
+    return int(np.prod(space.shape)) * space.dtype.itemsize
+
+
+def _check_space(folder: Path, needed: int) -> None:
+    present = sum(path.stat().st_size for path in folder.iterdir())
+    free = shutil.disk_usage(folder).free
+    if needed - present > free:
+        raise ConfigError(
+            f"replay buffer: expected {needed / 1e9:.1f} GB free under {folder}, "
+            f"got {free / 1e9:.1f}; choose a smaller buffer or another --out"
+        )

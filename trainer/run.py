@@ -1,0 +1,160 @@
+"""A run is a folder: every file that a training leaves, each written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from robot.errors import ConfigError
+from robot.typed_config import load_yaml, to_plain
+from trainer.config import RunConfig
+
+
+@contextmanager
+def atomically(path: Path) -> Iterator[Path]:
+    """A temporary path beside ``path`` that takes its place once the block has succeeded."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Atomically, a dataclass or plain data; NaN becomes null."""
+    with atomically(path) as temporary:
+        text = json.dumps(_without_nan(to_plain(data)), indent=2) + "\n"
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One line of ``progress.csv``."""
+
+    step: int  # decisions of all robots together when it ended
+    seconds: float  # of training until then
+    robot: int
+    reward: float  # summed
+    length: int  # decisions
+    success: bool
+
+
+class RunFolder:
+    """The paths of a run, and how each is written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config = path / "config.yaml"
+        self.checkpoint = path / "checkpoint.pt"
+        self.best = path / "best.pt"
+        self.replay = path / "replay"
+        self.progress = path / "progress.csv"
+        self.curve = path / "curve.png"
+        self.onnx = path / "model.onnx"
+        self.metrics = path / "metrics.json"
+        self.tensorboard = path / "tensorboard"
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.path.resolve().name
+
+    def create(self, config: RunConfig) -> None:
+        """Begin a run here.
+
+        Raises:
+            ConfigError: there is one already.
+        """
+        if self.config.exists():
+            raise ConfigError(
+                f"{self.path}: expected no run here yet, got one; "
+                "add --resume to go on with it, or choose another --out"
+            )
+        self.path.mkdir(parents=True, exist_ok=True)
+        with atomically(self.config) as temporary:
+            temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))
+
+    def load_config(self) -> RunConfig:
+        """The configuration that this run was begun with.
+
+        Raises:
+            ConfigError: no run lies here.
+        """
+        if not self.config.exists():
+            raise ConfigError(f"{self.path}: expected the folder of a run, found no config.yaml")
+        return load_yaml(RunConfig, self.config)
+
+    def episodes(self) -> list[Episode]:
+        """All of ``progress.csv``."""
+        if not self.progress.exists():
+            return []
+        with self.progress.open(newline="", encoding="utf-8") as file:
+            return [_episode(row) for row in csv.DictReader(file) if None not in row.values()]
+
+
+class EpisodeLog:
+    """Appends to ``progress.csv``; a run taken up again drops what came after its checkpoint."""
+
+    def __init__(self, folder: RunFolder, resumed_at: int = 0) -> None:
+        kept = [episode for episode in folder.episodes() if episode.step <= resumed_at]
+        with atomically(folder.progress) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(field.name for field in fields(Episode))
+            writer.writerows(_row(episode) for episode in kept)
+        self.count = len(kept)
+        self._file = folder.progress.open("a", newline="", encoding="utf-8")
+        self._writer = csv.writer(self._file)
+
+    def add(self, episode: Episode) -> None:
+        """One line; on disk after the next `flush`."""
+        self._writer.writerow(_row(episode))
+        self.count += 1
+
+    def flush(self) -> None:
+        """Hand the lines to the operating system."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """Flush and let go of the file."""
+        self._file.close()
+
+
+def _row(episode: Episode) -> tuple[str, ...]:
+    e = episode
+    return (
+        str(e.step),
+        f"{e.seconds:.2f}",
+        str(e.robot),
+        f"{e.reward:.4f}",
+        str(e.length),
+        str(int(e.success)),
+    )
+
+
+def _episode(row: dict[str, str]) -> Episode:
+    return Episode(
+        int(row["step"]),
+        float(row["seconds"]),
+        int(row["robot"]),
+        float(row["reward"]),
+        int(row["length"]),
+        row["success"] == "1",
+    )
