@@ -1,0 +1,83 @@
+"""An I2C bus: what the driver asks of one, and the real one under Linux.
+
+Implementations raise OSError as the kernel does (errno 121 when nobody acknowledges); the chip's
+driver turns that into a HardwareError that says what to check.
+"""
+
+from __future__ import annotations
+
+import errno
+import glob
+from typing import Protocol
+
+from robot.errors import HardwareError
+
+
+class I2cBus(Protocol):
+    """One I2C bus with 7-bit addresses; every call is one transaction, START to STOP."""
+
+    @property
+    def name(self) -> str:
+        """What a person calls this bus, such as ``/dev/i2c-1``."""
+
+    def write(self, address: int, data: bytes) -> None:
+        """Send all of ``data`` to ``address`` in one message."""
+
+    def read(self, address: int, register: int, count: int) -> bytes:
+        """Write the register's number, then read ``count`` bytes after a repeated START."""
+
+
+def bus_time_s(data_bytes: int, bus_hz: int) -> float:
+    """Time on the wire [s] of a write of ``data_bytes``: 9 bits per byte, address, START, STOP."""
+    return (9 * (data_bytes + 1) + 2) / bus_hz
+
+
+class SmbusBus:
+    """The bus ``/dev/i2c-<number>`` through smbus2.
+
+    Uses plain I2C messages: an SMBus block write ends at 32 bytes, and both motors take 41.
+
+    Raises:
+        HardwareError: there is no such bus, or this user may not use it.
+    """
+
+    def __init__(self, number: int) -> None:
+        from smbus2 import SMBus, i2c_msg
+
+        self.number = number
+        self._message = i2c_msg
+        try:
+            self._bus = SMBus(number)
+        except OSError as error:
+            raise HardwareError(self._cannot_open(error)) from error
+
+    @property
+    def name(self) -> str:
+        """The device file."""
+        return f"/dev/i2c-{self.number}"
+
+    def write(self, address: int, data: bytes) -> None:
+        """One write message; OSError from the kernel when it is not acknowledged."""
+        self._bus.i2c_rdwr(self._message.write(address, data))
+
+    def read(self, address: int, register: int, count: int) -> bytes:
+        """One write and one read message, joined by a repeated START."""
+        answer = self._message.read(address, count)
+        self._bus.i2c_rdwr(self._message.write(address, [register]), answer)
+        return bytes(answer)
+
+    def close(self) -> None:
+        """Give the device file back."""
+        self._bus.close()
+
+    def _cannot_open(self, error: OSError) -> str:
+        if error.errno == errno.EACCES:
+            return (
+                f"{self.name}: this user may not open it; "
+                "add the user to the group i2c (sudo usermod -aG i2c $USER) and log in again"
+            )
+        present = ", ".join(sorted(glob.glob("/dev/i2c-*"))) or "none"
+        return (
+            f"{self.name}: expected an I2C bus, got: {error.strerror or error}; "
+            f"present: {present}; pins 3 and 5 are bus 1 on a Jetson Nano, bus 7 on an Orin Nano"
+        )

@@ -1,0 +1,137 @@
+"""The figures of one robot's motors and HAT; ``docs/wiring.md`` tells how to find them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Dict, NamedTuple, Tuple
+
+from robot.contract import DRIVE
+from robot.errors import ConfigError, nearest
+from robot.geometry import DifferentialDrive
+from robot.hat.bus import bus_time_s
+from robot.hat.coils import MICROSTEPS
+
+BUS_SHARE_MAX = 0.8  # of the bus's time that stepping may take
+
+
+class Port(NamedTuple):
+    """PCA9685 channels of one pair of bridges (Adafruit 2348 and its 0x6F clones)."""
+
+    pwma: int
+    ain2: int
+    ain1: int
+    bin1: int
+    bin2: int
+    pwmb: int
+
+
+PORTS: Dict[str, Port] = {
+    "M1M2": Port(pwma=8, ain2=9, ain1=10, bin1=11, bin2=12, pwmb=13),
+    "M3M4": Port(pwma=2, ain2=3, ain1=4, bin1=5, bin2=6, pwmb=7),
+}
+
+
+@dataclass(frozen=True)
+class MotorConfig:
+    """Where one motor is plugged in, and whether its positive direction drives backwards."""
+
+    port: str
+    reversed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.port not in PORTS:
+            raise ConfigError(f"motor port: unknown {self.port!r}; {nearest(self.port, PORTS)}")
+
+    @property
+    def channels(self) -> Port:
+        """The port's channels."""
+        return PORTS[self.port]
+
+
+@dataclass(frozen=True)
+class HatConfig:
+    """All the settings of the motor side. Speeds are of the wheel's rim over the floor.
+
+    Raises:
+        ConfigError: a value out of range, or a combination that the bus cannot carry.
+    """
+
+    bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano
+    bus_hz: int = 100_000  # as the kernel sets it; a Nano's bus 1 runs at 100 kHz
+    addresses: Tuple[int, ...] = (0x6F, 0x60)  # tried in this order
+    left: MotorConfig = MotorConfig("M1M2")
+    right: MotorConfig = MotorConfig("M3M4", reversed=True)  # mounted as the left one's mirror
+    drive: DifferentialDrive = DRIVE
+    steps_per_rev: float = 48.0  # full steps per turn of the wheel: 7.5 degrees each
+    microsteps: int = 2  # per full step
+    run_duty: float = 1.0  # share of the supply voltage while stepping
+    hold_duty: float = 0.3  # the same while standing
+    acceleration_mps2: float = 0.8
+    start_stop_mps: float = 0.05  # speed that the motor can start at, or stop from, without a ramp
+    max_speed_mps: float = 0.4
+    hold_after_s: float = 0.25  # standing time until the coils drop to hold_duty
+    release_after_s: float = 60.0  # standing time until the coils are switched off
+    command_timeout_s: float = 0.5  # a wheel speed older than this is taken as zero
+
+    def __post_init__(self) -> None:
+        self._check_bus()
+        for name in _POSITIVE:
+            _expect(0.0 < getattr(self, name) < math.inf, name, "a positive number", self)
+        if self.microsteps not in MICROSTEPS:
+            raise ConfigError(f"microsteps: expected one of {MICROSTEPS}, got {self.microsteps}")
+        _expect(0.0 < self.run_duty <= 1.0, "run_duty", "0 < run_duty <= 1", self)
+        _expect(0.0 <= self.hold_duty < self.run_duty, "hold_duty", "0 <= hold < run_duty", self)
+        _expect(self.start_stop_mps <= self.max_speed_mps, "start_stop_mps", "<= maximum", self)
+        _expect(self.hold_after_s <= self.release_after_s, "hold_after_s", "<= release", self)
+        if self.left.port == self.right.port:
+            raise ConfigError(f"right.port: expected another port than left's {self.left.port}")
+        self._check_bus_share()
+
+    def _check_bus(self) -> None:
+        _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
+        _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
+        _expect(len(self.addresses) > 0, "addresses", "at least one address", self)
+        for address in self.addresses:
+            # The six address pins span 0x40-0x7F; 0x70 is the all-call address, 0x78 on reserved.
+            if not (0x40 <= address <= 0x77 and address != 0x70):
+                raise ConfigError(
+                    f"addresses: expected 0x40 to 0x77 but not 0x70, got 0x{address:02X}; "
+                    "the boards are sold as 0x6F or 0x60"
+                )
+
+    def _check_bus_share(self) -> None:
+        rate_hz = self.max_speed_mps / self.step_m
+        carries_hz = BUS_SHARE_MAX / bus_time_s(41, self.bus_hz)
+        if rate_hz > carries_hz:
+            raise ConfigError(
+                f"max_speed_mps {self.max_speed_mps:g} with microsteps {self.microsteps}: needs "
+                f"{rate_hz:.0f} updates per second, a bus of {self.bus_hz // 1000} kHz carries "
+                f"{carries_hz:.0f}; use fewer microsteps, a lower speed or a faster bus"
+            )
+
+    @property
+    def full_step_m(self) -> float:
+        """How far the rim moves in a full step [m]."""
+        return 2.0 * math.pi * self.drive.wheel_radius_m / self.steps_per_rev
+
+    @property
+    def step_m(self) -> float:
+        """How far the rim moves in a microstep, the unit of all step counts [m]."""
+        return self.full_step_m / self.microsteps
+
+
+_POSITIVE = (
+    "steps_per_rev",
+    "acceleration_mps2",
+    "start_stop_mps",
+    "max_speed_mps",
+    "hold_after_s",
+    "release_after_s",
+    "command_timeout_s",
+)
+
+
+def _expect(holds: bool, name: str, expected: str, config: HatConfig) -> None:
+    if not holds:
+        raise ConfigError(f"{name}: expected {expected}, got {getattr(config, name)!r}")

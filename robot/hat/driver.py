@@ -1,0 +1,206 @@
+"""The motors as the runtime sees them: wheel speeds in, steps and a pose out, off when in doubt."""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Iterator, Optional, Type
+
+from robot.errors import ContractError, HardwareError
+from robot.geometry import Pose, WheelSpeeds
+from robot.hat.clock import Clock
+from robot.hat.config import HatConfig
+from robot.hat.odometry import StepOdometry
+from robot.hat.stepper_hat import StepperHat
+from robot.hat.stepping import StepPlanner
+
+STILL = WheelSpeeds(0.0, 0.0)
+SETTLE_S = 0.3  # a rotor swings to the field's direction when its coils come on
+CHECK_PERIOD_S = 1.0  # between two looks whether the chip was reset
+ALL_OFF_ATTEMPTS = 3
+
+
+class MotorDriver:
+    """Drives both wheels; somebody must call ``pump`` at every deadline that it returns.
+
+    Used in a ``with`` block: entering finds the HAT, leaving switches every output off. A wheel
+    speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several threads
+    (``thread.MotorThread`` is).
+
+    Raises:
+        HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
+            message says that they could not be switched off. The driver stays off until ``open``.
+    """
+
+    def __init__(self, hat: StepperHat, config: HatConfig, clock: Clock) -> None:
+        self.config = config
+        self._hat = hat
+        self._clock = clock
+        self._planner = StepPlanner(config, clock.now())
+        self._odometry = StepOdometry(config.drive, config.step_m, Pose(0.0, 0.0, 0.0))
+        self._command = STILL
+        self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
+        self._fault: Optional[BaseException] = None
+
+    def __enter__(self) -> MotorDriver:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Find and set up the HAT, coils off; also the way back after a fault."""
+        self._fault = None
+        with self._off_on_error():
+            self._hat.open()
+            self._rest()
+
+    def close(self) -> None:
+        """Every output off; the last thing this driver says on the bus."""
+        self._rest()
+        self._all_off()
+
+    @property
+    def pose(self) -> Pose:
+        """Step odometry: where the robot is, from where it was when ``pose`` was last set."""
+        return self._odometry.pose
+
+    @pose.setter
+    def pose(self, pose: Pose) -> None:
+        self._odometry.pose = pose
+
+    @property
+    def speeds(self) -> WheelSpeeds:
+        """The speeds that the ramps have reached [m/s]."""
+        return self._planner.speeds(self._clock.now())
+
+    @property
+    def energised(self) -> bool:
+        """Whether the coils carry current."""
+        return self._hat.duty is not None
+
+    @property
+    def stalls(self) -> int:
+        """Times that ``pump`` came so late that a wheel had to start again."""
+        return self._planner.stalls
+
+    def set_wheels(self, wheels: WheelSpeeds) -> Optional[float]:
+        """Aim for these rim speeds [m/s]; returns the next deadline, as ``pump`` does.
+
+        Raises:
+            ContractError: a speed that is not finite, or beyond ``max_speed_mps``; nothing changes.
+        """
+        limit = self.config.max_speed_mps
+        if not all(math.isfinite(w) and abs(w) <= limit for w in wheels):
+            raise ContractError(f"wheel speeds: expected -{limit:g} to {limit:g} m/s, got {wheels}")
+        self._command = WheelSpeeds(float(wheels.left_mps), float(wheels.right_mps))
+        self._commanded_s = self._clock.now()
+        return self.pump(self._commanded_s)
+
+    def stop(self) -> None:
+        """No further step, without a ramp; the coils hold. Fast rotors may slip a few steps."""
+        self._rest()
+
+    def release(self) -> None:
+        """Stop and switch every output off; the wheels turn freely."""
+        self._refuse_after_fault()
+        self._rest()
+        self._all_off()
+
+    def pump(self, now_s: float) -> Optional[float]:
+        """Do what is due at ``now_s`` [s]; returns when to call again, None for never."""
+        self._refuse_after_fault()
+        with self._off_on_error():
+            if (
+                self._command != STILL
+                and now_s >= self._commanded_s + self.config.command_timeout_s
+            ):
+                self._command = STILL
+            if self._command != STILL and not self.energised:
+                self._wake(now_s)
+            self._planner.set_speeds(now_s, self._command if now_s >= self._settled_s else STILL)
+            steps = self._planner.advance(now_s)
+            if any(steps):
+                self._hat.move(steps)
+                self._odometry.add(steps)
+                self._moved_s = now_s
+            elif self.energised:
+                self._look_after_standing_coils(now_s)
+            return self._deadline_s(now_s)
+
+    def _wake(self, now_s: float) -> None:
+        self._hat.energise(self.config.run_duty)
+        self._settled_s = now_s + SETTLE_S
+        self._moved_s = self._checked_s = now_s
+
+    def _look_after_standing_coils(self, now_s: float) -> None:
+        if now_s >= self._checked_s + CHECK_PERIOD_S:
+            self._hat.check()
+            self._checked_s = now_s
+        if self._command != STILL or self._planner.deadline_s is not None:
+            return
+        if now_s >= self._moved_s + self.config.release_after_s:
+            self._hat.release()
+        elif now_s >= self._hold_from_s and self._hat.duty != self.config.hold_duty:
+            self._hat.energise(self.config.hold_duty)
+
+    @property
+    def _hold_from_s(self) -> float:
+        return self._moved_s + self.config.hold_after_s
+
+    def _deadline_s(self, now_s: float) -> Optional[float]:
+        if not self.energised:
+            return None
+        moments = [self._checked_s + CHECK_PERIOD_S]
+        step_s = self._planner.deadline_s
+        if step_s is not None:
+            moments.append(step_s)
+        if self._command != STILL:
+            moments.append(self._commanded_s + self.config.command_timeout_s)
+            if now_s < self._settled_s:
+                moments.append(self._settled_s)
+        elif step_s is None:
+            held = self._hat.duty == self.config.hold_duty
+            moments.append(
+                self._moved_s + self.config.release_after_s if held else self._hold_from_s
+            )
+        return min(moments)
+
+    def _rest(self) -> None:
+        self._command = STILL
+        self._planner.freeze(self._clock.now())
+
+    def _refuse_after_fault(self) -> None:
+        if self._fault is not None:
+            raise HardwareError(
+                f"the motors are off since: {self._fault}; open() the driver again"
+            ) from self._fault
+
+    @contextmanager
+    def _off_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException as error:
+            self._fault = error
+            self._rest()
+            self._all_off()
+            raise
+
+    def _all_off(self) -> None:
+        """Try, and try again: these three bytes are what stands between a fault and hot coils."""
+        for attempt in range(ALL_OFF_ATTEMPTS):
+            try:
+                self._hat.release()
+                return
+            except HardwareError as error:
+                if attempt == ALL_OFF_ATTEMPTS - 1:
+                    raise HardwareError(
+                        f"the coils could not be switched off, cut the motor supply: {error}"
+                    ) from error

@@ -1,0 +1,138 @@
+"""Driver of the NXP PCA9685, sixteen 12-bit PWM outputs (data sheet Rev. 4).
+
+Register auto-increment is on and outputs change on STOP, so that one write changes any run of
+channels at once. The chip has no watchdog: outputs stay as they are until somebody writes.
+"""
+
+from __future__ import annotations
+
+import errno
+from typing import NoReturn, Sequence
+
+from robot.errors import HardwareError
+from robot.hat.bus import I2cBus
+from robot.hat.clock import Clock
+
+MODE1, MODE2, LED0_ON_L, ALL_LED_OFF_H, PRE_SCALE = 0x00, 0x01, 0x06, 0xFD, 0xFE
+AUTO_INCREMENT, SLEEP = 0x20, 0x10  # bits of MODE1; ALLCALL stays 0: nobody else answers for us
+TOTEM_POLE = 0x04  # OUTDRV of MODE2; OCH = 0: outputs change on STOP
+FULL = 0x10  # bit 4 of ON_H and OFF_H: all on, all off
+COUNTS = 4096  # of one PWM period
+FASTEST_PRE_SCALE = 3  # 25 MHz / (4096 * 4) = 1526 Hz, the highest the chip can do
+OSCILLATOR_START_S = 500e-6  # section 7.3.1: before outputs may be used after waking
+
+
+def channel_register(channel: int) -> int:
+    """The first of a channel's four registers."""
+    return LED0_ON_L + 4 * channel
+
+
+def channel_bytes(level: float) -> bytes:
+    """ON_L, ON_H, OFF_L, OFF_H that hold an output high for ``level`` in [0, 1] of each period."""
+    counts = round(level * COUNTS)
+    if counts <= 0:
+        return bytes((0, 0, 0, FULL))
+    if counts >= COUNTS:
+        return bytes((0, FULL, 0, 0))
+    return bytes((0, 0, counts & 0xFF, counts >> 8))
+
+
+class Pca9685:
+    """One chip at a known address.
+
+    Raises:
+        HardwareError: from every method, when the bus reports an error or the chip answers wrongly.
+    """
+
+    def __init__(self, bus: I2cBus, address: int, clock: Clock) -> None:
+        self.bus = bus
+        self.address = address
+        self._clock = clock
+
+    @classmethod
+    def probe(cls, bus: I2cBus, addresses: Sequence[int], clock: Clock) -> Pca9685:
+        """The first of ``addresses`` where a PCA9685 answers.
+
+        Reads registers and never writes: a Tegra bus cannot send the empty message that other
+        probes use, and a stranger at the address is left alone.
+        """
+        for address in addresses:
+            chip = cls(bus, address, clock)
+            if chip._answers():
+                return chip
+        tried = ", ".join(f"0x{address:02X}" for address in addresses)
+        raise HardwareError(
+            f"{bus.name}: expected a PCA9685 at {tried}, nobody answered; check that the HAT is "
+            "seated and has 3.3 V, that the address jumpers match the configuration, and what "
+            f"`i2cdetect -y -r {bus.name.rsplit('-', 1)[-1]}` shows"
+        )
+
+    def initialise(self) -> None:
+        """Stop whatever ran before, then set frequency and modes; all outputs end low.
+
+        The prescaler can be written only while the oscillator sleeps.
+        """
+        self.all_off()
+        self._write(MODE1, bytes((SLEEP | AUTO_INCREMENT,)))
+        self._write(PRE_SCALE, bytes((FASTEST_PRE_SCALE,)))
+        self._write(MODE1, bytes((AUTO_INCREMENT,)))
+        self._write(MODE2, bytes((TOTEM_POLE,)))
+        self._clock.sleep(OSCILLATOR_START_S)
+        self.check()
+
+    def set_channels(self, first: int, levels: Sequence[float]) -> None:
+        """Set neighbouring outputs, from channel ``first`` on, in one transaction."""
+        self._write(channel_register(first), b"".join(channel_bytes(level) for level in levels))
+
+    def all_off(self) -> None:
+        """Every output low: one write of three bytes on the wire."""
+        self._write(ALL_LED_OFF_H, bytes((FULL,)))
+
+    def check(self) -> None:
+        """Read the modes back: a chip that lost its supply wakes asleep and drives nothing."""
+        for register, name, expected in (
+            (MODE1, "MODE1", AUTO_INCREMENT),
+            (MODE2, "MODE2", TOTEM_POLE),
+            (PRE_SCALE, "PRE_SCALE", FASTEST_PRE_SCALE),
+        ):
+            value = self._read(register)
+            if value != expected:
+                raise HardwareError(
+                    f"{self._where}: expected {name} = 0x{expected:02X}, got 0x{value:02X}; the "
+                    "chip was reset (a dip of its 3.3 V supply?) or another program writes to it"
+                )
+
+    @property
+    def _where(self) -> str:
+        return f"{self.bus.name}: PCA9685 at 0x{self.address:02X}"
+
+    def _answers(self) -> bool:
+        try:
+            self.bus.read(self.address, MODE1, 1)
+            mode2 = self.bus.read(self.address, MODE2, 1)[0]
+            pre_scale = self.bus.read(self.address, PRE_SCALE, 1)[0]
+        except OSError as error:
+            if error.errno in (errno.EREMOTEIO, errno.ENXIO):
+                return False
+            self._fail("probe", error)
+        # The upper bits of MODE2 always read 0; a real-time clock also lives at 0x6F.
+        return mode2 & 0xE0 == 0 and pre_scale >= FASTEST_PRE_SCALE
+
+    def _write(self, register: int, data: bytes) -> None:
+        try:
+            self.bus.write(self.address, bytes((register,)) + data)
+        except OSError as error:
+            self._fail(f"write of {len(data)} bytes to register 0x{register:02X}", error)
+
+    def _read(self, register: int) -> int:
+        try:
+            return self.bus.read(self.address, register, 1)[0]
+        except OSError as error:
+            self._fail(f"read of register 0x{register:02X}", error)
+
+    def _fail(self, what: str, error: OSError) -> NoReturn:
+        if error.errno in (errno.EREMOTEIO, errno.ENXIO):
+            advice = "not acknowledged: check the HAT's seat, its supply and the cable"
+        else:
+            advice = "the bus is stuck: look for a short on SDA or SCL, then cycle the power"
+        raise HardwareError(f"{self._where}: {what} failed ({error}); {advice}") from error

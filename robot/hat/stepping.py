@@ -1,0 +1,91 @@
+"""From wheel speeds to the moments of single steps, for both wheels. Pure: time is an argument."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Optional
+
+from robot.geometry import WheelSpeeds
+from robot.hat.config import HatConfig
+from robot.hat.ramp import RampLimits, WheelRamp
+
+LAG_MAX_FULL_STEPS = 0.5  # a rotor within half a step of the field still has most of its torque
+STALL_FULL_STEPS = 1.0  # a field that stood this much too long has stopped the rotor
+
+
+class Steps(NamedTuple):
+    """Microsteps of the two wheels, forward positive."""
+
+    left: int
+    right: int
+
+
+class StepPlanner:
+    """Plans the steps of both wheels from standing still at ``time_s``.
+
+    Deadlines come in closed form from the last change of speed, so a steady speed has no drift. A
+    caller who is late makes the motion wait, not hurry: a rotor that is hurried loses steps.
+    """
+
+    def __init__(self, config: HatConfig, time_s: float) -> None:
+        self._config = config
+        limits = RampLimits(
+            config.start_stop_mps / config.step_m, config.acceleration_mps2 / config.step_m
+        )
+        self._wheels = (WheelRamp(limits, time_s), WheelRamp(limits, time_s))
+        self._counts = [0, 0]
+        self.stalls = 0  # times that the caller was so late that a wheel had to start again
+
+    @property
+    def counts(self) -> Steps:
+        """All steps so far."""
+        return Steps(self._counts[0], self._counts[1])
+
+    @property
+    def deadline_s(self) -> Optional[float]:
+        """When the next step of either wheel is due; None while both stand."""
+        crossings = [w.next_crossing(n) for w, n in zip(self._wheels, self._counts)]
+        return min((c.time_s for c in crossings if c is not None), default=None)
+
+    def set_speeds(self, time_s: float, speeds: WheelSpeeds) -> None:
+        """Aim for these speeds [m/s] from ``time_s`` on; the same speeds again change nothing."""
+        for wheel, speed_mps in zip(self._wheels, speeds):
+            target = speed_mps / self._config.step_m
+            if target != wheel.target:
+                wheel.retarget(time_s, target)
+
+    def freeze(self, time_s: float) -> None:
+        """No further step, without a ramp: a fast wheel may slip past its last position."""
+        for wheel in self._wheels:
+            wheel.freeze(time_s)
+
+    def speeds(self, time_s: float) -> WheelSpeeds:
+        """The speeds that the ramps have reached [m/s]."""
+        left, right = (wheel.at(time_s)[1] * self._config.step_m for wheel in self._wheels)
+        return WheelSpeeds(left, right)
+
+    def advance(self, time_s: float) -> Steps:
+        """The steps due at ``time_s``, at most one per wheel; ask again until none is due."""
+        due = (self._step_due(0, time_s), self._step_due(1, time_s))
+        for index, step in enumerate(due):
+            self._counts[index] += step
+        return Steps(*due)
+
+    def _step_due(self, index: int, time_s: float) -> int:
+        wheel, count = self._wheels[index], self._counts[index]
+        crossing = wheel.next_crossing(count)
+        if crossing is None or crossing.time_s > time_s:
+            return 0
+        speed = abs(wheel.at(time_s)[1]) / self._config.microsteps  # [full steps/s]
+        late_s = time_s - crossing.time_s
+        wheel.pass_crossing(crossing)
+        if late_s * speed > STALL_FULL_STEPS:
+            wheel.restart(time_s, count + crossing.direction)
+            self.stalls += 1
+        elif late_s * speed > LAG_MAX_FULL_STEPS:
+            self._delay_both(late_s - LAG_MAX_FULL_STEPS / speed)
+        return crossing.direction
+
+    def _delay_both(self, shift_s: float) -> None:
+        """Both wheels wait, so that the robot keeps to its path."""
+        for wheel in self._wheels:
+            wheel.delay(shift_s)

@@ -1,0 +1,109 @@
+"""A thread that keeps a driver's deadlines while the rest of the robot looks and thinks."""
+
+from __future__ import annotations
+
+import threading
+from types import TracebackType
+from typing import Optional, Type
+
+from robot.errors import HardwareError
+from robot.geometry import Pose, WheelSpeeds
+from robot.hat.clock import Clock, MonotonicClock
+from robot.hat.driver import MotorDriver
+
+MIN_WAIT_S = 50e-6
+
+
+class MotorThread:
+    """The face of a MotorDriver that any thread may use, in a ``with`` block.
+
+    The driver's ``command_timeout_s`` stops the robot when the thread that commands it hangs. A
+    fault in the background switches the coils off at once and is raised by the next call.
+
+    Raises:
+        HardwareError: from every method, when the HAT failed.
+    """
+
+    def __init__(self, driver: MotorDriver, clock: Optional[Clock] = None) -> None:
+        self._driver = driver
+        self._clock = clock or MonotonicClock()
+        self._changed = threading.Condition()
+        self._running = False
+        self._fault: Optional[BaseException] = None
+        self._thread = threading.Thread(target=self._run, name="motors", daemon=True)
+
+    def __enter__(self) -> MotorThread:
+        self._driver.open()
+        self._running = True
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        with self._changed:
+            self._running = False
+            self._changed.notify()
+        self._thread.join()
+        self._driver.close()
+
+    def set_wheels(self, wheels: WheelSpeeds) -> None:
+        """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""
+        with self._changed:
+            self._raise_fault()
+            self._driver.set_wheels(wheels)
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """No further step, without a ramp; the coils hold."""
+        with self._changed:
+            self._raise_fault()
+            self._driver.stop()
+            self._changed.notify()
+
+    def release(self) -> None:
+        """Stop and switch every output off."""
+        with self._changed:
+            self._raise_fault()
+            self._driver.release()
+            self._changed.notify()
+
+    @property
+    def pose(self) -> Pose:
+        """The driver's step odometry."""
+        with self._changed:
+            return self._driver.pose
+
+    @pose.setter
+    def pose(self, pose: Pose) -> None:
+        with self._changed:
+            self._driver.pose = pose
+
+    @property
+    def healthy(self) -> bool:
+        """Whether the thread runs and no fault came up."""
+        return self._thread.is_alive() and self._fault is None
+
+    def _raise_fault(self) -> None:
+        if self._fault is not None:
+            raise HardwareError(f"motor thread: {self._fault}") from self._fault
+
+    def _run(self) -> None:
+        with self._changed:
+            while self._running:
+                try:
+                    deadline_s = self._driver.pump(self._clock.now())
+                except BaseException as error:  # noqa: BLE001  kept for the thread that commands
+                    self._fault = error
+                    return
+                self._wait_until(deadline_s)
+
+    def _wait_until(self, deadline_s: Optional[float]) -> None:
+        if deadline_s is None:
+            self._changed.wait()
+        else:
+            # Waiting lets the other threads in, so it must happen even when the deadline is past.
+            self._changed.wait(max(deadline_s - self._clock.now(), MIN_WAIT_S))

@@ -1,0 +1,25 @@
+"""Time that moves only when told to."""
+
+from __future__ import annotations
+
+import math
+
+
+class VirtualClock:
+    """A clock for lock-step simulation (``robot.hat.clock.Clock``)."""
+
+    def __init__(self, start_s: float = 0.0) -> None:
+        self._now_s = start_s
+
+    def now(self) -> float:
+        """Time since the simulation's beginning [s]."""
+        return self._now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Move on by ``duration_s`` [s]."""
+        self.advance_to(self._now_s + max(duration_s, 0.0))
+
+    def advance_to(self, time_s: float) -> None:
+        """Move on to ``time_s`` [s]; time never runs backwards."""
+        assert math.isfinite(time_s)
+        self._now_s = max(self._now_s, time_s)

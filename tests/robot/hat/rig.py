@@ -1,0 +1,67 @@
+"""A driver on virtual hardware in lock-step: the bench on which the motor side is tested."""
+
+from __future__ import annotations
+
+import math
+from typing import List, NamedTuple, Optional
+
+from robot.geometry import WheelSpeeds
+from robot.hat.config import HatConfig
+from robot.hat.driver import MotorDriver
+from robot.hat.stepper_hat import StepperHat
+from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import Transaction, VirtualI2cBus
+from sim_pybullet.virtual.lockstep import run_until
+from sim_pybullet.virtual.rotor import RotorModel
+
+ALL_OFF = b"\xfd\x10"
+REFRESH_S = 0.1  # as often as a policy decides
+
+
+class Rig(NamedTuple):
+    clock: VirtualClock
+    bus: VirtualI2cBus
+    hat: VirtualHat
+    driver: MotorDriver
+
+    def drive(self, left_mps: float, right_mps: float, duration_s: float) -> None:
+        """Command these speeds, refreshed as the runtime does, for a time."""
+        end_s = self.clock.now() + duration_s
+        while self.clock.now() < end_s - 1e-9:
+            self.driver.set_wheels(WheelSpeeds(left_mps, right_mps))
+            run_until(self.driver, self.clock, min(end_s, self.clock.now() + REFRESH_S))
+
+    def wait(self, duration_s: float) -> None:
+        """Command nothing for a time."""
+        run_until(self.driver, self.clock, self.clock.now() + duration_s)
+
+    def come_to_rest(self) -> None:
+        """Ramp down and let the rotors settle."""
+        self.drive(0.0, 0.0, 2.0)
+
+    @property
+    def rolled_m(self) -> List[float]:
+        """How far each wheel has rolled."""
+        radius_m = self.driver.config.drive.wheel_radius_m
+        return [float(angle) * radius_m for angle in self.hat.wheel_angles_rad]
+
+    @property
+    def last(self) -> Transaction:
+        """The last transaction on the bus."""
+        return self.bus.log[-1]
+
+
+def make_rig(config: Optional[HatConfig] = None, model: Optional[RotorModel] = None) -> Rig:
+    """A rig whose driver is not yet open; the bus takes its time, as a real one does."""
+    config = config or HatConfig()
+    clock = VirtualClock()
+    bus = VirtualI2cBus(config.bus_hz, clock)
+    model = model or RotorModel(steps_per_rev=config.steps_per_rev)
+    hat = VirtualHat(bus, clock, model=model)
+    return Rig(clock, bus, hat, MotorDriver(StepperHat(bus, config, clock), config, clock))
+
+
+def turns_apart(a_rad: float, b_rad: float) -> float:
+    """Distance of two angles around the circle [rad]."""
+    return abs(math.remainder(a_rad - b_rad, 2.0 * math.pi))

@@ -1,0 +1,42 @@
+import pytest
+
+from robot.contract import MAX_WHEEL_MPS
+from robot.errors import ConfigError
+from robot.hat.config import HatConfig
+from robot.typed_config import from_plain, to_plain
+
+
+def test_defaults_drive_every_action_and_survive_yaml() -> None:
+    config = HatConfig()
+    assert config.max_speed_mps >= MAX_WHEEL_MPS
+    assert from_plain(HatConfig, to_plain(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("plain", "message"),
+    [
+        ({"step_per_rev": 48}, "did you mean 'steps_per_rev'"),
+        ({"left": {"port": "M1M3"}}, "did you mean 'M1M2'"),
+        ({"right": {"port": "M1M2"}}, "another port than left's M1M2"),
+        ({"microsteps": 3}, "expected one of"),
+        ({"hold_duty": 1.0}, "0 <= hold < run_duty"),
+        ({"run_duty": 1.2}, "0 < run_duty <= 1"),
+        ({"start_stop_mps": 0.5}, "start_stop_mps: expected <= maximum"),
+        ({"acceleration_mps2": 0.0}, "a positive number"),
+        ({"acceleration_mps2": float("nan")}, "a positive number"),
+        ({"addresses": [0x3F]}, "sold as 0x6F or 0x60"),
+        ({"addresses": [0x70]}, "not 0x70"),
+        ({"addresses": []}, "at least one address"),
+        ({"bus": -1}, "the number of /dev/i2c"),
+        ({"bus_hz": 3_400_000}, "Fast-mode Plus"),
+        ({"microsteps": 4}, "376 updates per second, a bus of 100 kHz carries 211"),
+        ({"hold_after_s": 90.0}, "<= release"),
+    ],
+)
+def test_wrong_settings_are_refused_with_what_would_be_right(plain: dict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
+        from_plain(HatConfig, plain)
+
+
+def test_a_faster_bus_carries_more_microsteps() -> None:
+    assert HatConfig(microsteps=4, bus_hz=400_000).step_m == pytest.approx(0.00106, rel=0.01)

@@ -1,0 +1,252 @@
+import math
+
+import numpy as np
+import pytest
+from robot.contract import ACTION_WHEELS
+from robot.errors import ContractError, HardwareError
+from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
+from robot.hat.coils import ring_levels, ring_size
+from robot.hat.config import HatConfig
+from robot.hat.driver import SETTLE_S
+from sim_pybullet.virtual.i2c import BusFault
+
+from tests.robot.hat.rig import ALL_OFF, Rig, make_rig
+
+START_S = SETTLE_S + 0.01
+
+
+def ring_position(rig: Rig, first_channel: int, microsteps: int) -> int:
+    """Which row of the ring the chip's outputs show; fails when they show none."""
+    duty = [rig.hat.chip.outputs.duty(first_channel + i) for i in (0, 2, 1, 3)]
+    for i in range(ring_size(microsteps)):
+        if duty == pytest.approx(ring_levels(i, microsteps, max(duty)), abs=1e-3):
+            return i
+    raise AssertionError(f"no legal coil pattern: {duty}")
+
+
+@pytest.mark.parametrize("wheels", [(0.3, 0.3), (-0.2, 0.2), (0.1, 0.0), (-0.3, -0.15)])
+def test_wheels_turn_the_way_and_as_far_as_the_odometry_says(wheels: tuple) -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(wheels[0], wheels[1], 2.0)
+        rig.come_to_rest()
+        counts = rig.driver._planner.counts
+        step_m = rig.driver.config.step_m
+        assert rig.rolled_m == pytest.approx([n * step_m for n in counts], abs=0.6 * step_m)
+        assert [math.copysign(1, n) for n in counts if n] == [
+            math.copysign(1, w) for w in wheels if w
+        ]
+        assert rig.hat.lost_steps == (0, 0)
+
+
+def test_straight_driving_is_one_write_for_a_step_of_both_motors() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.0)
+        rig.bus.log.clear()
+        before = rig.driver._planner.counts
+        rig.drive(0.2, 0.2, 1.0)
+        steps = rig.driver._planner.counts.left - before.left
+        writes = [t for t in rig.bus.log if not t.read_count]
+        assert steps > 90
+        assert len(writes) == steps
+        assert {len(t.data) for t in writes} == {41}
+        assert {t.data[0] for t in writes} == {0x12}
+
+
+def test_coils_only_ever_move_one_place_around_the_ring() -> None:
+    rig, rng = make_rig(), np.random.default_rng(3)
+    seen = []
+    drive_coils = rig.hat.chip._after_change
+
+    def watch() -> None:
+        drive_coils()
+        if rig.driver.energised:
+            seen.append([ring_position(rig, first, 2) for first in (9, 3)])
+
+    rig.hat.chip._after_change = watch
+    with rig.driver:
+        for _ in range(12):
+            rig.drive(*rng.uniform(-0.4, 0.4, 2), 0.3)
+    assert len(seen) > 200
+    for before, after in zip(seen, seen[1:]):
+        assert all((b - a + 1) % 8 <= 2 for a, b in zip(before, after))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_step_is_lost_on_random_speed_profiles(seed: int) -> None:
+    rig, rng = make_rig(), np.random.default_rng(seed)
+    limit = rig.driver.config.max_speed_mps
+    with rig.driver:
+        for _ in range(20):
+            wheels = [
+                rng.uniform(-limit, limit, 2),
+                rng.choice([-limit, 0.0, limit], 2),
+                ACTION_WHEELS[rng.integers(5)],
+            ][rng.integers(3)]
+            rig.drive(*wheels, rng.uniform(0.05, 1.0))
+            assert rig.hat.lost_steps == (0, 0)
+        rig.come_to_rest()
+        expected = [n * rig.driver.config.step_m for n in rig.driver._planner.counts]
+        assert rig.rolled_m == pytest.approx(expected, abs=0.6 * rig.driver.config.step_m)
+
+
+def test_the_rotor_does_lose_steps_without_ramps() -> None:
+    rig = make_rig(HatConfig(start_stop_mps=0.4, acceleration_mps2=50.0))
+    with rig.driver:
+        rig.drive(0.0, 0.01, START_S)
+        rig.drive(0.4, 0.4, 1.0)
+        assert any(rig.hat.lost_steps)
+
+
+def test_a_square_returns_home() -> None:
+    quarter_steps = 38  # of each wheel for 90 degrees, exactly, on this axle
+    baseline_m = 4 * quarter_steps * HatConfig().step_m / math.pi
+    rig = make_rig(HatConfig(drive=DifferentialDrive(baseline_m=baseline_m)))
+    truth = Pose(0.0, 0.0, 0.0)  # from the wheels' angles instead of the steps
+
+    def drive(left_mps: float, right_mps: float, duration_s: float) -> None:
+        nonlocal truth
+        for _ in range(round(duration_s / 0.02)):
+            before = rig.rolled_m
+            rig.drive(left_mps, right_mps, 0.02)
+            left_m, right_m = np.subtract(rig.rolled_m, before)
+            truth = truth.moved((left_m + right_m) / 2, (right_m - left_m) / baseline_m)
+
+    with rig.driver:
+        drive(0.0, 1e-6, START_S)
+        for _ in range(4):
+            drive(0.2, 0.2, 1.5)
+            drive(0.0, 0.0, 1.0)
+            start = rig.driver._planner.counts.right
+            while rig.driver._planner.counts.right < start + quarter_steps:
+                drive(-0.04, 0.04, 0.02)
+            drive(0.0, 0.0, 1.0)
+        pose = rig.driver.pose
+    assert pose == pytest.approx(truth, abs=0.01)
+    turn_of_a_step_rad = rig.driver.config.step_m / baseline_m
+    assert abs(pose.heading_rad) < 4 * turn_of_a_step_rad
+    assert math.hypot(pose.x_m, pose.y_m) < 0.03
+
+
+def test_standing_coils_drop_to_hold_and_then_let_go() -> None:
+    rig = make_rig(HatConfig(release_after_s=5.0))
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        rig.come_to_rest()
+        duties = [rig.hat.chip.outputs.duty(channel) for channel in range(3, 13)]
+        coils = [duty for i, duty in enumerate(duties) if i not in (4, 5)]
+        assert max(coils) == pytest.approx(rig.driver.config.hold_duty, abs=1e-3)
+        rig.wait(5.0)
+        assert not rig.driver.energised
+        assert rig.last.data == ALL_OFF
+        assert not rig.hat.chip.outputs.any_high
+        rig.drive(0.1, 0.1, 1.0)
+        assert rig.driver.energised
+
+
+def test_an_old_command_stops_counting() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.3, 0.3, 2.0)
+        rig.wait(rig.driver.config.command_timeout_s + 1.0)
+        assert rig.driver.speeds == (0.0, 0.0)
+        assert rig.hat.lost_steps == (0, 0)
+
+
+def test_an_abandoned_robot_rolls_no_further_than_a_step() -> None:
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.3, 0.3, 2.0)
+    before = np.array(rig.rolled_m)
+    rig.clock.sleep(60.0)
+    assert rig.driver.energised
+    assert np.all(np.abs(np.array(rig.rolled_m) - before) <= 2 * rig.driver.config.full_step_m)
+
+
+def test_stop_holds_release_lets_go_and_both_can_be_repeated() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.05, 0.05, 1.0)
+        for _ in range(2):
+            rig.driver.stop()
+            rig.wait(0.1)
+            assert rig.driver.energised
+        assert rig.hat.lost_steps == (0, 0)
+        for _ in range(2):
+            rig.driver.release()
+            assert rig.last.data == ALL_OFF
+            assert not rig.hat.chip.outputs.any_high
+        counts = rig.driver._planner.counts
+        rig.wait(1.0)
+        assert rig.driver._planner.counts == counts
+
+
+@pytest.mark.parametrize("fault", list(BusFault))
+def test_a_bus_fault_is_told_and_leaves_every_output_off(fault: BusFault) -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.0)
+        rig.bus.inject(fault, count=2)
+        with pytest.raises(HardwareError, match="virtual I2C bus: PCA9685 at 0x6F"):
+            rig.drive(0.2, 0.2, 1.0)
+        assert not rig.hat.chip.outputs.any_high
+        with pytest.raises(HardwareError, match="the motors are off since"):
+            rig.driver.set_wheels(WheelSpeeds(0.1, 0.1))
+        rig.driver.open()
+        rig.drive(0.1, 0.1, 1.0)
+        assert rig.driver.energised
+    assert rig.last.data == ALL_OFF
+
+
+def test_a_dead_bus_is_told_as_such() -> None:
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.2, 0.2, 1.0)
+    rig.bus.inject(BusFault.STUCK, count=1000)
+    with pytest.raises(HardwareError, match="cut the motor supply"):
+        rig.drive(0.2, 0.2, 1.0)
+
+
+def test_an_exception_in_the_block_ends_with_all_off() -> None:
+    rig = make_rig()
+
+    def crash() -> None:
+        with rig.driver:
+            rig.drive(0.2, 0.2, 1.0)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        crash()
+    assert rig.last.data == ALL_OFF
+    assert not rig.hat.chip.outputs.any_high
+
+
+def test_a_chip_that_lost_its_supply_is_noticed() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.0)
+        rig.hat.chip.power_cycle()
+        with pytest.raises(HardwareError, match="the chip was reset"):
+            rig.drive(0.2, 0.2, 2.0)
+
+
+@pytest.mark.parametrize("wheels", [(math.nan, 0.0), (0.0, math.inf), (0.5, 0.0)])
+def test_impossible_speeds_are_refused_and_change_nothing(wheels: tuple) -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        with pytest.raises(ContractError, match=r"expected -0.4 to 0.4 m/s"):
+            rig.driver.set_wheels(WheelSpeeds(*wheels))
+        rig.wait(0.05)
+        assert rig.driver.speeds == pytest.approx((0.1, 0.1))
+
+
+def test_full_and_quarter_steps_turn_the_wheels_as_far() -> None:
+    for microsteps in (1, 4, 16):
+        rig = make_rig(HatConfig(microsteps=microsteps, bus_hz=1_000_000, max_speed_mps=0.1))
+        with rig.driver:
+            rig.drive(0.1, 0.1, 3.0)
+            rig.come_to_rest()
+            assert rig.driver.pose.x_m == pytest.approx(0.27, abs=0.02)
+            assert rig.rolled_m == pytest.approx([rig.driver.pose.x_m] * 2, abs=0.003)
