@@ -17,6 +17,7 @@ from robot.hat.stepping import StepPlanner
 
 STILL = WheelSpeeds(0.0, 0.0)
 SETTLE_S = 0.3  # a rotor swings to the field's direction when its coils come on
+BRAKE_S = 0.3  # standing fields brake a rolling robot; without current it would coast on
 CHECK_PERIOD_S = 1.0  # between two looks whether the chip was reset
 ALL_OFF_ATTEMPTS = 3
 
@@ -63,9 +64,14 @@ class MotorDriver:
             self._rest()
 
     def close(self) -> None:
-        """Every output off; the last thing this driver says on the bus."""
+        """Every output off, the last word on the bus; a rolling robot is held still before that."""
+        rolling = self.energised and self._planner.deadline_s is not None
         self._rest()
-        self._all_off()
+        try:
+            if rolling:
+                self._clock.sleep(BRAKE_S)
+        finally:
+            self._all_off()
 
     @property
     def pose(self) -> Pose:

@@ -1,7 +1,7 @@
 """A PCA9685 at the level of bytes on the wire (NXP data sheet Rev. 4; chapters are named below).
 
-Where the data sheet leaves the result of an access open, the model raises ChipMisuseError: a driver that
-does such a thing is wrong even if one chip puts up with it. Time comes from the clock, because
+Where the data sheet leaves the result of an access open, the model raises ChipMisuseError: a driver
+that does such a thing is wrong even if one chip puts up with it. Time comes from the clock, because
 waking takes 500 us and RESTART is set at the end of a PWM period.
 """
 
@@ -177,7 +177,7 @@ class Pca9685Registers:
             if now_s < self._awake_s + OSCILLATOR_START_S:
                 raise ChipMisuseError("RESTART within 500 us of waking (chapter 7.3.1.1)")
             self._restart_s = math.inf
-            self._refresh()
+        self._refresh()
 
     def _write_pwm(self, register: int, value: int) -> None:
         field = (register - LED0) % 4 if register < LED_END else register - ALL_LED
@@ -201,8 +201,7 @@ class Pca9685Registers:
         for channel in channels:
             registers = slice(4 * channel, 4 * channel + 4)
             self._latched[registers] = self._led[registers]
-        if not self.asleep:
-            self._refresh()
+        self._refresh()
 
     def _refresh(self) -> None:
         """Work out the outputs afresh, telling who watches them."""
@@ -211,7 +210,9 @@ class Pca9685Registers:
         else:
             outputs = PwmOutputs.from_registers(bytes(self._latched), bool(self._mode2 & INVRT))
             if not self._mode2 & OUTDRV and outputs.any_high:
-                raise ChipMisuseError("OUTDRV = 0: open drain cannot drive the bridges' inputs high")
+                raise ChipMisuseError(
+                    "OUTDRV = 0: open drain cannot drive the bridges' inputs high"
+                )
         if outputs != self._outputs:
             self._before_change()
             self._outputs = outputs

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError, HardwareError
 from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
@@ -9,7 +10,6 @@ from robot.hat.coils import ring_levels, ring_size
 from robot.hat.config import HatConfig
 from robot.hat.driver import SETTLE_S
 from sim_pybullet.virtual.i2c import BusFault
-
 from tests.robot.hat.rig import ALL_OFF, Rig, make_rig
 
 START_S = SETTLE_S + 0.01
@@ -154,14 +154,17 @@ def test_an_old_command_stops_counting() -> None:
         assert rig.hat.lost_steps == (0, 0)
 
 
-def test_an_abandoned_robot_rolls_no_further_than_a_step() -> None:
+@pytest.mark.parametrize(("speed_mps", "steps"), [(0.05, 1), (0.4, 16)])
+def test_an_abandoned_robot_stops_by_itself(speed_mps: float, steps: int) -> None:
+    """Nobody writes any more: the fields stand, and momentum carries the rotors at most so far."""
     rig = make_rig()
     rig.driver.open()
-    rig.drive(0.3, 0.3, 2.0)
-    before = np.array(rig.rolled_m)
+    rig.drive(speed_mps, speed_mps, 2.0)
+    before_m = np.array(rig.rolled_m)
     rig.clock.sleep(60.0)
     assert rig.driver.energised
-    assert np.all(np.abs(np.array(rig.rolled_m) - before) <= 2 * rig.driver.config.full_step_m)
+    full_step_m = rig.driver.config.full_step_m
+    assert np.abs(np.array(rig.rolled_m) - before_m).max() <= steps * full_step_m
 
 
 def test_stop_holds_release_lets_go_and_both_can_be_repeated() -> None:
@@ -218,6 +221,9 @@ def test_an_exception_in_the_block_ends_with_all_off() -> None:
 
     with pytest.raises(ZeroDivisionError):
         crash()
+    left_at_m = rig.rolled_m
+    rig.clock.sleep(10.0)
+    assert rig.rolled_m == pytest.approx(left_at_m, abs=0.01)
     assert rig.last.data == ALL_OFF
     assert not rig.hat.chip.outputs.any_high
 

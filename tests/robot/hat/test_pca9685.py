@@ -1,0 +1,99 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.errors import HardwareError
+from robot.hat.bench import hat_update_ms
+from robot.hat.bus import SmbusBus, bus_time_s
+from robot.hat.clock import MonotonicClock
+from robot.hat.config import HatConfig
+from robot.hat.pca9685 import Pca9685, channel_bytes
+from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
+from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
+from sim_pybullet.virtual.pwm import Output
+
+
+class RealTimeClockChip:
+    """A stranger that also lives at 0x6F, and must not be written to."""
+
+    def start(self, address: int, read: bool) -> bool:
+        return address == 0x6F
+
+    def write(self, value: int) -> bool:
+        assert value in (0x00, 0x01, 0xFE), "only a register number may be sent"
+        return True
+
+    def read(self) -> int:
+        return 0xE5
+
+    def stop(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("address", [0x6F, 0x60])
+def test_probe_finds_the_board_at_either_address_without_writing(address: int) -> None:
+    clock, bus = VirtualClock(), VirtualI2cBus()
+    bus.attach(Pca9685Registers(address, clock))
+    assert Pca9685.probe(bus, (0x6F, 0x60), clock).address == address
+    assert all(t.read_count == 1 and len(t.data) == 1 for t in bus.log)
+
+
+def test_nobody_there_is_told_with_what_to_check() -> None:
+    with pytest.raises(HardwareError, match=r"0x6F, 0x60, nobody answered; check that the HAT"):
+        Pca9685.probe(VirtualI2cBus(), (0x6F, 0x60), VirtualClock())
+
+
+def test_a_stranger_is_left_alone_and_a_stuck_bus_is_told() -> None:
+    clock, bus = VirtualClock(), VirtualI2cBus()
+    bus.attach(RealTimeClockChip())
+    with pytest.raises(HardwareError, match="nobody answered"):
+        Pca9685.probe(bus, (0x6F,), clock)
+    bus.inject(BusFault.STUCK)
+    with pytest.raises(HardwareError, match="the bus is stuck"):
+        Pca9685.probe(bus, (0x6F,), clock)
+
+
+def test_initialise_silences_a_chip_left_running_and_sets_the_fastest_pwm() -> None:
+    clock, bus = VirtualClock(), VirtualI2cBus()
+    registers = Pca9685Registers(0x6F, clock)
+    bus.attach(registers)
+    bus.write(0x6F, b"\x00\x21")
+    clock.sleep(0.001)
+    bus.write(0x6F, b"\x12\x00\x00\x00\x08")
+    assert registers.outputs.any_high
+    chip = Pca9685(bus, 0x6F, clock)
+    chip.initialise()
+    assert bus.read(0x6F, 0xFE, 1) == b"\x03"
+    assert not registers.outputs.any_high
+    chip.set_channels(3, [0.5, 1.0])
+    assert [registers.outputs.duty(c) for c in (3, 4, 5)] == [0.5, 1.0, 0.0]
+
+
+@given(st.floats(0.0, 1.0))
+def test_channel_bytes_give_the_duty_and_never_equal_counts(level: float) -> None:
+    output = Output.from_registers(channel_bytes(level), inverted=False)
+    high = sum(output.high(count) for count in range(4096))
+    assert abs(high / 4096 - level) <= 0.5 / 4096 + 1e-12
+
+
+def test_bus_times_are_those_of_nine_bits_per_byte() -> None:
+    assert bus_time_s(41, 100_000) == pytest.approx(3.80e-3)
+    assert bus_time_s(2, 100_000) == pytest.approx(0.29e-3)
+
+
+def test_an_absent_bus_is_told_with_the_right_numbers() -> None:
+    with pytest.raises(HardwareError, match="bus 1 on a Jetson Nano, bus 7 on an Orin Nano"):
+        SmbusBus(250)
+
+
+def test_update_bench_moves_no_wheel_and_ends_off() -> None:
+    bus = VirtualI2cBus()
+    hat = VirtualHat(bus, MonotonicClock())
+    times = hat_update_ms(bus, HatConfig(), MonotonicClock(), count=20)
+    assert times.bus_100khz_ms == pytest.approx(3.80)
+    assert times.bus_400khz_ms == pytest.approx(0.95)
+    assert 0.0 < times.host_ms < 50.0
+    assert hat.wheel_angles_rad.tolist() == [0.0, 0.0]
+    assert bus.log[-1].data == b"\xfd\x10"

@@ -1,0 +1,55 @@
+import time
+from typing import Callable, Tuple
+
+import pytest
+
+from robot.errors import HardwareError
+from robot.geometry import Pose, WheelSpeeds
+from robot.hat.clock import MonotonicClock
+from robot.hat.config import HatConfig
+from robot.hat.driver import MotorDriver
+from robot.hat.stepper_hat import StepperHat
+from robot.hat.thread import MotorThread
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
+from tests.robot.hat.rig import ALL_OFF
+
+
+@pytest.fixture
+def parts() -> Tuple[MotorThread, VirtualI2cBus, VirtualHat]:
+    clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
+    hat = VirtualHat(bus, clock)
+    driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
+    return MotorThread(driver), bus, hat
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tuple) -> None:
+    motors, bus, hat = parts
+    with motors:
+        motors.pose = Pose(1.0, 0.0, 0.0)
+        motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        wait_for(lambda: motors.pose.x_m > 1.02)
+        wait_for(lambda: motors._driver.speeds == (0.0, 0.0))
+        assert motors.healthy
+        assert hat.wheel_angles_rad.min() > 0.3
+    assert bus.log[-1].data == ALL_OFF
+
+
+def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None:
+    motors, bus, _ = parts
+    with motors:
+        motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        wait_for(lambda: motors.pose.x_m > 0.0)
+        bus.inject(BusFault.NACK)
+        wait_for(lambda: not motors.healthy)
+        assert bus.log[-1].data == ALL_OFF
+        for call in (motors.stop, motors.release, lambda: motors.set_wheels(WheelSpeeds(0, 0))):
+            with pytest.raises(HardwareError, match="check the HAT's seat"):
+                call()

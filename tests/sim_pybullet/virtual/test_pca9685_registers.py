@@ -1,0 +1,253 @@
+"""Each law of the data sheet that a driver could trip over, one by one."""
+
+import errno
+from collections.abc import Callable
+
+import pytest
+
+from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.i2c import VirtualI2cBus
+from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
+from sim_pybullet.virtual.pwm import ChipMisuseError
+
+ADDRESS, ALL_CALL = 0x6F, 0x70
+FULL_ON, FULL_OFF = bytes((0, 0x10, 0, 0)), bytes((0, 0, 0, 0x10))
+
+
+class Bench:
+    """A chip on a bus, with shorthands."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        self.bus = VirtualI2cBus()
+        self.chip = Pca9685Registers(ADDRESS, self.clock)
+        self.bus.attach(self.chip)
+
+    def write(self, register: int, *data: int, address: int = ADDRESS) -> None:
+        self.bus.write(address, bytes((register, *data)))
+
+    def read(self, register: int, count: int = 1, address: int = ADDRESS) -> bytes:
+        return self.bus.read(address, register, count)
+
+    def wake(self, mode1: int = 0x21) -> None:
+        self.write(0x00, mode1)
+        self.clock.sleep(500e-6)
+
+    def duty(self, channel: int) -> float:
+        return self.chip.outputs.duty(channel)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def refused(call: Callable[..., object], *arguments: object, **options: object) -> int:
+    """The errno that the bus answers with."""
+    with pytest.raises(OSError, match=r"\[Errno \d+\]") as caught:
+        call(*arguments, **options)
+    return caught.value.errno or 0
+
+
+def test_power_on_values(bench: Bench) -> None:
+    assert [bench.read(r)[0] for r in range(6)] == [0x11, 0x04, 0xE2, 0xE4, 0xE8, 0xE0]
+    assert [bench.read(0x06 + i)[0] for i in range(4)] == [0, 0, 0, 0x10]
+    assert bench.read(0xFE) == b"\x1e"
+    assert not bench.chip.outputs.any_high
+
+
+def test_nobody_at_another_address_and_no_empty_message(bench: Bench) -> None:
+    assert refused(bench.bus.write, 0x60, b"\x00") == errno.EREMOTEIO == 121
+    assert refused(bench.bus.read, 0x60, 0, 1) == 121
+    assert refused(bench.bus.write, ADDRESS, b"") == errno.EOPNOTSUPP
+    assert refused(bench.bus.read, ADDRESS, 0, 0) == errno.EOPNOTSUPP
+
+
+def test_without_auto_increment_every_byte_goes_to_one_register(bench: Bench) -> None:
+    bench.write(0x02, 0xA0, 0xB0, 0xC0)
+    assert bench.read(0x02) == b"\xc0"
+    assert bench.read(0x03) == b"\xe4"
+    assert bench.read(0x02, 3) == b"\xc0\xc0\xc0"
+
+
+def test_auto_increment_rolls_over_after_the_last_channel_and_after_pre_scale(
+    bench: Bench,
+) -> None:
+    bench.wake()
+    bench.write(0x42, 0, 0, 0, 0x08, 0x21, 0x0C, 0xAA)
+    assert bench.read(0x42, 7) == bytes((0, 0, 0, 0x08, 0x21, 0x0C, 0xAA))
+    assert bench.read(0xFA, 7) == bytes((0, 0, 0, 0, 0x1E, 0x21, 0x0C))
+
+
+def test_one_message_of_forty_bytes_sets_ten_channels(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x12, *(FULL_ON * 10))
+    assert [bench.duty(c) for c in range(16)] == [0.0] * 3 + [1.0] * 10 + [0.0] * 3
+
+
+def test_pre_scale_is_locked_while_awake_and_never_below_three(bench: Bench) -> None:
+    bench.write(0xFE, 1)
+    assert bench.read(0xFE) == b"\x03"
+    bench.wake()
+    bench.write(0xFE, 100)
+    assert bench.read(0xFE) == b"\x03"
+
+
+def test_read_only_bits_read_zero(bench: Bench) -> None:
+    bench.write(0x01, 0xE4)
+    assert bench.read(0x01) == b"\x04"
+    bench.write(0x03, 0xFF)
+    assert bench.read(0x03) == b"\xfe"
+    bench.write(0x00, 0x31)
+    bench.write(0x06, 1, 0xFF, 2, 0xEF)
+    assert bench.read(0x06, 4) == bytes((1, 0x1F, 2, 0x0F))
+
+
+@pytest.mark.parametrize("register", [0x46, 0x80, 0xF9])
+def test_reserved_registers_are_not_acknowledged(bench: Bench, register: int) -> None:
+    assert refused(bench.write, register, 0) == 121
+    assert refused(bench.read, register) == 121
+
+
+def test_test_mode_is_refused(bench: Bench) -> None:
+    with pytest.raises(ChipMisuseError, match="TestMode"):
+        bench.write(0xFF, 1)
+
+
+def test_full_off_wins_over_full_on(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x06, 0, 0x10, 0, 0x10)
+    assert bench.duty(0) == 0.0
+    bench.write(0x09, 0)
+    assert bench.duty(0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("on", "off", "duty"),
+    [(0, 1024, 0.25), (1024, 0, 0.75), (4095, 1, 2 / 4096), (1, 4095, 4094 / 4096)],
+)
+def test_duty_counts_from_on_to_off_around_the_period(
+    bench: Bench, on: int, off: int, duty: float
+) -> None:
+    bench.wake()
+    bench.write(0x0A, on & 0xFF, on >> 8, off & 0xFF, off >> 8)
+    assert bench.duty(1) == pytest.approx(duty)
+
+
+def test_equal_counts_are_a_mistake(bench: Bench) -> None:
+    bench.wake()
+    with pytest.raises(ChipMisuseError, match="both 7"):
+        bench.write(0x06, 7, 0, 7, 0)
+
+
+def test_all_led_writes_every_channel_and_reads_zero(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0xFA, 0, 0, 0, 0x08)
+    assert [bench.duty(c) for c in range(16)] == [0.5] * 16
+    assert bench.read(0xFA, 4) == bytes(4)
+    bench.write(0xFD, 0x10)
+    assert not bench.chip.outputs.any_high
+
+
+def test_outputs_change_on_stop_or_on_the_fourth_byte(bench: Bench) -> None:
+    bench.wake()
+    for mode2, early in ((0x04, 0.0), (0x0C, 1.0)):
+        bench.write(0x01, mode2)
+        bench.write(0x06, *FULL_OFF)
+        bench.chip.start(ADDRESS, read=False)
+        for byte in (0x06, *FULL_ON):
+            assert bench.chip.write(byte)
+        assert bench.duty(0) == early
+        bench.chip.stop()
+        assert bench.duty(0) == 1.0
+
+
+def test_open_drain_cannot_drive_the_bridges(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x01, 0x00)
+    with pytest.raises(ChipMisuseError, match="OUTDRV"):
+        bench.write(0x06, *FULL_ON)
+
+
+def test_inversion(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x06, 0, 0, 0, 0x04)
+    bench.write(0x01, 0x14)
+    assert bench.duty(0) == pytest.approx(0.75)
+    assert bench.duty(1) == 1.0
+
+
+def test_outputs_are_low_while_asleep_and_restart_brings_them_back(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x06, 0, 0, 0, 0x08)
+    bench.write(0x00, 0x31)
+    assert bench.duty(0) == 0.0
+    assert bench.read(0x00) == b"\x31"
+    bench.clock.sleep(0.006)  # longer than a period at 197 Hz
+    assert bench.read(0x00) == b"\xb1"
+    bench.wake(0x21)
+    assert bench.duty(0) == 0.0
+    assert bench.read(0x00) == b"\xa1"
+    bench.write(0x00, 0xA1)
+    assert bench.duty(0) == 0.5
+    assert bench.read(0x00) == b"\x21"
+
+
+def test_a_pwm_write_ends_restart(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x06, 0, 0, 0, 0x08)
+    bench.write(0x00, 0x31)
+    bench.clock.sleep(0.006)
+    bench.wake(0x21)
+    bench.write(0x0A, *FULL_ON)
+    assert bench.read(0x00) == b"\x21"
+    assert (bench.duty(0), bench.duty(1)) == (0.5, 1.0)
+
+
+def test_no_restart_without_running_pwm(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x06, *FULL_ON)
+    bench.write(0x00, 0x31)
+    bench.clock.sleep(0.006)
+    assert bench.read(0x00) == b"\x31"
+
+
+def test_impatience_after_waking_is_a_mistake(bench: Bench) -> None:
+    bench.write(0x00, 0x21)
+    bench.clock.sleep(499e-6)
+    with pytest.raises(ChipMisuseError, match="500 us"):
+        bench.write(0x06, *FULL_ON)
+
+
+def test_external_clock_sticks_until_reset(bench: Bench) -> None:
+    bench.wake()
+    bench.write(0x00, 0x61)
+    assert bench.read(0x00) == b"\x21"
+    bench.write(0x00, 0x31)
+    bench.write(0x00, 0x71)
+    bench.write(0x00, 0x21)
+    assert bench.read(0x00) == b"\x61"
+    bench.write(0x06, address=0x00)
+    assert bench.read(0x00) == b"\x11"
+
+
+def test_the_all_call_address_answers_while_enabled(bench: Bench) -> None:
+    bench.write(0x01, 0x0C, address=ALL_CALL)
+    assert bench.read(0x01) == b"\x0c"
+    bench.write(0x00, 0x20)
+    assert refused(bench.write, 0x01, 0x04, address=ALL_CALL) == 121
+    bench.write(0x00, 0x28)
+    bench.write(0x01, 0x04, address=0x71)
+    assert bench.read(0x01) == b"\x04"
+
+
+def test_software_reset_reaches_every_chip_and_needs_the_right_byte(bench: Bench) -> None:
+    other = Pca9685Registers(0x60, bench.clock)
+    bench.bus.attach(other)
+    for address in (ADDRESS, 0x60):
+        bench.write(0x00, 0x20, address=address)
+    assert refused(bench.bus.write, 0x00, b"\x05") == 121
+    assert refused(bench.bus.write, 0x00, b"\x06\x06") == 121
+    assert bench.read(0x00) == b"\x20"
+    bench.bus.write(0x00, b"\x06")
+    assert bench.read(0x00) == bench.read(0x00, address=0x60) == b"\x11"
