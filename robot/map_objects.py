@@ -101,7 +101,7 @@ def _read_object(name: str, entry: Any, grid: Grid, where: str) -> MapObject:
         raise MapError(f"{where}: expected a mapping with kind and a position, got {entry!r}")
     refuse_misspelt_keys(entry, _KEYS, where)
     kind = entry.get("kind")
-    if kind not in NATURAL_HEIGHT_M:
+    if not isinstance(kind, str) or kind not in NATURAL_HEIGHT_M:
         raise MapError(f"{where}: unknown kind {kind!r}; {nearest(str(kind), NATURAL_HEIGHT_M)}")
     x_m, y_m, heading_rad = _place(entry, grid, where)
     color = entry.get("color")
@@ -231,7 +231,7 @@ def _tag(data: Any, where: str) -> Optional[Tag]:
     content = data.get("~TagInstance", data) if isinstance(data, dict) else data
     try:
         return Tag(str(content["family"]), float(content["size"]), int(content["tag_id"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise MapError(
             f"{where}: tag: expected ~TagInstance with family, size and tag_id, got {data!r}"
         ) from error
@@ -239,9 +239,12 @@ def _tag(data: Any, where: str) -> Optional[Tag]:
 
 def number(value: Any, where: str) -> float:
     """A finite number as float; MapError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise MapError(f"{where}: expected a number, got {value!r}")
-    return float(value)
+    try:
+        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # an int beyond any float
+        pass
+    raise MapError(f"{where}: expected a number, got {value!r}")
 
 
 def numbers(value: Any, count: int, where: str) -> List[float]:

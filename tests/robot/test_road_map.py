@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections import defaultdict
@@ -10,7 +11,7 @@ from typing import Any, Dict
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import MapError
@@ -177,6 +178,7 @@ def test_an_unknown_tile_is_named_with_its_place(row: int, column: int, word: st
     assert "curve_left" in str(error.value)
 
 
+INFINITE_TAG = {"family": "36h11", "size": 1, "tag_id": math.inf}
 GOOD: Dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
 
 
@@ -247,6 +249,40 @@ def test_bad_maps_are_refused(change: dict[str, Any], message: str) -> None:
         read_map({**GOOD, **change}, "bad")
 
 
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=6),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["tile", "slot", "p", "~SE2Transform", "x"]), inner)
+    ),
+    max_leaves=6,
+)
+KEYS = (
+    "kind",
+    "pos",
+    "pose",
+    "place",
+    "attach",
+    "rotate",
+    "height",
+    "scale",
+    "static",
+    "color",
+    "tag",
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    changes=st.dictionaries(st.sampled_from([*GOOD, "start_tile", "start_pose"]), JUNK, max_size=2),
+    thing=st.dictionaries(st.sampled_from(KEYS), JUNK, max_size=3),
+)
+def test_junk_is_refused_as_a_bad_map_or_read(changes: Any, thing: Any) -> None:
+    objects = [{"kind": "duckie", "pos": [1, 1], **thing}]
+    with contextlib.suppress(MapError):
+        read_map({**GOOD, "objects": objects, **changes}, "junk")
+
+
 def test_a_map_needs_its_tile_size() -> None:
     with pytest.raises(MapError, match="tile_size is missing"):
         read_map({"tiles": [["floor"]]}, "bad")
@@ -257,6 +293,9 @@ def test_a_map_needs_its_tile_size() -> None:
     [
         ({"kind": "duck", "pos": [1, 1]}, "unknown kind 'duck'; did you mean 'duckie'"),
         ({"pos": [1, 1]}, "unknown kind None"),
+        ({"kind": ["duckie"], "pos": [1, 1]}, "unknown kind"),
+        ({"kind": "duckie", "pos": [1, 10**400]}, "expected a number"),
+        ({"kind": "duckie", "pos": [1, 1], "tag": INFINITE_TAG}, "~TagInstance"),
         ({"kind": "duckie"}, "expected one position"),
         ({"kind": "duckie", "pos": [1, 1], "pose": {}}, "got pos and pose"),
         ({"kind": "duckie", "pos": [1]}, "expected 2 numbers"),
