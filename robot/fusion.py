@@ -200,5 +200,5 @@ def _mahalanobis(innovation: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _regular(covariance: np.ndarray) -> np.ndarray:
-    """The same with a trace of variance, so that a robot never measured does not stop the others."""
+    """The same with a trace of variance, so that an unknown robot does not stop the others."""
     return np.nan_to_num(covariance) + 1e-12 * np.eye(3)
