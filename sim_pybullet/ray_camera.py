@@ -65,27 +65,33 @@ class RayCamera:
         self._lights[i] = light_row(light)
         self._tables.put(i, rig, ground.texel_m)
 
-    def render(self, poses: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading."""
-        poses = self._checked(poses)
+    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+        """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
+
+        With ``robots``, indices of some of them, poses and pictures are only theirs.
+        """
+        skies = self._skies if robots is None else self._skies[robots]
+        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
+        poses = self._checked(poses, len(robots))
         pictures = np.empty((len(poses), *self.shape), np.uint8)
         flat = pictures.reshape(len(poses), -1, 3)
         with self._using_threads() as threads:
             blocks = max(1, -(-2 * threads // len(poses)))
-            draw_floor(flat, self._skies, self._floor_views(poses), self._tables.floor, blocks)
-            views = self._solid_views(poses)
+            draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
+            views = self._solid_views(poses, robots)
             if len(views.rows):
                 draw_solids(pictures, views)
         return pictures
 
     def segment(self, poses: np.ndarray) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
-        poses = self._checked(poses)
+        robots = np.arange(len(self._scenes))
+        poses = self._checked(poses, len(robots))
         labels = np.zeros((len(poses), *self.shape[:2]), np.uint8)
         with self._using_threads():
             flat = labels.reshape(len(poses), -1)
-            label_floor(flat, self._floor_views(poses), self._tables.floor)
-            views = self._solid_views(poses)
+            label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
+            views = self._solid_views(poses, robots)
             if len(views.rows):
                 label_solids(labels, views)
         return labels
@@ -96,34 +102,37 @@ class RayCamera:
                 return floor[2]
         return mip_texture(ground, shade)
 
-    def _checked(self, poses: np.ndarray) -> np.ndarray:
+    def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
         poses = np.ascontiguousarray(poses, dtype=np.float64)
         ready = sum(scene is not None for scene in self._scenes)
-        if poses.shape != (len(self._scenes), 3) or ready < len(self._scenes):
+        if poses.shape != (robots, 3) or ready < len(self._scenes):
             raise ValueError(
-                f"RayCamera: expected poses ({len(self._scenes)}, 3) and set_robot for each robot, "
+                f"RayCamera: expected poses ({robots}, 3) and set_robot for each robot, "
                 f"got poses {poses.shape} and {ready} robots set"
             )
         return poses
 
-    def _floor_views(self, poses: np.ndarray) -> FloorViews:
-        west, north, texel = self._origins.T
+    def _floor_views(self, poses: np.ndarray, robots: np.ndarray) -> FloorViews:
+        west, north, texel = self._origins[robots].T
         x, y, heading = poses.T
         placed = np.stack(
             ((x - west) / texel, (north - y) / texel, np.cos(heading), np.sin(heading)), axis=-1
         )
-        return FloorViews(placed, self._tables.slots, self._addresses, self._levels)
+        slots = self._tables.slots[robots]
+        return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
-    def _solid_views(self, poses: np.ndarray) -> SolidViews:
+    def _solid_views(self, poses: np.ndarray, robots: np.ndarray) -> SolidViews:
         if self._solids is None:
             self._solids = gather_solids([scene for scene in self._scenes if scene is not None])
         tables = self._tables
         return SolidViews(
             poses,
-            self._eyes,
-            self._lights,
-            *self._solids,
-            tables.slots,
+            self._eyes[robots],
+            self._lights[robots],
+            self._solids.rows,
+            self._solids.first[robots],
+            self._solids.last[robots],
+            tables.slots[robots],
             tables.directions,
             tables.angles,
             tables.cells,

@@ -134,6 +134,21 @@ def test_robots_keep_their_own_scene_and_rig() -> None:
         worlds.reverse()
 
 
+def test_some_robots_alone_see_what_they_see_among_all() -> None:
+    scenes = [
+        build_scene(load_map("town"), Look(sky=SkyLook(horizon_rgb=rgb)), np.random.default_rng(0))
+        for rgb in ((250.0, 10.0, 10.0), (10.0, 10.0, 250.0))
+    ]
+    camera = RayCamera(SMALL, 4)
+    for i in range(4):
+        look = Look(camera=CameraLook(height_m=0.1 + 0.01 * i))
+        camera.set_robot(i, scenes[i % 2], look.rig())
+    poses = np.random.default_rng(0).uniform((0.5, 0.5, -3.0), (4.0, 4.0, 3.0), (4, 3))
+    some = np.array([3, 1])
+    assert_array_equal(camera.render(poses[some], some), camera.render(poses)[some])
+    assert_array_equal(camera.render(poses[::-1], np.arange(4)[::-1]), camera.render(poses)[::-1])
+
+
 def test_above_the_horizon_is_sky_and_far_away_is_outside() -> None:
     scene = smooth_scene()
     camera = camera_on(scene, NOMINAL.rig(), ImageSpec(160, 120))
