@@ -66,6 +66,15 @@ def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
     model.policy.optimizer.load_state_dict(content["optimizer"])
     for name, value in content["counters"].items():
         setattr(model, name, value)
+    return _state(content, path)
+
+
+def read_state(path: Path) -> TrainState:
+    """The record in a checkpoint."""
+    return _state(torch.load(path, map_location="cpu", weights_only=True), path)
+
+
+def _state(content: dict[str, Any], path: Path) -> TrainState:
     state: TrainState = from_plain(TrainState, content["state"], where=str(path))
     state.evaluations = list(state.evaluations)
     return state

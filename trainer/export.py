@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,26 +11,58 @@ import onnx
 import torch
 from onnxruntime import InferenceSession
 from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
-from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import PATH_POINTS, PolicyContract
-from robot.errors import ContractError
-from trainer.checkpoint import TrainState
+from robot.errors import ConfigError, ContractError
+from trainer.algorithms import build_policy
+from trainer.checkpoint import load_policy, read_state
 from trainer.config import RunConfig
+from trainer.greedy import collect_observations
 from trainer.networks import GreedyNetwork
 from trainer.run import RunFolder, atomically
 
 OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10
-TOLERANCE = 1e-4
+TOLERANCE = 1e-4  # of a value
+CHECKED_FRAMES = 1_000
 
 
-def export_policy(
-    policy: BasePolicy, config: RunConfig, folder: RunFolder, state: TrainState
-) -> None:
-    """Write ``model.onnx`` of a run."""
-    best = state.best
-    contract = PolicyContract(
+@dataclass(frozen=True)
+class Exported:
+    """What an export was checked with."""
+
+    frames: int  # observations from the environment
+    largest_difference: float  # between torch and ONNX, in values
+    int8_same_choice: float  # share of the frames where INT8 and FP32 choose alike
+
+
+def export_run(folder: RunFolder, config: RunConfig, env: VecEnv, int8: bool = True) -> Exported:
+    """Write ``model.onnx`` (and ``model_int8.onnx``) of a run's kept policy.
+
+    Raises:
+        ConfigError: the run has kept no policy yet.
+        ContractError: torch and ONNX disagree on some frame of ``env``.
+    """
+    if not folder.best.exists():
+        raise ConfigError(f"{folder.path}: expected a policy that an evaluation kept, found none")
+    policy = build_policy(config)
+    load_policy(folder.best, policy)
+    network = GreedyNetwork(policy)
+    export_network(network, _contract(folder, config), folder.onnx)
+    frames = collect_observations(network, env, CHECKED_FRAMES, np.random.default_rng(config.seed))
+    difference = check_equal(network, folder.onnx, frames)
+    agreement = float("nan")
+    if int8:
+        quantise(folder.onnx, frames, folder.onnx_int8)
+        choices = [run_onnx(path, frames).argmax(1) for path in (folder.onnx, folder.onnx_int8)]
+        agreement = float((choices[0] == choices[1]).mean())
+    return Exported(CHECKED_FRAMES, difference, agreement)
+
+
+def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
+    best = read_state(folder.checkpoint).best
+    return PolicyContract(
         task=config.task,
         algorithm=config.algorithm,
         image=config.image,
@@ -38,7 +71,6 @@ def export_policy(
         trained_steps=best.step if best else 0,
         score=best.success_rate if best else float("nan"),
     )
-    export_network(GreedyNetwork(policy), contract, folder.onnx)
 
 
 def export_network(network: GreedyNetwork, contract: PolicyContract, path: Path) -> None:
@@ -70,18 +102,21 @@ def export_network(network: GreedyNetwork, contract: PolicyContract, path: Path)
         onnx.save(model, str(temporary))
 
 
-def largest_difference(network: GreedyNetwork, path: Path, batch: dict[str, np.ndarray]) -> float:
-    """Between torch and onnxruntime over a batch of observations."""
+def run_onnx(path: Path, observations: dict[str, np.ndarray]) -> np.ndarray:
+    """Values (N, actions) of an exported policy."""
     session = InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    (values,) = session.run(["values"], batch)
+    return np.asarray(session.run(["values"], observations)[0])
+
+
+def check_equal(network: GreedyNetwork, path: Path, observations: dict[str, np.ndarray]) -> float:
+    """The largest difference between torch and ONNX.
+
+    Raises:
+        ContractError: it is beyond `TOLERANCE`.
+    """
     with torch.no_grad():
-        ours = network(**{name: torch.from_numpy(part) for name, part in batch.items()})
-    return float(np.abs(values - ours.numpy()).max())
-
-
-def check_equal(network: GreedyNetwork, path: Path, batch: dict[str, np.ndarray]) -> float:
-    """The largest difference; ContractError when it is beyond `TOLERANCE`."""
-    difference = largest_difference(network, path, batch)
+        ours = network(**{name: torch.from_numpy(part) for name, part in observations.items()})
+    difference = float(np.abs(run_onnx(path, observations) - ours.numpy()).max())
     if not difference <= TOLERANCE:
         raise ContractError(
             f"{path}: expected torch and ONNX to agree within {TOLERANCE}, they differ by "

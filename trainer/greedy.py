@@ -9,6 +9,8 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.networks import GreedyNetwork
 
+RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
+
 
 @dataclass(frozen=True)
 class GreedyResult:
@@ -34,3 +36,20 @@ def drive_greedily(network: GreedyNetwork, env: VecEnv, seed: int) -> GreedyResu
             success[robot] = bool(infos[robot].get("is_success", False))
         driving &= ~done
     return GreedyResult(rewards, steps, success)
+
+
+def collect_observations(
+    network: GreedyNetwork, env: VecEnv, count: int, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """``count`` observations from driving with some random actions: {input name: (count, ...)}."""
+    observation = env.reset()
+    batches = []
+    for _ in range(-(-count // env.num_envs)):
+        parts = observation if isinstance(observation, dict) else {"image": observation}
+        batches.append({name: np.array(part) for name, part in parts.items()})
+        chosen = network.actions(observation)  # type: ignore[arg-type]
+        random = rng.integers(int(env.action_space.n), size=env.num_envs)  # type: ignore[attr-defined]
+        observation, *_ = env.step(
+            np.where(rng.random(env.num_envs) < RANDOM_SHARE, random, chosen)
+        )
+    return {name: np.concatenate([b[name] for b in batches])[:count] for name in batches[0]}

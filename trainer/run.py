@@ -69,6 +69,7 @@ class RunFolder:
         self.progress = path / "progress.csv"
         self.curve = path / "curve.png"
         self.onnx = path / "model.onnx"
+        self.onnx_int8 = path / "model_int8.onnx"
         self.metrics = path / "metrics.json"
         self.tensorboard = path / "tensorboard"
 

@@ -13,7 +13,7 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecEnv
 
-from trainer.algorithms import build_model, build_policy
+from trainer.algorithms import build_model
 from trainer.callbacks import (
     MONOTONIC,
     Checkpointer,
@@ -24,9 +24,9 @@ from trainer.callbacks import (
     Stopwatch,
     stop_on_signal,
 )
-from trainer.checkpoint import Evaluated, TrainState, load_checkpoint, load_policy
+from trainer.checkpoint import Evaluated, TrainState, load_checkpoint
 from trainer.config import RunConfig
-from trainer.export import export_policy
+from trainer.export import export_run
 from trainer.replay import MappedReplayBuffer
 from trainer.report import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
@@ -135,9 +135,7 @@ class _Session:
         draw_curve(self.folder, self.config)
         metrics = self._metrics()
         if not interrupted:
-            policy = build_policy(self.config)
-            load_policy(self.folder.best, policy)
-            export_policy(policy, self.config, self.folder, self.state)
+            export_run(self.folder, self.config, self.evaluation_env, int8=False)
             write_json(self.folder.metrics, metrics)
         return metrics
 

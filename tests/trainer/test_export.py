@@ -6,12 +6,14 @@ import pytest
 import torch
 
 from robot.contract import PATH_POINTS, PolicyContract
-from robot.errors import ContractError
+from robot.errors import ConfigError, ContractError
 from robot.policy import OnnxPolicy
+from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.algorithms import build_policy
 from trainer.config import ALGORITHMS, RunConfig, preset
-from trainer.export import check_equal, export_network, quantise
+from trainer.export import check_equal, export_network, export_run, quantise
 from trainer.networks import GreedyNetwork
+from trainer.run import RunFolder
 
 
 def network_and_contract(config: RunConfig) -> tuple[GreedyNetwork, PolicyContract]:
@@ -90,3 +92,21 @@ def test_both_inputs_are_exported(tmp_path: Path) -> None:
     batch = {**observations(config, 9), "path": path}
     assert check_equal(network, tmp_path / "model.onnx", batch) <= 1e-4
     assert OnnxPolicy(tmp_path / "model.onnx").values(batch["image"], path).shape == (9, 5)
+
+
+def test_a_run_is_exported_and_checked_on_its_own_frames(tmp_path: Path) -> None:
+    config = toy_config("dueling", 1_000)
+    train_toy(config, tmp_path)
+    folder = RunFolder(tmp_path)
+    exported = export_run(folder, config, make_toy(config, 16, 5))
+    assert exported.frames == 1_000
+    assert exported.largest_difference <= 1e-4
+    assert exported.int8_same_choice > 0.95
+    contract = OnnxPolicy(folder.onnx_int8).contract
+    assert (contract.run, contract.trained_steps, contract.score) == (tmp_path.name, 1_000, 1.0)
+
+
+def test_a_run_without_an_evaluation_has_nothing_to_export(tmp_path: Path) -> None:
+    config = toy_config("dueling", 1_000)
+    with pytest.raises(ConfigError, match="an evaluation kept"):
+        export_run(RunFolder(tmp_path), config, make_toy(config, 4, 0))
