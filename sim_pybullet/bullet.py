@@ -5,22 +5,29 @@ Lengths in metres, angles in radians, in the client's own frame; z is up.
 
 from __future__ import annotations
 
+import math
+import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+import cv2
 import numpy as np
 import pybullet
 
+from sim_pybullet.look import Rgb
+from sim_pybullet.pinhole_cover import PinholeView
 from sim_pybullet.scene import Solid
+from sim_pybullet.solid_mesh import Mesh
 
 STATIC: Final = 1  # collision groups, one bit each
 ROBOT: Final = 2
 _COMPOUND = 16  # PyBullet's greatest number of shapes in one body
 _TOUCH_M = 1e-3  # Bullet reports pairs of bodies already when they are 20 mm apart
+_NEAR_M, _FAR_M = 0.01, 300.0  # what a camera sees
 _DISTANCE = 8  # place of the distance in a contact point
 
 
@@ -197,3 +204,85 @@ class Bullet:
             angularDamping=0.0,
             activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
         )
+
+
+class Drawing(NamedTuple):
+    """A pinhole picture (H, W, 3) uint8 RGB and the body that each pixel shows (H, W), -1: none."""
+
+    rgb: np.ndarray
+    bodies: np.ndarray
+
+
+class Stage:
+    """Meshes to be looked at, in a client without a window, drawn by PyBullet's TinyRenderer."""
+
+    def __init__(self) -> None:
+        self._client = _Client()
+
+    def close(self) -> None:
+        """Free the client; it cannot be used afterwards."""
+        self._client.close()
+
+    def add(self, mesh: Mesh, rgb: Rgb = (255.0, 255.0, 255.0)) -> int:
+        """A mesh of one colour at the origin; its body number."""
+        shape = self._client.createVisualShape(
+            pybullet.GEOM_MESH,
+            vertices=mesh.vertices.tolist(),
+            normals=mesh.normals.tolist(),
+            uvs=mesh.uvs.tolist(),
+            indices=mesh.faces.ravel().tolist(),
+            rgbaColor=(rgb[0] / 255.0, rgb[1] / 255.0, rgb[2] / 255.0, 1.0),
+            specularColor=(0.0, 0.0, 0.0),
+        )
+        return int(self._client.createMultiBody(0.0, -1, shape))
+
+    def texture(self, body: int, rgb: np.ndarray) -> None:
+        """Cover a body with a picture (H, W, 3) uint8 whose bottom left is u = v = 0."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = str(Path(folder) / "texture.png")
+            cv2.imwrite(path, rgb[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 1))
+            number = self._client.loadTexture(path)
+        self._client.changeVisualShape(body, -1, textureUniqueId=number)
+
+    def place(self, body: int, position_m: tuple[float, ...], heading_rad: float = 0.0) -> None:
+        """Put a body's origin somewhere, turned about the vertical."""
+        turn = (0.0, 0.0, math.sin(0.5 * heading_rad), math.cos(0.5 * heading_rad))
+        self._client.resetBasePositionAndOrientation(body, position_m, turn)
+
+    def draw(
+        self, view: PinholeView, eye_m: np.ndarray, turn: np.ndarray, light: np.ndarray
+    ) -> Drawing:
+        """What a pinhole at ``eye_m`` sees.
+
+        ``turn`` (3, 3) takes the view's axes to the world; ``light`` (5,) is the direction to the
+        light, its ambient and its diffuse share. No shadows, no gloss.
+        """
+        world_to_gl = np.eye(4)
+        world_to_gl[:3, :3] = (turn * (1.0, -1.0, -1.0)).T  # OpenGL looks along -z, y up
+        world_to_gl[:3, 3] = -world_to_gl[:3, :3] @ eye_m
+        # TinyRenderer takes a pixel's colour at its bottom left corner, we at its centre.
+        right = 0.5 * (view.right - view.left) / view.width_px
+        down = 0.5 * (view.bottom - view.top) / view.height_px
+        frustum = self._client.computeProjectionMatrix(
+            _NEAR_M * (view.left + right),
+            _NEAR_M * (view.right + right),
+            _NEAR_M * (down - view.bottom),
+            _NEAR_M * (down - view.top),
+            _NEAR_M,
+            _FAR_M,
+        )
+        width, height, rgba, _, bodies = self._client.getCameraImage(
+            view.width_px,
+            view.height_px,
+            viewMatrix=world_to_gl.T.ravel().tolist(),
+            projectionMatrix=frustum,
+            lightDirection=light[:3].tolist(),
+            lightColor=(1.0, 1.0, 1.0),
+            shadow=0,
+            lightAmbientCoeff=float(light[3]),
+            lightDiffuseCoeff=float(light[4]),
+            lightSpecularCoeff=0.0,
+            renderer=pybullet.ER_TINY_RENDERER,
+        )
+        rgb = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3]
+        return Drawing(np.ascontiguousarray(rgb), np.asarray(bodies).reshape(height, width))

@@ -11,11 +11,11 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.floor_kernel import FloorViews, draw_floor, label_floor
-from sim_pybullet.look import SkyLook
 from sim_pybullet.mip_texture import MipTexture, mip_texture
 from sim_pybullet.ray_tables import RigTables, SolidRows, gather_solids
-from sim_pybullet.rays import LEVELS, PixelRays, floor_shade, pixel_rays, sky_share
+from sim_pybullet.rays import LEVELS, floor_shade, pixel_rays
 from sim_pybullet.scene import Ground, Scene
+from sim_pybullet.sky import sky_rgb
 from sim_pybullet.solid_kernel import SolidViews, draw_solids, label_solids
 from sim_pybullet.solid_table import light_row
 
@@ -57,7 +57,9 @@ class RayCamera:
         self._scenes[i] = scene
         self._solids = None
         self._floors[i] = (ground, shade, texture)
-        self._skies[i] = _sky(pixel_rays(rig, self._image), scene.sky)
+        rays = pixel_rays(rig, self._image)
+        sky = np.where(rays.seen[..., None], sky_rgb(rays.directions, scene.sky), 0)
+        self._skies[i] = sky.reshape(-1, 3)
         self._addresses[i] = texture.texels.ctypes.data
         self._levels[i] = texture.levels
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
@@ -149,9 +151,3 @@ class RayCamera:
         finally:
             numba.set_num_threads(before)
 
-
-def _sky(rays: PixelRays, sky: SkyLook) -> np.ndarray:
-    """(P, 3) uint8: the sky's gradient; black where the lens has no such pixel."""
-    share = sky_share(rays)[..., None]
-    rgb = (1.0 - share) * np.array(sky.horizon_rgb) + share * np.array(sky.zenith_rgb)
-    return np.round(np.where(rays.seen[..., None], rgb, 0.0)).astype(np.uint8).reshape(-1, 3)

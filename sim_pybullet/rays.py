@@ -119,11 +119,6 @@ def _runs(
     return runs, first_run
 
 
-def sky_share(rays: PixelRays) -> np.ndarray:
-    """How far from the horizon's colour to the zenith's a pixel's sky is, (H, W) in [0, 1]."""
-    return np.sqrt(np.clip(rays.directions[..., 2], 0.0, 1.0))
-
-
 def floor_shade(light: LightLook) -> float:
     """Brightness of the level floor under the far light (Lambert's law)."""
     return light.ambient + light.diffuse * max(0.0, math.sin(light.elevation_rad))
