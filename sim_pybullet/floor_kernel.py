@@ -171,7 +171,7 @@ def _draw_run(
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
 def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTables) -> None:
-    """Fill labels (N, P) uint8, sky (0) beforehand, with the class that each pixel's ray meets."""
+    """Fill labels (N, P) uint8 with the class that each pixel's ray meets."""
     x, y, dx, dy, runs, first_run = tables
     placed, slots, addresses, levels = views
     for i in prange(len(labels)):

@@ -53,7 +53,8 @@ class PinholeView:
 class Cover:
     """The views and, for the lens's picture enlarged ``oversample`` times, where to read them.
 
-    ``maps``: per view (sH, sW, 2) float32 source pixels; ``owner`` (sH, sW): which view to read.
+    ``maps``: per view (2, sH, sW) float32 source columns and rows; ``owner`` (sH, sW): which view
+    to read; ``seen`` (sH, sW): where the lens has a pixel at all.
     """
 
     views: tuple[PinholeView, ...]
@@ -66,7 +67,9 @@ class Cover:
         """The lens's picture (H, W, 3) uint8 from the views' pictures, averaged over each pixel."""
         large = np.zeros((*self.owner.shape, 3), np.uint8)
         for k, (picture, where) in enumerate(zip(pictures, self.maps, strict=True)):
-            read = cv2.remap(picture, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            read = cv2.remap(
+                picture, where[0], where[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
             large = np.where((self.owner == k)[..., None], read, large)
         large[~self.seen] = 0
         height, width = self.owner.shape
@@ -85,7 +88,10 @@ def cover(rig: CameraRig, image: ImageSpec, oversample: int) -> Cover:
     owner = np.argmax(local[..., 2] / np.abs(local).max(axis=-1), axis=0)
     used = [k for k in range(len(turns)) if (rays.seen & (owner == k)).any()]
     views = tuple(_view(turns[k], local[k], rays.seen & (owner == k)) for k in used)
-    maps = tuple(view.locate(rays.directions).astype(np.float32) for view in views)
+    maps = tuple(
+        np.ascontiguousarray(np.moveaxis(view.locate(rays.directions), -1, 0), np.float32)
+        for view in views
+    )
     return Cover(views, maps, np.searchsorted(used, owner), rays.seen, oversample)
 
 

@@ -29,12 +29,10 @@ class PyBulletCamera:
     picture; each pixel then averages the views where its exact rays meet them.
     """
 
-    def __init__(
-        self, scene: Scene, rig: CameraRig, image: ImageSpec, oversample: int = 2
-    ) -> None:
+    def __init__(self, scene: Scene, rig: CameraRig, image: ImageSpec, oversample: int = 2) -> None:
         self._scene, self._rig, self._image = scene, rig, image
-        self._cover = cover(rig, image, oversample)
-        self._skies = [sky_rgb(view.directions(), scene.sky) for view in self._cover.views]
+        self.cover = cover(rig, image, oversample)
+        self._skies = [sky_rgb(view.directions(), scene.sky) for view in self.cover.views]
         self._stage = Stage()
         ground = scene.ground
         self._floor = self._stage.add(floor_mesh(ground))
@@ -79,16 +77,16 @@ class PyBulletCamera:
     def _frame(self, pose: np.ndarray) -> np.ndarray:
         pictures = []
         light = light_row(self._scene.light)
-        for view, sky in zip(self._cover.views, self._skies, strict=True):
+        for view, sky in zip(self.cover.views, self._skies, strict=True):
             drawing = self._draw(view, pose, light)
             pictures.append(np.where((drawing.bodies < 0)[..., None], sky, drawing.rgb))
-        return self._cover.warp(pictures)
+        return self.cover.warp(pictures)
 
     def _classes(self, pose: np.ndarray) -> np.ndarray:
         rays = pixel_rays(self._rig, self._image)
         labels = np.full(rays.seen.shape, SemanticClass.SKY, np.uint8)
-        owner = np.argmax([rays.directions @ view.turn[:, 2] for view in self._cover.views], axis=0)
-        for k, view in enumerate(self._cover.views):
+        owner = np.argmax([rays.directions @ view.turn[:, 2] for view in self.cover.views], axis=0)
+        for k, view in enumerate(self.cover.views):
             drawing = self._draw(view, pose, light_row(LightLook(ambient=1.0, diffuse=0.0)))
             column, row = np.moveaxis(np.round(view.locate(rays.directions)).astype(int), -1, 0)
             column = np.clip(column, 0, view.width_px - 1)

@@ -15,7 +15,7 @@ from sim_pybullet.mip_texture import MipTexture, mip_texture
 from sim_pybullet.ray_tables import RigTables, SolidRows, gather_solids
 from sim_pybullet.rays import LEVELS, floor_shade, pixel_rays
 from sim_pybullet.scene import Ground, Scene
-from sim_pybullet.sky import sky_rgb
+from sim_pybullet.sky import background
 from sim_pybullet.solid_kernel import SolidViews, draw_solids, label_solids
 from sim_pybullet.solid_table import light_row
 
@@ -36,6 +36,7 @@ class RayCamera:
         self._scenes: list[Scene | None] = [None] * n_robots
         self._floors: list[tuple[Ground, float, MipTexture] | None] = [None] * n_robots
         self._skies = np.zeros((n_robots, height * width, 3), np.uint8)
+        self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
         self._addresses = np.zeros(n_robots, np.int64)
         self._levels = np.zeros((n_robots, LEVELS, 3), np.int32)
         self._origins = np.zeros((n_robots, 3))  # west [m], north [m], texel [m]
@@ -57,9 +58,7 @@ class RayCamera:
         self._scenes[i] = scene
         self._solids = None
         self._floors[i] = (ground, shade, texture)
-        rays = pixel_rays(rig, self._image)
-        sky = np.where(rays.seen[..., None], sky_rgb(rays.directions, scene.sky), 0)
-        self._skies[i] = sky.reshape(-1, 3)
+        self._skies[i], self._sky_kinds[i] = background(pixel_rays(rig, self._image), scene)
         self._addresses[i] = texture.texels.ctypes.data
         self._levels[i] = texture.levels
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
@@ -89,7 +88,7 @@ class RayCamera:
         """(N, H, W) uint8, values of SemanticClass."""
         robots = np.arange(len(self._scenes))
         poses = self._checked(poses, len(robots))
-        labels = np.zeros((len(poses), *self.shape[:2]), np.uint8)
+        labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
         with self._using_threads():
             flat = labels.reshape(len(poses), -1)
             label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
@@ -150,4 +149,3 @@ class RayCamera:
             yield threads
         finally:
             numba.set_num_threads(before)
-

@@ -15,7 +15,7 @@ from sim_pybullet.look import LightLook
 LEVELS = 8  # of the floor's mip pyramid
 MAX_TAPS = 4  # samples along a pixel's longer axis on the floor
 NEAREST_HORIZON = 1e-3  # rays less steep than this meet the floor as if they were this steep
-LOD_BIAS = -0.3  # bilinear interpolation blurs by itself: a slightly finer level looks the same
+LOD_BIAS = -0.5  # bilinear interpolation blurs by itself: a slightly finer level looks the same
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
     step = longer / taps[..., None]
     start = points - 0.5 * (taps[..., None] - 1.0) * step
     to_level = np.exp2(-level)[..., None]
-    floor = (rays.directions[..., 2] < 0.0) & rays.seen
+    floor = (horizon_share(rays) == 1.0) & rays.seen
     runs, first_run = _runs(floor, level.astype(np.int32), np.log2(taps).astype(np.int32))
     x, y = np.moveaxis(start * to_level, -1, 0).reshape(2, -1).astype(np.float32)
     dx, dy = np.moveaxis(step * to_level, -1, 0).reshape(2, -1).astype(np.float32)
@@ -117,6 +117,13 @@ def _runs(
     runs = np.stack((first, last, value // 8, value % 8), axis=-1).astype(np.int32)
     first_run = np.searchsorted(first, np.arange(height + 1) * width).astype(np.int32)
     return runs, first_run
+
+
+def horizon_share(rays: PixelRays) -> np.ndarray:
+    """Part of each pixel (H, W) below the horizon: between 0 and 1 only for those that it cuts."""
+    rise = rays.directions[..., 2]
+    slopes = [np.gradient(rise, axis=k) if rise.shape[k] > 1 else 0.0 * rise for k in (0, 1)]
+    return np.clip(0.5 - rise / np.maximum(np.hypot(*slopes), 1e-9), 0.0, 1.0)
 
 
 def floor_shade(light: LightLook) -> float:
