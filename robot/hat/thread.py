@@ -8,8 +8,11 @@ from typing import Optional, Type
 
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
+from robot.hat.bus import SmbusBus
 from robot.hat.clock import Clock, MonotonicClock
+from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
+from robot.hat.stepper_hat import StepperHat
 
 MIN_WAIT_S = 50e-6
 
@@ -107,3 +110,14 @@ class MotorThread:
         else:
             # Waiting lets the other threads in, so it must happen even when the deadline is past.
             self._changed.wait(max(deadline_s - self._clock.now(), MIN_WAIT_S))
+
+
+def real_motors(config: HatConfig) -> MotorThread:
+    """The motors on this computer's I2C bus; enter the result to find the HAT and start.
+
+    Raises:
+        HardwareError: there is no such bus, or this user may not use it.
+    """
+    clock = MonotonicClock()
+    hat = StepperHat(SmbusBus(config.bus), config, clock)
+    return MotorThread(MotorDriver(hat, config, clock), clock)

@@ -1,4 +1,7 @@
+from pathlib import Path
+
 import pytest
+import yaml
 
 from robot.contract import MAX_WHEEL_MPS
 from robot.errors import ConfigError
@@ -40,3 +43,9 @@ def test_wrong_settings_are_refused_with_what_would_be_right(plain: dict, messag
 
 def test_a_faster_bus_carries_more_microsteps() -> None:
     assert HatConfig(microsteps=4, bus_hz=400_000).step_m == pytest.approx(0.00106, rel=0.01)
+
+
+def test_the_settings_in_the_wiring_guide_are_the_defaults() -> None:
+    guide = (Path(__file__).parents[3] / "docs" / "wiring.md").read_text(encoding="utf-8")
+    text = guide.split("```yaml\n")[1].split("```")[0]
+    assert from_plain(HatConfig, yaml.safe_load(text)) == HatConfig()

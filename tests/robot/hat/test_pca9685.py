@@ -1,6 +1,8 @@
 import pytest
+import smbus2
 from hypothesis import given
 from hypothesis import strategies as st
+from smbus2.smbus2 import I2C_M_RD
 
 from robot.errors import HardwareError
 from robot.hat.bench import hat_update_ms
@@ -81,6 +83,44 @@ def test_channel_bytes_give_the_duty_and_never_equal_counts(level: float) -> Non
 def test_bus_times_are_those_of_nine_bits_per_byte() -> None:
     assert bus_time_s(41, 100_000) == pytest.approx(3.80e-3)
     assert bus_time_s(2, 100_000) == pytest.approx(0.29e-3)
+
+
+class KernelBus:
+    """Takes smbus2's own messages apart, as the kernel would."""
+
+    devices = VirtualI2cBus()
+
+    def __init__(self, number: int) -> None:
+        self.closed = False
+
+    def i2c_rdwr(self, *messages: smbus2.i2c_msg) -> None:
+        first = messages[0]
+        assert not first.flags & I2C_M_RD
+        if len(messages) == 1:
+            self.devices.write(first.addr, bytes(first))
+            return
+        answer = messages[1]
+        assert len(first) == 1
+        assert (answer.addr, answer.flags & I2C_M_RD) == (first.addr, I2C_M_RD)
+        data = self.devices.read(first.addr, bytes(first)[0], len(answer))
+        for index, value in enumerate(data):
+            answer.buf[index] = bytes((value,))
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_the_linux_bus_sends_and_receives_whole_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smbus2, "SMBus", KernelBus)
+    clock, bus = VirtualClock(), SmbusBus(1)
+    registers = Pca9685Registers(0x60, clock)
+    KernelBus.devices.attach(registers)
+    chip = Pca9685.probe(bus, (0x6F, 0x60), clock)
+    chip.initialise()
+    chip.set_channels(3, [1.0] * 10)
+    assert len(KernelBus.devices.log[-1].data) == 41
+    assert [registers.outputs.duty(channel) for channel in (2, 3, 12, 13)] == [0, 1, 1, 0]
+    assert chip.bus.name == "/dev/i2c-1"
 
 
 def test_an_absent_bus_is_told_with_the_right_numbers() -> None:

@@ -9,7 +9,7 @@ from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
-from robot.hat.thread import MotorThread
+from robot.hat.thread import MotorThread, real_motors
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tests.robot.hat.rig import ALL_OFF
@@ -34,8 +34,9 @@ def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tup
     motors, bus, hat = parts
     with motors:
         motors.pose = Pose(1.0, 0.0, 0.0)
-        motors.set_wheels(WheelSpeeds(0.1, 0.1))
-        wait_for(lambda: motors.pose.x_m > 1.02)
+        while motors.pose.x_m < 1.02:
+            motors.set_wheels(WheelSpeeds(0.1, 0.1))
+            time.sleep(0.05)
         wait_for(lambda: motors._driver.speeds == (0.0, 0.0))
         assert motors.healthy
         assert hat.wheel_angles_rad.min() > 0.3
@@ -53,3 +54,8 @@ def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None
         for call in (motors.stop, motors.release, lambda: motors.set_wheels(WheelSpeeds(0, 0))):
             with pytest.raises(HardwareError, match="check the HAT's seat"):
                 call()
+
+
+def test_an_absent_bus_is_told_before_anything_starts() -> None:
+    with pytest.raises(HardwareError, match="/dev/i2c-250: expected an I2C bus"):
+        real_motors(HatConfig(bus=250))
