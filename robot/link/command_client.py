@@ -63,14 +63,17 @@ class CommandClient:
             self._pending[command.id] = _Pending(command, now_s, now_s)
         return command.id
 
-    def poll(self) -> Tuple[Ack, ...]:
-        """The answers that came; a command without one in ``ANSWER_WITHIN_S`` counts as refused."""
+    def poll(self, beat: bool = True) -> Tuple[Ack, ...]:
+        """The answers that came; a command without one in ``ANSWER_WITHIN_S`` counts as refused.
+
+        Without ``beat`` the robot learns within its link limit that its operator is gone.
+        """
         now_s = self._clock()
         acks = self._collect(now_s)
         if now_s - max(self._heard_s, self._connected_s) > DEAF_S:
             self._connected_s = now_s
             self._link.reconnect(self._socket, self._endpoint)
-        if now_s - self._beat_s >= BEAT_S:
+        if beat and now_s - self._beat_s >= BEAT_S:
             self._beat_s = now_s
             self.send("beat")
         for pending in list(self._pending.values()):

@@ -30,8 +30,8 @@ def encode(message: Any) -> bytes:
     Raises:
         ContractError: larger than ``MESSAGE_LIMIT_BYTES``.
     """
-    plain = {"schema": SCHEMA, "message": message.KIND, **_plain(message)}
-    data = json.dumps(plain, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    fields = {"schema": SCHEMA, "message": message.KIND, **plain(message)}
+    data = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
     require_size(f"{message.KIND} message", data, MESSAGE_LIMIT_BYTES)
     return data
 
@@ -44,13 +44,13 @@ def decode(kind: Type[T], data: bytes) -> T:
     """
     name: str = kind.KIND  # type: ignore[attr-defined]
     require_size(f"{name} message", data, MESSAGE_LIMIT_BYTES)
-    plain = _parse(name, data)
+    fields = _parse(name, data)
     for key, expected in (("schema", SCHEMA), ("message", name)):
-        got = plain.pop(key, None)
+        got = fields.pop(key, None)
         if got != expected or isinstance(got, bool):
             raise ContractError(f"{name} message: expected {key} {expected!r}, got {_short(got)}")
     try:
-        return from_plain(kind, plain, where=name)
+        return from_plain(kind, fields, where=name)
     except (ConfigError, OverflowError) as error:
         raise ContractError(_clip(str(error))) from error
 
@@ -102,11 +102,12 @@ def require_length(what: str, values: Sequence[Any], limit: int) -> None:
         raise ContractError(f"{what}: expected at most {limit} entries, got {len(values)}")
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A message as dicts, lists and scalars for JSON; numbers keep six decimals."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if value is None or isinstance(value, (bool, str)):
         return value
     if isinstance(value, numbers.Integral):
@@ -116,16 +117,16 @@ def _plain(value: Any) -> Any:
 
 def _parse(name: str, data: bytes) -> Dict[str, Any]:
     try:
-        plain = json.loads(
+        fields = json.loads(
             data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=_unique
         )
     except ContractError:
         raise
     except (ValueError, RecursionError) as error:
         raise ContractError(f"{name} message: expected JSON, got: {_clip(str(error))}") from error
-    if not isinstance(plain, dict):
-        raise ContractError(f"{name} message: expected an object, got {_short(plain)}")
-    return plain
+    if not isinstance(fields, dict):
+        raise ContractError(f"{name} message: expected an object, got {_short(fields)}")
+    return fields
 
 
 def _refuse_constant(constant: str) -> float:
@@ -133,10 +134,10 @@ def _refuse_constant(constant: str) -> float:
 
 
 def _unique(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
-    plain = dict(pairs)
-    if len(plain) != len(pairs):
+    fields = dict(pairs)
+    if len(fields) != len(pairs):
         raise ContractError("message: expected every key once, got a key twice")
-    return plain
+    return fields
 
 
 def _short(value: Any) -> str:

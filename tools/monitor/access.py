@@ -1,0 +1,119 @@
+"""Who may use the page: a token in the printed address, then a cookie; no other site's pages.
+
+The Host check keeps out DNS rebinding, the Origin check and SameSite=Strict keep out pages of other
+sites, the token keeps out everybody else (OWASP cross-site request forgery cheat sheet).
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+from collections.abc import Iterable
+from urllib.parse import urlsplit
+
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
+WILDCARDS = ("0.0.0.0", "::")
+SAFE_METHODS = ("GET", "HEAD")
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+# A page of our own leads on to the monitor, because a Strict cookie does not travel with a
+# redirect that another program or site began.
+ENTER = '<!doctype html><meta http-equiv="refresh" content="0;url=/"><title>duckpilot</title>'
+NO_TOKEN = "Open the address that the monitor printed when it started: it holds the token.\n"
+
+
+class AccessGate:
+    """ASGI middleware around the whole application."""
+
+    def __init__(self, app: ASGIApp, token: str, host: str) -> None:
+        """``host`` is the address that the server listens at."""
+        self._app = app
+        self._token = token
+        self._any_address = host in WILDCARDS
+        self._hosts = {*LOOPBACK_NAMES, host}
+        if self._any_address:
+            name = socket.gethostname().lower()
+            self._hosts |= {name, f"{name}.local"}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on what is allowed, answer 400, 401 or 403 to the rest."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        connection = HTTPConnection(scope)
+        response = self._answer(connection)
+        if response is None:
+            await self._app(scope, receive, _with_headers(send))
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await response(scope, receive, _with_headers(send))
+
+    def _answer(self, connection: HTTPConnection) -> Response | None:
+        """None to pass on, else what to answer."""
+        host = connection.headers.get("host", "")
+        if not self._known_host(host):
+            return PlainTextResponse(f"unknown host {host!r}\n", 400)
+        method = connection.scope.get("method", "WEBSOCKET")
+        if method not in SAFE_METHODS and not _same_origin(connection, host):
+            return PlainTextResponse("this request came from another site\n", 403)
+        cookie = f"duckpilot_{urlsplit(f'//{host}').port or 80}"
+        given = connection.query_params.get("token")
+        if given is not None and method == "GET" and self._right(given):
+            response = HTMLResponse(ENTER)
+            response.set_cookie(cookie, self._token, httponly=True, samesite="strict")
+            return response
+        if not self._right(connection.cookies.get(cookie, "")):
+            return PlainTextResponse(NO_TOKEN, 401)
+        return None
+
+    def _right(self, token: str) -> bool:
+        return secrets.compare_digest(token.encode(), self._token.encode())
+
+    def _known_host(self, host: str) -> bool:
+        name = _hostname(host)
+        return name in self._hosts or (self._any_address and _is_address(name))
+
+
+def _same_origin(connection: HTTPConnection, host: str) -> bool:
+    origin = urlsplit(connection.headers.get("origin", ""))
+    return origin.scheme in ("http", "https") and origin.netloc.lower() == host.lower()
+
+
+def _hostname(host: str) -> str:
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _with_headers(send: Send) -> Send:
+    extra: Iterable[tuple[bytes, bytes]] = [
+        (name.lower().encode(), value.encode()) for name, value in HEADERS.items()
+    ]
+
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", ()), *extra]}
+        await send(message)
+
+    return sending

@@ -1,0 +1,180 @@
+"""The web side of the monitor: one static page, its data, a WebSocket, and POST for commands."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+from fastapi import FastAPI, HTTPException, WebSocket, WebSocketDisconnect
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+from pydantic import BaseModel, ConfigDict
+
+from robot.errors import ConfigError, ContractError
+from robot.link.commands import Mission
+from robot.link.wire import plain
+from robot.road_map import RoadMap
+from tools.monitor.access import AccessGate
+from tools.monitor.drives import list_drives, read_drive
+from tools.monitor.map_drawing import draw_map
+from tools.monitor.monitor import Monitor
+
+STATIC = Path(__file__).parent / "static"
+SEND_EVERY_S = 0.1
+Background = Callable[[], AsyncIterator[None]]
+
+
+class CommandBody(BaseModel):
+    """What the page asks; places are x, y [m] in the world frame."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["arm", "disarm", "stop", "clear", "mission"]
+    destination: tuple[float, float] | None = None
+    start: tuple[float, float] | None = None
+
+    def mission(self) -> Mission | None:
+        """The mission; ContractError when it does not fit the kind or is out of range."""
+        if (self.destination is not None) != (self.kind == "mission"):
+            raise ContractError(f"{self.kind}: expected a destination only with kind mission")
+        return Mission(self.destination, self.start) if self.destination is not None else None
+
+
+class AnswerBody(BaseModel):
+    """The robot's answer."""
+
+    accepted: bool
+    reason: str = ""
+
+
+def create_app(
+    monitor: Monitor,
+    road_map: RoadMap,
+    token: str,
+    host: str = "127.0.0.1",
+    beside: Callable[[], Any] | None = None,
+) -> FastAPI:
+    """The application.
+
+    Args:
+        monitor: runs while the application does, and is closed with it.
+        road_map: the map to draw.
+        token: what a browser must show once.
+        host: the address that the server listens at.
+        beside: another coroutine to run as long, such as the demonstration robot.
+    """
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        jobs = [monitor.run(), *([beside()] if beside else [])]
+        tasks = [asyncio.create_task(job) for job in jobs]
+        yield
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        monitor.close()
+
+    app = FastAPI(title="duckpilot monitor", docs_url=None, openapi_url=None, lifespan=lifespan)
+    app.add_middleware(AccessGate, token=token, host=host)
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    _add_pages(app, monitor, asdict(draw_map(road_map)))
+    _add_control(app, monitor)
+    return app
+
+
+def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
+    @app.get("/")
+    async def page() -> FileResponse:
+        return FileResponse(STATIC / "index.html")
+
+    @app.get("/api/map")
+    async def the_map() -> dict[str, Any]:
+        return drawing
+
+    @app.get("/api/drives")
+    async def drives() -> list[dict[str, Any]]:
+        return [asdict(drive) for drive in list_drives(monitor.drives)]
+
+    @app.get("/api/drives/{name}")
+    async def drive(name: str) -> list[dict[str, Any]]:
+        try:
+            return read_drive(monitor.drives, name)
+        except ConfigError as error:
+            raise HTTPException(404, str(error)) from error
+
+
+def _add_control(app: FastAPI, monitor: Monitor) -> None:
+    @app.post("/api/command")
+    async def command(body: CommandBody) -> AnswerBody:
+        try:
+            mission = body.mission()
+        except ContractError as error:
+            return AnswerBody(accepted=False, reason=str(error))
+        ack = await monitor.command(body.kind, mission)
+        return AnswerBody(accepted=ack.accepted, reason=ack.reason)
+
+    @app.websocket("/ws")
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        page = Page(socket, monitor)
+        sending = asyncio.create_task(page.send())
+        try:
+            await page.listen()
+        except WebSocketDisconnect:
+            pass
+        finally:
+            sending.cancel()
+            page.gone()
+
+
+class Page:
+    """One open page: gets the newest state ten times a second and the newest pictures."""
+
+    def __init__(self, socket: WebSocket, monitor: Monitor) -> None:
+        self._socket = socket
+        self._monitor = monitor
+        self._driving = False
+
+    async def send(self) -> None:
+        """Send until the page is gone; a slow page gets fewer, never older states."""
+        log, frame = 0, 0
+        while True:
+            snapshot = self._monitor.snapshot()
+            entries = self._monitor.state.log_after(log)
+            log = entries[-1].number if entries else log
+            message = {"state": plain(snapshot), "log": plain(entries)}
+            await self._socket.send_text(json.dumps(message, separators=(",", ":")))
+            picture = self._monitor.state.frame
+            if picture is not None and picture.sequence != frame:
+                frame = picture.sequence
+                await self._socket.send_bytes(picture.jpeg)
+            await asyncio.sleep(SEND_EVERY_S)
+
+    async def listen(self) -> None:
+        """Read what the page shows and how it drives, until it is gone."""
+        while True:
+            text = await self._socket.receive_text()
+            self._monitor.page_showed(self)
+            if text != "seen":
+                self._drive(text)
+
+    def gone(self) -> None:
+        """The page is gone: whoever drove with it drives no longer."""
+        self._monitor.page_closed(self)
+        if self._driving:
+            self._monitor.drive_by_hand(None)
+
+    def _drive(self, text: str) -> None:
+        try:
+            action = json.loads(text)["manual"]
+            if not (action is None or (type(action) is int and 0 <= action <= 4)):
+                raise ValueError(action)
+        except (ValueError, KeyError, TypeError):
+            return  # not ours: an old page after an update
+        self._driving = action is not None
+        self._monitor.drive_by_hand(action)

@@ -1,0 +1,132 @@
+"""The monitor without its page: links to robot and localizer, state, recording, commands."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections import deque
+from pathlib import Path
+
+from robot.link.command_client import CommandClient
+from robot.link.commands import Ack, Mission
+from robot.link.config import LinkConfig
+from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.streams import Subscriber
+from robot.link.telemetry import Telemetry
+from tools.monitor.drives import DriveRecorder
+from tools.monitor.state import MonitorState, Snapshot
+
+TURN_S = 0.02
+PATIENCE_S = 1.5
+PAGE_ALIVE_S = 1.0  # a page that showed nothing new for so long is no watcher
+
+
+class Monitor:
+    """Everything but the web server; ``run`` it in an event loop, then ``close``.
+
+    It beats to the robot only while a page is open and showing what is sent: when the last page is
+    closed or hangs, the robot learns that its operator is gone, and stops.
+    """
+
+    def __init__(self, config: LinkConfig, drives: Path) -> None:
+        self.state = MonitorState(time.monotonic, time.time)
+        self.drives = drives
+        self._link = config.open()
+        self._telemetry: Subscriber[Telemetry] = config.subscriber(self._link, Telemetry)
+        self._frames: Subscriber[FrameMessage] = config.subscriber(self._link, FrameMessage)
+        self._poses: Subscriber[PoseMessage] = config.subscriber(self._link, PoseMessage)
+        self._client: CommandClient = config.command_client(self._link)
+        self._recorder: DriveRecorder | None = DriveRecorder(drives, time.time)
+        self._waiting: dict[str, asyncio.Future[Ack]] = {}
+        self._names: dict[str, str] = {}  # of the commands in self._waiting
+        self._by_hand: deque[str] = deque(maxlen=64)
+        self._hand_refusal = ""
+        self._seen_s: dict[object, float] = {}
+
+    async def run(self) -> None:
+        """Turn until cancelled."""
+        while True:
+            self.turn()
+            await asyncio.sleep(TURN_S)
+
+    def turn(self) -> None:
+        """Read every stream and the answers to commands; never blocks."""
+        telemetry = self._telemetry.receive()
+        if telemetry is not None and self.state.take_telemetry(telemetry):
+            self._record(telemetry)
+        frame = self._frames.receive()
+        if frame is not None:
+            self.state.take_frame(frame)
+        pose = self._poses.receive()
+        if pose is not None:
+            self.state.take_pose(pose)
+        for ack in self._client.poll(beat=self.watched):
+            self._answered(ack)
+        self.state.look()
+
+    async def command(self, kind: str, mission: Mission | None = None) -> Ack:
+        """Ask the robot; returns its answer, or a refusal when it does not answer in time."""
+        command_id = self._client.send(kind, mission)
+        future = self._waiting.get(command_id)
+        if future is None:
+            future = asyncio.get_running_loop().create_future()
+            self._waiting[command_id] = future
+            self._names[command_id] = _what(kind, mission)
+        try:
+            return await asyncio.wait_for(asyncio.shield(future), PATIENCE_S)
+        except TimeoutError:
+            return Ack(command_id, False, "no answer yet; STOP is repeated until there is one")
+
+    def drive_by_hand(self, action: int | None) -> None:
+        """Pass on one manual command: it holds for ``MANUAL_EXPIRY_S`` and is never repeated."""
+        self._by_hand.append(self._client.send("manual", action=action))
+
+    def snapshot(self) -> Snapshot:
+        """What the page shows now."""
+        return self.state.snapshot(self._client.silence_s())
+
+    def page_showed(self, page: object) -> None:
+        """A page has shown what it was sent."""
+        self._seen_s[page] = time.monotonic()
+
+    def page_closed(self, page: object) -> None:
+        """A page is gone."""
+        self._seen_s.pop(page, None)
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody has the page open."""
+        return time.monotonic() - max(self._seen_s.values(), default=-math.inf) < PAGE_ALIVE_S
+
+    def close(self) -> None:
+        """Complete the recording and close the links."""
+        if self._recorder is not None:
+            self._recorder.close()
+        self._link.close()
+
+    def _record(self, telemetry: Telemetry) -> None:
+        if self._recorder is None:
+            return
+        try:
+            self.state.drives += self._recorder.take(telemetry)
+        except OSError as error:
+            self.state.note("bad", f"drives are no longer recorded: {error.strerror}")
+            self._recorder = None
+
+    def _answered(self, ack: Ack) -> None:
+        if ack.id in self._by_hand:
+            if not ack.accepted and ack.reason != self._hand_refusal:
+                self.state.note_answer("manual", ack)
+            self._hand_refusal = ack.reason
+        future = self._waiting.pop(ack.id, None)
+        if future is not None:
+            self.state.note_answer(self._names.pop(ack.id), ack)
+            future.set_result(ack)
+
+
+def _what(kind: str, mission: Mission | None) -> str:
+    if mission is None:
+        return kind
+    x_m, y_m = mission.destination
+    return f"drive to ({x_m:.2f}, {y_m:.2f}) m"

@@ -1,0 +1,186 @@
+"""What the monitor knows: the newest of every stream, how old it is, and what happened.
+
+Pure: messages and a clock in, snapshots for the page out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from robot.link.commands import Ack
+from robot.link.freshness import StreamGate
+from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.telemetry import InputAge, Telemetry
+
+SILENT_S = 1.0
+LIMITS_S = {"telemetry": SILENT_S, "picture": 0.5, "localizer": 0.5, "commands": 1.0}
+LOG_LENGTH = 200
+LEVEL_OF_STATE = {"HOLD": "warn", "FAULT": "bad"}
+LEVEL_OF_PHASE = {"failed": "bad", "stopped": "warn", "arrived": "good"}
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """One line of the log; numbered, so that a page asks for what it has not seen."""
+
+    number: int
+    t_unix_s: float
+    level: str  # info, good, warn or bad
+    text: str
+
+
+@dataclass(frozen=True)
+class Overhead:
+    """The localizer's newest position."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float | None
+    confidence: float
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What the page shows. Ages are those of this moment."""
+
+    robot: Telemetry | None
+    silent: bool
+    silence_s: float | None  # None: never heard
+    overhead: Overhead | None
+    heard: tuple[InputAge, ...]  # what reaches this monitor
+    frame_sequence: int
+    drives: int  # changes when a drive was recorded
+
+
+class MonitorState:
+    """Takes messages, refuses stale or doubled ones, keeps the log.
+
+    Args:
+        clock: monotonic time [s].
+        wall: time of day [s since 1970], for the log only.
+    """
+
+    def __init__(self, clock: Callable[[], float], wall: Callable[[], float]) -> None:
+        self.telemetry: Telemetry | None = None
+        self.frame: FrameMessage | None = None
+        self.pose: PoseMessage | None = None
+        self.drives = 0
+        self._clock = clock
+        self._wall = wall
+        self._gates = {name: StreamGate() for name in ("telemetry", "picture", "localizer")}
+        self._log: deque[LogEntry] = deque(maxlen=LOG_LENGTH)
+        self._silent = True
+
+    def take_telemetry(self, message: Telemetry) -> bool:
+        """Whether the report is new."""
+        before = self.telemetry
+        if not self._passes("telemetry", message):
+            return False
+        self.telemetry = message
+        self._log_changes(before, message)
+        return True
+
+    def take_frame(self, message: FrameMessage) -> bool:
+        """Whether the picture is new."""
+        if not self._passes("picture", message):
+            return False
+        self.frame = message
+        return True
+
+    def take_pose(self, message: PoseMessage) -> bool:
+        """Whether the pose is new."""
+        if not self._passes("localizer", message):
+            return False
+        self.pose = message
+        return True
+
+    def look(self) -> None:
+        """Notice silence; call often."""
+        silent = self._age("telemetry") > SILENT_S
+        if silent and not self._silent:
+            state = self.telemetry.state if self.telemetry else "unknown"
+            self.note("bad", f"the robot is silent; last heard in {state}")
+        if self._silent and not silent:
+            self.note("info", "the robot is heard")
+        self._silent = silent
+
+    def note(self, level: str, text: str) -> None:
+        """Write a line into the log."""
+        number = self._log[-1].number + 1 if self._log else 1
+        self._log.append(LogEntry(number, self._wall(), level, text))
+
+    def note_answer(self, what: str, ack: Ack) -> None:
+        """Log what the robot made of a command."""
+        if not ack.accepted:
+            self.note("warn", f"{what}: refused, {ack.reason}")
+        else:
+            self.note("info", what)
+
+    def log_after(self, number: int) -> tuple[LogEntry, ...]:
+        """The lines since that number, oldest first."""
+        return tuple(entry for entry in self._log if entry.number > number)
+
+    def snapshot(self, commands_age_s: float) -> Snapshot:
+        """What to show; ``commands_age_s`` since the robot last answered a command or beat."""
+        self.look()
+        ages = {name: self._age(name) for name in self._gates}
+        ages["commands"] = commands_age_s
+        heard = tuple(
+            InputAge(name, _finite(ages[name]), limit_s) for name, limit_s in LIMITS_S.items()
+        )
+        return Snapshot(
+            robot=self.telemetry,
+            silent=self._silent,
+            silence_s=_finite(ages["telemetry"]),
+            overhead=_overhead(self.pose),
+            heard=heard,
+            frame_sequence=self.frame.sequence if self.frame else 0,
+            drives=self.drives,
+        )
+
+    def _passes(self, stream: str, message: Telemetry | FrameMessage | PoseMessage) -> bool:
+        gate, now_s = self._gates[stream], self._clock()
+        reason = gate.problem(message.session, message.sequence, now_s)
+        if reason:
+            if gate.refused[reason] == 0:
+                self.note("warn", f"{stream}: {reason}")
+            gate.refuse(reason)
+            return False
+        gate.take(message.sequence, message.t_sent_s, now_s)
+        return True
+
+    def _age(self, stream: str) -> float:
+        return self._gates[stream].age_s(self._clock())
+
+    def _log_changes(self, before: Telemetry | None, now: Telemetry) -> None:
+        if before is None or before.state != now.state:
+            reason = f": {now.reason}" if now.reason else ""
+            self.note(LEVEL_OF_STATE.get(now.state, "info"), f"{now.state}{reason}")
+        for level, text in _mission_changes(before, now):
+            self.note(level, text)
+
+
+def _mission_changes(before: Telemetry | None, now: Telemetry) -> Iterable[tuple[str, str]]:
+    old, new = (before.mission if before else None), now.mission
+    if new is None or (old is not None and (old.id, old.phase) == (new.id, new.phase)):
+        return
+    x_m, y_m = new.destination
+    where = f"({x_m:.2f}, {y_m:.2f}) m"
+    if new.phase == "driving":
+        yield "info", f"mission to {where}: {new.remaining_m:.1f} m to drive"
+    else:
+        reason = f": {new.reason}" if new.reason else ""
+        yield LEVEL_OF_PHASE[new.phase], f"mission to {where} {new.phase}{reason}"
+
+
+def _overhead(pose: PoseMessage | None) -> Overhead | None:
+    if pose is None:
+        return None
+    return Overhead(pose.x_m, pose.y_m, pose.heading_rad, pose.confidence)
+
+
+def _finite(age_s: float) -> float | None:
+    return max(0.0, age_s) if math.isfinite(age_s) else None

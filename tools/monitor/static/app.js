@@ -1,0 +1,153 @@
+// The page: one WebSocket for what is, POST for what is asked.
+
+import { Hand } from "./hand.js";
+import { MapView } from "./map.js";
+import {
+  $, Picture, addLog, makeActions, showAction, showAges, showHealth, showMission, showRates,
+  showState, toast,
+} from "./panels.js";
+import { Replay } from "./replay.js";
+
+const LOST_MS = 1000;
+const RECONNECT_MS = 500;
+
+let socket = null;
+let state = null;
+let heardAt = performance.now();
+let logged = 0;
+let drives = -1;
+
+const map = new MapView($("map"), choose);
+const picture = new Picture();
+const hand = new Hand((text) => { if (socket?.readyState === WebSocket.OPEN) socket.send(text); });
+const replay = new Replay(
+  (report) => showRobot(report, true, true),
+  () => { map.clearTrail(); if (state) showLive(); },
+);
+
+function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  socket.binaryType = "blob";
+  socket.onmessage = ({ data }) => {
+    heardAt = performance.now();
+    if (data instanceof Blob) { picture.take(data); return; }
+    socket.send("seen");
+    take(JSON.parse(data));
+  };
+  socket.onclose = () => setTimeout(connect, RECONNECT_MS);
+}
+
+function take({ state: newest, log }) {
+  state = newest;
+  const fresh = log.filter(({ number }) => number > logged);
+  const firstTime = logged === 0;
+  addLog(fresh);
+  logged = log.length ? log.at(-1).number : logged;
+  const trouble = fresh.findLast(({ level }) => level === "warn" || level === "bad");
+  if (trouble && !firstTime) toast(trouble.text);
+  if (state.drives !== drives) { drives = state.drives; replay.list(); }
+  showState(state, 0);
+  showAges($("heard"), state.heard);
+  if (!replay.on) showLive();
+}
+
+function showLive() {
+  const picture_age = state.heard.find(({ name }) => name === "picture").age_s;
+  showRobot(state.robot, !state.silent, false, picture_age);
+}
+
+function showRobot(robot, fresh, recorded, pictureAge = null) {
+  const mission = robot?.mission;
+  map.show({
+    pose: robot?.pose ?? null,
+    path: robot?.path ?? [],
+    destination: mission?.destination,
+    progress: mission?.progress,
+    overhead: recorded ? null : state.overhead,
+    silent: !fresh,
+  });
+  picture.show(robot?.attention, pictureAge, recorded);
+  showMission(robot);
+  showAction(robot, fresh);
+  showRates(robot);
+  showAges($("inputs"), robot?.inputs ?? [], recorded ? 0 : state.silence_s ?? 0);
+  showHealth(robot?.health ?? []);
+}
+
+function choose(chosen) {
+  map.setChosen(chosen);
+  const [x, y] = chosen.destination.map((value) => value.toFixed(2));
+  const from = chosen.start ? `from (${chosen.start.map((v) => v.toFixed(2)).join(", ")}) ` : "";
+  $("choice-text").textContent = `${from}to (${x}, ${y}) m`;
+  $("choice").hidden = false;
+  $("hint").hidden = true;
+}
+
+function forget() {
+  map.setChosen(null);
+  $("choice").hidden = true;
+}
+
+async function command(kind, places = {}) {
+  let answer;
+  try {
+    const response = await fetch("/api/command", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ kind, ...places }),
+    });
+    if (!response.ok) throw new Error(await response.text());
+    answer = await response.json();
+  } catch (error) {
+    answer = { accepted: false, reason: `the monitor does not answer: ${error.message}` };
+  }
+  if (!answer.accepted) toast(`${kind}: ${answer.reason}`);
+  return answer.accepted;
+}
+
+function stop() {
+  hand.off();
+  command("stop");
+}
+
+async function go() {
+  const { start, destination } = map.chosen;
+  map.clearTrail();
+  if (await command("mission", { start, destination })) forget();
+}
+
+function tab(name) {
+  for (const other of ["log", "drives"]) {
+    $(other).hidden = other !== name;
+    $(`tab-${other}`).setAttribute("aria-selected", other === name);
+  }
+  if (name === "drives") replay.list();
+}
+
+makeActions((action) => hand.press(action));
+$("stop").addEventListener("click", stop);
+addEventListener("keydown", (event) => {
+  if (event.key !== " " && event.code !== "Space") return;
+  event.preventDefault();
+  if (!event.repeat) stop();
+}, { capture: true });
+addEventListener("keyup", (event) => {
+  if (event.code === "Space") event.preventDefault(); // no click on the focused button
+}, { capture: true });
+for (const kind of ["arm", "disarm", "clear"]) {
+  $(kind).addEventListener("click", () => command(kind));
+}
+$("go").addEventListener("click", go);
+$("forget").addEventListener("click", forget);
+$("tab-log").addEventListener("click", () => tab("log"));
+$("tab-drives").addEventListener("click", () => tab("drives"));
+setInterval(() => {
+  const lost = performance.now() - heardAt;
+  if (lost > LOST_MS) {
+    showState(state, lost / 1000);
+    if (state && !replay.on) showRobot(state.robot, false, false, lost / 1000);
+  }
+}, 250);
+
+map.setMap(await (await fetch("/api/map")).json());
+connect();
