@@ -39,8 +39,7 @@ class CommandServer:
         self._link = link
         self._clock = clock
         self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
-        self._operator: Optional[Sender] = None
-        self._operator_s = -math.inf
+        self._echo_s = -math.inf  # our clock, as somebody last told it back
         self._socket = link.bind(zmq.ROUTER, endpoint, MESSAGE_LIMIT_BYTES)
 
     def serve(self, handle: Handler) -> None:
@@ -58,12 +57,12 @@ class CommandServer:
                 self._socket.send_multipart([parts[0].bytes, ack.to_bytes()], zmq.NOBLOCK)
 
     def operator_age_s(self) -> float:
-        """How old [s] the operator's newest word from the robot is, by the robot's own clock.
+        """How old [s] the newest word from the robot is that an operator has shown to know.
 
-        The operator is who last armed, drove or sent a mission; infinite when nobody did. Counted
-        from the echo and not from the arrival, so that beats held up on the way do not look alive.
+        By the robot's own clock; infinite when nobody did. Counted from the echo and not from the
+        arrival, so that beats held up on the way do not look alive.
         """
-        return self._clock() - self._operator_s
+        return self._clock() - self._echo_s
 
     def _answer(self, parts: List, handle: Handler) -> Optional[Ack]:
         try:
@@ -75,12 +74,11 @@ class CommandServer:
             self.last_refusal = str(error)
             return None
         sender = (_user(parts), command.session)
-        ack = self._answers.get((sender, command.id)) or self._first_answer(command, handle, sender)
-        if sender == self._operator and command.robot_session == self.session:
-            self._operator_s = max(self._operator_s, min(command.robot_time_s, self._clock()))
-        return ack
+        if command.robot_session == self.session:
+            self._echo_s = max(self._echo_s, min(command.robot_time_s, self._clock()))
+        return self._answers.get((sender, command.id)) or self._do(command, handle, sender)
 
-    def _first_answer(self, command: Command, handle: Handler, sender: Sender) -> Ack:
+    def _do(self, command: Command, handle: Handler, sender: Sender) -> Ack:
         reason = self._staleness(command)
         if not reason and command.kind != "beat":
             try:
@@ -88,8 +86,6 @@ class CommandServer:
             except DuckpilotError as error:
                 reason = tidy_text(str(error), REASON_LIMIT_BYTES) or "refused"
         ack = Ack(command.id, not reason, reason, self.session, self._clock())
-        if ack.accepted and command.kind not in ALWAYS_TAKEN:
-            self._operator = sender
         if command.kind != "beat":
             self._remember(sender, ack)
         return ack

@@ -45,7 +45,7 @@ class InputAge:
     limit_s: float  # older than this and the robot stops
 
     def __post_init__(self) -> None:
-        require_name("input name", self.name)
+        require_text("input name", self.name, 24)
         require_number("input age_s", self.age_s, 0.0, MAX_AGE_S)
         require_number("input limit_s", self.limit_s, 0.0, MAX_AGE_S)
 
@@ -60,7 +60,7 @@ class Reading:
     level: str = "ok"  # one of LEVELS
 
     def __post_init__(self) -> None:
-        require_name("reading name", self.name)
+        require_text("reading name", self.name, 24)
         require_number("reading value", self.value, -BIG, BIG)
         require_text("reading unit", self.unit, 8)
         require_one_of("reading level", self.level, LEVELS)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+import logging
+import signal
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -26,7 +28,6 @@ from tools.monitor.monitor import Monitor
 
 STATIC = Path(__file__).parent / "static"
 SEND_EVERY_S = 0.1
-Background = Callable[[], AsyncIterator[None]]
 
 
 class CommandBody(BaseModel):
@@ -57,7 +58,6 @@ def create_app(
     road_map: RoadMap,
     token: str,
     host: str = "127.0.0.1",
-    beside: Callable[[], Any] | None = None,
 ) -> FastAPI:
     """The application.
 
@@ -66,17 +66,15 @@ def create_app(
         road_map: the map to draw.
         token: what a browser must show once.
         host: the address that the server listens at.
-        beside: another coroutine to run as long, such as the demonstration robot.
     """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        jobs = [monitor.run(), *([beside()] if beside else [])]
-        tasks = [asyncio.create_task(job) for job in jobs]
+        task = asyncio.create_task(monitor.run())
+        task.add_done_callback(_end_if_broken)
         yield
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
         monitor.close()
 
     app = FastAPI(title="duckpilot monitor", docs_url=None, openapi_url=None, lifespan=lifespan)
@@ -85,6 +83,13 @@ def create_app(
     _add_pages(app, monitor, asdict(draw_map(road_map)))
     _add_control(app, monitor)
     return app
+
+
+def _end_if_broken(task: asyncio.Task[None]) -> None:
+    """A page whose monitor has died would show the past: end the program, so that it is seen."""
+    if not task.cancelled() and task.exception() is not None:
+        logging.getLogger(__name__).error("the monitor broke", exc_info=task.exception())
+        signal.raise_signal(signal.SIGTERM)
 
 
 def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:

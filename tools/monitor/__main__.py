@@ -1,0 +1,82 @@
+"""``python -m tools.monitor``: the operator's page."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from robot.errors import DuckpilotError
+from robot.link.config import LinkConfig
+from robot.road_map import load_map
+from robot.typed_config import load_yaml
+from tools.monitor.access import LOOPBACK_NAMES
+
+PORT = 8600
+
+
+def parse(argv: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.monitor", description=__doc__)
+    parser.add_argument("--host", default="127.0.0.1", help="where to listen; 0.0.0.0: everywhere")
+    parser.add_argument("--port", type=int, default=PORT)
+    parser.add_argument("--map", default="town", help="a map file or the name of a shipped map")
+    parser.add_argument("--drives", type=Path, default=Path("runs/drives"), help="recordings")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--link", type=Path, help="YAML with keys, robot_host, localizer_host")
+    source.add_argument("--demo", action="store_true", help="a simulated robot, no hardware")
+    return parser.parse_args(argv)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Serve until interrupted; 2 for wrong input."""
+    arguments = parse(argv)
+    try:
+        with ExitStack() as stack:
+            serve(arguments, stack)
+    except DuckpilotError as error:
+        print(f"monitor: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
+    """Run the server; processes begun for it end with ``stack``."""
+    import uvicorn
+
+    from tools.monitor.app import create_app
+    from tools.monitor.monitor import Monitor
+
+    road_map = load_map(arguments.map)
+    if arguments.demo:
+        config = LinkConfig(plaintext=True)
+        stack.enter_context(_demo_robot(arguments.map, config.base_port))
+    else:
+        config = load_yaml(LinkConfig, arguments.link)
+    token = secrets.token_urlsafe(16)
+    monitor = Monitor(config, arguments.drives)
+    app = create_app(monitor, road_map, token, arguments.host)
+    shown = "localhost" if arguments.host in LOOPBACK_NAMES else arguments.host
+    print(f"Open http://{shown}:{arguments.port}/?token={token}", flush=True)
+    if arguments.host not in LOOPBACK_NAMES:
+        print("This page is not encrypted: use it on a network you trust.", flush=True)
+    uvicorn.run(app, host=arguments.host, port=arguments.port, log_level="warning")
+
+
+@contextmanager
+def _demo_robot(road_map: str, base_port: int) -> Iterator[None]:
+    ports = ["--base-port", str(base_port), "--map", road_map]
+    process = subprocess.Popen([sys.executable, "-m", "tools.monitor.demo_robot", *ports])
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(timeout=5.0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
