@@ -53,7 +53,7 @@ attentions = st.integers(1, 12).flatmap(
 labels = st.text(st.characters(exclude_categories=("C", "Z")), max_size=6)
 ages = st.builds(InputAge, labels, st.none() | st.floats(0, 1e5), st.floats(0, 10))
 readings = st.builds(
-    Reading, names, st.floats(-1e6, 1e6), st.just("°C"), st.sampled_from(tm.LEVELS)
+    Reading, labels, st.floats(-1e6, 1e6), st.just("°C"), st.sampled_from(tm.LEVELS)
 )
 missions = st.builds(
     MissionStatus,
