@@ -6,6 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
+from robot.lens import CameraRig
+from sim_pybullet.scene import Scene
+
 
 class Camera(Protocol):
     """Draws what N robots see.
@@ -23,3 +26,17 @@ class Camera(Protocol):
 
     def segment(self, poses: np.ndarray) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
+
+
+class BatchCamera(Protocol):
+    """Draws what N robots see, each in a world of its own, all or some of them."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(H, W, 3) of one picture."""
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Give robot ``i`` its world and its camera."""
+
+    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+        """(M, H, W, 3) uint8 RGB of all robots, or of those whose indices (M,) are given."""

@@ -7,11 +7,10 @@ DB18 (u' = -5u + 1.5(R + L), w' = -4w + 15(R - L), in Euler steps of 1/30 s), st
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, DRIVE
+from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import DriveLook
 
 PHYSICS_STEPS = 3  # per decision
@@ -33,10 +32,8 @@ class MotorModel:
         self._gains = np.ones((n_robots, 2))  # left, right
         self._turn_gain = np.ones(n_robots)
         self._noise = np.zeros(n_robots)
-        self._delay = np.zeros(n_robots)  # steps
         self._twists = np.zeros((n_robots, 2))
-        self._commands = np.zeros((1, n_robots, 2))  # a ring that holds the longest delay
-        self._now = 0
+        self._commands = DelayLine(n_robots, 2)
         for i in range(n_robots):
             self.reset(i, DriveLook())
 
@@ -47,9 +44,7 @@ class MotorModel:
         self._gains[i] = look.gain - look.trim, look.gain + look.trim
         self._turn_gain[i] = look.turn_gain
         self._noise[i] = look.noise
-        self._delay[i] = look.delay_s / self._dt_s
-        self._make_room(math.floor(self._delay[i]) + 2)
-        self._commands[:, i] = 0.0
+        self._commands.reset(i, look.delay_s / self._dt_s, np.zeros(2))
         self._twists[i] = 0.0
 
     @property
@@ -67,9 +62,8 @@ class MotorModel:
         Returns:
             (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.
         """
-        self._now = (self._now + 1) % len(self._commands)
-        self._commands[self._now] = wheel_mps
-        wheels = self._arrived() * self._gains
+        self._commands.push(wheel_mps)
+        wheels = self._commands.read() * self._gains
         if self._noise.any():
             wheels *= 1.0 + self._noise[:, None] * rng.standard_normal(wheels.shape)
         forward = wheels.mean(axis=1)
@@ -77,19 +71,3 @@ class MotorModel:
         target = np.stack((forward, turn), axis=1)
         self._twists = target + (self._twists - target) * self._decay
         return self._twists.copy()
-
-    def _arrived(self) -> np.ndarray:
-        """The commands (N, 2) that the wheels have in this step, on average."""
-        whole = np.floor(self._delay).astype(int)
-        share = (self._delay - whole)[:, None]
-        robots, depth = np.arange(len(whole)), len(self._commands)
-        newer = self._commands[(self._now - whole) % depth, robots]
-        older = self._commands[(self._now - whole - 1) % depth, robots]
-        return (1.0 - share) * newer + share * older
-
-    def _make_room(self, depth: int) -> None:
-        missing = depth - len(self._commands)
-        if missing > 0:
-            oldest_first = np.roll(self._commands, -self._now - 1, axis=0)
-            self._commands = np.pad(oldest_first, ((missing, 0), (0, 0), (0, 0)))
-            self._now = depth - 1

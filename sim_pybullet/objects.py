@@ -26,11 +26,17 @@ def build_scene(road_map: RoadMap, look: Look, rng: np.random.Generator) -> Scen
     Raises:
         MapError: an object of a kind that nobody can draw, with the nearest one.
     """
+    ground = paint_ground(road_map, look.ground)
+    return Scene(ground, standing_solids(road_map, rng), look.sky, look.light)
+
+
+def standing_solids(road_map: RoadMap, rng: np.random.Generator) -> tuple[Solid, ...]:
+    """The solids of all objects that stand there in an episode; ``rng`` picks the optional ones."""
     solids: list[Solid] = []
     for item in road_map.objects:
         if not item.optional or rng.random() < OPTIONAL_SHARE:
             solids += object_solids(item)
-    return Scene(paint_ground(road_map, look.ground), tuple(solids), look.sky, look.light)
+    return tuple(solids)
 
 
 def object_solids(item: MapObject) -> tuple[Solid, ...]:

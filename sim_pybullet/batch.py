@@ -1,0 +1,181 @@
+"""``BatchWorld``: N robots that learn one task, each in an episode of its own, stepped together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.contract import ACTION_WHEELS, ImageSpec
+from robot.errors import ContractError
+from robot.geometry import Pose
+from robot.guidance import path_inputs
+from sim_pybullet.camera import BatchCamera
+from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
+from sim_pybullet.expert import expert_actions
+from sim_pybullet.feed import CameraFeed
+from sim_pybullet.motors import PHYSICS_STEPS, MotorModel
+from sim_pybullet.pool import LookPool, Looks
+from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.tasks.base import Task, TaskStep
+from sim_pybullet.tasks.following import Course
+from sim_pybullet.town import Drive, Town
+
+ACTION_TABLE = np.array(ACTION_WHEELS)  # (5, 2) left and right rim speed [m/s]
+
+
+class Observation(NamedTuple):
+    """What the policies of M robots get."""
+
+    image: np.ndarray  # (M, H, W, 3) uint8 RGB
+    path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.guidance
+
+
+class Finished(NamedTuple):
+    """The episodes that ended with a step."""
+
+    robots: np.ndarray  # (M,) indices, ascending
+    observation: Observation  # the last of the ended episode
+    metrics: tuple[DriveMetrics, ...]  # of the ended episode
+
+
+class BatchStep(NamedTuple):
+    """What a step of all robots led to; robots that ended have begun their next episode."""
+
+    observation: Observation  # of the next episode where one ended
+    reward: np.ndarray  # (N,) float64
+    task: TaskStep
+    course: Course  # before any next episode began
+    collided: np.ndarray  # (N,) bool
+    finished: Finished
+
+
+class BatchWorld:
+    """Bodies, motors, cameras and a task, for N robots at once.
+
+    The same arguments, seed and actions give the same pictures, bit for bit.
+
+    Args:
+        task: of N robots.
+        looks: a list of Looks or a sampler, see `sim_pybullet.pool.LookPool`.
+        image: the picture of the policy.
+        seed: of everything that is random.
+        pool_size: painted worlds per map, with a sampler of Looks.
+        drive: see `sim_pybullet.town.Town`.
+        camera: draws the N robots; by default a ``RayCamera``.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        looks: Looks,
+        image: ImageSpec | None = None,
+        seed: int = 0,
+        pool_size: int = 16,
+        drive: Drive = "planar",
+        camera: BatchCamera | None = None,
+    ) -> None:
+        self.task = task
+        self.n_robots = n = task.n_robots
+        self._pool = LookPool(task.road_maps, looks, np.random.default_rng(seed), pool_size)
+        self._town = Town([world.scene.solids for world in self._pool.worlds], n, drive)
+        self._motors = MotorModel(n)
+        self._feed = CameraFeed(camera or RayCamera(image or ImageSpec(), n), n)
+        self._recorder = DriveRecorder(n)
+        self.image_shape = self._feed.shape
+        self.seed(seed)
+
+    def close(self) -> None:
+        """Free the physics client."""
+        self._town.close()
+
+    def seed(self, seed: int) -> None:
+        """Begin the random numbers anew; the painted worlds stay as they are."""
+        streams = np.random.SeedSequence(seed).spawn(4)
+        self._task_rng, self._look_rng, self._motor_rng, self._camera_rng = (
+            np.random.default_rng(stream) for stream in streams
+        )
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(N, 3) true poses: x [m], y [m], heading [rad], each on the map of its robot."""
+        return self._town.poses
+
+    def expert_actions(self) -> np.ndarray:
+        """(N,) what `sim_pybullet.expert` would do now, who knows the true poses."""
+        return expert_actions(self.task.paths, self._town.poses, self.task.course.arc_m)
+
+    def reset(self) -> Observation:
+        """Begin an episode of every robot."""
+        everyone = np.arange(self.n_robots)
+        self._begin(everyone)
+        return self._observe(everyone)
+
+    def step(self, actions: np.ndarray) -> BatchStep:
+        """Let every robot carry out its action for `robot.contract.CONTROL_DT_S`.
+
+        Raises:
+            ContractError: not one action of the contract per robot.
+        """
+        collided = self._drive(_checked(actions, self.n_robots))
+        judged = self.task.step(self._town.poses, collided)
+        course = self.task.course
+        self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
+        observation = self._observe()
+        ended = np.flatnonzero(judged.terminated | judged.truncated)
+        finished = Finished(
+            ended,
+            _some(observation, ended),
+            tuple(self._recorder.metrics(int(i)) for i in ended),
+        )
+        if len(ended):
+            self._begin(ended)
+            observation = _replaced(observation, ended, self._observe(ended))
+        return BatchStep(observation, judged.reward, judged, course, collided, finished)
+
+    def _drive(self, actions: np.ndarray) -> np.ndarray:
+        wheels, collided = ACTION_TABLE[actions], np.zeros(self.n_robots, dtype=bool)
+        for _ in range(PHYSICS_STEPS):
+            self._town.step(self._motors.step(wheels, self._motor_rng))
+            self._feed.record(self._town.poses)
+            collided |= self._town.collided
+        return collided
+
+    def _begin(self, robots: np.ndarray) -> None:
+        starts = self.task.reset(robots, self._task_rng)
+        for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
+            world, look = self._pool.draw(int(road_map), self._look_rng)
+            self._town.place(i, Pose(*pose), world)
+            self._motors.reset(i, look.drive)
+            self._feed.begin(i, self._pool.worlds[world].scene, look, pose)
+        self._recorder.begin(robots)
+
+    def _observe(self, robots: np.ndarray | None = None) -> Observation:
+        image = self._feed.pictures(self._camera_rng, robots)
+        if not self.task.guided:
+            return Observation(image, None)
+        path = path_inputs(self.task.paths, self._town.poses, self.task.course.arc_m)
+        return Observation(image, path if robots is None else path[robots])
+
+
+def _checked(actions: np.ndarray, n_robots: int) -> np.ndarray:
+    actions = np.asarray(actions)
+    valid = actions.shape == (n_robots,) and np.issubdtype(actions.dtype, np.integer)
+    if not valid or not np.all((actions >= 0) & (actions < len(ACTION_TABLE))):
+        raise ContractError(
+            f"actions: expected ({n_robots},) whole numbers from 0 to {len(ACTION_TABLE) - 1}, "
+            f"got {actions!r}"
+        )
+    return actions
+
+
+def _some(observation: Observation, robots: np.ndarray) -> Observation:
+    path = observation.path
+    return Observation(observation.image[robots], None if path is None else path[robots])
+
+
+def _replaced(whole: Observation, robots: np.ndarray, parts: Observation) -> Observation:
+    for into, part in zip(whole, parts, strict=True):
+        if into is not None:
+            into[robots] = part
+    return whole

@@ -1,0 +1,69 @@
+"""``CameraFeed``: the pictures of N robots as they arrive, late, repeated and through a sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim_pybullet.camera import BatchCamera
+from sim_pybullet.delay_line import DelayLine
+from sim_pybullet.look import CameraLook, Look
+from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.scene import Scene
+
+
+class CameraFeed:
+    """Between the world and the policy.
+
+    After a `sim_pybullet.look.TimingLook`: a picture shows what there was to see ``camera_delay_s``
+    ago; with probability ``frame_skip`` the previous one comes again.
+
+    Args:
+        camera: draws N robots.
+        n_robots: N.
+    """
+
+    def __init__(self, camera: BatchCamera, n_robots: int) -> None:
+        self._camera = camera
+        self._scenes: list[Scene | None] = [None] * n_robots
+        self._cameras: list[CameraLook | None] = [None] * n_robots
+        self._past = DelayLine(n_robots, 4)  # x, y, cosine and sine of the heading
+        self._skip = np.zeros(n_robots)
+        self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
+        self._shown = np.zeros((n_robots, *camera.shape), np.uint8)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(H, W, 3) of one picture."""
+        return self._camera.shape
+
+    def begin(self, i: int, scene: Scene, look: Look, pose: np.ndarray) -> None:
+        """Robot ``i`` begins an episode at a pose (3,), where it has stood for a while."""
+        if self._scenes[i] is not scene or self._cameras[i] != look.camera:
+            self._camera.set_robot(i, scene, look.rig())
+            self._scenes[i], self._cameras[i] = scene, look.camera
+        delay = look.timing.camera_delay_s / PHYSICS_DT_S
+        self._past.reset(i, delay, _as_vectors(pose[None])[0])
+        self._skip[i] = look.timing.frame_skip
+        self._first[i] = True
+
+    def record(self, poses: np.ndarray) -> None:
+        """Take note of the poses (N, 3) after one more physics step."""
+        self._past.push(_as_vectors(poses))
+
+    def pictures(self, rng: np.random.Generator, robots: np.ndarray | None = None) -> np.ndarray:
+        """What arrives now: (M, H, W, 3) uint8 RGB in a fresh array, of all robots or of some."""
+        x, y, cosine, sine = self._past.read().T
+        poses = np.stack((x, y, np.arctan2(sine, cosine)), axis=1)
+        chosen = slice(None) if robots is None else robots
+        pictures = self._camera.render(poses[chosen], robots)
+        if self._skip.any():
+            again = (rng.random(len(pictures)) < self._skip[chosen]) & ~self._first[chosen]
+            pictures[again] = self._shown[chosen][again]
+            self._shown[chosen] = pictures
+        self._first[chosen] = False
+        return pictures
+
+
+def _as_vectors(poses: np.ndarray) -> np.ndarray:
+    heading = poses[:, 2]
+    return np.stack((poses[:, 0], poses[:, 1], np.cos(heading), np.sin(heading)), axis=1)

@@ -1,0 +1,79 @@
+"""``LookPool``: painted worlds that episodes share, since painting a floor takes far longer than
+driving a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot.errors import ConfigError
+from robot.road_map import RoadMap
+from sim_pybullet.ground import paint_ground
+from sim_pybullet.look import GroundLook, Look
+from sim_pybullet.objects import standing_solids
+from sim_pybullet.randomise import Sampler
+from sim_pybullet.scene import Ground, Scene
+
+Looks = Sequence[Look] | Sampler
+
+
+@dataclass(frozen=True)
+class PaintedWorld:
+    """A map as one Look paints it."""
+
+    scene: Scene
+    look: Look
+
+
+class LookPool:
+    """``size`` painted worlds of each map, drawn from at random when an episode begins.
+
+    With a list of Looks every map is painted in each of them, and an episode has one Look of the
+    list. With a sampler an episode takes floor, sky, light and camera from a painted world and
+    everything else from a Look of its own.
+
+    Args:
+        road_maps: M maps.
+        looks: a list of Looks, or a sampler of them.
+        rng: draws Looks and the optional objects of the maps.
+        size: painted worlds per map, with a sampler.
+
+    Raises:
+        ConfigError: an empty list, or a size below 1.
+    """
+
+    def __init__(
+        self, road_maps: Sequence[RoadMap], looks: Looks, rng: np.random.Generator, size: int = 16
+    ) -> None:
+        self._sample = looks if callable(looks) else None
+        self._size = size if callable(looks) else len(looks)
+        if self._size < 1:
+            raise ConfigError("LookPool: expected at least one Look and a size of 1 or more")
+        worlds = []
+        for road_map in road_maps:
+            floors: dict[GroundLook, Ground] = {}
+            for k in range(self._size):
+                look = looks(rng) if callable(looks) else looks[k]
+                if look.ground not in floors:
+                    floors[look.ground] = paint_ground(road_map, look.ground)
+                solids = standing_solids(road_map, rng)
+                scene = Scene(floors[look.ground], solids, look.sky, look.light)
+                worlds.append(PaintedWorld(scene, look))
+        self.worlds = tuple(worlds)
+
+    def draw(self, map_index: int, rng: np.random.Generator) -> tuple[int, Look]:
+        """A painted world of a map (index into ``worlds``), and the Look of an episode in it."""
+        index = map_index * self._size + int(rng.integers(self._size))
+        painted = self.worlds[index].look
+        if self._sample is None:
+            return index, painted
+        look = self._sample(rng)
+        return index, replace(
+            look,
+            ground=painted.ground,
+            sky=painted.sky,
+            light=painted.light,
+            camera=painted.camera,
+        )

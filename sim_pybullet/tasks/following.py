@@ -1,0 +1,81 @@
+"""Robots on paths: where they are, and the reward of paper A for being there."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.contract import ACTION_TWISTS, CONTROL_DT_S, Action
+from robot.geometry import wrap_angle
+from robot.path import Path
+from robot.path_batch import NO_HINT, PathBatch
+
+# From the middle of a lane to its edge: the yellow line begins at 0.18 tiles, the white at 0.193.
+HALF_LANE_TILES = 0.19
+NOMINAL_STEP_M = ACTION_TWISTS[Action.STRAIGHT].forward_mps * CONTROL_DT_S
+TERM_NAMES = ("offset", "alignment")
+
+
+class Course(NamedTuple):
+    """Where N robots are on the paths they should follow."""
+
+    arc_m: np.ndarray  # (N,) along the path
+    offset_m: np.ndarray  # (N,) from the path, positive to the left
+    heading_error_rad: np.ndarray  # (N,) the robot's heading less the path's, in (-pi, pi]
+    progress_m: np.ndarray  # (N,) along the path in the last decision
+    travelled_m: np.ndarray  # (N,) along the path in this episode
+
+
+class PathFollower:
+    """Keeps track of N robots, each on a path of its own.
+
+    Args:
+        path: of all robots until ``start`` gives them another one.
+        n_robots: N.
+    """
+
+    def __init__(self, path: Path, n_robots: int) -> None:
+        self.paths = PathBatch([path] * n_robots)
+        self.course = Course(*np.zeros((len(Course._fields), n_robots)))
+        self._hints = np.full(n_robots, NO_HINT)
+
+    def start(
+        self, i: int, path: Path, arc_m: float, offset_m: float, heading_error_rad: float
+    ) -> np.ndarray:
+        """Begin an episode of robot ``i`` beside a point of a path; its pose (3,)."""
+        self.paths.replace(i, path)
+        self._hints[i] = NO_HINT
+        for field, value in zip(
+            self.course, (arc_m, offset_m, heading_error_rad, 0, 0), strict=True
+        ):
+            field[i] = value
+        x_m, y_m, along_rad = path.pose_at(arc_m)
+        x_m -= offset_m * math.sin(along_rad)
+        y_m += offset_m * math.cos(along_rad)
+        return np.array([x_m, y_m, wrap_angle(along_rad + heading_error_rad)])
+
+    def follow(self, poses: np.ndarray) -> Course:
+        """Where the robots are on their paths after a decision that led to poses (N, 3)."""
+        at = self.paths.project(poses[:, :2], self._hints)
+        progress_m = self.paths.advance_m(self.course.arc_m, at.arc_m)
+        error = np.asarray(wrap_angle(poses[:, 2] - at.heading_rad))
+        travelled_m = self.course.travelled_m + progress_m
+        self._hints = at.index
+        self.course = Course(at.arc_m.copy(), at.offset_m, error, progress_m, travelled_m)
+        return self.course
+
+
+def following_terms(course: Course, half_lane_m: np.ndarray) -> np.ndarray:
+    """Paper A's reward -5 |dE| + 5 dot of N robots as two terms (2, N), named TERM_NAMES.
+
+    * ``offset``: -5 |dE|, dE the distance from the path in half-lane widths (N,) [m];
+    * ``alignment``: 5 dot, dot the cosine between the headings of robot and path. Where it is
+      positive it is earned by driving: times the progress along the path as a share (0 to 1) of
+      what STRAIGHT makes in a decision (3 cm). A parked robot never gets more than zero in all.
+    """
+    dot = np.cos(course.heading_error_rad)
+    speed = np.clip(course.progress_m / NOMINAL_STEP_M, 0.0, 1.0)
+    offset = np.abs(course.offset_m) / half_lane_m
+    return np.stack((-5.0 * offset, 5.0 * np.minimum(dot, dot * speed)))
