@@ -47,6 +47,7 @@ class PathFollower:
         """Begin an episode of robot ``i`` beside a point of a path; its pose (3,)."""
         self.paths.replace(i, path)
         self._hints[i] = NO_HINT
+        self.course = Course(*(field.copy() for field in self.course))  # the old one was given away
         for field, value in zip(
             self.course, (arc_m, offset_m, heading_error_rad, 0, 0), strict=True
         ):

@@ -49,8 +49,8 @@ class LaneKeeping:
     """
 
     guided = False
-    term_names = TERM_NAMES
-    fact_names = ("laps",)
+    term_names: tuple[str, ...] = TERM_NAMES
+    fact_names: tuple[str, ...] = ("laps",)
 
     def __init__(
         self,

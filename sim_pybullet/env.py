@@ -1,0 +1,140 @@
+"""``DriveEnv``: one robot as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from robot.contract import CONTROL_DT_S, ImageSpec
+from robot.errors import ConfigError
+from robot.road_map import load_map
+from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.faces import ACTION_SPACE_SIZE, observation_space, one_of, step_infos
+from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
+
+_SEEDS = 2**31
+
+
+class DriveEnv(gymnasium.Env[Any, Any]):
+    """A small robot drives on a Duckietown road by what its camera shows.
+
+    Ids: ``duckpilot/LaneKeeping-v0`` (outer lane of the map ``loop``), ``LaneKeepingInner-v0``
+    (inner lane), ``LaneKeepingRandomised-v0`` (another look in every episode).
+
+    Actions: Discrete(5), `robot.contract.Action`, each a pair of wheel speeds held for 0.1 s.
+
+    ==  ============  ==============  ================
+    0   LEFT          0.18 m/s         2.4 rad/s
+    1   SLIGHT_LEFT   0.30 m/s         0.9 rad/s
+    2   STRAIGHT      0.30 m/s         0.0 rad/s
+    3   SLIGHT_RIGHT  0.30 m/s        -0.9 rad/s
+    4   RIGHT         0.18 m/s        -2.4 rad/s
+    ==  ============  ==============  ================
+
+    Observation: the picture, Box (H, W, 3) uint8 RGB; 120 x 160 unless another
+    `robot.contract.ImageSpec` is asked for. A task that guides gives a Dict of ``image`` and
+    ``path``, ten angles in [-1, 1] (`robot.guidance`).
+
+    Reward: -5 |dE| + 5 dot, the second part earned by driving: up to 5 a step. See
+    `sim_pybullet.tasks.following.following_terms`.
+
+    Start: a random place of the lane, up to 2.8 cm off its middle and 10 degrees askew, at rest.
+
+    Terminated: 11 cm (0.19 tiles) off the middle of the lane, 100 degrees off its direction, or in
+    collision. Truncated: two laps driven (success), or twice the time that takes at full speed.
+
+    Info of every step: ``terms`` (reward by name), ``arc_m``, ``offset_m``, ``heading_error_rad``,
+    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.following.Course`), ``laps``, ``collided``,
+    ``is_success``; at the end also ``drive`` (`sim_pybullet.drive_metrics.DriveMetrics`).
+
+    Args:
+        world: of one robot; it ends with the environment.
+        render_mode: ``rgb_array`` lets ``render`` give the picture that the robot saw last.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class has it)
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1.0 / CONTROL_DT_S),
+    }
+
+    def __init__(self, world: BatchWorld, render_mode: Literal["rgb_array"] | None = None) -> None:
+        self.world = world
+        self.render_mode = render_mode
+        self.observation_space = observation_space(world)
+        self.action_space = spaces.Discrete(ACTION_SPACE_SIZE)
+        self._seen = np.zeros(world.image_shape, np.uint8)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode; the same seed begins the same ones.
+
+        Raises:
+            ConfigError: there are no options.
+        """
+        if options:
+            raise ConfigError(f"DriveEnv: expected no options of reset, got {options!r}")
+        super().reset(seed=seed)
+        if seed is not None:
+            self.world.seed(int(self.np_random.integers(_SEEDS)))
+        return self._show(self.world.reset(), 0), {}
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Carry out one action for 0.1 s."""
+        step = self.world.step(np.array([action]))
+        ended = len(step.finished.robots) > 0
+        observation = self._show(step.finished.observation if ended else step.observation, 0)
+        return (
+            observation,
+            float(step.reward[0]),
+            bool(step.task.terminated[0]),
+            bool(step.task.truncated[0]),
+            step_infos(self.world, step)[0],
+        )
+
+    def render(self) -> np.ndarray | None:
+        """The picture (H, W, 3) uint8 that the robot saw last; None without a render mode."""
+        return self._seen.copy() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Free the world."""
+        self.world.close()
+
+    def _show(self, observation: Observation, i: int) -> Any:
+        self._seen = observation.image[i]
+        return one_of(observation, i)
+
+
+def make_lane_keeping(
+    road_map: str = "loop",
+    lane: Literal["outer", "inner"] = "outer",
+    laps: float = 2.0,
+    look: str = "nominal",
+    image: ImageSpec | None = None,
+    world_seed: int = 0,
+    pool_size: int = 16,
+    render_mode: Literal["rgb_array"] | None = None,
+) -> DriveEnv:
+    """The lane-keeping environment, as the registered ids make it.
+
+    Args:
+        road_map: a file, or the name of a shipped map, whose road is a ring.
+        lane: which one.
+        laps: of an episode.
+        look: a file, or the name of a shipped Look or distribution of Looks.
+        image: the picture of the policy.
+        world_seed: of the painted worlds; episodes follow the seed of ``reset``.
+        pool_size: how many worlds are painted.
+        render_mode: see ``DriveEnv``.
+
+    Raises:
+        MapError: no such map, or not a ring of road.
+        ConfigError: no such look.
+    """
+    task = LaneKeeping([load_map(road_map)], 1, lane, laps)
+    world = BatchWorld(task, load_look_sampler(look), image, world_seed, pool_size)
+    return DriveEnv(world, render_mode)

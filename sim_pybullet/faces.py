@@ -1,0 +1,54 @@
+"""What the single and the vector environment share: spaces, observations and infos."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from robot.contract import PATH_POINTS, Action
+from sim_pybullet.batch import BatchStep, BatchWorld, Observation
+
+ACTION_SPACE_SIZE = len(Action)
+
+
+def observation_space(world: BatchWorld) -> spaces.Space[Any]:
+    """The picture, with ``path`` beside it in a Dict where the task guides."""
+    image = spaces.Box(0, 255, world.image_shape, np.uint8)
+    if not world.task.guided:
+        return image
+    path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+    return spaces.Dict({"image": image, "path": path})
+
+
+def as_space_member(observation: Observation) -> Any:
+    """All robots' observations in the form of the space, with a leading axis."""
+    if observation.path is None:
+        return observation.image
+    return {"image": observation.image, "path": observation.path}
+
+
+def one_of(observation: Observation, i: int) -> Any:
+    """A single robot's observation in the form of the space, in arrays of its own."""
+    if observation.path is None:
+        return observation.image[i].copy()
+    return {"image": observation.image[i].copy(), "path": observation.path[i].copy()}
+
+
+def step_infos(world: BatchWorld, step: BatchStep) -> list[dict[str, Any]]:
+    """One info per robot: see ``DriveEnv`` for the keys."""
+    task, judged = world.task, step.task
+    columns = {
+        **dict(zip(step.course._fields, step.course, strict=True)),
+        **dict(zip(task.fact_names, judged.facts, strict=True)),
+        "collided": step.collided,
+        "is_success": judged.success,
+    }
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    infos: list[dict[str, Any]] = [dict(zip(columns, row, strict=True)) for row in rows]
+    for info, terms in zip(infos, judged.terms.T.tolist(), strict=True):
+        info["terms"] = dict(zip(task.term_names, terms, strict=True))
+    for i, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
+        infos[i]["drive"] = metrics._asdict()
+    return infos

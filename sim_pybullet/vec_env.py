@@ -1,0 +1,101 @@
+"""``DuckpilotVecEnv``: N robots as a vector environment of stable-baselines3."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.faces import (
+    ACTION_SPACE_SIZE,
+    as_space_member,
+    observation_space,
+    one_of,
+    step_infos,
+)
+
+
+class DuckpilotVecEnv(VecEnv):
+    """The robots of a ``BatchWorld``: spaces, reward and infos as in `sim_pybullet.env.DriveEnv`.
+
+    A robot whose episode ends begins the next one at once. Its info then holds, as
+    stable-baselines3 wants it, ``terminal_observation`` and ``TimeLimit.truncated``.
+
+    Args:
+        world: ends with the environment.
+    """
+
+    def __init__(self, world: BatchWorld) -> None:
+        self.world = world
+        self._actions = np.zeros(world.n_robots, dtype=int)
+        self._seen = np.zeros((world.n_robots, *world.image_shape), np.uint8)
+        self.render_mode = "rgb_array"
+        super().__init__(
+            world.n_robots, observation_space(world), spaces.Discrete(ACTION_SPACE_SIZE)
+        )
+
+    def expert_actions(self) -> np.ndarray:
+        """(N,) what the expert would do now, who knows the true poses."""
+        return self.world.expert_actions()
+
+    def reset(self) -> Any:
+        """Begin an episode of every robot; the first seed given to ``seed`` sets them all."""
+        if self._seeds[0] is not None:
+            self.world.seed(self._seeds[0])
+        self._reset_seeds()
+        self._reset_options()
+        observation = self.world.reset()
+        self._seen = observation.image
+        return as_space_member(observation)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take note of the actions (N,)."""
+        self._actions = np.asarray(actions)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Carry them out for 0.1 s."""
+        step = self.world.step(self._actions)
+        infos = step_infos(self.world, step)
+        for info, truncated in zip(infos, step.task.truncated.tolist(), strict=True):
+            info["TimeLimit.truncated"] = truncated
+        for k, i in enumerate(step.finished.robots):
+            infos[i]["terminal_observation"] = one_of(step.finished.observation, k)
+        done = step.task.terminated | step.task.truncated
+        self._seen = step.observation.image
+        return as_space_member(step.observation), step.reward.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Free the world."""
+        self.world.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """The picture (H, W, 3) uint8 that each robot saw last."""
+        return [picture.copy() for picture in self._seen]
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """The attribute of this object, for each robot asked for."""
+        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Refused: robots have no attributes of their own."""
+        raise NotImplementedError(f"DuckpilotVecEnv: cannot set {attr_name!r} of single robots")
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Refused: robots have no methods of their own."""
+        raise NotImplementedError(f"DuckpilotVecEnv: cannot call {method_name!r} of single robots")
+
+    def env_is_wrapped(
+        self,
+        wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002
+        indices: VecEnvIndices = None,
+    ) -> list[bool]:
+        """Never."""
+        return [False] * len(list(self._get_indices(indices)))

@@ -1,0 +1,155 @@
+"""The batched world: the order of things, episodes, reproducibility."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robot.contract import CONTROL_DT_S, Action
+from robot.errors import ConfigError, ContractError
+from robot.road_map import load_map
+from sim_pybullet.batch import BatchStep, BatchWorld
+from sim_pybullet.look import DB18_DRIVE, NOMINAL, DriveLook, GroundLook, Look
+from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.pool import LookPool
+from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from tests.sim_pybullet.flat_camera import PoseCamera, shown_poses
+
+LOOP = load_map("loop")
+EXACT = replace(NOMINAL, drive=DriveLook(forward_lag_s=0.0, turn_lag_s=0.0, noise=0.0))
+
+
+def make_world(n: int = 4, looks: tuple[Look, ...] = (NOMINAL,), seed: int = 0) -> BatchWorld:
+    return BatchWorld(LaneKeeping([LOOP], n), looks, seed=seed, camera=PoseCamera(n))
+
+
+@pytest.fixture
+def world() -> Iterator[BatchWorld]:
+    made = make_world()
+    yield made
+    made.close()
+
+
+def drive(world: BatchWorld, steps: int, seed: int = 0) -> list[BatchStep]:
+    rng = np.random.default_rng(seed)
+    world.reset()
+    return [world.step(rng.integers(5, size=world.n_robots)) for _ in range(steps)]
+
+
+def test_a_decision_is_a_tenth_of_a_second_of_the_action() -> None:
+    world = make_world(looks=(EXACT,))
+    world.reset()
+    before = world.poses
+    world.step(np.full(4, Action.STRAIGHT))
+    moved = np.hypot(*(world.poses - before)[:, :2].T)
+    np.testing.assert_allclose(moved, 0.3 * CONTROL_DT_S, atol=1e-9)
+    assert pytest.approx(3 * PHYSICS_DT_S) == CONTROL_DT_S
+    world.close()
+
+
+def test_the_picture_shows_where_the_robots_are_now(world: BatchWorld) -> None:
+    first = world.reset()
+    np.testing.assert_allclose(shown_poses(first.image), world.poses, atol=1e-3)
+    for step in drive(world, 30):
+        assert step.observation.path is None
+    np.testing.assert_allclose(shown_poses(step.observation.image), world.poses, atol=1e-3)
+
+
+def test_an_ended_episode_keeps_its_last_picture_and_the_next_begins(world: BatchWorld) -> None:
+    ended = 0
+    for step in drive(world, 120):
+        robots = step.finished.robots
+        np.testing.assert_array_equal(
+            robots, np.flatnonzero(step.task.terminated | step.task.truncated)
+        )
+        last = shown_poses(step.finished.observation.image)
+        if len(robots):
+            at = world.task.paths.project(shown_poses(step.observation.image)[:, :2])
+            assert np.abs(at.offset_m[robots]).max() < 0.03  # new starts are in the lane
+            offsets = step.course.offset_m[robots]
+            assert np.all((np.abs(offsets) > 0.1) | step.task.truncated[robots])
+            assert np.abs(last - shown_poses(step.observation.image)[robots]).max() > 0.01
+        ended += len(robots)
+        assert len(step.finished.metrics) == len(robots) == len(last)
+    assert ended > 4
+
+
+def test_metrics_are_those_of_the_episode(world: BatchWorld) -> None:
+    steps = drive(world, 120)
+    lived = np.zeros(4, dtype=int)
+    for step in steps:
+        lived += 1
+        for i, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
+            assert metrics.survival_time_s == pytest.approx(lived[i] * CONTROL_DT_S)
+            lived[i] = 0
+
+
+def test_same_seed_same_drive_bit_for_bit_and_another_seed_another() -> None:
+    looks = (replace(NOMINAL, drive=DB18_DRIVE), NOMINAL)
+    runs = []
+    for seed in (1, 1, 2):
+        world = make_world(looks=looks, seed=seed)
+        runs.append([(s.observation.image, s.reward) for s in drive(world, 80)])
+        world.close()
+    for a, b in zip(runs[0], runs[1], strict=True):
+        np.testing.assert_array_equal(a[0], b[0])
+        np.testing.assert_array_equal(a[1], b[1])
+    assert not np.array_equal(runs[0][0][0], runs[2][0][0])
+
+
+def test_seeding_again_repeats_the_drive(world: BatchWorld) -> None:
+    world.seed(7)
+    first = [s.reward for s in drive(world, 60)]
+    world.seed(7)
+    np.testing.assert_array_equal(first, [s.reward for s in drive(world, 60)])
+
+
+def test_robots_do_not_know_of_each_other() -> None:
+    """Robot 0 drives alike whatever the others do."""
+    paths = []
+    for others in (Action.LEFT, Action.RIGHT):
+        world = make_world(looks=(EXACT,))
+        world.reset()
+        actions = np.array([Action.STRAIGHT, others, others, others])
+        paths.append([world.step(actions).course.offset_m[0] for _ in range(12)])
+        world.close()
+    np.testing.assert_array_equal(paths[0], paths[1])
+
+
+@pytest.mark.parametrize("actions", [[0, 1, 2], [0, 1, 2, 5], [0, 1, 2, -1], [0.0, 1.0, 2.0, 3.0]])
+def test_actions_beyond_the_contract_are_refused(world: BatchWorld, actions: list[int]) -> None:
+    world.reset()
+    with pytest.raises(ContractError, match=r"whole numbers from 0 to 4"):
+        world.step(np.array(actions))
+
+
+def test_an_episode_has_one_look_of_a_list() -> None:
+    dark = replace(NOMINAL, ground=GroundLook(brightness=0.5), drive=DB18_DRIVE)
+    pool = LookPool([LOOP], [NOMINAL, dark], np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    seen = {pool.draw(0, rng) for _ in range(20)}
+    assert seen == {(0, NOMINAL), (1, dark)}
+
+
+def test_with_a_sampler_paint_is_shared_and_the_rest_is_drawn_anew() -> None:
+    pool = LookPool([LOOP, LOOP], load_look_sampler("randomised"), np.random.default_rng(0), 2)
+    rng = np.random.default_rng(0)
+    assert len(pool.worlds) == 4
+    draws = [pool.draw(1, rng) for _ in range(12)]
+    assert {index for index, _ in draws} == {2, 3}
+    assert len({look.drive for _, look in draws}) == 12
+    for index, look in draws:
+        painted = pool.worlds[index].look
+        assert (look.ground, look.camera) == (painted.ground, painted.camera)
+
+
+def test_one_floor_is_painted_once() -> None:
+    pool = LookPool([LOOP], load_look_sampler("nominal"), np.random.default_rng(0), 3)
+    assert len({id(world.scene.ground) for world in pool.worlds}) == 1
+
+
+def test_an_empty_pool_is_refused() -> None:
+    with pytest.raises(ConfigError, match="at least one Look"):
+        LookPool([LOOP], [], np.random.default_rng(0))

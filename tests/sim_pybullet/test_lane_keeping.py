@@ -1,0 +1,128 @@
+"""What lane keeping rewards, and how it ends."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot.errors import ConfigError, MapError
+from robot.path import lane_loop
+from robot.road_map import load_map
+from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M
+from sim_pybullet.tasks.lane_keeping import START_HEADING_RAD, START_OFFSET, LaneKeeping
+
+LOOP = load_map("loop")
+HALF_LANE_M = HALF_LANE_TILES * LOOP.tile_size_m
+NOBODY = np.zeros(1, dtype=bool)
+
+
+def task_at(arc_m: float, laps: float = 2.0) -> LaneKeeping:
+    """A task of one robot that begins in the middle of the lane at an arc length."""
+    task = LaneKeeping([LOOP], 1, laps=laps)
+    task.reset(np.array([0]), np.random.default_rng(0))
+    task._follower.start(0, lane_loop(LOOP), arc_m, 0.0, 0.0)
+    return task
+
+
+def beside(arc_m: float, offset_m: float = 0.0, error_rad: float = 0.0) -> np.ndarray:
+    """The pose (1, 3) that is off the outer lane by this much."""
+    x, y, heading = lane_loop(LOOP).pose_at(arc_m)
+    left = offset_m * np.array((-np.sin(heading), np.cos(heading)))
+    return np.array([[x + left[0], y + left[1], heading + error_rad]])
+
+
+def test_starts_are_in_the_lane_and_differ() -> None:
+    task = LaneKeeping([LOOP], 200)
+    starts = task.reset(np.arange(200), np.random.default_rng(1))
+    at = task.paths.project(starts.poses[:, :2])
+    np.testing.assert_allclose(at.offset_m, task.course.offset_m, atol=2e-3)
+    np.testing.assert_allclose(at.arc_m, task.course.arc_m, atol=0.02)
+    assert np.abs(task.course.offset_m).max() <= START_OFFSET * HALF_LANE_M
+    assert np.abs(task.course.heading_error_rad).max() <= START_HEADING_RAD
+    assert len(np.unique(task.course.arc_m)) == 200
+
+
+@settings(deadline=None, max_examples=30)
+@given(arc_m=st.floats(0.0, 9.0), offset=st.floats(-0.9, 0.9), error_rad=st.floats(-1.4, 1.4))
+def test_at_full_speed_the_reward_is_the_papers(
+    arc_m: float, offset: float, error_rad: float
+) -> None:
+    step = task_at(arc_m).step(
+        beside(arc_m + 1.5 * NOMINAL_STEP_M, offset * HALF_LANE_M, error_rad), NOBODY
+    )
+    expected = -5.0 * abs(offset) + 5.0 * np.cos(error_rad)
+    assert step.reward[0] == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.5, 0.99])
+def test_parked_never_earns_and_the_same_drive_does(offset: float) -> None:
+    parked, driving = task_at(1.0), task_at(1.0)
+    parked.step(beside(1.0, offset * HALF_LANE_M), NOBODY)
+    stays = parked.step(beside(1.0, offset * HALF_LANE_M), NOBODY)
+    drives = driving.step(beside(1.0 + NOMINAL_STEP_M, offset * HALF_LANE_M), NOBODY)
+    assert stays.reward[0] <= 0.0 < drives.reward[0] - stays.reward[0]
+
+
+def test_driving_back_is_worse_than_parking() -> None:
+    back, parked = task_at(1.0), task_at(1.0)
+    error = 1.7  # wrong way, not yet lost
+    assert (
+        back.step(beside(0.97, 0.0, error), NOBODY).reward < parked.step(beside(1.0), NOBODY).reward
+    )
+
+
+@pytest.mark.parametrize(
+    ("offset", "error_deg", "collided", "fails"),
+    [
+        (0.9, 0.0, False, False),
+        (1.1, 0.0, False, True),
+        (-1.1, 0.0, False, True),
+        (0.0, 95.0, False, False),
+        (0.0, -105.0, False, True),
+        (0.0, 0.0, True, True),
+    ],
+)
+def test_terminates_off_the_lane_lost_or_in_collision(
+    offset: float, error_deg: float, collided: bool, fails: bool
+) -> None:
+    pose = beside(2.0, offset * HALF_LANE_M, np.radians(error_deg))
+    step = task_at(2.0).step(pose, np.array([collided]))
+    assert bool(step.terminated[0]) is fails
+    assert not step.truncated[0]
+    assert not step.success[0]
+
+
+def test_laps_end_an_episode_with_success() -> None:
+    task, length_m = task_at(9.0, laps=0.5), lane_loop(LOOP).length_m
+    arcs = 9.0 + NOMINAL_STEP_M * np.arange(1, 1 + round(0.5 * length_m / NOMINAL_STEP_M) + 2)
+    steps = [task.step(beside(arc % length_m), NOBODY) for arc in arcs]
+    first = next(i for i, step in enumerate(steps) if step.success[0])
+    assert steps[first].truncated[0]
+    assert not steps[first].terminated[0]
+    assert steps[first].facts[0, 0] == pytest.approx(0.5, abs=0.01)
+    assert len(steps) - 4 <= first < len(steps)
+
+
+def test_dawdling_ends_without_success() -> None:
+    task = task_at(1.0, laps=0.1)
+    for _ in range(1000):
+        step = task.step(beside(1.0), NOBODY)
+        if step.truncated[0]:
+            break
+    assert step.truncated[0]
+    assert not step.success[0]
+
+
+def test_each_episode_is_on_one_of_the_maps() -> None:
+    inner = LaneKeeping([LOOP, LOOP], 64, "inner")
+    starts = inner.reset(np.arange(64), np.random.default_rng(0))
+    assert set(starts.maps) == {0, 1}
+    lengths = [LaneKeeping([LOOP], 1, lane).paths.length_m[0] for lane in ("outer", "inner")]
+    assert lengths[0] > lengths[1]
+
+
+def test_refuses_nothing_to_do_and_roads_that_are_no_ring() -> None:
+    with pytest.raises(ConfigError, match="at least one map"):
+        LaneKeeping([], 1)
+    with pytest.raises(MapError, match="ring of road"):
+        LaneKeeping([load_map("town")], 1)
