@@ -80,7 +80,8 @@ class BatchWorld:
         self._pool = LookPool(task.road_maps, looks, np.random.default_rng(seed), pool_size)
         self._town = Town([world.scene.solids for world in self._pool.worlds], n, drive)
         self._motors = MotorModel(n)
-        self._feed = CameraFeed(camera or RayCamera(image or ImageSpec(), n), n)
+        image = image or ImageSpec()
+        self._feed = CameraFeed(camera or RayCamera(image, n), n, image.crop_top_px)
         self._recorder = DriveRecorder(n)
         self.image_shape = self._feed.shape
         self.seed(seed)

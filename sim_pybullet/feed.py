@@ -6,9 +6,10 @@ import numpy as np
 
 from sim_pybullet.camera import BatchCamera
 from sim_pybullet.delay_line import DelayLine
-from sim_pybullet.look import CameraLook, Look
+from sim_pybullet.look import CameraLook, Look, SensorLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.scene import Scene
+from sim_pybullet.sensor import apply_sensor
 
 
 class CameraFeed:
@@ -20,10 +21,13 @@ class CameraFeed:
     Args:
         camera: draws N robots.
         n_robots: N.
+        crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
     """
 
-    def __init__(self, camera: BatchCamera, n_robots: int) -> None:
+    def __init__(self, camera: BatchCamera, n_robots: int, crop_top_px: int = 0) -> None:
         self._camera = camera
+        self._crop_top_px = crop_top_px
+        self._sensors = [SensorLook()] * n_robots
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
         self._past = DelayLine(n_robots, 4)  # x, y, cosine and sine of the heading
@@ -43,6 +47,7 @@ class CameraFeed:
             self._scenes[i], self._cameras[i] = scene, look.camera
         delay = look.timing.camera_delay_s / PHYSICS_DT_S
         self._past.reset(i, delay, _as_vectors(pose[None])[0])
+        self._sensors[i] = look.sensor
         self._skip[i] = look.timing.frame_skip
         self._first[i] = True
 
@@ -55,7 +60,9 @@ class CameraFeed:
         x, y, cosine, sine = self._past.read().T
         poses = np.stack((x, y, np.arctan2(sine, cosine)), axis=1)
         chosen = slice(None) if robots is None else robots
-        pictures = self._camera.render(poses[chosen], robots)
+        sensors = self._sensors if robots is None else [self._sensors[i] for i in robots]
+        light = self._camera.render(poses[chosen], robots)
+        pictures = apply_sensor(light, sensors, rng, self._crop_top_px)
         if self._skip.any():
             again = (rng.random(len(pictures)) < self._skip[chosen]) & ~self._first[chosen]
             pictures[again] = self._shown[chosen][again]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_pybullet.feed import CameraFeed
-from sim_pybullet.look import NOMINAL, Look, TimingLook
+from sim_pybullet.look import NOMINAL, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.scene import Ground, Scene
 from tests.sim_pybullet.flat_camera import PoseCamera, shown_poses
@@ -61,6 +61,16 @@ def test_a_share_of_frames_is_skipped() -> None:
         repeats += int(np.array_equal(now, last))
         last = now
     assert 0.2 < repeats / 1000 < 0.3
+
+
+def test_the_sensor_is_that_of_the_robots_look() -> None:
+    feed = CameraFeed(PoseCamera(2), 2)
+    for i, exposure in enumerate((1.0, 0.5)):
+        look = Look(sensor=SensorLook(exposure=exposure))
+        feed.begin(i, SCENE, look, np.array([0.1, 0.2, 0.3]))
+    bright, dim = feed.pictures(np.random.default_rng(0)).astype(int)
+    assert np.abs(bright - 2 * dim).max() <= 1
+    assert bright.max() > 0
 
 
 def test_pictures_share_no_memory() -> None:
