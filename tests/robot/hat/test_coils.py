@@ -16,6 +16,10 @@ def test_half_steps_follow_the_published_table() -> None:
     assert rows == HALF_STEPS
 
 
+def test_full_steps_use_two_coils_at_a_time() -> None:
+    assert [sum(ring_levels(i, 1, 1.0)) for i in range(4)] == [2.0] * 4
+
+
 @pytest.mark.parametrize("microsteps", MICROSTEPS)
 def test_field_turns_by_equal_angles_and_repeats(microsteps: int) -> None:
     size = ring_size(microsteps)

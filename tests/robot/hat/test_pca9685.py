@@ -66,7 +66,9 @@ def test_initialise_silences_a_chip_left_running_and_sets_the_fastest_pwm() -> N
     bus.write(0x6F, b"\x12\x00\x00\x00\x08")
     assert registers.outputs.any_high
     chip = Pca9685(bus, 0x6F, clock)
+    bus.log.clear()
     chip.initialise()
+    assert bus.log[0].data == b"\xfd\x10"
     assert bus.read(0x6F, 0xFE, 1) == b"\x03"
     assert not registers.outputs.any_high
     chip.set_channels(3, [0.5, 1.0])
@@ -83,6 +85,12 @@ def test_channel_bytes_give_the_duty_and_never_equal_counts(level: float) -> Non
 def test_bus_times_are_those_of_nine_bits_per_byte() -> None:
     assert bus_time_s(41, 100_000) == pytest.approx(3.80e-3)
     assert bus_time_s(2, 100_000) == pytest.approx(0.29e-3)
+    bus = VirtualI2cBus(100_000)
+    bus.attach(Pca9685Registers(0x6F, VirtualClock()))
+    bus.write(0x6F, bytes(2))
+    assert bus.busy_s == pytest.approx(0.29e-3)
+    bus.read(0x6F, 0, 1)
+    assert bus.busy_s == pytest.approx((0.29 + 0.39) * 1e-3)
 
 
 class KernelBus:

@@ -71,7 +71,8 @@ def test_steps_follow_the_integral_of_speed_one_at_a_time(plan: list) -> None:
                     gap_s = moment_s - before_s
                     assert gap_s >= CONFIG.step_m / CONFIG.max_speed_mps - 1e-9
                     if direction == -step:
-                        assert gap_s >= CONFIG.step_m / CONFIG.start_stop_mps - 1e-9
+                        # A rest, and then the way back at hardly more than start-stop speed.
+                        assert gap_s >= 1.7 * CONFIG.step_m / CONFIG.start_stop_mps
                     last[wheel] = (moment_s, step)
         for ramp, count in zip(planner._wheels, planner.counts):
             assert abs(ramp.at(time_s)[0] - count) <= 1.0 + 1e-9
@@ -98,6 +99,22 @@ def test_a_small_lateness_is_caught_up() -> None:
     assert due_s is not None
     planner.advance(due_s + 0.003)
     assert planner.deadline_s == pytest.approx(due_s + CONFIG.step_m / 0.3)
+
+
+def test_a_larger_lateness_delays_both_wheels() -> None:
+    planner = StepPlanner(CONFIG, 0.0)
+    planner.set_speeds(0.0, WheelSpeeds(0.3, 0.05))
+    step_times(planner, 2.0)
+    due_s, slow = planner.deadline_s, planner._wheels[1].next_crossing(planner.counts.right)
+    assert due_s is not None
+    assert slow is not None
+    full_step_s = CONFIG.full_step_m / 0.3
+    planner.advance(due_s + 0.8 * full_step_s)
+    assert planner.deadline_s == pytest.approx(due_s + (0.3 + 0.5) * full_step_s)
+    later = planner._wheels[1].next_crossing(planner.counts.right)
+    assert later is not None
+    assert later.time_s == pytest.approx(slow.time_s + 0.3 * full_step_s)
+    assert planner.stalls == 0
 
 
 def test_a_stall_starts_again_slowly_instead_of_hurrying() -> None:

@@ -1,0 +1,38 @@
+import math
+
+import numpy as np
+import pytest
+
+from robot.contract import ACTION_WHEELS
+from robot.geometry import Pose
+from sim_pybullet.town import Town
+from sim_pybullet.virtual.robot_body import RolledTwist
+from tests.robot.hat.rig import make_rig
+
+DT_S = 1 / 60
+
+
+@pytest.mark.parametrize(("drive", "off_m"), [("planar", 0.02), ("wheels", 0.05)])
+def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) -> None:
+    rig = make_rig()
+    town = Town([[]], 1, drive=drive, dt_s=DT_S)  # type: ignore[arg-type]
+    rolled = RolledTwist(rig.hat, rig.clock)
+    with rig.driver:
+        for action in (2, 1, 2, 4, 3):
+            for _ in range(60):
+                rig.drive(*ACTION_WHEELS[action], DT_S)
+                town.step(np.array([rolled.since_last()]))
+        for _ in range(60):
+            rig.drive(0.0, 0.0, DT_S)
+            town.step(np.array([rolled.since_last()]))
+        expected = rig.driver.pose
+    pose = Pose(*town.poses[0])
+    town.close()
+    assert math.hypot(expected.x_m, expected.y_m) > 0.5
+    assert math.hypot(pose.x_m - expected.x_m, pose.y_m - expected.y_m) < off_m
+    assert abs(math.remainder(pose.heading_rad - expected.heading_rad, 2 * math.pi)) < 4 * off_m
+
+
+def test_no_time_is_no_motion() -> None:
+    rig = make_rig()
+    assert RolledTwist(rig.hat, rig.clock).since_last() == (0.0, 0.0)
