@@ -78,6 +78,16 @@ def test_steps_follow_the_integral_of_speed_one_at_a_time(plan: list) -> None:
             assert abs(ramp.at(time_s)[0] - count) <= 1.0 + 1e-9
 
 
+def test_a_stop_in_between_does_not_spare_the_rest_before_turning_back() -> None:
+    planner = StepPlanner(CONFIG, 0.0)
+    planner.set_speeds(0.0, WheelSpeeds(0.05, 0.05))
+    last_s = step_times(planner, 1.0)[-1][0]
+    planner.set_speeds(last_s, WheelSpeeds(0.0, 0.0))
+    planner.set_speeds(last_s + 0.001, WheelSpeeds(-0.05, 0.05))
+    left_s = next(t for t, left, _ in step_times(planner, 2.0) if left)
+    assert left_s - last_s == pytest.approx(2 * CONFIG.step_m / CONFIG.start_stop_mps)
+
+
 @given(profile)
 @settings(deadline=None, max_examples=60)
 def test_deadlines_never_run_backwards(plan: list) -> None:
