@@ -1,0 +1,120 @@
+"""A thread that keeps the newest picture of a stream, and opens the stream again when it ends."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from types import TracebackType
+from typing import Callable, Optional, Protocol, Type
+
+import numpy as np
+
+from robot.camera.source import Frame, fit_to_frame
+from robot.errors import HardwareError
+
+FIRST_WAIT_S = 0.5  # before opening again; doubles up to
+LONGEST_WAIT_S = 8.0
+JOIN_S = 3.0
+
+logger = logging.getLogger(__name__)
+
+
+class Stream(Protocol):
+    """An open camera."""
+
+    def grab(self) -> np.ndarray:
+        """The next picture (H, W, 3) uint8 RGB, waiting for it a second or so at most.
+
+        Raises:
+            HardwareError: none came.
+        """
+
+    def close(self) -> None:
+        """Let the device go, also after an error."""
+
+
+class NewestFrame:
+    """A ``Camera`` in a ``with`` block, over a stream that may end at any time.
+
+    The stream is opened again with a growing wait; meanwhile ``read`` gives the last frame, whose
+    age stops the robot. ``problem`` says what is wrong, "" while pictures come.
+
+    Args:
+        open_stream: opens the device; raises HardwareError.
+        clock: monotonic time [s].
+        first_wait_s: before the first new attempt [s].
+    """
+
+    def __init__(
+        self,
+        open_stream: Callable[[], Stream],
+        clock: Callable[[], float],
+        first_wait_s: float = FIRST_WAIT_S,
+    ) -> None:
+        self.problem = "the camera has not started"
+        self.restarts = 0
+        self._open_stream = open_stream
+        self._clock = clock
+        self._first_wait_s = first_wait_s
+        self._frame: Optional[Frame] = None
+        self._died: Optional[BaseException] = None
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+
+    def __enter__(self) -> NewestFrame:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        self._ending.set()
+        self._thread.join(JOIN_S)
+
+    def read(self) -> Optional[Frame]:
+        """The newest frame, at once; None before the first.
+
+        Raises:
+            HardwareError: the thread itself has died.
+        """
+        if self._died is not None:
+            raise HardwareError(f"camera thread: {self._died!r}") from self._died
+        return self._frame
+
+    def _run(self) -> None:
+        try:
+            self._keep_open()
+        except BaseException as error:
+            self._died = error
+            raise
+
+    def _keep_open(self) -> None:
+        wait_s = self._first_wait_s
+        while not self._ending.is_set():
+            before = self._frame
+            try:
+                self._play()
+            except HardwareError as error:
+                if str(error) != self.problem:
+                    logger.warning("camera: %s", error)
+                self.problem = str(error)
+            if self._frame is not before:
+                wait_s = self._first_wait_s
+            self._ending.wait(wait_s)
+            wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
+            self.restarts += not self._ending.is_set()
+
+    def _play(self) -> None:
+        stream = self._open_stream()
+        try:
+            while not self._ending.is_set():
+                picture = stream.grab()
+                sequence = self._frame.sequence + 1 if self._frame else 0
+                # One assignment: the other thread sees the old frame or the new one.
+                self._frame = Frame(fit_to_frame(picture), sequence, self._clock())
+                self.problem = ""
+        finally:
+            stream.close()

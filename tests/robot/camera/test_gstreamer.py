@@ -1,0 +1,104 @@
+"""The child process is real: a small program that plays, hangs or dies as gst-launch may."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import List
+
+import numpy as np
+import pytest
+
+from robot.camera.gstreamer import GstStream, csi_command, gst_command
+from robot.camera.newest import NewestFrame
+from robot.errors import HardwareError
+from tests.robot.camera.test_newest import eventually
+
+SIZE = (8, 6)
+PLAY = """
+import os, sys, time
+for level in range(1, {count} + 1):
+    os.write(1, bytes((level, 2 * level, 3 * level, 255)) * 48)
+    time.sleep({pause})
+"""
+
+
+def program(body: str, count: int = 200, pause: float = 0.005) -> List[str]:
+    return [sys.executable, "-c", PLAY.format(count=count, pause=pause) + body]
+
+
+def test_reads_pictures_as_rgb() -> None:
+    stream = GstStream(program("", count=3), SIZE)
+    for level in (1, 2, 3):
+        picture = stream.grab()
+        assert picture.shape == (6, 8, 3)
+        assert (picture == (3 * level, 2 * level, level)).all()
+    stream.close()
+
+
+def test_a_child_that_ends_says_why() -> None:
+    stream = GstStream(program("sys.exit('ERROR: no cameras available')", count=1), SIZE)
+    stream.grab()
+    with pytest.raises(HardwareError, match=r"ended; it said: ERROR: no cameras available"):
+        stream.grab()
+    stream.close()
+
+
+def test_half_a_picture_is_no_picture() -> None:
+    stream = GstStream([sys.executable, "-c", "import os; os.write(1, bytes(50))"], SIZE)
+    with pytest.raises(HardwareError, match="ended; it said nothing"):
+        stream.grab()
+    stream.close()
+
+
+def test_a_child_that_hangs_is_noticed_and_killed() -> None:
+    stubborn = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
+    stream = GstStream(program(stubborn, count=1), SIZE, silence_s=0.1)
+    stream.grab()
+    time.sleep(0.2)  # let it set its signal handler
+    began_s = time.monotonic()
+    with pytest.raises(HardwareError, match=r"no picture for 0\.1 s"):
+        stream.grab()
+    stream.close()
+    assert time.monotonic() - began_s < 3.0
+    with pytest.raises(ProcessLookupError):
+        os.kill(stream._child.pid, 0)
+
+
+def test_a_program_that_is_not_there_is_named() -> None:
+    with pytest.raises(HardwareError, match="no-such-gst: expected a program that starts"):
+        GstStream(["no-such-gst"], SIZE)
+
+
+def test_the_camera_comes_back_when_the_child_is_killed() -> None:
+    streams: List[GstStream] = []
+
+    def open_stream() -> GstStream:
+        streams.append(GstStream(program("", count=10_000), SIZE))
+        return streams[-1]
+
+    with NewestFrame(open_stream, time.monotonic, first_wait_s=0.01) as camera:
+        eventually(lambda: camera.read() is not None)
+        streams[0]._child.kill()
+        eventually(lambda: len(streams) == 2 and camera.problem == "")
+        assert camera.restarts == 1
+    assert streams[1]._child.returncode is not None
+
+
+def test_the_csi_command_scales_in_hardware_and_queues_one_picture() -> None:
+    command = csi_command(sensor=1, flip=2, fps=30, size_px=(320, 240))
+    assert command[:2] == ["gst-launch-1.0", "-q"]
+    assert command.index("nvvidconv") < command.index(
+        "video/x-raw,format=BGRx,width=320,height=240"
+    )
+    assert "max-size-buffers=1" in command
+
+
+@pytest.mark.skipif(shutil.which("gst-launch-1.0") is None, reason="no gst-launch-1.0")
+def test_the_real_gst_launch_plays(tmp_path: Path) -> None:
+    stream = GstStream(gst_command(["videotestsrc", "pattern=red"], (160, 120)), (160, 120))
+    assert (np.abs(stream.grab().astype(int) - (255, 0, 0)) < 8).all()
+    stream.close()

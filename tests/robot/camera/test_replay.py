@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import List
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.camera.replay import ReplayCamera
+from robot.camera.source import fit_to_frame
+from robot.errors import ConfigError, ContractError
+from robot.preprocess import FRAME_SHAPE
+from tests.robot.clocks import FakeClock
+
+
+def plain(level: int) -> np.ndarray:
+    return np.full(FRAME_SHAPE, level, np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    import cv2
+
+    for i in range(4):
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), plain(40 * i))
+    (tmp_path / "notes.txt").write_text("not a picture", encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    import cv2
+
+    path = tmp_path / "drive.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (160, 120))
+    for i in range(4):
+        writer.write(plain(40 * i))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize("source", ["folder", "video"])
+def test_plays_by_the_clock_and_stays_on_the_last(
+    source: str, request: pytest.FixtureRequest
+) -> None:
+    clock = FakeClock()
+    camera = ReplayCamera(request.getfixturevalue(source), 10.0, clock)
+    levels: List[int] = []
+    for _ in range(8):
+        frame = camera.read()
+        assert frame is not None
+        assert frame is camera.read()
+        assert frame.image.shape == FRAME_SHAPE
+        assert frame.time_s <= clock.now_s + 1e-9
+        levels.append(round(float(frame.image.mean())))
+        clock.now_s += 0.1001
+    assert np.allclose(levels, [0, 40, 80, 120, 120, 120, 120, 120], atol=2)
+    assert clock.now_s - frame.time_s > 0.4, "the last frame grows old"
+
+
+def test_a_slow_reader_skips_pictures(folder: Path) -> None:
+    clock = FakeClock()
+    camera = ReplayCamera(folder, 10.0, clock)
+    camera.read()
+    clock.now_s += 0.25
+    frame = camera.read()
+    assert frame is not None
+    assert (frame.sequence, int(frame.image[0, 0, 0])) == (2, 80)
+
+
+def test_colours_are_red_green_blue(tmp_path: Path) -> None:
+    import cv2
+
+    cv2.imwrite(str(tmp_path / "red.png"), np.full(FRAME_SHAPE, (0, 0, 255), np.uint8))  # BGR
+    frame = ReplayCamera(tmp_path, 1.0, FakeClock()).read()
+    assert frame is not None
+    assert tuple(frame.image[0, 0]) == (255, 0, 0)
+
+
+def test_what_cannot_be_played_is_refused(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bad.mp4").write_bytes(b"no video")
+    (folder / "000.png").write_bytes(b"no picture")
+    for path, said in (
+        (tmp_path / "none", "got no such path"),
+        (tmp_path / "notes.txt", "got another file"),
+        (tmp_path / "empty", "got none"),
+        (tmp_path / "bad.mp4", "cannot play"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            ReplayCamera(path, 10.0, FakeClock())
+    with pytest.raises(ConfigError, match="cannot read"):
+        ReplayCamera(folder, 10.0, FakeClock()).read()
+    with pytest.raises(ConfigError, match="fps: expected a positive number"):
+        ReplayCamera(folder, 0.0, FakeClock())
+
+
+@given(st.integers(1, 700), st.integers(1, 700), st.integers(0, 255))
+def test_any_picture_becomes_a_frame(height: int, width: int, level: int) -> None:
+    frame = fit_to_frame(np.full((height, width, 3), level, np.uint8))
+    assert frame.shape == FRAME_SHAPE
+    assert (frame == level).all()
+
+
+def test_the_middle_is_kept() -> None:
+    picture = np.zeros((480, 1280, 3), np.uint8)
+    picture[:, 320:960] = 200
+    assert (fit_to_frame(picture) == 200).all()
+    assert (fit_to_frame(picture.transpose(1, 0, 2)) == 200).all()
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8)])
+def test_what_is_no_picture_is_refused(wrong: np.ndarray) -> None:
+    with pytest.raises(ContractError, match=r"expected \(H, W, 3\) uint8 RGB"):
+        fit_to_frame(wrong)
