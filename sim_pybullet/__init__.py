@@ -1,12 +1,14 @@
 """The simulated world: PyBullet bodies, fisheye cameras, looks, tasks and virtual hardware.
 
 Importing it registers the environments with Gymnasium, by name only: what they need is imported
-when one is made.
+when one is made. Where Gymnasium is absent (the robot's own tests need only the virtual hardware)
+nothing is registered.
 """
 
-from typing import Any
+from __future__ import annotations
 
-import gymnasium
+import importlib.util
+from typing import Any
 
 ENVIRONMENTS: dict[str, dict[str, Any]] = {  # id -> arguments of make_lane_keeping
     "duckpilot/LaneKeeping-v0": {},
@@ -14,5 +16,8 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {  # id -> arguments of make_lane_keep
     "duckpilot/LaneKeepingRandomised-v0": {"look": "randomised"},
 }
 
-for _id, _arguments in ENVIRONMENTS.items():
-    gymnasium.register(_id, "sim_pybullet.env:make_lane_keeping", kwargs=_arguments)
+if importlib.util.find_spec("gymnasium"):
+    import gymnasium
+
+    for _id, _arguments in ENVIRONMENTS.items():
+        gymnasium.register(_id, "sim_pybullet.env:make_lane_keeping", kwargs=_arguments)
