@@ -1,0 +1,184 @@
+"""Where a camera hangs, and optionally its lens, from pixels of known floor points.
+
+A rigid camera over a flat floor: least squares of the reprojection error in pixels by
+Levenberg-Marquardt (Hartley and Zisserman, Multiple View Geometry, 2nd ed., A6.2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Callable, Optional, Tuple
+
+import numpy as np
+
+from robot.errors import ConfigError
+from robot.lens import Lens
+
+
+@dataclass(frozen=True)
+class CameraFit:
+    """A lens, where it hangs in the world, and how sure that is."""
+
+    lens: Lens
+    rotation: np.ndarray  # (3, 3): world directions into the camera frame
+    position_m: np.ndarray  # (3,)
+    height_sigma_m: float  # standard deviation when points are 1 px uncertain; 0 when given
+    rms_px: float
+
+    @property
+    def ray_from_floor(self) -> np.ndarray:
+        """(3, 3): floor points (x, y, 1) [m] to rays of the camera frame."""
+        return self.rotation @ np.column_stack((np.eye(3)[:, :2], -self.position_m))
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What the fit may change besides the camera's place."""
+
+    focal: bool = False
+    distortion: int = 0  # how many coefficients, from the first
+    height_m: Optional[float] = None  # measured height of the camera; None estimates it
+
+
+def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Freedom) -> CameraFit:
+    """Fit to pixels (N, 2) of floor points (N, 2) [m], starting from ``lens``.
+
+    Raises:
+        ConfigError: the points are mirrored, or too few, or too alike, to fix what is free.
+    """
+    unknowns = 6 + freedom.focal + freedom.distortion - (freedom.height_m is not None)
+    if 2 * len(pixels) < unknowns:
+        raise ConfigError(
+            f"calibration: {len(pixels)} points give {2 * len(pixels)} equations for {unknowns} "
+            "unknowns; add points, or give the lens or the camera's height"
+        )
+    start_lens, rotation, position = _start(pixels, floor_m, lens, freedom)
+    world = np.column_stack((floor_m, np.zeros(len(floor_m))))
+
+    def camera(p: np.ndarray) -> Tuple[Lens, np.ndarray, np.ndarray]:
+        return _moved(p, start_lens, rotation, position, freedom)
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        a_lens, turn, place = camera(p)
+        return (a_lens.project((world - place) @ turn.T) - pixels).ravel()
+
+    best, jacobian = _levenberg_marquardt(residual, np.zeros(unknowns))
+    sigma = _height_sigma(jacobian, freedom)
+    rms = float(np.sqrt(np.mean(residual(best) ** 2) * 2.0))
+    fitted, turn, place = camera(best)
+    return CameraFit(fitted, turn, place, sigma, rms)
+
+
+def _moved(
+    p: np.ndarray, lens: Lens, rotation: np.ndarray, position: np.ndarray, freedom: Freedom
+) -> Tuple[Lens, np.ndarray, np.ndarray]:
+    import cv2
+
+    turn = cv2.Rodrigues(np.ascontiguousarray(p[:3]))[0] @ rotation
+    place = position.copy()
+    used = 5 if freedom.height_m is not None else 6
+    place[: used - 3] += p[3:used]
+    scale = math.exp(float(np.clip(p[used], -3.0, 3.0))) if freedom.focal else 1.0
+    used += freedom.focal
+    k = list(lens.distortion)
+    for i in range(freedom.distortion):
+        k[i] += float(p[used + i])
+    fx, fy = float(lens.fx_px * scale), float(lens.fy_px * scale)
+    return replace(lens, fx_px=fx, fy_px=fy, distortion=tuple(k)), turn, place
+
+
+def _start(
+    pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Freedom
+) -> Tuple[Lens, np.ndarray, np.ndarray]:
+    scales = np.geomspace(0.2, 5.0, 41).tolist() if freedom.focal else [1.0]
+    world = np.column_stack((floor_m, np.zeros(len(floor_m))))
+    best: Optional[Tuple[float, Lens, np.ndarray, np.ndarray]] = None
+    mirrored = False
+    for scale in scales:
+        trial = replace(lens, fx_px=lens.fx_px * scale, fy_px=lens.fy_px * scale)
+        pose = _pose_from_homography(pixels, floor_m, trial)
+        if pose is None:
+            continue
+        rotation, position = pose
+        if position[2] < 0.0:
+            mirrored = True
+            continue
+        if freedom.height_m is not None:
+            position = np.array([*position[:2], freedom.height_m])
+        error = trial.project((world - position) @ rotation.T) - pixels
+        cost = float(np.sum(error**2))
+        if math.isfinite(cost) and (best is None or cost < best[0]):
+            best = (cost, trial, rotation, position)
+    if best is None:
+        raise ConfigError(_MIRRORED if mirrored else _NO_VIEW)
+    return best[1:]
+
+
+_MIRRORED = (
+    "calibration: expected the floor seen from above, got it mirrored; two points are swapped, or "
+    "the picture is flipped (corner order: south-west, south-east, north-east, north-west)"
+)
+_NO_VIEW = (
+    "calibration: no camera sees the points so; expected pixels inside the lens' field of view"
+)
+
+
+def _pose_from_homography(
+    pixels: np.ndarray, floor_m: np.ndarray, lens: Lens
+) -> Optional[Tuple[np.ndarray, np.ndarray]]:
+    import cv2
+
+    rays = lens.unproject(pixels)
+    if np.any(~np.isfinite(rays)) or np.any(rays[:, 2] < 0.02):
+        return None
+    plane = rays[:, :2] / rays[:, 2:]
+    matrix, _ = cv2.findHomography(floor_m, plane)
+    if matrix is None:
+        return None
+    matrix = matrix * (2.0 / (np.linalg.norm(matrix[:, 0]) + np.linalg.norm(matrix[:, 1])))
+    centre = matrix @ np.array([*floor_m.mean(axis=0), 1.0])
+    matrix = matrix * math.copysign(1.0, float(centre[2]))  # the floor lies before the camera
+    axes = np.column_stack((matrix[:, 0], matrix[:, 1], np.cross(matrix[:, 0], matrix[:, 1])))
+    left, _, right = np.linalg.svd(axes)
+    rotation = left @ right
+    return rotation, -rotation.T @ matrix[:, 2]
+
+
+def _levenberg_marquardt(
+    residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
+    p, damping = start, 1e-3
+    r = residual(p)
+    jacobian = _numeric_jacobian(residual, p)
+    for _ in range(200):
+        normal = jacobian.T @ jacobian
+        scale = np.diag(np.maximum(np.diag(normal), 1e-12))
+        step = np.linalg.solve(normal + damping * scale, -jacobian.T @ r)
+        trial = residual(p + step)
+        if np.all(np.isfinite(trial)) and trial @ trial <= r @ r:
+            gain = r @ r - trial @ trial
+            p, r = p + step, trial
+            jacobian = _numeric_jacobian(residual, p)
+            damping = max(damping / 5.0, 1e-12)
+            if gain <= 1e-14 * (1.0 + r @ r):
+                break
+        else:
+            damping *= 5.0
+            if damping > 1e10:
+                break
+    return p, jacobian
+
+
+def _numeric_jacobian(residual: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
+    step = 1e-6
+    columns = [(residual(p + e) - residual(p - e)) / (2 * step) for e in step * np.eye(len(p))]
+    return np.stack(columns, axis=1)
+
+
+def _height_sigma(jacobian: np.ndarray, freedom: Freedom) -> float:
+    if freedom.height_m is not None:
+        return 0.0
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    weights = vectors[5] ** 2 / np.maximum(values, 1e-12)
+    return float(np.sqrt(weights.sum()))

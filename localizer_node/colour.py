@@ -1,0 +1,91 @@
+"""Coloured blobs: HSV mask, connected components, centroids to a fraction of a pixel."""
+
+from __future__ import annotations
+
+from typing import List, NamedTuple, Tuple
+
+import numpy as np
+
+from localizer_node.calibration import Colour
+
+
+class Blob(NamedTuple):
+    """One connected component; coordinates in the picture that was searched."""
+
+    centre_px: Tuple[float, float]  # centroid (u, v), edge pixels in proportion
+    covariance_px2: Tuple[float, float, float]  # uu, uv, vv of the filled outline
+    area_px: float  # of the filled outline
+
+
+def to_hsv(image: np.ndarray) -> np.ndarray:
+    """RGB (H, W, 3) uint8 -> OpenCV's HSV, hue in 0..179 (half degrees)."""
+    import cv2
+
+    return cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2HSV)
+
+
+def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
+    """255 where an HSV picture (H, W, 3) has this colour, (H, W) uint8."""
+    import cv2
+
+    low, high = colour.hue_min_deg / 2.0, colour.hue_max_deg / 2.0
+    floor = (colour.saturation_min * 255.0, colour.value_min * 255.0)
+    if low <= high:
+        return cv2.inRange(hsv, (low, *floor), (high, 255, 255))
+    below = cv2.inRange(hsv, (0, *floor), (high, 255, 255))
+    return cv2.bitwise_or(below, cv2.inRange(hsv, (low, *floor), (180, 255, 255)))
+
+
+def coarse_rects(mask: np.ndarray, min_area_px: float) -> List[Tuple[int, int, int, int]]:
+    """Bounding boxes (u0, v0, u1, v1) of the components of at least this area."""
+    import cv2
+
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_16U)
+    kept = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= min_area_px]
+    return [(int(u), int(v), int(u + w), int(v + h)) for u, v, w, h, _ in kept]
+
+
+def blobs(image: np.ndarray, hsv: np.ndarray, colour: Colour, min_area_px: float) -> List[Blob]:
+    """The components of one colour in a small RGB picture and its HSV, largest first."""
+    import cv2
+
+    mask = mask_of(hsv, colour)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    found = []
+    for outline in outlines:
+        u, v, width, height = cv2.boundingRect(outline)
+        if width * height >= min_area_px:
+            found.append(_blob(image, mask, outline, (u, v, u + width, v + height)))
+    found = [blob for blob in found if blob.area_px >= min_area_px]
+    return sorted(found, key=lambda blob: -blob.area_px)
+
+
+def _blob(
+    image: np.ndarray, mask: np.ndarray, outline: np.ndarray, rect: Tuple[int, int, int, int]
+) -> Blob:
+    import cv2
+
+    u0, v0 = max(rect[0] - 1, 0), max(rect[1] - 1, 0)
+    window = np.s_[v0 : rect[3] + 1, u0 : rect[2] + 1]
+    filled = np.zeros(mask[window].shape, np.uint8)
+    cv2.drawContours(filled, [outline], -1, 255, cv2.FILLED, offset=(-u0, -v0))
+    shape = cv2.moments(filled, binaryImage=True)
+    weight = _coverage(image[window], mask[window], filled)
+    m = cv2.moments(weight)
+    centre = (u0 + m["m10"] / m["m00"], v0 + m["m01"] / m["m00"])
+    area = shape["m00"]
+    covariance = (shape["mu20"] / area, shape["mu11"] / area, shape["mu02"] / area)
+    return Blob(centre, covariance, area)
+
+
+def _coverage(image: np.ndarray, mask: np.ndarray, filled: np.ndarray) -> np.ndarray:
+    """How much of each pixel the blob covers; float32, 0 outside the blob.
+
+    That is its chroma over the highest one near it: a shadow darkens both alike.
+    """
+    import cv2
+
+    own = cv2.bitwise_and(mask, filled)
+    chroma = cv2.bitwise_and(image.max(axis=2) - image.min(axis=2), own)
+    highest = cv2.dilate(chroma, np.ones((5, 5), np.uint8))
+    return chroma / np.maximum(highest, 1).astype(np.float32)

@@ -1,0 +1,88 @@
+"""The localizer: pictures of the overhead camera in, poses of the robots out."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
+
+from localizer_node.calibration import Calibration
+from localizer_node.detect import Detection, Detector
+from localizer_node.rectify import Rect
+from localizer_node.track import RobotPose, Tracker
+from robot.errors import ContractError
+
+Publish = Callable[[Tuple[RobotPose, ...]], None]
+TAG_SEARCH_EVERY = 10  # pictures; looking for a lost tag without blue takes a whole picture's time
+
+
+@lru_cache(maxsize=4)
+def _detector(calibration: Calibration) -> Detector:
+    return Detector(calibration)
+
+
+def check_picture(image: np.ndarray, calibration: Calibration) -> None:
+    """Refuse a picture of another size or kind than the calibration was made for.
+
+    Raises:
+        ContractError: telling both sizes.
+    """
+    expected = (calibration.lens.height_px, calibration.lens.width_px, 3)
+    if image.shape != expected or image.dtype != np.uint8:
+        raise ContractError(
+            f"overhead picture: expected {expected} uint8 RGB, as calibrated, got {image.shape} "
+            f"{image.dtype}; set the camera to this size or calibrate at the other"
+        )
+
+
+def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]:
+    """The robots in one RGB picture (H, W, 3) uint8, surest first; no memory of earlier ones.
+
+    Raises:
+        ContractError: the picture is not of the calibrated size.
+    """
+    check_picture(image, calibration)
+    return sorted(_detector(calibration).detect(image), key=lambda d: -d.confidence)
+
+
+class Localizer:
+    """Follows the robots from picture to picture, and tells each picture's poses to ``publish``.
+
+    While all robots are in sight only the neighbourhoods of where they must be are searched.
+    """
+
+    def __init__(self, calibration: Calibration, publish: Optional[Publish] = None) -> None:
+        self.calibration = calibration
+        self.frame = -1  # number of the last picture
+        self._detector = Detector(calibration)
+        self._tracker = Tracker(calibration)
+        self._publish = publish
+        self._all_seen = False
+
+    def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
+        """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
+
+        Only robots seen in this picture are told, from their third picture on.
+
+        Raises:
+            ContractError: a picture of another size, or taken before the last one.
+        """
+        check_picture(image, self.calibration)
+        self.frame += 1
+        search_tags = self.frame % TAG_SEARCH_EVERY == 0
+        detections = self._detector.detect(image, self._regions(t_capture_s), search_tags)
+        poses = self._tracker.update(detections, t_capture_s, self.frame)
+        self._all_seen = len(poses) == len(self.calibration.robots)
+        if self._publish is not None and poses:
+            self._publish(poses)
+        return poses
+
+    def _regions(self, t_s: float) -> Optional[List[Rect]]:
+        if not self._all_seen:
+            return None
+        reach = max(m.board.length_m for m in self.calibration.robots)
+        return [
+            self._detector.window_px(x, y, reach + spread)
+            for x, y, spread in self._tracker.predicted(t_s).values()
+        ]

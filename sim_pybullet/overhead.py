@@ -1,0 +1,284 @@
+"""The camera above the arena, drawn exactly: a fisheye over the floor and boards at their height.
+
+Each pixel's ray meets the floor, or a sheet above it, at a known point: no mesh, no PyBullet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from localizer_node.calibration import Calibration, Marker
+from localizer_node.tags import draw_tag
+from robot.geometry import Pose
+from robot.lens import Lens
+from sim_pybullet.look import Rgb
+from sim_pybullet.scene import Ground
+
+OVERSAMPLE = 4  # rays per pixel side on printed sheets; half of it on sheets of one colour
+PAINT: dict[str, Rgb] = {
+    "blue": (28.0, 74.0, 196.0),
+    "green": (52.0, 176.0, 84.0),
+    "magenta": (206.0, 44.0, 150.0),
+    "orange": (238.0, 124.0, 30.0),
+}
+BODY_RGB: Rgb = (38.0, 38.0, 40.0)
+OVERHEAD_LENS = Lens("fisheye", 1280, 720, 720.0, 720.0, 639.5, 359.5, (0.01, -0.004, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A flat rectangle parallel to the floor; row 0 of ``rgb`` is its front edge."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    length_m: float  # along the heading
+    width_m: float
+    height_m: float
+    rgb: np.ndarray  # (h, w, 3) uint8
+
+
+@dataclass(frozen=True)
+class OverheadLook:
+    """What differs from a clean, evenly lit picture."""
+
+    brightness: float = 1.0
+    gradient: float = 0.0  # relative fall of the light from one side of the arena to the other
+    gradient_rad: float = 0.0  # from where, in the world
+    shadows: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius [m], depth 0..1
+    white_balance: Rgb = (1.0, 1.0, 1.0)
+    blur_px: float = 0.6  # standard deviation
+    noise: float = 3.0  # standard deviation, grey levels
+
+
+@dataclass(frozen=True)
+class Hanging:
+    """Where the camera hangs and how it is turned."""
+
+    position_m: tuple[float, float, float] = (1.1, 1.32, 2.5)
+    yaw_rad: float = math.pi / 2.0  # of picture-right from east, counter-clockwise
+    tilt_rad: tuple[float, float] = (0.0, 0.0)  # about picture-right and picture-down
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3): directions of the camera frame into the world."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        straight = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+        tilt = cv2.Rodrigues(np.array([*self.tilt_rad, 0.0]))[0]
+        return straight @ tilt
+
+
+@dataclass
+class OverheadCamera:
+    """Draws what hangs above ``ground`` sees; pictures are (H, W, 3) uint8 RGB."""
+
+    ground: Ground
+    hanging: Hanging = Hanging()
+    lens: Lens = OVERHEAD_LENS
+    look: OverheadLook = OverheadLook()
+    _light: np.ndarray = field(init=False, repr=False)  # (H, W, 3) float32
+    _floor: np.ndarray = field(init=False, repr=False)  # lit, sharp, float32
+    _work: np.ndarray = field(init=False, repr=False)  # the same, with this picture's sheets
+    _empty: np.ndarray = field(init=False, repr=False)  # lit and blurred, uint8
+
+    def __post_init__(self) -> None:
+        v, u = np.mgrid[0 : self.lens.height_px, 0 : self.lens.width_px].astype(float)
+        floor_m = self.to_plane(np.stack((u, v), axis=-1), 0.0)
+        self._light = self._light_on(floor_m).astype(np.float32)
+        self._floor = self._sample_ground(floor_m) * self._light
+        self._work = self._floor.copy()
+        self._empty = _to_bytes(self._blurred(self._floor))
+
+    def to_plane(self, pixels: np.ndarray, height_m: float) -> np.ndarray:
+        """World points (..., 2) [m] where the rays of pixels (..., 2) pass this height."""
+        rays = self.lens.unproject(pixels) @ self.hanging.rotation.T
+        x, y, z = self.hanging.position_m
+        down = np.where(rays[..., 2] < -1e-3, -rays[..., 2], np.nan)
+        reach = (z - height_m) / down
+        return np.stack((x + rays[..., 0] * reach, y + rays[..., 1] * reach), axis=-1)
+
+    def to_pixels(self, points_m: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) of world points (..., 3) [m]."""
+        relative = np.asarray(points_m, dtype=float) - self.hanging.position_m
+        return self.lens.project(relative @ self.hanging.rotation)
+
+    def render(self, sheets: Iterable[Sheet], rng: np.random.Generator) -> np.ndarray:
+        """One picture of the floor with these sheets on it, the higher above the lower."""
+        windows = [self._draw(sheet) for sheet in sorted(sheets, key=lambda s: s.height_m)]
+        picture = self._empty.copy()
+        reach = math.ceil(4.0 * self.look.blur_px) + 1
+        for u0, v0, u1, v1 in windows:
+            left, top = max(u0 - 2 * reach, 0), max(v0 - 2 * reach, 0)
+            drawn = self._blurred(self._work[top : v1 + 2 * reach, left : u1 + 2 * reach])
+            near = np.s_[max(v0 - reach, 0) : v1 + reach, max(u0 - reach, 0) : u1 + reach]
+            inner = drawn[near[0].start - top :, near[1].start - left :]
+            target = picture[near]
+            target[:] = _to_bytes(inner[: target.shape[0], : target.shape[1]])
+        for u0, v0, u1, v1 in windows:
+            self._work[v0:v1, u0:u1] = self._floor[v0:v1, u0:u1]
+        return _with_noise(picture, self.look.noise, rng)
+
+    def _blurred(self, lit: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(lit, (0, 0), self.look.blur_px) if self.look.blur_px > 0.0 else lit
+
+    def _sample_ground(self, floor_m: np.ndarray) -> np.ndarray:
+        ground = self.ground
+        column = ((floor_m[..., 0] - ground.west_m) / ground.texel_m - 0.5).astype(np.float32)
+        row = ((ground.north_m - floor_m[..., 1]) / ground.texel_m - 0.5).astype(np.float32)
+        column, row = (np.nan_to_num(a, nan=-1e4) for a in (column, row))
+        outside = tuple(float(v) for v in ground.outside_rgb)
+        # A picture pixel covers several texels: average them first, or lines would flicker.
+        smooth = cv2.GaussianBlur(ground.rgb, (0, 0), max(0.5, 0.0012 / ground.texel_m))
+        drawn = cv2.remap(smooth, column, row, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, outside)
+        return drawn.astype(np.float32)
+
+    def _light_on(self, floor_m: np.ndarray) -> np.ndarray:
+        look = self.look
+        middle = np.array(self.hanging.position_m[:2])
+        along = (floor_m - middle) @ (math.cos(look.gradient_rad), math.sin(look.gradient_rad))
+        light = look.brightness * np.clip(1.0 + look.gradient * along / 2.5, 0.1, 2.0)
+        for x, y, radius, depth in look.shadows:
+            distance = np.linalg.norm(floor_m - (x, y), axis=-1) / radius
+            light *= 1.0 - depth / (1.0 + np.exp((distance - 1.0) * 12.0))
+        light = np.nan_to_num(light, nan=look.brightness)
+        return light[..., None] * np.array(look.white_balance)
+
+    def _draw(self, sheet: Sheet) -> tuple[int, int, int, int]:
+        """Paint a sheet into the working picture; the slice u0, v0, u1, v1 that it changed."""
+        pose = Pose(sheet.x_m, sheet.y_m, sheet.heading_rad)
+        half = 0.5 * np.array([sheet.length_m, sheet.width_m])
+        corners = pose.to_world(half * [[1, 1], [1, -1], [-1, -1], [-1, 1]])
+        outline = self.to_pixels(np.column_stack((corners, np.full(4, sheet.height_m))))
+        limit = (self.lens.width_px, self.lens.height_px)
+        low = np.clip(np.floor(outline.min(axis=0)) - 1, 0, limit).astype(int)
+        high = np.clip(np.ceil(outline.max(axis=0)) + 2, 0, limit).astype(int)
+        if np.any(high <= low):
+            return (0, 0, 0, 0)
+        n = OVERSAMPLE if sheet.rgb.size > 3 else OVERSAMPLE // 2
+        rows, columns = (high - low)[::-1] * n
+        v, u = np.mgrid[0:rows, 0:columns]
+        pixels = np.stack((u, v), axis=-1) / n + (0.5 / n - 0.5) + low
+        local = pose.to_robot(self._near_plane(pixels, sheet.height_m))
+        inside = np.all(np.abs(local) <= half, axis=-1)
+        height, width = sheet.rgb.shape[:2]
+        row = np.clip((0.5 - local[..., 0] / sheet.length_m) * height, 0, height - 1).astype(int)
+        column = np.clip((0.5 - local[..., 1] / sheet.width_m) * width, 0, width - 1).astype(int)
+        colour = np.where(inside[..., None], sheet.rgb[row, column], 0).astype(np.float32)
+        size = (columns // n, rows // n)
+        covered = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        painted = cv2.resize(colour, size, interpolation=cv2.INTER_AREA)
+        slices = np.s_[low[1] : high[1], low[0] : high[0]]
+        light = self._light[slices]
+        self._work[slices] = self._work[slices] * (1.0 - covered[..., None]) + painted * light
+        return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+    def _near_plane(self, pixels: np.ndarray, height_m: float) -> np.ndarray:
+        """``to_plane`` on a small dense grid: exact on a 9 x 9 lattice, cubic between."""
+        rows, columns = pixels.shape[:2]
+        v = np.linspace(0, rows - 1, 9)
+        u = np.linspace(0, columns - 1, 9)
+        lattice_u, lattice_v = np.meshgrid(u, v)
+        origin, step = pixels[0, 0], pixels[1, 1] - pixels[0, 0]
+        nodes = origin + step * np.stack((lattice_u, lattice_v), axis=-1)
+        coarse = self.to_plane(nodes, height_m)
+        across = _quadratic(u, np.arange(columns))
+        down = _quadratic(v, np.arange(rows))
+        return np.einsum("ri,ijk,cj->rck", down, coarse, across, optimize=True)
+
+
+def _quadratic(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(M, N) weights of a cubic least-squares polynomial through values at N nodes."""
+    centre, half = nodes.mean(), max(float(np.ptp(nodes)) / 2.0, 1e-9)
+    basis = np.vander((nodes - centre) / half, 4)
+    return np.vander((at - centre) / half, 4) @ np.linalg.pinv(basis)
+
+
+def _to_bytes(light: np.ndarray) -> np.ndarray:
+    return cv2.convertScaleAbs(light)
+
+
+@lru_cache(maxsize=2)
+def _noise_bank(sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sensor noise to cut from, larger than a picture: what it adds, and what it takes away."""
+    grain = np.random.default_rng(0).standard_normal((1024, 4608), dtype=np.float32) * sigma
+    return _to_bytes(np.maximum(grain, 0.0)), _to_bytes(np.minimum(grain, 0.0))
+
+
+def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
+    """Noise of each pixel and colour, cut from a random place of the bank for every 64 rows."""
+    if sigma <= 0.0:
+        return picture
+    brighter, darker = _noise_bank(sigma)
+    flat = picture.reshape(picture.shape[0], -1)
+    for top in range(0, len(flat), 64):
+        rows = flat[top : top + 64]
+        v = int(rng.integers(0, brighter.shape[0] - len(rows)))
+        u = int(rng.integers(0, brighter.shape[1] - rows.shape[1]))
+        cut = np.s_[v : v + len(rows), u : u + rows.shape[1]]
+        rows[:] = cv2.subtract(cv2.add(rows, brighter[cut]), darker[cut])
+    return picture
+
+
+def board_rgb(marker: Marker, paint: dict[str, Rgb] | None = None) -> np.ndarray:
+    """The marker's board as a picture of 2 px per mm, front edge up."""
+    colours = PAINT if paint is None else paint
+    board = marker.board
+    rows, columns = round(board.length_m * 2000), round(board.width_m * 2000)
+    picture = np.empty((rows, columns, 3), np.uint8)
+    picture[:] = np.array(colours["blue"], np.uint8)
+    if marker.kind == "two_colour":
+        picture[: round(board.front_m * 2000)] = np.array(colours[marker.front], np.uint8)
+    if marker.kind == "tag":
+        side = round(board.tag_m * 1.25 * 2000)  # black square and one white cell around it
+        tag = cv2.resize(draw_tag(marker.tag), (side, side), interpolation=cv2.INTER_NEAREST)
+        top, left = (rows - side) // 2, (columns - side) // 2
+        picture[top : top + side, left : left + side] = tag
+    return picture
+
+
+def robot_sheets(marker: Marker, pose: Pose, board: np.ndarray | None = None) -> list[Sheet]:
+    """A robot as sheets: its dark body in slices, and its board on top."""
+    body = np.full((1, 1, 3), BODY_RGB, np.uint8)
+    top = marker.board.height_m
+    slices = [
+        Sheet(pose.x_m, pose.y_m, pose.heading_rad, 0.16, 0.13, top * i / 4.0, body)
+        for i in range(4)
+    ]
+    middle = pose.to_world(np.array([marker.board.forward_m, 0.0]))
+    rgb = board_rgb(marker) if board is None else board
+    size = (marker.board.length_m, marker.board.width_m, top)
+    return [*slices, Sheet(middle[0], middle[1], pose.heading_rad, *size, rgb)]
+
+
+def coloured(
+    colour: str, x_m: float, y_m: float, heading_rad: float, size_m: Sequence[float]
+) -> Sheet:
+    """A piece of one colour: size is (length, width, height above the floor)."""
+    rgb = np.full((1, 1, 3), PAINT[colour], np.uint8)
+    return Sheet(x_m, y_m, heading_rad, size_m[0], size_m[1], size_m[2], rgb)
+
+
+def known_calibration(
+    camera: OverheadCamera, robots: tuple[Marker, ...], map_size_m: tuple[float, float]
+) -> Calibration:
+    """The exact calibration of a drawn camera, for tests that are not about calibrating."""
+    rotation = camera.hanging.rotation.T
+    place = np.array(camera.hanging.position_m)
+    ray_from_floor = rotation @ np.column_stack((np.eye(3)[:, :2], -place))
+    homography = np.linalg.inv(ray_from_floor)
+    homography /= homography[2, 2]
+    x, y, z = camera.hanging.position_m
+    return Calibration(
+        lens=camera.lens,
+        homography=tuple(float(v) for v in homography.ravel()),
+        camera_m=(x, y, z),
+        map_size_m=map_size_m,
+        robots=robots,
+        residual_mm=0.0,
+    )

@@ -1,0 +1,85 @@
+import math
+from dataclasses import replace
+
+import pytest
+
+from localizer_node.calibration import (
+    Board,
+    Calibration,
+    Colour,
+    Marker,
+    load_calibration,
+    save_calibration,
+)
+from robot.errors import ConfigError
+from tests.localizer_node.rigs import LENSES, Rig
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
+def test_a_file_gives_back_what_was_written(lens, tmp_path):
+    robots = (Marker("a"), Marker("b", "tag", tag=7, board=Board(0.15, 0.15, 0.1)))
+    written = replace(
+        Rig(lens).calibration(robots),
+        roi_px=((1.0, 2.0), (700.5, 3.0), (600.0, 700.0)),
+        rotation_rad=0.3,
+        residual_mm=1.5,
+    )
+    save_calibration(written, tmp_path / "arena.yaml")
+    assert load_calibration(tmp_path / "arena.yaml") == written
+    assert [p.name for p in tmp_path.iterdir()] == ["arena.yaml"]
+
+
+def test_a_file_with_an_unknown_key_names_the_nearest(tmp_path):
+    path = tmp_path / "arena.yaml"
+    save_calibration(Rig().calibration(), path)
+    path.write_text(path.read_text().replace("homography:", "homographie:"))
+    with pytest.raises(ConfigError, match="did you mean 'homography'"):
+        load_calibration(path)
+
+
+@pytest.mark.parametrize(
+    ("robots", "complaint"),
+    [
+        ((Marker("a"), Marker("b")), "cannot be told apart"),
+        ((Marker("a"), Marker("a", front="magenta")), "cannot be told apart"),
+        ((Marker("a", "tag", tag=3), Marker("b", "tag", tag=3)), "cannot be told apart"),
+        ((Marker("a", "plain"), Marker("b", "tag")), "expected it alone"),
+        ((Marker("a", front="gren"),), "did you mean 'green'"),
+        ((Marker("a", board=Board(height_m=3.0)),), "camera above the board"),
+    ],
+)
+def test_robots_that_the_camera_could_confuse_are_refused(robots, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        Rig().calibration(robots)
+
+
+def test_impossible_parts_are_refused():
+    with pytest.raises(ConfigError, match="did you mean 'two_colour'"):
+        Marker(kind="two_color")
+    with pytest.raises(ConfigError, match="front_m < length_m"):
+        Marker(board=Board(length_m=0.06, front_m=0.06))
+    with pytest.raises(ConfigError, match="its white margin on it"):
+        Marker(kind="tag", board=Board(0.1, 0.1, tag_m=0.09))
+    with pytest.raises(ConfigError, match="positive length_m"):
+        Board(length_m=0.0)
+    with pytest.raises(ConfigError, match=r"hues 0\.\.360"):
+        Colour("blue", 200.0, 400.0)
+    with pytest.raises(ConfigError, match="9 numbers"):
+        replace(Rig().calibration(), homography=(1.0, 0.0))
+    with pytest.raises(ConfigError, match="at least 3 corners"):
+        replace(Rig().calibration(), roi_px=((0.0, 0.0),))
+
+
+def test_looking_up_a_robot_or_a_colour_that_is_not_there():
+    calibration = Rig().calibration()
+    assert calibration.marker("robot").kind == "two_colour"
+    with pytest.raises(ConfigError, match="valid: robot"):
+        calibration.marker("rover")
+    with pytest.raises(ConfigError, match="did you mean 'blue'"):
+        calibration.colour("bleu")
+
+
+def test_a_calibration_is_a_value():
+    assert hash(Rig().calibration()) is not None
+    assert isinstance(Rig().calibration(), Calibration)
+    assert math.isnan(Rig().calibration().residual_mm)

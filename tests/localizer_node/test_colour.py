@@ -1,0 +1,61 @@
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from localizer_node.calibration import DEFAULT_COLOURS, Colour
+from localizer_node.colour import blobs, coarse_rects, mask_of, to_hsv
+from tests.localizer_node.rigs import FLOOR_RGB, PAINT
+
+BLUE = DEFAULT_COLOURS[0]
+
+
+def square(centre, half, colour="blue", size=60):
+    """A square with sides that end anywhere within a pixel."""
+    fine = np.empty((size * 16, size * 16, 3), np.uint8)
+    fine[:] = FLOOR_RGB
+    low = np.round((np.array(centre) + 0.5 - half) * 16).astype(int)
+    high = np.round((np.array(centre) + 0.5 + half) * 16).astype(int)
+    fine[low[1] : high[1], low[0] : high[0]] = PAINT[colour]
+    return cv2.resize(fine, (size, size), interpolation=cv2.INTER_AREA)
+
+
+@given(st.floats(20.0, 40.0), st.floats(20.0, 40.0), st.floats(4.0, 12.0))
+def test_the_centroid_is_right_to_a_fraction_of_a_pixel(u, v, half):
+    image = square((u, v), half)
+    (blob,) = blobs(image, to_hsv(image), BLUE, 20.0)
+    assert blob.centre_px == pytest.approx((u, v), abs=0.2)
+    assert math.sqrt(blob.area_px) == pytest.approx(2.0 * half, abs=1.7)
+
+
+def test_a_shadow_over_half_the_board_does_not_pull_the_centroid():
+    image = square((30.2, 29.7), 9.0)
+    image[:, :30] = (image[:, :30] * 0.6).astype(np.uint8)
+    (blob,) = blobs(image, to_hsv(image), BLUE, 20.0)
+    assert blob.centre_px == pytest.approx((30.2, 29.7), abs=0.3)
+
+
+@given(st.sampled_from(sorted(PAINT)), st.floats(0.45, 1.2))
+def test_each_paint_has_its_own_colour_in_any_light(paint, light):
+    pixel = np.clip(np.array(PAINT[paint]) * light, 0, 255).astype(np.uint8).reshape(1, 1, 3)
+    hit = {c.name for c in DEFAULT_COLOURS if mask_of(to_hsv(pixel), c)[0, 0]}
+    assert hit == ({paint} if paint != "white" else set())
+
+
+def test_hues_wrap_around_red():
+    red = Colour("red", 340.0, 20.0)
+    hues = np.array([0, 5, 15, 90, 165, 172, 179], np.uint8)
+    hsv = np.stack((hues, np.full(7, 200, np.uint8), np.full(7, 200, np.uint8)), axis=-1)[None]
+    assert (mask_of(hsv, red)[0] > 0).tolist() == [True, True, False, False, False, True, True]
+
+
+def test_blobs_come_largest_first_and_specks_not_at_all():
+    image = square((15.0, 15.0), 4.0)
+    image[40:55, 40:55] = PAINT["blue"]
+    image[5, 50] = PAINT["blue"]
+    found = blobs(image, to_hsv(image), BLUE, 20.0)
+    assert [round(b.centre_px[0]) for b in found] == [47, 15]
+    assert coarse_rects(mask_of(to_hsv(image), BLUE), 20.0)[-1] == (40, 40, 55, 55)

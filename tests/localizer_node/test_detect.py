@@ -1,0 +1,171 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from localizer_node.calibration import Board, Marker
+from localizer_node.detect import Detector
+from localizer_node.parts import merged
+from tests.localizer_node.rigs import MAP_M, PINHOLE, Rig, turn
+
+TWO_COLOUR = (Marker("green"), Marker("pink", front="magenta"))
+TAGGED = (Marker("seven", "tag", tag=7), Marker("nine", "tag", tag=9))
+PLAIN = (Marker("blue", "plain", board=Board(0.18, 0.11)),)
+poses = st.tuples(
+    st.floats(0.15, MAP_M[0] - 0.15), st.floats(0.15, MAP_M[1] - 0.15), st.floats(-3.1, 3.1)
+)
+
+
+def look(robots, placed, rig=Rig(tilt_rad=(0.03, -0.05)), clutter=()):  # noqa: B008
+    picture = rig.floor()
+    for pose, rect in clutter:
+        rig.paint(picture, "blue", pose, rect)
+    for marker, pose in placed:
+        rig.paint_robot(picture, marker, pose)
+    return picture, Detector(rig.calibration(robots))
+
+
+@pytest.mark.parametrize("robots", [TWO_COLOUR, TAGGED], ids=["two_colour", "tag"])
+@given(pose=poses, which=st.integers(0, 1))
+@settings(max_examples=25, deadline=None)
+def test_a_robot_is_found_where_it_stands(robots, pose, which):
+    picture, detector = look(robots, [(robots[which], pose)])
+    (found,) = detector.detect(picture)
+    assert found.robot == robots[which].robot
+    assert math.hypot(found.x_m - pose[0], found.y_m - pose[1]) < 0.004
+    assert turn(found.heading_rad, pose[2]) < math.radians(2.0)
+    assert found.confidence > 0.8
+
+
+@given(pose=poses)
+@settings(max_examples=25, deadline=None)
+def test_a_plain_board_gives_its_place_and_axis(pose):
+    picture, detector = look(PLAIN, [(PLAIN[0], pose)])
+    (found,) = detector.detect(picture)
+    assert (found.robot, found.heading_rad) == ("blue", None)
+    assert math.hypot(found.x_m - pose[0], found.y_m - pose[1]) < 0.004
+    assert turn(2.0 * found.axis_rad, 2.0 * pose[2]) < math.radians(6.0)
+
+
+@pytest.mark.parametrize("kind", ["two_colour", "tag"])
+def test_the_origin_is_under_the_axle_not_under_the_board(kind):
+    robots = (Marker("r", kind, board=Board(forward_m=-0.04)),)
+    picture, detector = look(robots, [(robots[0], (1.3, 0.9, 2.0))])
+    (found,) = detector.detect(picture)
+    assert (found.x_m, found.y_m) == pytest.approx((1.3, 0.9), abs=0.004)
+
+
+def test_robots_with_boards_at_their_own_heights():
+    robots = (
+        Marker("low", board=Board(height_m=0.06)),
+        Marker("high", front="magenta", board=Board(height_m=0.3)),
+    )
+    places = [(0.3, 0.4, 0.0), (1.9, 2.3, 2.5)]
+    picture, detector = look(robots, list(zip(robots, places)))
+    found = {d.robot: d for d in detector.detect(picture)}
+    for marker, pose in zip(robots, places):
+        one = found[marker.robot]
+        assert math.hypot(one.x_m - pose[0], one.y_m - pose[1]) < 0.01
+
+
+def test_blue_that_is_no_board_is_no_robot():
+    clutter = [
+        ((0.4, 0.4, 0.3), (-0.25, 0.25, -0.2, 0.2)),  # too large
+        ((1.5, 0.5, 0.8), (-0.03, 0.03, -0.03, 0.03)),  # too small
+        ((1.6, 1.5, 1.0), (-0.3, 0.3, -0.012, 0.012)),  # tape
+        ((-0.2, 1.5, 0.0), (-0.08, 0.08, -0.07, 0.07)),  # a board's size, beside the map
+        ((0.6, 2.1, 0.0), (-0.09, 0.09, -0.08, -0.04)),  # an L
+        ((0.6, 2.1, 0.0), (-0.09, -0.05, -0.08, 0.08)),
+    ]
+    for robots in (TWO_COLOUR, TAGGED, PLAIN):
+        pose = (1.7, 2.2, -1.0)
+        picture, detector = look(robots, [(robots[0], pose)], clutter=clutter)
+        found = detector.detect(picture)
+        assert [d.robot for d in found] == [robots[0].robot]
+        assert math.hypot(found[0].x_m - pose[0], found[0].y_m - pose[1]) < 0.004
+
+
+def test_a_board_without_its_front_colour_is_no_two_coloured_robot():
+    blue_only = Marker("x", "plain", board=Board(length_m=0.1))
+    picture, detector = look(TWO_COLOUR, [(blue_only, (1.0, 1.0, 0.0))])
+    assert detector.detect(picture) == ()
+
+
+def test_a_board_whose_tag_is_unknown_has_no_name():
+    stranger = Marker("x", "tag", tag=33)
+    picture, detector = look(TAGGED, [(stranger, (1.0, 1.0, 0.5))])
+    (found,) = detector.detect(picture)
+    assert (found.robot, found.heading_rad) == ("", None)
+    assert (found.x_m, found.y_m) == pytest.approx((1.0, 1.0), abs=0.004)
+
+
+def test_a_tag_needs_no_blue_but_must_have_its_size():
+    rig = Rig()
+    for tag_m, names in ((0.09, ["seven"]), (0.2, [])):
+        picture = rig.floor()
+        pose = (1.2, 1.4, 0.7)
+        board = Board(0.4, 0.4, tag_m=tag_m)
+        rig.paint(picture, "white", pose, (-0.15, 0.15, -0.15, 0.15), 0.12)
+        rig._paint_tag(picture, Marker("x", "tag", tag=7, board=board), pose)
+        detector = Detector(rig.calibration(TAGGED))
+        assert [d.robot for d in detector.detect(picture)] == names
+        assert detector.detect(picture, search_tags=False) == ()
+
+
+@given(st.floats(-math.pi, math.pi))
+@settings(max_examples=20, deadline=None)
+def test_turning_the_camera_turns_no_robot(yaw):
+    rig = Rig(PINHOLE, yaw_rad=yaw)
+    pose = (0.6, 1.9, 1.0)
+    picture, detector = look(TWO_COLOUR, [(TWO_COLOUR[0], pose)], rig)
+    (found,) = detector.detect(picture)
+    assert (found.x_m, found.y_m) == pytest.approx(pose[:2], abs=0.004)
+    assert turn(found.heading_rad, pose[2]) < math.radians(2.0)
+
+
+def test_windows_around_robots_give_what_the_whole_picture_gives():
+    placed = [(TWO_COLOUR[0], (0.5, 0.5, 1.0)), (TWO_COLOUR[1], (1.7, 2.0, -2.0))]
+    picture, detector = look(TWO_COLOUR, placed)
+    whole = {d.robot: d for d in detector.detect(picture)}
+    windows = [detector.window_px(p[0] + 0.03, p[1] - 0.02, 0.2) for _, p in placed]
+    near = {d.robot: d for d in detector.detect(picture, windows)}
+    assert set(whole) == set(near) == {"green", "pink"}
+    for name, found in near.items():
+        assert found.x_m == pytest.approx(whole[name].x_m, abs=1e-3)
+    assert [d.robot for d in detector.detect(picture, windows[:1])] == ["green"]
+
+
+def test_the_region_of_interest_shuts_out_what_lies_beyond():
+    from dataclasses import replace
+
+    rig = Rig()
+    picture, detector = look(TWO_COLOUR, [(TWO_COLOUR[0], (0.5, 0.5, 0.0))], rig)
+    (found,) = detector.detect(picture)
+    u, v = found.u_px, found.v_px
+    away = ((u + 60.0, v - 300.0), (u + 400.0, v - 300.0), (u + 400.0, v + 100.0))
+    fenced = replace(rig.calibration(TWO_COLOUR), roi_px=away)
+    assert Detector(fenced).detect(picture) == ()
+
+
+def test_no_robots_to_look_for():
+    rig = Rig()
+    assert Detector(rig.calibration(())).detect(rig.floor()) == ()
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 50), st.integers(0, 50), st.integers(1, 20), st.integers(1, 20)),
+        max_size=8,
+    )
+)
+def test_merged_windows_cover_the_same_and_do_not_overlap(given_rects):
+    rects = [(u, v, u + w, v + h) for u, v, w, h in given_rects]
+    result = merged(rects)
+    cover = np.zeros((80, 80), int)
+    for a, b, c, d in result:
+        cover[b:d, a:c] += 1
+    assert cover.max(initial=0) <= 1
+    for a, b, c, d in rects:
+        assert cover[b:d, a:c].all()

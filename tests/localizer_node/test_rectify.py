@@ -1,0 +1,105 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from localizer_node.rectify import Rectifier, map_outline
+from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, Rig, grid
+
+yaws = st.floats(-math.pi, math.pi)
+tilts = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15))
+heights = st.floats(0.0, 0.3)
+rigs = st.builds(
+    lambda lens, yaw, tilt: Rig(lens, yaw_rad=yaw, tilt_rad=tilt),
+    st.sampled_from(LENSES),
+    yaws,
+    tilts,
+)
+
+
+@given(rigs, heights)
+@settings(max_examples=60, deadline=None)
+def test_pixels_agree_with_euclid_at_every_height(rig, height_m):
+    places = grid(5, margin_m=0.2)
+    pixels = rig.see(places, height_m)
+    rectifier = Rectifier(rig.calibration())
+    seen = np.isfinite(pixels).all(axis=1)
+    assert seen.sum() > 20
+    assert np.allclose(rectifier.to_pixels(places, height_m)[seen], pixels[seen], atol=1e-6)
+    assert np.allclose(rectifier.to_floor(pixels, height_m)[seen], places[seen], atol=2e-5)
+
+
+@given(st.floats(0.01, 0.5), st.floats(0.1, 1.6), yaws, tilts)
+@settings(max_examples=50, deadline=None)
+def test_a_raised_point_is_displaced_outward_by_r_h_over_H_minus_h(h, r, azimuth, tilt):
+    rig = Rig(FISHEYE, tilt_rad=tilt)
+    foot, big_h = np.array(rig.position_m[:2]), rig.position_m[2]
+    outward = np.array([math.cos(azimuth), math.sin(azimuth)])
+    pixel = rig.see(foot + r * outward, h)
+    on_floor = Rectifier(rig.calibration()).to_floor(pixel)
+    assert np.allclose(on_floor - (foot + r * outward), outward * r * h / (big_h - h), atol=1e-5)
+
+
+@given(yaws)
+@settings(max_examples=30, deadline=None)
+def test_turning_the_picture_moves_no_robot(rotation_rad):
+    """``rotation_rad`` and a homography that undoes it, against neither."""
+    rig = Rig(tilt_rad=(0.05, -0.02))
+    straight = rig.calibration()
+    c, s = math.cos(rotation_rad), math.sin(rotation_rad)
+    back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned = np.array(straight.homography).reshape(3, 3) @ back * -2.5
+    calibration = replace(straight, rotation_rad=rotation_rad, homography=tuple(turned.ravel()))
+    pixels = rig.see(grid(), 0.1)
+    expected = Rectifier(straight).to_floor(pixels, 0.1)
+    assert np.allclose(Rectifier(calibration).to_floor(pixels, 0.1), expected, atol=1e-9)
+
+
+def test_linearised_is_the_derivative():
+    rectifier = Rectifier(Rig(tilt_rad=(0.08, 0.03)).calibration())
+    pixels = np.array([[300.0, 200.0], [900.0, 600.0]])
+    places, slope = rectifier.linearised(pixels, 0.12)
+    step = np.array([1.5, -2.0])
+    assert np.allclose(rectifier.to_floor(pixels + step, 0.12), places + slope @ step, atol=3e-5)
+
+
+def test_a_pixel_that_shows_no_floor_gives_nan():
+    rig = Rig(replace(FISHEYE, fx_px=500.0, fy_px=500.0), tilt_rad=(0.9, 0.0))
+    top_and_bottom = np.array([[640.0, 0.0], [640.0, 1279.0]])
+    shown = np.isfinite(Rectifier(rig.calibration()).to_floor(top_and_bottom)).all(axis=1)
+    assert shown.sum() == 1
+
+
+def test_the_region_of_interest_bounds_the_search():
+    calibration = Rig().calibration()
+    assert Rectifier(calibration).roi_rect() == (0, 0, 1280, 1280)
+    bounded = replace(calibration, roi_px=((100.5, 50.0), (1400.0, 60.0), (640.0, 600.2)))
+    assert Rectifier(bounded).roi_rect() == (100, 50, 1280, 602)
+
+
+def test_on_map():
+    rectifier = Rectifier(Rig().calibration())
+    outside = np.array([[-0.04, 1.0], [2.3, 1.0], [1.0, 1.0]])
+    assert rectifier.on_map(outside).tolist() == [False, False, True]
+    assert rectifier.on_map(outside, 0.05).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, math.pi / 2.0, -2.0])
+def test_the_floor_picture_shows_north_up_whatever_way_the_camera_is_turned(yaw_rad):
+    rig = Rig(yaw_rad=yaw_rad)
+    picture = rig.floor()
+    rig.paint(picture, "white", (0.4, 2.2, 0.0), (-0.05, 0.05, -0.05, 0.05))
+    floor = Rectifier(rig.calibration()).floor_picture(picture, px_per_m=100.0)
+    assert floor.shape == (264, 220, 3)
+    rows, columns = np.nonzero(floor[..., 2] > 150)
+    assert np.allclose((columns.mean() + 0.5, 264 - rows.mean() - 0.5), (40.0, 220.0), atol=0.5)
+
+
+def test_the_outline_runs_round_the_map():
+    ring = map_outline(MAP_M, points_per_side=10)
+    sides = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    assert len(ring) == 40
+    assert sides.sum() == pytest.approx(2 * sum(MAP_M))

@@ -1,0 +1,213 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from localizer_node.calibration import Board, Marker
+from localizer_node.detect import Detection
+from localizer_node.track import CONFIRM_HITS, REACQUIRE_HITS, Tracker
+from robot.errors import ContractError
+from tests.localizer_node.rigs import Rig, turn
+
+DT_S = 1.0 / 30.0
+
+
+def seen(robot, x, y, heading=None, kind="two_colour", axis=None, confidence=0.9):
+    axis = heading if axis is None else axis
+    return Detection(robot, kind, x, y, heading, axis, confidence, 0.0, 0.0)
+
+
+def tracker(*markers):
+    return Tracker(Rig().calibration(markers or (Marker("a"), Marker("b", front="magenta"))))
+
+
+def feed(followed, pictures, start=0):
+    """Each picture a list of detections; the poses of the last."""
+    poses = ()
+    for i, detections in enumerate(pictures, start=start):
+        poses = followed.update(detections, i * DT_S, i)
+    return {pose.robot: pose for pose in poses}
+
+
+def line(robot, count, start=(0.5, 0.5), speed=0.3, heading=0.0, **more):
+    step = speed * DT_S * np.array([math.cos(heading), math.sin(heading)])
+    places = np.array(start) + np.arange(count)[:, None] * step
+    return [[seen(robot, float(x), float(y), **more)] for x, y in places]
+
+
+def test_a_pose_is_told_from_the_third_sighting_on():
+    followed = tracker()
+    for i in range(CONFIRM_HITS - 1):
+        assert followed.update([seen("a", 1.0, 1.0, 0.0)], i * DT_S, i) == ()
+    (pose,) = followed.update([seen("a", 1.0, 1.0, 0.0)], 2 * DT_S, 2)
+    assert (pose.robot, pose.frame, pose.t_capture_s) == ("a", 2, 2 * DT_S)
+    assert (pose.x_m, pose.y_m, pose.heading_rad) == pytest.approx((1.0, 1.0, 0.0))
+
+
+def test_velocity_and_turn_rate():
+    followed = tracker()
+    pictures = []
+    for i in range(60):
+        angle = 0.8 * i * DT_S
+        pictures.append([seen("a", 1 + 0.4 * math.sin(angle), 1 - 0.4 * math.cos(angle), angle)])
+    pose = feed(followed, pictures)["a"]
+    assert math.hypot(pose.vx_mps, pose.vy_mps) == pytest.approx(0.32, abs=0.02)
+    assert pose.turn_radps == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_robot_that_is_not_seen_is_not_told():
+    followed = tracker()
+    feed(followed, line("a", 10, heading=0.0))
+    assert feed(followed, [[]], start=10) == {}
+
+
+def test_a_false_sighting_far_off_is_not_believed():
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 20)
+    assert feed(followed, [[seen("a", 1.6, 1.0, 0.0)]], start=20) == {}
+    both = [seen("a", 1.6, 1.0, 0.0, confidence=1.0), seen("a", 1.0, 1.0, 0.0, confidence=0.4)]
+    assert feed(followed, [both], start=21)["a"].x_m == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_robot_that_was_carried_is_found_again():
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 20)
+    there = [[seen("a", 0.3, 2.0, 1.0)]]
+    assert feed(followed, there * (REACQUIRE_HITS - 1), start=20) == {}
+    pose = feed(followed, there * CONFIRM_HITS, start=30)["a"]
+    assert (pose.x_m, pose.y_m, pose.heading_rad) == pytest.approx((0.3, 2.0, 1.0), abs=0.01)
+
+
+def test_a_flicker_here_and_there_carries_nothing():
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 20)
+    hops = [[seen("a", 0.3 + 0.4 * (i % 3), 2.0, 1.0)] for i in range(25)]
+    assert feed(followed, hops, start=20) == {}
+
+
+def test_two_alike_and_no_memory_of_either_is_nobody():
+    pair = [seen("a", 0.5, 0.5, 0.0), seen("a", 1.5, 1.5, 0.0)]
+    assert feed(tracker(), [pair] * 10) == {}
+
+
+def test_time_must_pass():
+    followed = tracker()
+    followed.update([], 1.0, 0)
+    with pytest.raises(ContractError, match="one monotonic clock"):
+        followed.update([], 1.0, 1)
+
+
+def test_a_lost_robot_is_forgotten_and_starts_afresh():
+    followed = tracker()
+    feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 5)
+    feed(followed, [[]] * 40, start=5)
+    assert followed.predicted(50 * DT_S) == {}
+    assert feed(followed, [[seen("a", 2.0, 2.0, 0.0)]] * 3, start=50)["a"].x_m == pytest.approx(2.0)
+
+
+def test_predictions_reach_where_the_robot_will_be():
+    followed = tracker()
+    feed(followed, line("a", 20, heading=0.0))
+    x, y, reach = followed.predicted(21 * DT_S)["a"]
+    assert math.hypot(x - (0.5 + 0.3 * 21 * DT_S), y - 0.5) < 0.01 < reach
+
+
+TAGS = (Marker("a", "tag", tag=1), Marker("b", "tag", tag=2))
+
+
+def test_a_tag_that_cannot_be_read_for_a_while_keeps_its_robot():
+    followed = tracker(*TAGS)
+    named = [[seen("a", 0.5, 0.5, 0.0, "tag"), seen("b", 1.5, 0.5, 0.0, "tag")]] * 10
+    feed(followed, named)
+    unread = [[seen("", 0.5 + 0.01 * i, 0.5, None, "tag", 0.0)] for i in range(1, 10)]
+    poses = feed(followed, unread, start=10)
+    assert set(poses) == {"a"}
+    assert poses["a"].x_m == pytest.approx(0.59, abs=0.01)
+    assert poses["a"].heading_rad == pytest.approx(0.0, abs=0.05)
+
+
+def test_unread_boards_close_together_belong_to_nobody():
+    followed = tracker(*TAGS)
+    feed(followed, [[seen("a", 0.5, 0.5, 0.0, "tag"), seen("b", 0.62, 0.5, 0.0, "tag")]] * 10)
+    between = [seen("", 0.55, 0.5, None, "tag", 0.0)]
+    assert feed(followed, [between], start=10) == {}
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_tags_are_never_swapped_however_they_cross(seed):
+    """Two robots that meet; tags readable at random; every pose told is the right robot's."""
+    rng = np.random.default_rng(seed)
+    followed = tracker(*TAGS)
+    angle = rng.uniform(0.4, 2.7)
+    for i in range(120):
+        t = (i - 60) * DT_S * 0.3
+        places = {"a": (1.0 + t, 1.0), "b": (1.0 + t * math.cos(angle), 1.07 + t * math.sin(angle))}
+        detections = []
+        for robot, (x, y) in places.items():
+            x, y = x + rng.normal(0, 0.003), y + rng.normal(0, 0.003)
+            if i < 5 or rng.random() < 0.3:
+                detections.append(seen(robot, x, y, 0.0 if robot == "a" else angle, "tag"))
+            elif rng.random() < 0.8:
+                detections.append(seen("", x, y, None, "tag", 0.0 if robot == "a" else angle))
+        for pose in followed.update(detections, i * DT_S, i):
+            x, y = places[pose.robot]
+            assert math.hypot(pose.x_m - x, pose.y_m - y) < 0.03
+
+
+PLAIN = Marker("p", "plain", board=Board(0.18, 0.11))
+
+
+@pytest.mark.parametrize("heading", [0.4, -2.5])
+def test_a_plain_board_shows_its_front_by_moving(heading):
+    followed = tracker(PLAIN)
+    still = [[seen("p", 0.9, 0.9, None, "plain", 0.4)]] * 10
+    assert feed(followed, still)["p"].heading_rad is None
+    axis = 0.4 if heading == 0.4 else heading + math.pi
+    moving = line("p", 30, (0.9, 0.9), 0.3, heading, kind="plain", axis=axis)
+    pose = feed(followed, moving, start=10)["p"]
+    assert turn(pose.heading_rad, heading) < 0.05
+
+
+def test_backing_up_for_a_moment_turns_no_plain_board_round():
+    followed = tracker(PLAIN)
+    forward = line("p", 60, (0.4, 0.9), 0.3, 0.0, kind="plain", axis=0.0)
+    feed(followed, forward)
+    back = line("p", 15, (1.0, 0.9), -0.2, 0.0, kind="plain", axis=math.pi)
+    assert turn(feed(followed, back, start=60)["p"].heading_rad, 0.0) < 0.1
+
+
+def test_a_front_that_was_guessed_wrong_is_given_up_in_the_end():
+    followed = tracker(PLAIN)
+    feed(followed, line("p", 15, (1.0, 0.9), -0.2, 0.0, kind="plain", axis=0.0))
+    pose = feed(followed, line("p", 120, (0.9, 0.9), 0.3, 0.0, kind="plain", axis=0.0), start=15)
+    assert turn(pose["p"].heading_rad, 0.0) < 0.05
+
+
+def test_a_square_plain_board_takes_its_heading_from_its_course():
+    followed = tracker(Marker("p", "plain"))
+    pictures = []
+    for i in range(90):
+        angle = 0.9 * i * DT_S
+        place = (1 + 0.33 * math.sin(angle), 1 - 0.33 * math.cos(angle))
+        pictures.append([seen("p", *place, None, "plain")])
+    pose = feed(followed, pictures)["p"]
+    assert turn(pose.heading_rad, 0.9 * 89 * DT_S) < math.radians(2.0)
+
+
+@pytest.mark.parametrize("axis", [0.0, math.pi])
+def test_the_board_lies_ahead_of_the_axle(axis):
+    ahead = Marker("p", "plain", board=Board(0.18, 0.11, forward_m=0.05))
+    pose = feed(tracker(ahead), line("p", 60, (0.5, 0.9), kind="plain", axis=axis))["p"]
+    assert pose.x_m == pytest.approx(0.5 + 59 * 0.01 - 0.05, abs=0.01)
+
+
+def test_an_origin_behind_the_board_swings_with_it():
+    """Turning on the spot: the board's middle circles, the origin stands."""
+    marker = Marker("a", board=Board(forward_m=0.05))
+    pictures = [[seen("a", 1.0, 1.0, 1.5 * i * DT_S)] for i in range(60)]
+    pose = feed(tracker(marker), pictures)["a"]
+    assert (pose.x_m, pose.y_m) == pytest.approx((1.0, 1.0), abs=1e-3)
+    assert (pose.vx_mps, pose.vy_mps) == pytest.approx((0.0, 0.0), abs=0.01)
