@@ -13,7 +13,7 @@ import numpy as np
 from robot.geometry import wrap_angle
 
 ACCELERATION_MPS2 = 2.0  # standard deviation: a stepper starts and stops within a tenth of a second
-TURN_ACCELERATION_RADPS2 = 20.0  # from straight to 2.4 rad/s as fast
+TURN_ACCELERATION_RADPS2 = 40.0  # from one hard turn to the other as fast
 START_SPEED_MPS = 0.3
 START_TURN_RADPS = 2.0
 

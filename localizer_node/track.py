@@ -17,8 +17,8 @@ from localizer_node.kalman import FloorFilter, HeadingFilter
 from robot.errors import ContractError
 
 GATE = 5.0  # standard deviations
-SIGMA_M = {"two_colour": 0.004, "tag": 0.003, "plain": 0.005}
-SIGMA_RAD = {"two_colour": math.radians(1.5), "tag": math.radians(1.5), "plain": math.radians(3.0)}
+SIGMA_M = {"two_colour": 0.003, "tag": 0.002, "plain": 0.004}
+SIGMA_RAD = {"two_colour": math.radians(0.8), "tag": math.radians(0.6), "plain": math.radians(2.0)}
 MAX_SPEED_MPS = 0.8  # nothing of ours drives faster
 CONFIRM_HITS = 3  # pictures in which a robot is seen before its pose is told
 REACQUIRE_HITS = 8  # as many at one other place in a row: it was carried there

@@ -161,42 +161,43 @@ class OverheadCamera:
         if np.any(high <= low):
             return (0, 0, 0, 0)
         n = OVERSAMPLE if sheet.rgb.size > 3 else OVERSAMPLE // 2
-        rows, columns = (high - low)[::-1] * n
-        v, u = np.mgrid[0:rows, 0:columns]
-        pixels = np.stack((u, v), axis=-1) / n + (0.5 / n - 0.5) + low
-        local = pose.to_robot(self._near_plane(pixels, sheet.height_m))
-        inside = np.all(np.abs(local) <= half, axis=-1)
+        local = self._on_sheet(sheet, pose, low, high, n)
         height, width = sheet.rgb.shape[:2]
-        row = np.clip((0.5 - local[..., 0] / sheet.length_m) * height, 0, height - 1).astype(int)
-        column = np.clip((0.5 - local[..., 1] / sheet.width_m) * width, 0, width - 1).astype(int)
-        colour = np.where(inside[..., None], sheet.rgb[row, column], 0).astype(np.float32)
-        size = (columns // n, rows // n)
-        covered = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        painted = cv2.resize(colour, size, interpolation=cv2.INTER_AREA)
+        row = (0.5 - local[0] / np.float32(sheet.length_m)) * height - 0.5
+        column = (0.5 - local[1] / np.float32(sheet.width_m)) * width - 0.5
+        texture = np.dstack((sheet.rgb, np.full((height, width), 255, np.uint8)))
+        fine = cv2.remap(texture, column, row, cv2.INTER_NEAREST)  # 0, and so clear, beyond it
+        size = (int(high[0] - low[0]), int(high[1] - low[1]))
+        drawn = cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         slices = np.s_[low[1] : high[1], low[0] : high[0]]
-        light = self._light[slices]
-        self._work[slices] = self._work[slices] * (1.0 - covered[..., None]) + painted * light
+        below = self._work[slices] * (1.0 - drawn[..., 3:] / 255.0)
+        self._work[slices] = below + drawn[..., :3] * self._light[slices]
         return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
-    def _near_plane(self, pixels: np.ndarray, height_m: float) -> np.ndarray:
-        """``to_plane`` on a small dense grid: exact on a 9 x 9 lattice, cubic between."""
-        rows, columns = pixels.shape[:2]
-        v = np.linspace(0, rows - 1, 9)
-        u = np.linspace(0, columns - 1, 9)
-        lattice_u, lattice_v = np.meshgrid(u, v)
-        origin, step = pixels[0, 0], pixels[1, 1] - pixels[0, 0]
-        nodes = origin + step * np.stack((lattice_u, lattice_v), axis=-1)
-        coarse = self.to_plane(nodes, height_m)
-        across = _quadratic(u, np.arange(columns))
-        down = _quadratic(v, np.arange(rows))
-        return np.einsum("ri,ijk,cj->rck", down, coarse, across, optimize=True)
+    def _on_sheet(
+        self, sheet: Sheet, pose: Pose, low: np.ndarray, high: np.ndarray, n: int
+    ) -> np.ndarray:
+        """(2, rows, columns) float32: where n x n rays per pixel of a window meet the sheet.
+
+        In the sheet's frame [m]; exact on a 9 x 9 lattice, and cubic between, as the lens is there.
+        """
+        columns, rows = (int(v) for v in (high - low) * n)
+        v, u = np.meshgrid(
+            np.linspace(0, rows - 1, 9), np.linspace(0, columns - 1, 9), indexing="ij"
+        )
+        pixels = np.stack((u, v), axis=-1) / n + (0.5 / n - 0.5) + low
+        nodes = pose.to_robot(self.to_plane(pixels, sheet.height_m))
+        across, down = _cubic(columns), _cubic(rows)
+        parts = [np.ascontiguousarray(nodes[..., i], dtype=np.float32) for i in (0, 1)]
+        half_way = [cv2.gemm(down, part, 1.0, None, 0.0) for part in parts]
+        return np.stack([cv2.gemm(h, across, 1.0, None, 0.0, None, cv2.GEMM_2_T) for h in half_way])
 
 
-def _quadratic(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(M, N) weights of a cubic least-squares polynomial through values at N nodes."""
-    centre, half = nodes.mean(), max(float(np.ptp(nodes)) / 2.0, 1e-9)
-    basis = np.vander((nodes - centre) / half, 4)
-    return np.vander((at - centre) / half, 4) @ np.linalg.pinv(basis)
+@lru_cache(maxsize=512)
+def _cubic(count: int) -> np.ndarray:
+    """(count, 9) weights of the least-squares cubic through 9 values spread over ``count``."""
+    nodes, at = np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, count)
+    return (np.vander(at, 4) @ np.linalg.pinv(np.vander(nodes, 4))).astype(np.float32)
 
 
 def _to_bytes(light: np.ndarray) -> np.ndarray:
@@ -247,8 +248,8 @@ def robot_sheets(marker: Marker, pose: Pose, board: np.ndarray | None = None) ->
     body = np.full((1, 1, 3), BODY_RGB, np.uint8)
     top = marker.board.height_m
     slices = [
-        Sheet(pose.x_m, pose.y_m, pose.heading_rad, 0.16, 0.13, top * i / 4.0, body)
-        for i in range(4)
+        Sheet(pose.x_m, pose.y_m, pose.heading_rad, 0.16, 0.13, top * i / 3.0, body)
+        for i in range(3)
     ]
     middle = pose.to_world(np.array([marker.board.forward_m, 0.0]))
     rgb = board_rgb(marker) if board is None else board
