@@ -189,8 +189,9 @@ class OverheadCamera:
         nodes = pose.to_robot(self.to_plane(pixels, sheet.height_m))
         across, down = _cubic(columns), _cubic(rows)
         parts = [np.ascontiguousarray(nodes[..., i], dtype=np.float32) for i in (0, 1)]
-        half_way = [cv2.gemm(down, part, 1.0, None, 0.0) for part in parts]
-        return np.stack([cv2.gemm(h, across, 1.0, None, 0.0, None, cv2.GEMM_2_T) for h in half_way])
+        none, turned = np.empty((0, 0), np.float32), cv2.GEMM_2_T
+        half_way = [cv2.gemm(down, part, 1.0, none, 0.0) for part in parts]
+        return np.stack([cv2.gemm(half, across, 1.0, none, 0.0, flags=turned) for half in half_way])
 
 
 @lru_cache(maxsize=512)
