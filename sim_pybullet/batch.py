@@ -104,7 +104,13 @@ class BatchWorld:
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what `sim_pybullet.expert` would do now, who knows the true poses."""
-        return expert_actions(self.task.paths, self._town.poses, self.task.course.arc_m)
+        return expert_actions(
+            self.task.paths,
+            self._town.poses,
+            self.task.course.arc_m,
+            self._motors.twists,
+            self._motors.response_s,
+        )
 
     def reset(self) -> Observation:
         """Begin an episode of every robot."""

@@ -32,6 +32,7 @@ class MotorModel:
         self._gains = np.ones((n_robots, 2))  # left, right
         self._turn_gain = np.ones(n_robots)
         self._noise = np.zeros(n_robots)
+        self._response_s = np.zeros(n_robots)
         self._twists = np.zeros((n_robots, 2))
         self._commands = DelayLine(n_robots, 2)
         for i in range(n_robots):
@@ -44,6 +45,7 @@ class MotorModel:
         self._gains[i] = look.gain - look.trim, look.gain + look.trim
         self._turn_gain[i] = look.turn_gain
         self._noise[i] = look.noise
+        self._response_s[i] = look.delay_s + 0.125 * sum(lags_s)
         self._commands.reset(i, look.delay_s / self._dt_s, np.zeros(2))
         self._twists[i] = 0.0
 
@@ -51,6 +53,11 @@ class MotorModel:
     def twists(self) -> np.ndarray:
         """Forward speed [m/s] and turn rate [rad/s] now, (N, 2)."""
         return self._twists.copy()
+
+    @property
+    def response_s(self) -> np.ndarray:
+        """(N,) time [s] until a command begins to tell: the delay and a quarter of the lag."""
+        return self._response_s.copy()
 
     def step(self, wheel_mps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Advance by one time step under commanded wheel speeds.
