@@ -135,7 +135,6 @@ class RayCamera:
             self._solids.last[robots],
             tables.slots[robots],
             tables.directions,
-            tables.angles,
             tables.cells,
             tables.pixel_rad,
         )

@@ -26,8 +26,7 @@ class RigTables:
         self._points = np.zeros((1, 4, height * width), np.float32)
         self._runs = np.zeros((1, 4 * height, 4), np.int32)
         self._first_run = np.zeros((1, height + 1), np.int32)
-        self.directions = np.zeros((1, height, width, 3), np.float32)
-        self.angles = np.zeros((1, height, width, 2), np.float32)
+        self.directions = np.zeros((1, 3, height, width), np.float32)
         self.cells = np.zeros((1, AZIMUTHS, ELEVATIONS, 4), np.int16)
         self.pixel_rad = np.zeros(1)
 
@@ -53,9 +52,9 @@ class RigTables:
             self._runs = _grown(self._runs, 1, len(floor.runs))
         self._runs[slot, : len(floor.runs)] = floor.runs
         self._first_run[slot] = floor.first_run
-        self.directions[slot] = pixel_rays(rig, self._image).directions
+        self.directions[slot] = np.moveaxis(pixel_rays(rig, self._image).directions, -1, 0)
         table = direction_table(rig, self._image)
-        self.angles[slot], self.cells[slot], self.pixel_rad[slot] = table
+        self.cells[slot], self.pixel_rad[slot] = table
 
     def _free_slot(self) -> int:
         used = {id(table) for table in self._wanted}

@@ -1,4 +1,4 @@
-"""Compiled geometry of one solid seen along one ray, in the robot's frame from the camera."""
+"""Compiled geometry of one solid seen along many rays, in the robot's axes from the camera."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import numpy as np
 from numba import njit
 
 from sim_pybullet import solid_table as column
-from sim_pybullet.solid_table import AZIMUTHS, ELEVATIONS
+from sim_pybullet.solid_table import AZIMUTHS, BILLBOARD, CYLINDER, ELEVATIONS
 
 NO_HIT = 1e9
 _X, _Y, _COS, _SIN = column.X, column.Y, column.COS, column.SIN
 _LENGTH, _WIDTH, _BASE, _TOP = column.HALF_LENGTH, column.HALF_WIDTH, column.BASE, column.TOP
 _SHAPE = column.SHAPE
-Hit = tuple[float, float, float, float]  # distance along the ray, outward normal
+_RED, _GREEN, _BLUE = column.RED, column.GREEN, column.BLUE
 Outline = tuple[float, float, float, float]  # azimuth, half its spread, lowest, highest [rad]
+_FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be level with a face
 
 
 @njit(cache=True)
@@ -30,13 +31,17 @@ def to_camera(row: np.ndarray, pose: np.ndarray, eye: np.ndarray, out: np.ndarra
     out[_SIN] = c * row[_SIN] - s * row[_COS]
     out[_BASE] -= eye[2]
     out[_TOP] -= eye[2]
+    if row[_SHAPE] == BILLBOARD:  # a box without length that faces the eye
+        distance = max(math.hypot(out[_X], out[_Y]), 1e-9)
+        out[_COS], out[_SIN] = -out[_X] / distance, -out[_Y] / distance
+        out[_LENGTH] = 0.0
 
 
 @njit(cache=True)
 def outline(row: np.ndarray, margin_rad: float) -> Outline:
-    """Directions that enclose the solid as seen from the camera, wider by a margin."""
+    """The directions that enclose the solid as seen from the camera, wider by a margin."""
     distance = math.hypot(row[_X], row[_Y])
-    radius = row[_LENGTH] if row[_SHAPE] == 1 else math.hypot(row[_LENGTH], row[_WIDTH])
+    radius = row[_LENGTH] if row[_SHAPE] == CYLINDER else math.hypot(row[_LENGTH], row[_WIDTH])
     if distance < radius + 1e-6:
         return 0.0, math.pi, -0.5 * math.pi, 0.5 * math.pi
     near, far = distance - radius, distance + radius
@@ -49,99 +54,121 @@ def outline(row: np.ndarray, margin_rad: float) -> Outline:
 
 
 @njit(cache=True)
-def pixel_box(around: Outline, cells: np.ndarray) -> tuple[int, int, int, int]:
-    """First and last row, first and last column of the pixels that look into an outline."""
+def pixel_box(around: Outline, cells: np.ndarray, box: np.ndarray) -> bool:
+    """Whether any pixel looks into an outline.
+
+    Writes the first and last row, first and last column of those that do into ``box`` (4,).
+    """
     azimuth, spread, low, high = around
     first_azimuth = math.floor(((azimuth - spread) / math.pi + 1.0) * (AZIMUTHS // 2))
     last_azimuth = math.floor(((azimuth + spread) / math.pi + 1.0) * (AZIMUTHS // 2))
     first_elevation = max(0, int((low / math.pi + 0.5) * ELEVATIONS))
     last_elevation = min(ELEVATIONS - 1, int((high / math.pi + 0.5) * ELEVATIONS))
-    top, bottom, left, right = 1 << 30, -1, 1 << 30, -1
+    box[0::2], box[1::2] = 1 << 30, -1
     for i in range(first_azimuth, min(last_azimuth, first_azimuth + AZIMUTHS - 1) + 1):
         for j in range(first_elevation, last_elevation + 1):
             cell = cells[i % AZIMUTHS, j]
-            top, bottom = min(top, cell[0]), max(bottom, cell[1])
-            left, right = min(left, cell[2]), max(right, cell[3])
-    return top, bottom, left, right
+            box[0], box[1] = min(box[0], cell[0]), max(box[1], cell[1])
+            box[2], box[3] = min(box[2], cell[2]), max(box[3], cell[3])
+    return box[0] <= box[1]
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def meet_box(
+    row: np.ndarray,
+    colours: np.ndarray,
+    rays: np.ndarray,
+    depth: np.ndarray,
+    seen: np.ndarray,
+) -> None:
+    """Put a box where it is the nearest along each of n rays (3, >= n): slabs, Kay and Kajiya 1986.
+
+    ``depth`` (n,) float32 and what is ``seen`` there, (n,) uint32, change where the box is nearer;
+    ``colours`` (3,) are those of the faces across its height, its length and its width.
+    """
+    one, rx, ry, rz = np.float32(1.0), rays[0], rays[1], rays[2]
+    c, s = np.float32(row[_COS]), np.float32(row[_SIN])
+    x = np.float32(row[_COS] * row[_X] + row[_SIN] * row[_Y])
+    y = np.float32(row[_COS] * row[_Y] - row[_SIN] * row[_X])
+    half_x, half_y = np.float32(row[_LENGTH]), np.float32(row[_WIDTH])
+    base, top = np.float32(row[_BASE]), np.float32(row[_TOP])
+    cap, front, flank = colours
+    for k in range(len(depth)):
+        along_x, along_y = one / (c * rx[k] + s * ry[k]), one / (c * ry[k] - s * rx[k])
+        along_z = one / rz[k]
+        x0, x1 = (x - half_x) * along_x, (x + half_x) * along_x
+        y0, y1 = (y - half_y) * along_y, (y + half_y) * along_y
+        z0, z1 = base * along_z, top * along_z
+        into_x, into_y, into_z = min(x0, x1), min(y0, y1), min(z0, z1)
+        enter = max(into_x, into_y, into_z)
+        leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
+        nearest = (enter > 0.0) & (enter <= leave) & (enter < depth[k])
+        colour = cap if enter == into_z else (front if enter == into_x else flank)
+        depth[k] = enter if nearest else depth[k]
+        seen[k] = colour if nearest else seen[k]
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def meet_cylinder(
+    row: np.ndarray,
+    light: np.ndarray,
+    colours: np.ndarray,
+    rays: np.ndarray,
+    depth: np.ndarray,
+    seen: np.ndarray,
+) -> None:
+    """As ``meet_box``; ``colours`` holds the cap's, the side is lit by its normal.
+
+    A ``light`` of no strength (ambient and diffuse 0) leaves the side in ``colours[0]``.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    x, y, radius = np.float32(row[_X]), np.float32(row[_Y]), np.float32(row[_LENGTH])
+    outside = np.float32(row[_X] ** 2 + row[_Y] ** 2 - row[_LENGTH] ** 2)
+    base, top = np.float32(row[_BASE]), np.float32(row[_TOP])
+    light_x, light_y = np.float32(light[0]) / radius, np.float32(light[1]) / radius
+    ambient, diffuse = np.float32(light[3]), np.float32(light[4])
+    red, green, blue = np.float32(row[_RED]), np.float32(row[_GREEN]), np.float32(row[_BLUE])
+    lit = ambient + diffuse > 0.0
+    rx, ry, rz = rays[0], rays[1], rays[2]
+    for k in range(len(depth)):
+        dx, dy = rx[k], ry[k]
+        per_level = one / max(dx * dx + dy * dy, np.float32(1e-12))
+        middle = (x * dx + y * dy) * per_level
+        root = middle * middle - outside * per_level
+        half = math.sqrt(max(root, zero))
+        along_z = one / rz[k]
+        z0, z1 = base * along_z, top * along_z
+        into_z = min(z0, z1)
+        enter = max(middle - half, into_z)
+        leave = min(middle + half, max(z0, z1))
+        nearest = (root > 0.0) & (enter > 0.0) & (enter <= leave) & (enter < depth[k])
+        facing = (enter * dx - x) * light_x + (enter * dy - y) * light_y
+        colour = pack(red, green, blue, ambient + diffuse * max(zero, facing))
+        colour = colours[0] if (enter == into_z) | (not lit) else colour
+        depth[k] = enter if nearest else depth[k]
+        seen[k] = colour if nearest else seen[k]
 
 
 @njit(inline="always")
-def looks_into(angles: np.ndarray, around: Outline) -> bool:
-    """Whether a pixel's azimuth and elevation (2,) lie within an outline."""
-    aside = abs(angles[0] - around[0])
-    if min(aside, 2.0 * math.pi - aside) > around[1]:
-        return False
-    return around[2] <= angles[1] <= around[3]
+def pack(red: np.float32, green: np.float32, blue: np.float32, shade: np.float32) -> np.uint32:
+    """A colour under a shade as red, green << 8 and blue << 16."""
+    half, high = np.float32(0.5), np.float32(255.0)
+    r = np.uint32(np.int32(min(red * shade + half, high)))
+    g = np.uint32(np.int32(min(green * shade + half, high)))
+    b = np.uint32(np.int32(min(blue * shade + half, high)))
+    return r | g << np.uint32(8) | b << np.uint32(16)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def hit(row: np.ndarray, dx: float, dy: float, dz: float) -> Hit:
-    """Where a ray (dx, dy, dz) from the eye enters the solid; NO_HIT if it does not."""
-    if row[_SHAPE] == 0:
-        return _hit_box(row, dx, dy, dz)
-    if row[_SHAPE] == 1:
-        return _hit_cylinder(row, dx, dy, dz)
-    return _hit_billboard(row, dx, dy, dz)
-
-
-@njit(inline="always")
-def _inverse(value: float) -> float:
-    return 1.0 / value if abs(value) > 1e-12 else 1e12
-
-
-@njit(fastmath=True, error_model="numpy")
-def _hit_box(row: np.ndarray, dx: float, dy: float, dz: float) -> Hit:
-    """Slabs (Kay and Kajiya 1986) in the box's own axes."""
+@njit(cache=True)
+def face_colours(row: np.ndarray, light: np.ndarray, colours: np.ndarray) -> None:
+    """Lambert colours of the faces that the camera can see, as ``meet_box`` wants them."""
     c, s = row[_COS], row[_SIN]
-    across, along = _inverse(c * dx + s * dy), _inverse(c * dy - s * dx)
-    x, y = c * row[_X] + s * row[_Y], c * row[_Y] - s * row[_X]
-    half_x, half_y = math.copysign(row[_LENGTH], across), math.copysign(row[_WIDTH], along)
-    up = _inverse(dz)
-    lower, upper = (row[_BASE], row[_TOP]) if up > 0.0 else (row[_TOP], row[_BASE])
-    in_x, in_y, in_z = (x - half_x) * across, (y - half_y) * along, lower * up
-    out = min((x + half_x) * across, (y + half_y) * along, upper * up)
-    enter = max(in_x, in_y, in_z)
-    if enter <= 0.0 or enter > out:
-        return NO_HIT, 0.0, 0.0, 0.0
-    if enter == in_z:
-        return enter, 0.0, 0.0, -math.copysign(1.0, up)
-    if enter == in_x:
-        sign = -math.copysign(1.0, across)
-        return enter, sign * c, sign * s, 0.0
-    sign = -math.copysign(1.0, along)
-    return enter, -sign * s, sign * c, 0.0
-
-
-@njit(fastmath=True, error_model="numpy")
-def _hit_cylinder(row: np.ndarray, dx: float, dy: float, dz: float) -> Hit:
-    x, y, radius = row[_X], row[_Y], row[_LENGTH]
-    up = _inverse(dz)
-    lower, upper = (row[_BASE], row[_TOP]) if up > 0.0 else (row[_TOP], row[_BASE])
-    level = max(dx * dx + dy * dy, 1e-12)
-    middle = (x * dx + y * dy) / level
-    root = middle * middle - (x * x + y * y - radius * radius) / level
-    if root < 0.0:
-        return NO_HIT, 0.0, 0.0, 0.0
-    half = math.sqrt(root)
-    enter = max(middle - half, lower * up)
-    if enter <= 0.0 or enter > min(middle + half, upper * up):
-        return NO_HIT, 0.0, 0.0, 0.0
-    if enter == lower * up:
-        return enter, 0.0, 0.0, -math.copysign(1.0, up)
-    return enter, (enter * dx - x) / radius, (enter * dy - y) / radius, 0.0
-
-
-@njit(fastmath=True, error_model="numpy")
-def _hit_billboard(row: np.ndarray, dx: float, dy: float, dz: float) -> Hit:
-    """An upright rectangle that faces the eye."""
-    distance = max(math.hypot(row[_X], row[_Y]), 1e-9)
-    nx, ny = row[_X] / distance, row[_Y] / distance
-    towards = dx * nx + dy * ny
-    if towards < 1e-9:
-        return NO_HIT, 0.0, 0.0, 0.0
-    enter = distance / towards
-    aside = abs(enter * (dx * ny - dy * nx))
-    height = enter * dz
-    if aside > row[_WIDTH] or height < row[_BASE] or height > row[_TOP]:
-        return NO_HIT, 0.0, 0.0, 0.0
-    return enter, -nx, -ny, 0.0
+    up = 1.0 if row[_TOP] < 0.0 else -1.0
+    ahead = -math.copysign(1.0, c * row[_X] + s * row[_Y])
+    left = -math.copysign(1.0, c * row[_Y] - s * row[_X])
+    facing = (up * light[2], ahead * (c * light[0] + s * light[1]))
+    facing_left = left * (c * light[1] - s * light[0])
+    for k, cosine in enumerate((facing[0], facing[1], facing_left)):
+        shade = np.float32(light[3] + light[4] * max(0.0, cosine))
+        red, green, blue = row[_RED], row[_GREEN], row[_BLUE]
+        colours[k] = pack(np.float32(red), np.float32(green), np.float32(blue), shade)

@@ -11,22 +11,16 @@ from numba import njit, prange
 from sim_pybullet import solid_table as column
 from sim_pybullet.solid_geometry import (
     NO_HIT,
-    Outline,
-    hit,
-    looks_into,
+    face_colours,
+    meet_box,
+    meet_cylinder,
     outline,
     pixel_box,
     to_camera,
 )
+from sim_pybullet.solid_table import CYLINDER
 
-_X, _Y, _KIND, _RED, _GREEN, _BLUE = (
-    column.X,
-    column.Y,
-    column.KIND,
-    column.RED,
-    column.GREEN,
-    column.BLUE,
-)
+_KIND, _SHAPE = column.KIND, column.SHAPE
 
 
 class SolidViews(NamedTuple):
@@ -34,7 +28,7 @@ class SolidViews(NamedTuple):
 
     ``poses`` (N, 3); ``eyes`` (N, 3) the camera in the robot frame [m]; ``lights`` (N, 5) as
     ``light_row``; ``rows`` (K, 13) as ``solid_rows``, robot i seeing first[i]..last[i];
-    ``slots`` (N,) names each robot's ``directions`` (S, H, W, 3) and ``DirectionTable``.
+    ``slots`` (N,) names each robot's ``directions`` (S, 3, H, W) and ``DirectionTable``.
     """
 
     poses: np.ndarray
@@ -45,126 +39,158 @@ class SolidViews(NamedTuple):
     last: np.ndarray
     slots: np.ndarray
     directions: np.ndarray
-    angles: np.ndarray
     cells: np.ndarray
     pixel_rad: np.ndarray
+
+
+class Canvas(NamedTuple):
+    """The part of a picture in which solids are seen, by ``samples`` rays per pixel.
+
+    ``depth`` (h, samples, w) float32 along the ray [m] and what is ``seen`` there, uint32: the
+    colour or the class of the nearest solid.
+    """
+
+    top: int
+    left: int
+    depth: np.ndarray
+    seen: np.ndarray
 
 
 @njit(parallel=True, nogil=True, cache=True)
 def draw_solids(pictures: np.ndarray, views: SolidViews) -> None:
     """Draw into pictures (N, H, W, 3) uint8; edges are blended over four rays per pixel."""
     for i in prange(len(pictures)):
-        _draw_robot(pictures[i], views, i)
+        canvas = _look(views, i, 4)
+        for v in range(len(canvas.depth)):
+            picture = pictures[i, canvas.top + v, canvas.left :]
+            _blend(picture, canvas.depth[v], canvas.seen[v])
 
 
 @njit(parallel=True, nogil=True, cache=True)
 def label_solids(labels: np.ndarray, views: SolidViews) -> None:
     """Write the class of the nearest solid on each pixel's ray into labels (N, H, W) uint8."""
     for i in prange(len(labels)):
-        _label_robot(labels[i], views, i)
+        canvas = _look(views, i, 1)
+        for v in range(len(canvas.depth)):
+            for u in range(canvas.depth.shape[2]):
+                if canvas.depth[v, 0, u] < NO_HIT:
+                    labels[i, canvas.top + v, canvas.left + u] = canvas.seen[v, 0, u]
 
 
 @njit(cache=True)
-def _near_to_far(views: SolidViews, i: int) -> np.ndarray:
-    """The rows of a robot's solids as its camera has them, nearest first."""
+def _in_sight(views: SolidViews, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """The solids that a robot's camera sees: rows (k, 13) and pixel boxes (k, 4)."""
     count = views.last[i] - views.first[i]
     rows = np.empty((count, views.rows.shape[1]))
-    distances = np.empty(count)
-    for k in range(count):
-        to_camera(views.rows[views.first[i] + k], views.poses[i], views.eyes[i], rows[k])
-        distances[k] = rows[k, _X] ** 2 + rows[k, _Y] ** 2
-    return rows[np.argsort(distances)]
+    boxes = np.empty((count, 4), np.int64)
+    slot, seen = views.slots[i], 0
+    for k in range(views.first[i], views.last[i]):
+        to_camera(views.rows[k], views.poses[i], views.eyes[i], rows[seen])
+        around = outline(rows[seen], views.pixel_rad[slot])
+        if pixel_box(around, views.cells[slot], boxes[seen]):
+            seen += 1
+    return rows[:seen], boxes[:seen]
 
 
 @njit(cache=True)
-def _draw_robot(picture: np.ndarray, views: SolidViews, i: int) -> None:
-    height, width = picture.shape[:2]
-    slot = views.slots[i]
-    light = _light_in_robot_frame(views.lights[i], views.poses[i, 2])
-    depth = np.empty((0, 0), np.float32)
-    colours = np.empty((0, 0, 3), np.float32)
-    drawn_top, drawn_bottom = height, -1
-    for row in _near_to_far(views, i):
-        around = outline(row, views.pixel_rad[slot])
-        box = pixel_box(around, views.cells[slot])
-        if box[0] > box[1]:
-            continue
-        if len(depth) == 0:
-            depth = np.full((height, 4 * width), np.float32(NO_HIT))
-            colours = np.empty((height, 4 * width, 3), np.float32)
-        _draw(row, light, views.directions[slot], views.angles[slot], around, box, depth, colours)
-        drawn_top, drawn_bottom = min(drawn_top, box[0]), max(drawn_bottom, box[1])
-    for v in range(drawn_top, drawn_bottom + 1):
-        _blend(picture[v], depth[v], colours[v])
+def _look(views: SolidViews, i: int, samples: int) -> Canvas:
+    """What one robot sees: colours by four rays per pixel, or classes by one."""
+    rows, boxes = _in_sight(views, i)
+    top = left = height = width = 0
+    if len(rows):
+        top, left = boxes[:, 0].min(), boxes[:, 2].min()
+        height, width = boxes[:, 1].max() + 1 - top, boxes[:, 3].max() + 1 - left
+    depth = np.full((height, samples, width), np.float32(NO_HIT))
+    canvas = Canvas(top, left, depth, np.zeros((height, samples, width), np.uint32))
+    light = np.zeros(5)
+    if samples > 1:
+        _turn_light(views.lights[i], views.poses[i, 2], light)
+    colours = np.empty(3, np.uint32)
+    rays = np.empty((3, width), np.float32)
+    for k in range(len(rows)):
+        face_colours(rows[k], light, colours)
+        if samples == 1:
+            colours[:] = np.uint32(rows[k, _KIND])
+        _meet(rows[k], boxes[k], light, colours, views.directions[views.slots[i]], canvas, rays)
+    return canvas
 
 
 @njit(cache=True)
-def _light_in_robot_frame(light: np.ndarray, heading: float) -> np.ndarray:
+def _turn_light(light: np.ndarray, heading: float, turned: np.ndarray) -> None:
     c, s = math.cos(heading), math.sin(heading)
-    turned = light.copy()
+    turned[:] = light
     turned[0], turned[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
-    return turned
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _draw(
+@njit(cache=True)
+def _meet(
     row: np.ndarray,
+    box: np.ndarray,
     light: np.ndarray,
-    directions: np.ndarray,
-    angles: np.ndarray,
-    around: Outline,
-    box: tuple[int, int, int, int],
-    depth: np.ndarray,
     colours: np.ndarray,
+    directions: np.ndarray,
+    canvas: Canvas,
+    rays: np.ndarray,
 ) -> None:
-    height, width = directions.shape[:2]
-    top, bottom, left, right = box
-    for v in range(top, bottom + 1):
-        above, below = directions[max(v - 1, 0)], directions[min(v + 1, height - 1)]
-        for u in range(left, right + 1):
-            if not looks_into(angles[v, u], around):
-                continue
-            middle = directions[v, u]
-            before, after = directions[v, max(u - 1, 0)], directions[v, min(u + 1, width - 1)]
-            for ray in range(4):
-                a, b = 0.125 * (2 * (ray & 1) - 1), 0.125 * (2 * (ray >> 1) - 1)
-                dx = middle[0] + a * (after[0] - before[0]) + b * (below[u, 0] - above[u, 0])
-                dy = middle[1] + a * (after[1] - before[1]) + b * (below[u, 1] - above[u, 1])
-                dz = middle[2] + a * (after[2] - before[2]) + b * (below[u, 2] - above[u, 2])
-                distance, nx, ny, nz = hit(row, dx, dy, dz)
-                if distance < depth[v, 4 * u + ray]:
-                    depth[v, 4 * u + ray] = distance
-                    lit = max(0.0, nx * light[0] + ny * light[1] + nz * light[2])
-                    shade = light[3] + light[4] * lit
-                    colours[v, 4 * u + ray, 0] = min(row[_RED] * shade, 255.0)
-                    colours[v, 4 * u + ray, 1] = min(row[_GREEN] * shade, 255.0)
-                    colours[v, 4 * u + ray, 2] = min(row[_BLUE] * shade, 255.0)
+    """Put one solid, given as the camera has it, where it is nearest in its pixel box."""
+    samples = canvas.depth.shape[1]
+    first, last = box[2] - canvas.left, box[3] + 1 - canvas.left
+    for v in range(box[0], box[1] + 1):
+        for sample in range(samples):
+            a, b = np.float32(sample & 1), np.float32(sample >> 1)
+            spread = np.float32(0.125 if samples > 1 else 0.0)
+            a, b = spread * (a + a - np.float32(1.0)), spread * (b + b - np.float32(1.0))
+            _cast(directions, v, box[2], box[3] + 1, a, b, rays)
+            depth = canvas.depth[v - canvas.top, sample, first:last]
+            seen = canvas.seen[v - canvas.top, sample, first:last]
+            if row[_SHAPE] == CYLINDER:
+                meet_cylinder(row, light, colours, rays, depth, seen)
+            else:
+                meet_box(row, colours, rays, depth, seen)
+
+
+@njit(cache=True, fastmath=True)
+def _cast(
+    directions: np.ndarray,
+    v: int,
+    first: int,
+    last: int,
+    a: np.float32,
+    b: np.float32,
+    rays: np.ndarray,
+) -> None:
+    """The rays through a row's pixels, aside of their middles by 2 a columns and 2 b rows."""
+    height, width = directions.shape[1:]
+    inner, outer = max(first, 1), min(last, width - 1)
+    for axis in range(3):
+        middle, cast = directions[axis, v], rays[axis]
+        above, below = directions[axis, max(v - 1, 0)], directions[axis, min(v + 1, height - 1)]
+        here, high, low = middle[inner:outer], above[inner:outer], below[inner:outer]
+        right, left = middle[inner + 1 : outer + 1], middle[inner - 1 : outer - 1]
+        target = cast[inner - first : outer - first]
+        for k in range(len(target)):  # slices from zero on, or this does not become SIMD code
+            target[k] = here[k] + a * (right[k] - left[k]) + b * (low[k] - high[k])
+        for u in (0, width - 1):
+            if first <= u < last:
+                aside = a * (middle[min(u + 1, width - 1)] - middle[max(u - 1, 0)])
+                cast[u - first] = middle[u] + aside + b * (below[u] - above[u])
 
 
 @njit(cache=True)
-def _blend(picture: np.ndarray, depth: np.ndarray, colours: np.ndarray) -> None:
-    for u in range(len(picture)):
-        for c in range(3):
-            total = np.float32(0.5)
-            for ray in range(4 * u, 4 * u + 4):
-                seen = colours[ray, c] if depth[ray] < NO_HIT else np.float32(picture[u, c])
-                total += np.float32(0.25) * seen
-            picture[u, c] = np.uint8(total)
-
-
-@njit(cache=True)
-def _label_robot(labels: np.ndarray, views: SolidViews, i: int) -> None:
-    slot = views.slots[i]
-    directions, angles = views.directions[slot], views.angles[slot]
-    depth = np.full(labels.shape, np.float32(NO_HIT))
-    for row in _near_to_far(views, i):
-        around = outline(row, views.pixel_rad[slot])
-        top, bottom, left, right = pixel_box(around, views.cells[slot])
-        for v in range(top, bottom + 1):
-            for u in range(left, right + 1):
-                if looks_into(angles[v, u], around):
-                    d = directions[v, u]
-                    distance = hit(row, d[0], d[1], d[2])[0]
-                    if distance < depth[v, u]:
-                        depth[v, u] = distance
-                        labels[v, u] = np.uint8(row[_KIND])
+def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
+    """Mix what four rays per pixel met with what is behind it, picture (>= w, 3)."""
+    byte, two = np.uint32(255), np.uint32(2)
+    for u in range(depth.shape[1]):
+        bare = np.uint32(0)
+        red = green = blue = two
+        for ray in range(4):
+            if depth[ray, u] < NO_HIT:
+                red += seen[ray, u] & byte
+                green += seen[ray, u] >> np.uint32(8) & byte
+                blue += seen[ray, u] >> np.uint32(16)
+            else:
+                bare += np.uint32(1)
+        if bare < 4:
+            picture[u, 0] = (red + bare * picture[u, 0]) >> two
+            picture[u, 1] = (green + bare * picture[u, 1]) >> two
+            picture[u, 2] = (blue + bare * picture[u, 2]) >> two

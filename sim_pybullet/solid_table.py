@@ -15,6 +15,7 @@ from sim_pybullet.rays import pixel_rays
 from sim_pybullet.scene import Solid
 
 SHAPES = ("box", "cylinder", "billboard")
+CYLINDER, BILLBOARD = 1, 2
 # Columns of a row: position, heading, half extents, underside and top [m], looks.
 X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
 
@@ -52,13 +53,11 @@ def light_row(light: LightLook) -> np.ndarray:
 class DirectionTable(NamedTuple):
     """Which way a picture's pixels look, for finding the pixels that look at something.
 
-    ``angles`` (H, W, 2) float32: azimuth from ahead, counter-clockwise, and elevation [rad].
     ``cells`` (AZIMUTHS, ELEVATIONS, 4) int16: first and last row, first and last column of the
     pixels that look into a cell, one pixel more on each side; an empty cell has first above last.
     Azimuths count from behind, elevations from straight down. ``pixel_rad``: the widest pixel.
     """
 
-    angles: np.ndarray
     cells: np.ndarray
     pixel_rad: float
 
@@ -83,7 +82,6 @@ def direction_table(rig: CameraRig, image: ImageSpec) -> DirectionTable:
     bounds[:, 1::2] = np.minimum(bounds[:, 1::2], last)
     steps = [np.linalg.norm(np.diff(d, axis=k), axis=-1).max(initial=0.0) for k in (0, 1)]
     return DirectionTable(
-        np.stack((azimuth, elevation), axis=-1).astype(np.float32),
         bounds.reshape(AZIMUTHS, ELEVATIONS, 4).astype(np.int16),
         float(max(steps)),
     )
