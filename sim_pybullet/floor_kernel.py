@@ -9,6 +9,7 @@ import numpy as np
 from numba import carray, njit, prange, types
 from numba.extending import intrinsic
 
+Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 LANES = np.uint64(0xFF | 0xFF << 24 | 0xFF << 44)  # red, blue, green with room for carries
 HALF = np.uint64(128 | 128 << 24 | 128 << 44)
 
@@ -48,30 +49,12 @@ def _as_texels(_context: Any, _address: Any) -> Any:
     return types.CPointer(types.uint32)(types.int64), generate
 
 
-@njit(inline="always")
-def _sample(texels: np.ndarray, stride: np.int64, column: np.int64, row: np.int64) -> np.uint64:
-    """Four texels around a fixed-point position (8 fractional bits), weighted to a sum of 256."""
-    i = np.uint64((row >> 8) * stride + (column >> 8))
-    fx, fy = column & 255, row & 255
-    both = (fx * fy + 128) >> 8
-    below = i + np.uint64(stride)
-    total = _spread(texels[i]) * np.uint64(256 - fx - fy + both)
-    total += _spread(texels[i + np.uint64(1)]) * np.uint64(fx - both)
-    total += _spread(texels[below]) * np.uint64(fy - both)
-    return total + _spread(texels[below + np.uint64(1)]) * np.uint64(both)
+class _Row(NamedTuple):
+    """Scratch for one row of pixels: which texel, where in it (8 + 8 bits), colours so far."""
 
-
-@njit(inline="always")
-def _spread(texel: np.uint32) -> np.uint64:
-    wide = np.uint64(texel)
-    return (wide | wide << np.uint64(32)) & LANES
-
-
-@njit(inline="always")
-def _store(picture: np.ndarray, pixel: int, total: np.uint64, shift: np.uint64) -> None:
-    picture[pixel, 0] = np.uint8((total >> shift) & np.uint64(255))
-    picture[pixel, 1] = np.uint8((total >> (shift + np.uint64(44))) & np.uint64(255))
-    picture[pixel, 2] = np.uint8((total >> (shift + np.uint64(24))) & np.uint64(255))
+    texel: np.ndarray
+    within: np.ndarray
+    sums: np.ndarray
 
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
@@ -82,91 +65,104 @@ def draw_floor(
     tables: FloorTables,
     blocks: int,
 ) -> None:
-    """Fill pictures (N, P, 3) uint8 with floor and, where no run covers, with skies (N, P, 3).
+    """Fill pictures (N, 3 P) uint8 with floor and, where no run covers, with skies (N, 3 P).
 
     ``blocks``: into how many bands of rows each picture is cut, to be drawn in parallel.
     """
-    x, y, dx, dy, runs, first_run = tables
-    placed, slots, addresses, levels = views
-    height = first_run.shape[1] - 1
-    width = pictures.shape[1] // height
+    height = tables.first_run.shape[1] - 1
     for task in prange(len(pictures) * blocks):
         i, block = task // blocks, task % blocks
-        slot = slots[i]
-        texels = carray(_as_texels(addresses[i]), levels[i, -1, 0] + levels[i, -1, 1])  # type: ignore[call-arg]
-        for row in range(height * block // blocks, height * (block + 1) // blocks):
-            pixel = row * width
-            for run in range(first_run[slot, row], first_run[slot, row + 1]):
-                first, last, level, log_taps = runs[slot, run]
-                _copy(pictures[i], skies[i], pixel, first)
-                _draw_run(
-                    pictures[i],
-                    texels,
-                    levels[i, level],
-                    placed[i],
-                    level,
-                    log_taps,
-                    first,
-                    last,
-                    x[slot],
-                    y[slot],
-                    dx[slot],
-                    dy[slot],
-                )
-                pixel = last
-            _copy(pictures[i], skies[i], pixel, (row + 1) * width)
+        first, last = height * block // blocks, height * (block + 1) // blocks
+        _draw_rows(pictures[i], skies[i], views, tables, i, first, last)
 
 
-@njit(inline="always")
-def _copy(picture: np.ndarray, sky: np.ndarray, first: int, last: int) -> None:
-    for p in range(first, last):
-        picture[p, 0] = sky[p, 0]
-        picture[p, 1] = sky[p, 1]
-        picture[p, 2] = sky[p, 2]
-
-
-@njit(inline="always")
-def _draw_run(
+@njit(cache=True)
+def _draw_rows(
     picture: np.ndarray,
-    texels: np.ndarray,
-    shape: np.ndarray,
-    pose: np.ndarray,
-    level: int,
-    log_taps: int,
-    first: int,
-    last: int,
-    x: np.ndarray,
-    y: np.ndarray,
-    dx: np.ndarray,
-    dy: np.ndarray,
+    sky: np.ndarray,
+    views: FloorViews,
+    tables: FloorTables,
+    i: int,
+    first_row: int,
+    last_row: int,
 ) -> None:
+    slot, levels = views.slots[i], views.levels[i]
+    texels = carray(_as_texels(views.addresses[i]), levels[-1, 0] + levels[-1, 1] * levels[-1, 2])  # type: ignore[call-arg]
+    width = len(picture) // (3 * (tables.first_run.shape[1] - 1))
+    row = _Row(np.empty(width, np.uint32), np.empty(width, np.uint32), np.empty(width, np.uint64))
+    x, y, dx, dy = tables.x[slot], tables.y[slot], tables.dx[slot], tables.dy[slot]
+    done = 3 * first_row * width
+    for run in range(tables.first_run[slot, first_row], tables.first_run[slot, last_row]):
+        first, last, level, log_taps = tables.runs[slot, run]
+        _copy(sky[done : 3 * first], picture[done : 3 * first])
+        done = 3 * last
+        points = (x[first:last], y[first:last], dx[first:last], dy[first:last])
+        offset, stride = levels[level, 0], levels[level, 1]
+        row.sums[: last - first] = HALF << np.uint64(log_taps)
+        for tap in range(1 << log_taps):
+            _find_texels(row, points, np.float32(tap), views.placed[i], level, levels[level])
+            _add_texels(row, texels[offset:], np.uint64(stride), last - first)
+        _store(picture[3 * first : done], row.sums, np.uint64(8 + log_taps))
+    _copy(sky[done : 3 * last_row * width], picture[done : 3 * last_row * width])
+
+
+@njit(cache=True)
+def _copy(source: np.ndarray, target: np.ndarray) -> None:
+    for k in range(len(source)):  # a slice assignment does not become SIMD code
+        target[k] = source[k]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _find_texels(
+    row: _Row, points: Points, tap: np.float32, pose: np.ndarray, level: int, shape: np.ndarray
+) -> None:
+    """Fixed-point positions of one tap, kept within the level's border; this becomes SIMD code."""
     scale = 256.0 / (1 << level)
     column0 = np.float32(pose[0] * scale + 128.0)  # texel centres lie at halves; border: one
     row0 = np.float32(pose[1] * scale + 128.0)
     c, s = np.float32(256.0 * pose[2]), np.float32(256.0 * pose[3])
-    zero, half = np.float32(0.0), HALF
+    zero, fraction, eight = np.float32(0.0), np.uint32(255), np.uint32(8)
     right = np.float32((shape[1] - 1) * 256 - 1)
     bottom = np.float32((shape[2] - 1) * 256 - 1)
-    stride = np.int64(shape[1])
-    level_texels = texels[shape[0] :]
-    if log_taps == 0:
-        for p in range(first, last):
-            u = min(max(c * x[p] - s * y[p] + column0, zero), right)
-            v = min(max(row0 - s * x[p] - c * y[p], zero), bottom)
-            total = _sample(level_texels, stride, np.int64(np.int32(u)), np.int64(np.int32(v)))
-            _store(picture, p, total + half, np.uint64(8))
-        return
-    taps, shift = 1 << log_taps, np.uint64(8 + log_taps)
-    half <<= np.uint64(log_taps)
-    for p in range(first, last):
-        total = half
-        for k in range(taps):
-            px = x[p] + np.float32(k) * dx[p]
-            py = y[p] + np.float32(k) * dy[p]
-            u = min(max(c * px - s * py + column0, zero), right)
-            v = min(max(row0 - s * px - c * py, zero), bottom)
-            total += _sample(level_texels, stride, np.int64(np.int32(u)), np.int64(np.int32(v)))
-        _store(picture, p, total, shift)
+    stride = np.uint32(shape[1])
+    x, y, dx, dy = points
+    for k in range(len(x)):
+        ahead, left = x[k] + tap * dx[k], y[k] + tap * dy[k]
+        u = np.uint32(np.int32(min(max(c * ahead - s * left + column0, zero), right)))
+        v = np.uint32(np.int32(min(max(row0 - s * ahead - c * left, zero), bottom)))
+        row.texel[k] = (v >> eight) * stride + (u >> eight)
+        row.within[k] = (u & fraction) | (v & fraction) << eight
+
+
+@njit(cache=True)
+def _add_texels(row: _Row, texels: np.ndarray, stride: np.uint64, count: int) -> None:
+    """Bilinear: four texels around each position, weighted to a sum of 256."""
+    one, eight, fraction = np.uint64(1), np.uint64(8), np.uint64(255)
+    for k in range(count):
+        above, within = np.uint64(row.texel[k]), np.uint64(row.within[k])
+        below = above + stride
+        fx, fy = within & fraction, within >> eight
+        both = (fx * fy + np.uint64(128)) >> eight
+        total = _spread(texels[above]) * (np.uint64(256) - fx - fy + both)
+        total += _spread(texels[above + one]) * (fx - both)
+        total += _spread(texels[below]) * (fy - both)
+        row.sums[k] += total + _spread(texels[below + one]) * both
+
+
+@njit(inline="always")
+def _spread(texel: np.uint32) -> np.uint64:
+    wide = np.uint64(texel)
+    return (wide | wide << np.uint64(32)) & LANES
+
+
+@njit(cache=True)
+def _store(picture: np.ndarray, sums: np.ndarray, shift: np.uint64) -> None:
+    byte, green, blue = np.uint64(255), np.uint64(44), np.uint64(24)
+    for k in range(len(picture) // 3):
+        total = sums[k] >> shift
+        picture[3 * k] = np.uint8(total & byte)
+        picture[3 * k + 1] = np.uint8((total >> green) & byte)
+        picture[3 * k + 2] = np.uint8((total >> blue) & byte)
 
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")

@@ -35,7 +35,7 @@ class RayCamera:
         height, width, _ = image.shape
         self._scenes: list[Scene | None] = [None] * n_robots
         self._floors: list[tuple[Ground, float, MipTexture] | None] = [None] * n_robots
-        self._skies = np.zeros((n_robots, height * width, 3), np.uint8)
+        self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
         self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
         self._addresses = np.zeros(n_robots, np.int64)
         self._levels = np.zeros((n_robots, LEVELS, 3), np.int32)
@@ -58,7 +58,8 @@ class RayCamera:
         self._scenes[i] = scene
         self._solids = None
         self._floors[i] = (ground, shade, texture)
-        self._skies[i], self._sky_kinds[i] = background(pixel_rays(rig, self._image), scene)
+        sky, self._sky_kinds[i] = background(pixel_rays(rig, self._image), scene)
+        self._skies[i] = sky.ravel()
         self._addresses[i] = texture.texels.ctypes.data
         self._levels[i] = texture.levels
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
@@ -75,7 +76,7 @@ class RayCamera:
         robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
         poses = self._checked(poses, len(robots))
         pictures = np.empty((len(poses), *self.shape), np.uint8)
-        flat = pictures.reshape(len(poses), -1, 3)
+        flat = pictures.reshape(len(poses), -1)
         with self._using_threads() as threads:
             blocks = max(1, -(-2 * threads // len(poses)))
             draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)

@@ -15,6 +15,7 @@ from sim_pybullet.look import LightLook
 LEVELS = 8  # of the floor's mip pyramid
 MAX_TAPS = 4  # samples along a pixel's longer axis on the floor
 NEAREST_HORIZON = 1e-3  # rays less steep than this meet the floor as if they were this steep
+FINEST = 1.4  # [texels] narrower pixels count as this wide
 LOD_BIAS = -0.5  # bilinear interpolation blurs by itself: a slightly finer level looks the same
 
 
@@ -64,7 +65,8 @@ def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
     rays = pixel_rays(rig, image)
     points, longer, long_px, short_px = _footprints(rays.directions, rig.mount.height_m / texel_m)
     points += rig.mount.position_m[:2] / texel_m
-    taps = np.exp2(np.ceil(np.log2(np.clip(long_px / short_px, 1.0, MAX_TAPS)) - 0.5))
+    needed = long_px / np.maximum(short_px, FINEST)  # the finest level blurs by a texel anyway
+    taps = np.exp2(np.ceil(np.log2(np.clip(needed, 1.0, MAX_TAPS)) - 0.5))
     level = np.round(np.log2(np.maximum(short_px, long_px / taps)) + LOD_BIAS)
     level = np.clip(level, 0, LEVELS - 1)
     step = longer / taps[..., None]
