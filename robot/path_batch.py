@@ -112,6 +112,10 @@ class PathBatch:
         index, fraction = self._locate(paths, arc_m)
         return self._heading(self._segments[paths[:, None], index], np.clip(fraction, 0.0, 1.0))
 
+    def index_at(self, arc_m: np.ndarray) -> np.ndarray:
+        """The hints (N,) of robots that are known to be at arc lengths (N,) [m]."""
+        return np.asarray(self._locate(self._paths(len(arc_m)), arc_m[:, None])[0][:, 0])
+
     def advance_m(self, before_m: np.ndarray, after_m: np.ndarray) -> np.ndarray:
         """Progress (N,) from one arc length to another, the short way round on a closed path."""
         paths = self._paths(len(after_m))

@@ -176,7 +176,7 @@ def plan_route(
     for start_lane, start_t in starts:
         for goal_lane, goal_t in goals:
             try:
-                routes.append(_join(graph, start_lane, start_t, goal_lane, goal_t, cost))
+                routes.append(route_between(graph, start_lane, start_t, goal_lane, goal_t, cost))
             except PlanError as error:
                 problem = error
     if not routes and problem is not None:
@@ -222,10 +222,21 @@ def _lanes_under(
     return [(int(lane), float(near.t[lane])) for lane in lanes]
 
 
-def _join(
-    graph: LaneGraph, start_lane: int, start_t: float, goal_lane: int, goal_t: float, cost: str
+def route_between(
+    graph: LaneGraph,
+    start_lane: int,
+    start_t: float,
+    goal_lane: int,
+    goal_t: float,
+    cost: str = "unit",
 ) -> Route:
-    """The route from a point on one lane to a point on another."""
+    """The cheapest route from a point on one lane to a point on another.
+
+    Lanes are indices into ``graph.lanes``; points on them are parameters of the Bezier, 0 to 1.
+
+    Raises:
+        PlanError: the goal cannot be reached.
+    """
     first, last = (graph.lanes[lane].control_points_m for lane in (start_lane, goal_lane))
     if start_lane == goal_lane and goal_t > start_t - _SHORTEST:
         end_t = min(max(goal_t, start_t + _SHORTEST), 1.0)

@@ -10,14 +10,16 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
-ENVIRONMENTS: dict[str, dict[str, Any]] = {  # id -> arguments of make_lane_keeping
-    "duckpilot/LaneKeeping-v0": {},
-    "duckpilot/LaneKeepingInner-v0": {"lane": "inner"},
-    "duckpilot/LaneKeepingRandomised-v0": {"look": "randomised"},
+ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {  # id -> maker and its arguments
+    "duckpilot/LaneKeeping-v0": ("make_lane_keeping", {}),
+    "duckpilot/LaneKeepingInner-v0": ("make_lane_keeping", {"lane": "inner"}),
+    "duckpilot/LaneKeepingRandomised-v0": ("make_lane_keeping", {"look": "randomised"}),
+    "duckpilot/Navigation-v0": ("make_navigation", {}),
+    "duckpilot/NavigationArenaPose-v0": ("make_navigation", {"pose_error": "arena"}),
 }
 
 if importlib.util.find_spec("gymnasium"):
     import gymnasium
 
-    for _id, _arguments in ENVIRONMENTS.items():
-        gymnasium.register(_id, "sim_pybullet.env:make_lane_keeping", kwargs=_arguments)
+    for _id, (_maker, _arguments) in ENVIRONMENTS.items():
+        gymnasium.register(_id, f"sim_pybullet.env:{_maker}", kwargs=_arguments)

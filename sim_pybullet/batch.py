@@ -9,11 +9,11 @@ import numpy as np
 from robot.contract import ACTION_WHEELS, ImageSpec
 from robot.errors import ContractError
 from robot.geometry import Pose
-from robot.guidance import path_inputs
 from sim_pybullet.camera import BatchCamera
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
 from sim_pybullet.expert import expert_actions
 from sim_pybullet.feed import CameraFeed
+from sim_pybullet.guidance_feed import GuidanceFeed
 from sim_pybullet.motors import PHYSICS_STEPS, MotorModel
 from sim_pybullet.pool import LookPool, Looks
 from sim_pybullet.ray_camera import RayCamera
@@ -82,6 +82,7 @@ class BatchWorld:
         self._motors = MotorModel(n)
         image = image or ImageSpec()
         self._feed = CameraFeed(camera or RayCamera(image, n), n, image.crop_top_px)
+        self._guidance = GuidanceFeed(n) if task.guided else None
         self._recorder = DriveRecorder(n)
         self.image_shape = self._feed.shape
         self.seed(seed)
@@ -92,10 +93,9 @@ class BatchWorld:
 
     def seed(self, seed: int) -> None:
         """Begin the random numbers anew; the painted worlds stay as they are."""
-        streams = np.random.SeedSequence(seed).spawn(4)
-        self._task_rng, self._look_rng, self._motor_rng, self._camera_rng = (
-            np.random.default_rng(stream) for stream in streams
-        )
+        streams = np.random.SeedSequence(seed).spawn(5)
+        rngs = [np.random.default_rng(stream) for stream in streams]
+        self._task_rng, self._look_rng, self._motor_rng, self._camera_rng, self._pose_rng = rngs
 
     @property
     def poses(self) -> np.ndarray:
@@ -104,13 +104,7 @@ class BatchWorld:
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what `sim_pybullet.expert` would do now, who knows the true poses."""
-        return expert_actions(
-            self.task.paths,
-            self._town.poses,
-            self.task.course.arc_m,
-            self._motors.twists,
-            self._motors.response_s,
-        )
+        return expert_actions(self.task.paths, self._town.poses, self.task.course.arc_m)
 
     def reset(self) -> Observation:
         """Begin an episode of every robot."""
@@ -127,6 +121,8 @@ class BatchWorld:
         collided = self._drive(_checked(actions, self.n_robots))
         judged = self.task.step(self._town.poses, collided)
         course = self.task.course
+        if self._guidance is not None:
+            self._guidance.update(self._town.poses, self._pose_rng)
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
@@ -145,23 +141,29 @@ class BatchWorld:
         for _ in range(PHYSICS_STEPS):
             self._town.step(self._motors.step(wheels, self._motor_rng))
             self._feed.record(self._town.poses)
+            if self._guidance is not None:
+                self._guidance.record(self._motors.counted)
             collided |= self._town.collided
         return collided
 
     def _begin(self, robots: np.ndarray) -> None:
-        starts = self.task.reset(robots, self._task_rng)
+        starts, looks = self.task.reset(robots, self._task_rng), []
         for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
             world, look = self._pool.draw(int(road_map), self._look_rng)
             self._town.place(i, Pose(*pose), world)
             self._motors.reset(i, look.drive)
             self._feed.begin(i, self._pool.worlds[world].scene, look, pose)
+            looks.append(look.pose)
+        if self._guidance is not None:
+            hints = self.task.paths.index_at(self.task.course.arc_m)
+            self._guidance.begin(robots, looks, self._town.poses, hints, self._pose_rng)
         self._recorder.begin(robots)
 
     def _observe(self, robots: np.ndarray | None = None) -> Observation:
         image = self._feed.pictures(self._camera_rng, robots)
-        if not self.task.guided:
+        if self._guidance is None:
             return Observation(image, None)
-        path = path_inputs(self.task.paths, self._town.poses, self.task.course.arc_m)
+        path = self._guidance.path_inputs(self.task.paths)
         return Observation(image, path if robots is None else path[robots])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import gymnasium
@@ -13,8 +14,9 @@ from robot.errors import ConfigError
 from robot.road_map import load_map
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.faces import ACTION_SPACE_SIZE, observation_space, one_of, step_infos
-from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.randomise import load_look_sampler, with_pose_error
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.navigation import Navigation
 
 _SEEDS = 2**31
 
@@ -23,7 +25,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     """A small robot drives on a Duckietown road by what its camera shows.
 
     Ids: ``duckpilot/LaneKeeping-v0`` (outer lane of the map ``loop``), ``LaneKeepingInner-v0``
-    (inner lane), ``LaneKeepingRandomised-v0`` (another look in every episode).
+    (inner lane), ``LaneKeepingRandomised-v0`` (another look in every episode);
+    ``duckpilot/Navigation-v0`` (random missions on the map ``arena``), ``NavigationArenaPose-v0``
+    (the robot's pose is wrong and late).
 
     Actions: Discrete(5), `robot.contract.Action`, each a pair of wheel speeds held for 0.1 s.
 
@@ -45,11 +49,13 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     Start: a random place of the lane, up to 2.8 cm off its middle and 10 degrees askew, at rest.
 
     Terminated: 11 cm (0.19 tiles) off the middle of the lane, 100 degrees off its direction, or in
-    collision. Truncated: two laps driven (success), or twice the time that takes at full speed.
+    collision. Truncated: two laps driven or destination reached (success), or twice the time that
+    takes at full speed.
 
     Info of every step: ``terms`` (reward by name), ``arc_m``, ``offset_m``, ``heading_error_rad``,
-    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.following.Course`), ``laps``, ``collided``,
-    ``is_success``; at the end also ``drive`` (`sim_pybullet.drive_metrics.DriveMetrics`).
+    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.following.Course`), ``laps`` or
+    ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
+    (`sim_pybullet.drive_metrics.DriveMetrics`).
 
     Args:
         world: of one robot; it ends with the environment.
@@ -138,3 +144,33 @@ def make_lane_keeping(
     task = LaneKeeping([load_map(road_map)], 1, lane, laps)
     world = BatchWorld(task, load_look_sampler(look), image, world_seed, pool_size)
     return DriveEnv(world, render_mode)
+
+
+def make_navigation(
+    road_map: str | Sequence[str] = "arena",
+    look: str = "nominal",
+    pose_error: str = "none",
+    image: ImageSpec | None = None,
+    world_seed: int = 0,
+    pool_size: int = 16,
+    render_mode: Literal["rgb_array"] | None = None,
+) -> DriveEnv:
+    """The navigation environment, as the registered ids make it.
+
+    Args:
+        road_map: one or more files, or names of shipped maps; each episode is on one of them.
+        look: a file, or the name of a shipped Look or distribution of Looks.
+        pose_error: ``none`` or ``arena``, in place of the Look's own.
+        image: the picture of the policy.
+        world_seed: of the painted worlds; episodes follow the seed of ``reset``.
+        pool_size: how many worlds are painted of each map.
+        render_mode: see ``DriveEnv``.
+
+    Raises:
+        MapError: no such map, or too little road on it.
+        ConfigError: no such look or pose error.
+    """
+    names = [road_map] if isinstance(road_map, str) else road_map
+    task = Navigation([load_map(name) for name in names], 1)
+    looks = with_pose_error(load_look_sampler(look), pose_error)
+    return DriveEnv(BatchWorld(task, looks, image, world_seed, pool_size), render_mode)

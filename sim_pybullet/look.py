@@ -162,6 +162,8 @@ ARENA_POSE = PoseLook(
     outlier=0.005,
 )
 
+POSE_ERRORS = {"none": PoseLook(), "arena": ARENA_POSE}
+
 
 def load_look(path: str | Path) -> Look:
     """A Look from YAML; absent keys are nominal, unknown ones refused with the nearest name.

@@ -32,8 +32,8 @@ class MotorModel:
         self._gains = np.ones((n_robots, 2))  # left, right
         self._turn_gain = np.ones(n_robots)
         self._noise = np.zeros(n_robots)
-        self._response_s = np.zeros(n_robots)
         self._twists = np.zeros((n_robots, 2))
+        self._counted = np.zeros((n_robots, 2))
         self._commands = DelayLine(n_robots, 2)
         for i in range(n_robots):
             self.reset(i, DriveLook())
@@ -45,9 +45,8 @@ class MotorModel:
         self._gains[i] = look.gain - look.trim, look.gain + look.trim
         self._turn_gain[i] = look.turn_gain
         self._noise[i] = look.noise
-        self._response_s[i] = look.delay_s + 0.125 * sum(lags_s)
         self._commands.reset(i, look.delay_s / self._dt_s, np.zeros(2))
-        self._twists[i] = 0.0
+        self._twists[i] = self._counted[i] = 0.0
 
     @property
     def twists(self) -> np.ndarray:
@@ -55,9 +54,12 @@ class MotorModel:
         return self._twists.copy()
 
     @property
-    def response_s(self) -> np.ndarray:
-        """(N,) time [s] until a command begins to tell: the delay and a quarter of the lag."""
-        return self._response_s.copy()
+    def counted(self) -> np.ndarray:
+        """As ``twists``, by the steps that the motors made: what odometry knows (N, 2).
+
+        It does not know of gain, trim and noise, nor of tyres that slip.
+        """
+        return self._counted.copy()
 
     def step(self, wheel_mps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Advance by one time step under commanded wheel speeds.
@@ -70,11 +72,19 @@ class MotorModel:
             (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.
         """
         self._commands.push(wheel_mps)
-        wheels = self._commands.read() * self._gains
+        commands = self._commands.read()
+        wheels = commands * self._gains
         if self._noise.any():
             wheels *= 1.0 + self._noise[:, None] * rng.standard_normal(wheels.shape)
-        forward = wheels.mean(axis=1)
-        turn = self._turn_gain * (wheels[:, 1] - wheels[:, 0]) / DRIVE.baseline_m
-        target = np.stack((forward, turn), axis=1)
+        target = _twists(wheels)
+        target[:, 1] *= self._turn_gain
         self._twists = target + (self._twists - target) * self._decay
+        target = _twists(commands)
+        self._counted = target + (self._counted - target) * self._decay
         return self._twists.copy()
+
+
+def _twists(wheel_mps: np.ndarray) -> np.ndarray:
+    """(N, 2) forward speed and turn rate of left and right wheel speeds (N, 2)."""
+    left, right = wheel_mps.T
+    return np.stack((0.5 * (left + right), (right - left) / DRIVE.baseline_m), axis=1)

@@ -15,6 +15,7 @@ Absent leaves are nominal. Every leaf can so be switched off by deleting its lin
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from robot.errors import ConfigError, nearest
 from robot.typed_config import read_yaml
-from sim_pybullet.look import Look, look_from_plain
+from sim_pybullet.look import POSE_ERRORS, Look, look_from_plain
 
 LOOKS_DIR = Path(__file__).parent / "looks"
 
@@ -64,6 +65,17 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
 def fixed(look: Look) -> Sampler:
     """The sampler that always gives this Look."""
     return lambda _: look
+
+
+def with_pose_error(sample: Sampler, name: str) -> Sampler:
+    """The same Looks with the pose error of that name, see `sim_pybullet.look.POSE_ERRORS`.
+
+    Raises:
+        ConfigError: an unknown name.
+    """
+    if name not in POSE_ERRORS:
+        raise ConfigError(f"pose error: unknown {name!r}; {nearest(name, POSE_ERRORS)}")
+    return lambda rng: replace(sample(rng), pose=POSE_ERRORS[name])
 
 
 def _draw(node: Any, rng: np.random.Generator, where: str) -> Any:

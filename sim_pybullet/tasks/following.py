@@ -10,11 +10,15 @@ import numpy as np
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S, Action
 from robot.geometry import wrap_angle
 from robot.path import Path
-from robot.path_batch import NO_HINT, PathBatch
+from robot.path_batch import PathBatch
 
 # From the middle of a lane to its edge: the yellow line begins at 0.18 tiles, the white at 0.193.
 HALF_LANE_TILES = 0.19
 NOMINAL_STEP_M = ACTION_TWISTS[Action.STRAIGHT].forward_mps * CONTROL_DT_S
+MAX_HEADING_ERROR_RAD = math.radians(100.0)
+START_OFFSET = 0.25  # at most, in half-lane widths
+START_HEADING_RAD = math.radians(10.0)  # at most
+DAWDLE = 2.0  # an episode may take this many times as long as driving straight ahead would
 TERM_NAMES = ("offset", "alignment")
 
 
@@ -39,19 +43,19 @@ class PathFollower:
     def __init__(self, path: Path, n_robots: int) -> None:
         self.paths = PathBatch([path] * n_robots)
         self.course = Course(*np.zeros((len(Course._fields), n_robots)))
-        self._hints = np.full(n_robots, NO_HINT)
+        self._hints = np.zeros(n_robots, dtype=int)
 
     def start(
         self, i: int, path: Path, arc_m: float, offset_m: float, heading_error_rad: float
     ) -> np.ndarray:
         """Begin an episode of robot ``i`` beside a point of a path; its pose (3,)."""
         self.paths.replace(i, path)
-        self._hints[i] = NO_HINT
         self.course = Course(*(field.copy() for field in self.course))  # the old one was given away
         for field, value in zip(
             self.course, (arc_m, offset_m, heading_error_rad, 0, 0), strict=True
         ):
             field[i] = value
+        self._hints[i] = self.paths.index_at(self.course.arc_m)[i]
         x_m, y_m, along_rad = path.pose_at(arc_m)
         x_m -= offset_m * math.sin(along_rad)
         y_m += offset_m * math.cos(along_rad)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -14,18 +13,17 @@ from robot.path_batch import PathBatch
 from robot.road_map import RoadMap
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.following import (
+    DAWDLE,
     HALF_LANE_TILES,
+    MAX_HEADING_ERROR_RAD,
     NOMINAL_STEP_M,
+    START_HEADING_RAD,
+    START_OFFSET,
     TERM_NAMES,
     Course,
     PathFollower,
     following_terms,
 )
-
-MAX_HEADING_ERROR_RAD = math.radians(100.0)
-START_OFFSET = 0.25  # at most, in half-lane widths
-START_HEADING_RAD = math.radians(10.0)  # at most
-DAWDLE = 2.0  # an episode may take this many times as long as driving straight ahead would
 
 
 class LaneKeeping:

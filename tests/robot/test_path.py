@@ -130,6 +130,14 @@ def test_a_path_in_a_batch_can_be_replaced_by_a_longer_one() -> None:
     np.testing.assert_allclose(batch.length_m, (OPEN.length_m, LOOP.length_m))
 
 
+def test_the_index_at_an_arc_length_is_what_a_search_finds_there() -> None:
+    batch = PathBatch([lane_loop(load_map("loop")), lane_loop(load_map("loop"), outer=False)])
+    for arc_m in (0.011, 2.345, 6.789):
+        arcs_m = np.full(2, arc_m)
+        found = batch.project(batch.points_at(arcs_m[:, None])[:, 0])
+        np.testing.assert_array_equal(batch.index_at(arcs_m), found.index)
+
+
 def test_an_open_path_goes_on_straight_and_a_closed_one_round() -> None:
     end = OPEN.pose_at(OPEN.length_m)
     np.testing.assert_allclose(

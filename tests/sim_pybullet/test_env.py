@@ -20,6 +20,7 @@ from sim_pybullet.batch import ACTION_TABLE, BatchWorld
 from sim_pybullet.env import DriveEnv
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.navigation import ARRIVAL_M
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
 SMALL = ImageSpec(40, 30, 10)
@@ -29,9 +30,8 @@ IDS = sorted(sim_pybullet.ENVIRONMENTS)
 
 @pytest.fixture(scope="module", params=IDS)
 def env(request: pytest.FixtureRequest) -> Iterator[DriveEnv]:
-    made = gymnasium.make(
-        request.param, image=SMALL, laps=LAPS, pool_size=2, render_mode="rgb_array"
-    )
+    short: dict[str, Any] = {"laps": LAPS} if "LaneKeeping" in request.param else {}
+    made = gymnasium.make(request.param, image=SMALL, pool_size=2, render_mode="rgb_array", **short)
     yield made.unwrapped
     made.close()
 
@@ -44,6 +44,11 @@ def drive(env: DriveEnv, seed: int, actions: list[int]) -> list[tuple[Any, ...]]
         if steps[-1][2] or steps[-1][3]:
             break
     return steps
+
+
+def parts(observation: Any) -> list[np.ndarray]:
+    """The arrays of an observation, the picture first."""
+    return list(observation.values()) if isinstance(observation, dict) else [observation]
 
 
 def some_actions(count: int) -> list[int]:
@@ -60,24 +65,25 @@ def test_same_seed_and_actions_give_the_same_drive(env: DriveEnv) -> None:
     first, second = (drive(env, 3, some_actions(25)) for _ in range(2))
     assert len(first) == len(second)
     for a, b in zip(first, second, strict=True):
-        np.testing.assert_array_equal(a[0], b[0])
+        for one, other in zip(parts(a[0]), parts(b[0]), strict=True):
+            np.testing.assert_array_equal(one, other)
         assert a[1:] == b[1:]
 
 
 def test_other_seeds_begin_elsewhere(env: DriveEnv) -> None:
-    firsts = [env.reset(seed=seed)[0] for seed in range(3)]
+    firsts = [parts(env.reset(seed=seed)[0])[0] for seed in range(3)]
     assert not np.array_equal(firsts[0], firsts[1])
     assert not np.array_equal(firsts[1], firsts[2])
 
 
 def test_observations_share_no_memory(env: DriveEnv) -> None:
-    pictures = [step[0] for step in drive(env, 0, [2] * 5)]
-    for i, a in enumerate(pictures):
-        assert not any(np.shares_memory(a, b) for b in pictures[i + 1 :])
+    seen = [part for step in drive(env, 0, [2] * 5) for part in parts(step[0])]
+    for i, a in enumerate(seen):
+        assert not any(np.shares_memory(a, b) for b in seen[i + 1 :])
 
 
 def test_pictures_change_while_driving(env: DriveEnv) -> None:
-    pictures = np.array([step[0] for step in drive(env, 0, some_actions(25))])
+    pictures = np.array([parts(step[0])[0] for step in drive(env, 0, some_actions(25))])
     changes = (pictures != pictures[0]).any(axis=(0, -1))
     assert changes.mean() > 0.5
 
@@ -100,7 +106,7 @@ def test_leaving_the_lane_terminates_and_is_not_truncated(env: DriveEnv) -> None
     assert info["drive"]["survival_time_s"] > 0.0
 
 
-def test_driven_laps_truncate_and_are_a_success(env: DriveEnv) -> None:
+def test_the_goal_truncates_and_is_a_success(env: DriveEnv) -> None:
     env.reset(seed=2)
     over = False
     while not over:
@@ -109,13 +115,14 @@ def test_driven_laps_truncate_and_are_a_success(env: DriveEnv) -> None:
     assert truncated
     assert not terminated
     assert info["is_success"]
-    assert info["laps"] >= LAPS
+    assert info["laps"] >= LAPS if "laps" in info else info["remaining_m"] <= ARRIVAL_M
 
 
 def test_info_explains_the_reward(env: DriveEnv) -> None:
     for _, reward, _, _, info in drive(env, 4, some_actions(10))[1:]:
         assert sum(info["terms"].values()) == pytest.approx(reward)
-        assert {"arc_m", "offset_m", "laps", "is_success", "collided"} <= set(info)
+        names = {"arc_m", "offset_m", "is_success", "collided", *env.world.task.fact_names}
+        assert names <= set(info)
 
 
 def test_actions_are_those_of_the_contract(env: DriveEnv) -> None:
@@ -130,13 +137,18 @@ def test_actions_are_those_of_the_contract(env: DriveEnv) -> None:
 
 
 def test_render_gives_the_last_picture(env: DriveEnv) -> None:
-    observation = drive(env, 0, [2, 2])[-1][0]
-    np.testing.assert_array_equal(env.render(), observation)
+    picture = parts(drive(env, 0, [2, 2])[-1][0])[0]
+    np.testing.assert_array_equal(env.render(), picture)
 
 
 def test_options_are_refused(env: DriveEnv) -> None:
     with pytest.raises(ConfigError, match="no options"):
         env.reset(options={"speed": 3})
+
+
+def test_unknown_pose_errors_are_refused_with_the_nearest() -> None:
+    with pytest.raises(ConfigError, match="'arena'"):
+        gymnasium.make("duckpilot/Navigation-v0", pose_error="arina")
 
 
 def test_importing_the_package_imports_nothing_heavy_and_says_nothing() -> None:

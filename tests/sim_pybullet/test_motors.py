@@ -35,6 +35,23 @@ def test_without_lag_the_command_is_the_motion(left: float, right: float) -> Non
     assert turn == pytest.approx((right - left) / DRIVE.baseline_m)
 
 
+@given(gain=st.floats(0.8, 1.2), trim=st.floats(-0.1, 0.1), turn_gain=st.floats(0.6, 1.2))
+def test_steps_are_counted_without_what_they_cannot_know(
+    gain: float, trim: float, turn_gain: float
+) -> None:
+    """Lag and delay show in the steps; gain, trim, scrub and noise do not."""
+    late = DriveLook(delay_s=0.05, noise=0.0)
+    worn = replace(late, gain=gain, trim=trim, turn_gain=turn_gain, noise=0.05)
+    model, rng = MotorModel(1), np.random.default_rng(0)
+    model.reset(0, worn)
+    wheels = rng.uniform(-0.3, 0.3, (20, 2))
+    counted = []
+    for pair in wheels:
+        model.step(pair[None], rng)
+        counted.append(model.counted[0])
+    np.testing.assert_allclose(counted, drive(late, wheels), atol=1e-12)
+
+
 @pytest.mark.parametrize("lag_s", [0.02, 0.2, 1.0])
 def test_a_lag_reaches_63_percent_after_its_time_constant(lag_s: float) -> None:
     model = MotorModel(1, dt_s=lag_s / 500)

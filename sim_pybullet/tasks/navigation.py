@@ -1,0 +1,153 @@
+"""``Navigation``: drive from a place to another by a planned path (paper A, section 3.3)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot.errors import ConfigError, MapError, PlanError
+from robot.path import Path
+from robot.path_batch import PathBatch
+from robot.planner import LaneGraph, route_between
+from robot.road_map import RoadMap
+from sim_pybullet.tasks.base import Starts, TaskStep
+from sim_pybullet.tasks.following import (
+    DAWDLE,
+    HALF_LANE_TILES,
+    MAX_HEADING_ERROR_RAD,
+    NOMINAL_STEP_M,
+    START_HEADING_RAD,
+    START_OFFSET,
+    TERM_NAMES,
+    Course,
+    PathFollower,
+    following_terms,
+)
+
+SHORTEST_TILES = 3.0  # from start to destination, along the path
+ARRIVAL_M = 0.05  # from the destination, along the path: a decision drives 3 cm
+_DRAWS = 500  # of start and destination, before a map is given up
+
+
+class Navigation:
+    """Drive from a random place of a random map to another one, along the planned path.
+
+    Starts and destinations lie on any lane of any tile of road, at least three tiles of path apart;
+    the route is `robot.planner`'s, of the fewest lanes. A robot starts at rest, a little off the
+    path and its direction. The reward is that of `sim_pybullet.tasks.following.following_terms`.
+
+    Terminated: more than half a lane (0.19 tiles) from the path, more than 100 degrees off, or in
+    collision. Truncated: at the destination (success), or after twice the time that the path takes
+    at full speed. An arrival is no terminal state, since it would end a stream of positive rewards
+    and teach to dawdle.
+
+    Args:
+        road_maps: each episode is on one of them.
+        n_robots: N.
+
+    Raises:
+        ConfigError: no maps or no robots.
+        MapError: a map has no route that is long enough.
+    """
+
+    guided = True
+    term_names: tuple[str, ...] = TERM_NAMES
+    fact_names: tuple[str, ...] = ("remaining_m",)
+
+    def __init__(self, road_maps: Sequence[RoadMap], n_robots: int) -> None:
+        if not road_maps or n_robots < 1:
+            raise ConfigError(
+                "Navigation: expected at least one map and one robot, got "
+                f"{len(road_maps)} maps, {n_robots} robots"
+            )
+        self.road_maps = tuple(road_maps)
+        self.n_robots = n_robots
+        self._routes = [RandomRoutes(road_map) for road_map in road_maps]
+        examples = [routes.draw(np.random.default_rng(0)) for routes in self._routes]
+        self._half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
+        self._follower = PathFollower(examples[0], n_robots)
+        self._lengths_m = np.zeros(n_robots)
+        self._maps = np.zeros(n_robots, dtype=int)
+        self._steps = np.zeros(n_robots, dtype=int)
+
+    @property
+    def paths(self) -> PathBatch:
+        """The path that each robot should follow."""
+        return self._follower.paths
+
+    @property
+    def course(self) -> Course:
+        """Where each robot is on its path."""
+        return self._follower.course
+
+    @property
+    def half_lane_m(self) -> np.ndarray:
+        """(N,) distance from the path at which a robot leaves its lane."""
+        return np.asarray(self._half_lanes_m[self._maps])
+
+    def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
+        """Begin an episode for these robots (M,) on a random map, with a random mission."""
+        maps = rng.integers(len(self.road_maps), size=len(robots))
+        poses = np.zeros((len(robots), 3))
+        for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
+            path, most_m = self._routes[m].draw(rng), START_OFFSET * self._half_lanes_m[m]
+            offset_m = rng.uniform(-most_m, most_m)
+            heading_rad = rng.uniform(-START_HEADING_RAD, START_HEADING_RAD)
+            poses[k] = self._follower.start(i, path, 0.0, offset_m, heading_rad)
+            self._lengths_m[i] = path.length_m
+        self._maps[robots], self._steps[robots] = maps, 0
+        return Starts(poses, maps)
+
+    def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
+        """Reward and end of the decision that led to poses (N, 3)."""
+        course, half_lane_m = self._follower.follow(poses), self.half_lane_m
+        remaining_m = self._lengths_m - course.arc_m
+        self._steps += 1
+        lost = np.abs(course.heading_error_rad) > MAX_HEADING_ERROR_RAD
+        terminated = collided | lost | (np.abs(course.offset_m) > half_lane_m)
+        success = ~terminated & (remaining_m <= ARRIVAL_M)
+        late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._lengths_m
+        terms = following_terms(course, half_lane_m)
+        truncated = ~terminated & (success | late)
+        return TaskStep(terms, remaining_m[None], terminated, truncated, success)
+
+
+class RandomRoutes:
+    """Random starts and destinations on one map, with the path between them.
+
+    Raises:
+        MapError: the map has no road.
+    """
+
+    def __init__(self, road_map: RoadMap) -> None:
+        self._graph = LaneGraph(road_map)
+        self._shortest_m = SHORTEST_TILES * road_map.tile_size_m
+        # Tiles are equally likely, not lanes: a crossing has twelve of them, a straight road two.
+        tiles = [(lane.tile_row, lane.tile_column) for lane in self._graph.lanes]
+        lanes_of = Counter(tiles)
+        shares = np.array([1.0 / lanes_of[tile] for tile in tiles])
+        self._likely = np.cumsum(shares / shares.sum())
+
+    def draw(self, rng: np.random.Generator) -> Path:
+        """A path of at least `SHORTEST_TILES`.
+
+        Raises:
+            MapError: none was found.
+        """
+        for _ in range(_DRAWS):
+            start, goal = np.searchsorted(self._likely, rng.random(2)).tolist()
+            start_t, goal_t = rng.random(2).tolist()
+            try:
+                route = route_between(self._graph, start, start_t, goal, goal_t)
+            except PlanError:
+                continue
+            path = Path.from_beziers(route.curves_m)
+            if path.length_m >= self._shortest_m:
+                return path
+        road_map = self._graph.road_map
+        raise MapError(
+            f"{road_map.name}: expected two places {SHORTEST_TILES:g} tiles of road apart, found "
+            f"none; use a map with more road, such as the shipped map arena"
+        )

@@ -1,0 +1,165 @@
+"""What navigation asks for, rewards, and how it ends."""
+
+import pathlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot.errors import ConfigError, MapError
+from robot.path import Path
+from robot.road_map import load_map
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M
+from sim_pybullet.tasks.navigation import ARRIVAL_M, SHORTEST_TILES, Navigation, RandomRoutes
+from tests.sim_pybullet.flat_camera import PoseCamera
+
+ARENA = load_map("arena")
+HALF_LANE_M = HALF_LANE_TILES * ARENA.tile_size_m
+NOBODY = np.zeros(1, dtype=bool)
+
+
+def mission(seed: int = 0, remaining_m: float | None = None) -> tuple[Navigation, Path]:
+    """A task of one robot that begins on its path, at its start or near its end, and the path."""
+    path = RandomRoutes(ARENA).draw(np.random.default_rng(seed))
+    task = Navigation([ARENA], 1)
+    task.reset(np.array([0]), np.random.default_rng(0))
+    arc_m = 0.0 if remaining_m is None else path.length_m - remaining_m
+    task._follower.start(0, path, arc_m, 0.0, 0.0)
+    task._lengths_m[0] = path.length_m
+    return task, path
+
+
+def beside(path: Path, arc_m: float, offset_m: float = 0.0, error_rad: float = 0.0) -> np.ndarray:
+    """The pose (1, 3) that is off the path by this much."""
+    x, y, heading = path.pose_at(arc_m)
+    left = offset_m * np.array((-np.sin(heading), np.cos(heading)))
+    return np.array([[x + left[0], y + left[1], heading + error_rad]])
+
+
+def test_starts_are_at_the_beginnings_of_long_enough_paths() -> None:
+    task = Navigation([ARENA, load_map("town")], 100)
+    starts = task.reset(np.arange(100), np.random.default_rng(1))
+    assert set(starts.maps) == {0, 1}
+    sizes_m = np.array([task.road_maps[m].tile_size_m for m in starts.maps])
+    assert np.all(task.paths.length_m >= SHORTEST_TILES * sizes_m)
+    for pose, m in zip(starts.poses, starts.maps, strict=True):
+        assert task.road_maps[m].on_road(*pose[:2])
+    at = task.paths.project(starts.poses[:, :2], np.zeros(100, dtype=int))
+    assert at.arc_m.max() < 0.05
+    assert np.abs(at.offset_m).max() < 0.25 * 0.19 * sizes_m.max() + 2e-3
+
+
+def test_starts_and_destinations_cover_all_tiles() -> None:
+    routes, rng = RandomRoutes(ARENA), np.random.default_rng(0)
+    paths = [routes.draw(rng) for _ in range(400)]
+    for end in (0, -1):
+        tiles = {tuple((path.points_m[end] // ARENA.tile_size_m).astype(int)) for path in paths}
+        assert len(tiles) == len(ARENA.road_tiles)
+
+
+def test_an_arrival_is_a_success_and_cut_off_not_terminal() -> None:
+    task, path = mission(remaining_m=0.1)
+    before = ARRIVAL_M + 0.005
+    assert not task.step(beside(path, path.length_m - before), NOBODY).success[0]
+    step = task.step(beside(path, path.length_m - 0.9 * ARRIVAL_M), NOBODY)
+    assert step.success[0]
+    assert step.truncated[0]
+    assert not step.terminated[0]
+    assert step.facts[0, 0] == pytest.approx(0.9 * ARRIVAL_M, abs=2e-3)
+
+
+def test_driving_past_the_destination_in_one_step_is_an_arrival() -> None:
+    task, path = mission(remaining_m=0.06)
+    assert task.step(beside(path, path.length_m + 0.02), NOBODY).success[0]
+
+
+def test_a_path_that_ends_where_it_begins_is_not_done_at_its_start() -> None:
+    """A destination behind the robot: the whole way round lies ahead."""
+    routes, rng = RandomRoutes(ARENA), np.random.default_rng(0)
+    path = next(
+        path
+        for path in iter(lambda: routes.draw(rng), None)
+        if np.hypot(*(path.points_m[0] - path.points_m[-1])) < 0.05
+    )
+    task, _ = mission()
+    task._follower.start(0, path, 0.0, 0.0, 0.0)
+    task._lengths_m[0] = path.length_m
+    step = task.step(beside(path, 0.0), NOBODY)
+    assert not step.success[0]
+    assert task.course.arc_m[0] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("offset", "error_deg", "collided", "fails"),
+    [
+        (0.9, 0.0, False, False),
+        (-1.1, 0.0, False, True),
+        (0.0, 95.0, False, False),
+        (0.0, 105.0, False, True),
+        (0.0, 0.0, True, True),
+    ],
+)
+def test_terminates_off_the_path_lost_or_in_collision(
+    offset: float, error_deg: float, collided: bool, fails: bool
+) -> None:
+    task, path = mission()
+    pose = beside(path, 0.3, offset * HALF_LANE_M, np.radians(error_deg))
+    step = task.step(pose, np.array([collided]))
+    assert bool(step.terminated[0]) is fails
+    assert not step.truncated[0]
+
+
+def test_dawdling_ends_without_success() -> None:
+    task, path = mission()
+    steps = 0
+    while not (step := task.step(beside(path, 0.1), NOBODY)).truncated[0]:
+        steps += 1
+    assert not step.success[0]
+    assert steps == pytest.approx(2.0 * path.length_m / NOMINAL_STEP_M, abs=1)
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 50), offset=st.floats(-0.9, 0.9), error_rad=st.floats(-1.4, 1.4))
+def test_at_full_speed_the_reward_is_the_papers(seed: int, offset: float, error_rad: float) -> None:
+    task, path = mission(seed)
+    straight = next(a for a in np.arange(0.1, 9.0, 0.1) if _is_straight(path, a))
+    task.step(beside(path, straight), NOBODY)
+    pose = beside(path, straight + 1.05 * NOMINAL_STEP_M, offset * HALF_LANE_M, error_rad)
+    expected = -5.0 * abs(offset) + 5.0 * np.cos(error_rad)
+    assert task.step(pose, NOBODY).reward[0] == pytest.approx(expected, abs=0.05)
+
+
+def _is_straight(path: Path, arc_m: float) -> bool:
+    turn = np.diff([path.pose_at(arc_m + d).heading_rad for d in (0.0, 0.1)])[0]
+    return bool(abs(turn) < 1e-3)
+
+
+@pytest.mark.parametrize("name", ["loop", "arena", "town"])
+def test_the_expert_arrives(name: str) -> None:
+    count = 60
+    world = BatchWorld(Navigation([load_map(name)], count), [NOMINAL], camera=PoseCamera(count))
+    world.reset()
+    pending = np.ones(count, dtype=bool)
+    while pending.any():
+        step = world.step(world.expert_actions())
+        ended = step.finished.robots
+        assert np.all(step.task.success[ended] | ~pending[ended])
+        pending[ended] = False
+    world.close()
+
+
+def test_refuses_nothing_to_do() -> None:
+    with pytest.raises(ConfigError, match="at least one map"):
+        Navigation([], 1)
+    with pytest.raises(ConfigError, match="one robot"):
+        Navigation([ARENA], 0)
+
+
+def test_refuses_a_map_with_no_long_route(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "short.yaml"
+    file.write_text("tiles:\n- [straight/E, straight/E]\ntile_size: 0.585\n")
+    with pytest.raises(MapError, match="tiles of road apart"):
+        Navigation([load_map(file)], 1)
