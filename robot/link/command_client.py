@@ -15,7 +15,7 @@ from robot.link.sockets import DEAF_S, Link
 from robot.link.streams import Clock, new_session
 from robot.link.wire import MESSAGE_LIMIT_BYTES
 
-BEAT_S = 0.2
+BEAT_S = 0.1
 STOP_REPEAT_S = 0.1
 ANSWER_WITHIN_S = 1.0
 

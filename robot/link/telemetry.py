@@ -31,6 +31,7 @@ MAX_PATH_POINTS = 96
 MAX_ENTRIES = 8
 MAX_ATTENTION_CELLS = 192
 MAX_AGE_S = 1e6
+BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
 BIG = 1e9
 
 XY = Tuple[float, float]
@@ -182,11 +183,20 @@ class Telemetry:
 
 
 def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
-    """Points (M, 2) [m] of a path, thinned evenly to what telemetry carries, rounded to 1 mm."""
+    """Points (M, 2) [m] of a path, thinned to what telemetry carries, rounded to 1 mm.
+
+    Both ends stay; bends keep more points than straights.
+    """
     points = np.asarray(points_m, dtype=float)
-    count = min(len(points), MAX_PATH_POINTS)
-    chosen = points[np.linspace(0, len(points) - 1, count).round().astype(int)]
-    return tuple((round(float(x), 3), round(float(y), 3)) for x, y in chosen)
+    if len(points) > MAX_PATH_POINTS:
+        steps = np.diff(points, axis=0)
+        headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        turns = np.abs(np.diff(headings, prepend=headings[:1]))
+        worth = np.hypot(steps[:, 0], steps[:, 1]) + BEND_WORTH_M * turns
+        along = np.concatenate(([0.0], np.cumsum(worth)))
+        wanted = np.linspace(0.0, along[-1], MAX_PATH_POINTS)
+        points = points[np.unique(np.searchsorted(along, wanted - 1e-9))]
+    return tuple((round(float(x), 3), round(float(y), 3)) for x, y in points)
 
 
 def _require_xy(what: str, point: Tuple[float, ...]) -> None:

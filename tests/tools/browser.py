@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import time
 import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -45,7 +46,8 @@ class Browser:
             stderr=subprocess.DEVNULL,
         )
         self._numbers = itertools.count(1)
-        self._socket = connect(_page_address(profile), max_size=None)
+        self._closing = ExitStack()
+        self._socket = self._closing.enter_context(connect(_page_address(profile), max_size=None))
         self.problems: list[str] = []
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
@@ -116,7 +118,7 @@ class Browser:
 
     def close(self) -> None:
         """End this browser."""
-        self._socket.close()
+        self._closing.close()
         self._process.terminate()
         self._process.wait(timeout=10.0)
 

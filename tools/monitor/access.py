@@ -28,7 +28,10 @@ HEADERS = {
 }
 # A page of our own leads on to the monitor, because a Strict cookie does not travel with a
 # redirect that another program or site began.
-ENTER = '<!doctype html><meta http-equiv="refresh" content="0;url=/"><title>duckpilot</title>'
+ENTER = (
+    '<!doctype html><title>duckpilot</title><link rel="icon" href="data:,">'
+    '<meta http-equiv="refresh" content="0;url=/">'
+)
 NO_TOKEN = "Open the address that the monitor printed when it started: it holds the token.\n"
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import shutil
 import time
 from typing import Protocol
 
@@ -61,7 +63,7 @@ class DemoRobot:
     def __init__(
         self, road_map: RoadMap, config: LinkConfig, camera: Camera | None, rng: np.random.Generator
     ) -> None:
-        self.pose = _start(road_map)
+        self.pose = start_pose(road_map)
         self.safety = Safety(time.monotonic, LIMITS)
         self._road_map = road_map
         self._graph = LaneGraph(road_map)
@@ -82,7 +84,7 @@ class DemoRobot:
         dt_s, self._turned_s = now_s - self._turned_s, now_s
         self._commands.serve(self._obey)
         before = self.safety.verdict
-        verdict = self.safety.check(self._inputs(now_s))
+        verdict = self.safety.check(self._inputs(time.monotonic()))
         if before.state is State.AUTO and verdict.state is not State.AUTO:
             self._drive.ended("stopped", verdict.sentence)
         if now_s - self._decided_s >= CONTROL_DT_S - TURN_S / 2:
@@ -166,7 +168,7 @@ class DemoRobot:
                 InputAge("pose", inputs.pose_age_s, SafetyLimits.pose_age_s),
                 InputAge("operator", link_s, SafetyLimits.link_age_s),
             ),
-            health=(Reading("processor", 47.0, "°C"), Reading("disk free", 61.0, "%")),
+            health=_health(),
             fps=1.0 / CONTROL_DT_S,
             lag_s=lag_s,
             model="demonstration",
@@ -239,17 +241,33 @@ class Drive:
             )
 
 
-def _start(road_map: RoadMap) -> Pose:
-    """The middle of the map's first straight lane."""
-    lane = next((one for one in road_map.lanes), None)
+def _health() -> tuple[Reading, ...]:
+    """Of the machine that runs the demonstration."""
+    disk = shutil.disk_usage("/")
+    free = 100.0 * disk.free / disk.total
+    return (
+        Reading("load", os.getloadavg()[0]),
+        Reading("disk free", round(free), "%", "ok" if free > 5.0 else "warn"),
+    )
+
+
+def start_pose(road_map: RoadMap) -> Pose:
+    """The map's own start, or a third into its first straight lane."""
     if road_map.start_pose is not None:
         return road_map.start_pose
-    if lane is None:
-        raise ContractError(f"{road_map.name}: expected a map with road, got none")
-    points = lane.control_points_m
-    along = points[3] - points[0]
-    x_m, y_m = points[0] + 0.1 * along
-    return Pose(float(x_m), float(y_m), math.atan2(*(points[1] - points[0])[::-1]))
+    straight = [lane for lane in road_map.lanes if _is_straight(lane.control_points_m)]
+    if not straight:
+        raise ContractError(f"{road_map.name}: expected a map with a straight road, got none")
+    first, _, _, last = straight[0].control_points_m
+    x_m, y_m = first + (last - first) / 3.0
+    return Pose(float(x_m), float(y_m), math.atan2(last[1] - first[1], last[0] - first[0]))
+
+
+def _is_straight(points_m: np.ndarray) -> bool:
+    chord = points_m[3] - points_m[0]
+    inner = points_m[1:3] - points_m[0]
+    offsets = chord[0] * inner[:, 1] - chord[1] * inner[:, 0]
+    return bool(np.abs(offsets).max() < 1e-9)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -16,7 +16,7 @@ from robot.link.messages import FrameMessage, PoseMessage
 from robot.link.telemetry import InputAge, Telemetry
 
 SILENT_S = 1.0
-LIMITS_S = {"telemetry": SILENT_S, "picture": 0.5, "localizer": 0.5, "commands": 1.0}
+LIMITS_S = {"telemetry": SILENT_S, "picture": 0.5, "localizer": 0.5, "answers": 1.0}
 LOG_LENGTH = 200
 LEVEL_OF_STATE = {"HOLD": "warn", "FAULT": "bad"}
 LEVEL_OF_PHASE = {"failed": "bad", "stopped": "warn", "arrived": "good"}
@@ -28,7 +28,7 @@ class LogEntry:
 
     number: int
     t_unix_s: float
-    level: str  # info, good, warn or bad
+    level: str  # info, good, warn, bad, or refused: the page shows it until it is read
     text: str
 
 
@@ -115,7 +115,7 @@ class MonitorState:
     def note_answer(self, what: str, ack: Ack) -> None:
         """Log what the robot made of a command."""
         if not ack.accepted:
-            self.note("warn", f"{what}: refused, {ack.reason}")
+            self.note("refused", f"{what}: {ack.reason}")
         else:
             self.note("info", what)
 
@@ -123,11 +123,11 @@ class MonitorState:
         """The lines since that number, oldest first."""
         return tuple(entry for entry in self._log if entry.number > number)
 
-    def snapshot(self, commands_age_s: float) -> Snapshot:
-        """What to show; ``commands_age_s`` since the robot last answered a command or beat."""
+    def snapshot(self, answers_age_s: float) -> Snapshot:
+        """What to show; ``answers_age_s`` since the robot last answered a command or beat."""
         self.look()
         ages = {name: self._age(name) for name in self._gates}
-        ages["commands"] = commands_age_s
+        ages["answers"] = answers_age_s
         heard = tuple(
             InputAge(name, _finite(ages[name]), limit_s) for name, limit_s in LIMITS_S.items()
         )

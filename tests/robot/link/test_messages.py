@@ -201,10 +201,16 @@ def test_a_mission_comes_with_a_mission_command_only() -> None:
         Command("1", "s", "stop", action=2)
 
 
-def test_a_thinned_path_keeps_both_ends() -> None:
-    line = np.stack((np.linspace(0, 9, 1000), np.linspace(0, 1, 1000)), axis=1)
-    thin = thin_path(line)
-    assert len(thin) == tm.MAX_PATH_POINTS
-    assert thin[0] == (0.0, 0.0)
-    assert thin[-1] == (9.0, 1.0)
+def test_a_thinned_path_keeps_both_ends_and_its_bends() -> None:
+    turn = np.linspace(0.0, math.pi / 2, 50)
+    bend = 0.2 * np.stack((np.sin(turn), 1.0 - np.cos(turn)), axis=1)
+    straight = np.stack((np.linspace(-9.0, 0.0, 500), np.zeros(500)), axis=1)
+    thin = np.array(thin_path(np.concatenate((straight, bend[1:]))))
+    assert len(thin) <= tm.MAX_PATH_POINTS
+    assert tuple(thin[0]) == (-9.0, 0.0)
+    assert tuple(thin[-1]) == (0.2, 0.2)
+    middles = (thin[1:] + thin[:-1]) / 2
+    in_bend = middles[middles[:, 0] > 0.0]
+    assert np.abs(np.hypot(in_bend[:, 0], in_bend[:, 1] - 0.2) - 0.2).max() < 0.01
     assert thin_path(np.zeros((0, 2))) == ()
+    assert len(thin_path(np.zeros((500, 2)))) >= 1

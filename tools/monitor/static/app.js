@@ -10,6 +10,8 @@ import { Replay } from "./replay.js";
 
 const LOST_MS = 1000;
 const RECONNECT_MS = 500;
+const OVERHEAD_SHOWN_S = 1;
+const STANDING = ["DISARMED", "HOLD"];
 
 let socket = null;
 let state = null;
@@ -22,6 +24,7 @@ const picture = new Picture();
 const hand = new Hand((text) => { if (socket?.readyState === WebSocket.OPEN) socket.send(text); });
 const replay = new Replay(
   (report) => showRobot(report, true, true),
+  () => map.clearTrail(),
   () => { map.clearTrail(); if (state) showLive(); },
 );
 
@@ -43,17 +46,21 @@ function take({ state: newest, log }) {
   const firstTime = logged === 0;
   addLog(fresh);
   logged = log.length ? log.at(-1).number : logged;
-  const trouble = fresh.findLast(({ level }) => level === "warn" || level === "bad");
-  if (trouble && !firstTime) toast(trouble.text);
+  const refused = fresh.findLast(({ level }) => level === "refused");
+  if (refused && !firstTime) toast(refused.text);
   if (state.drives !== drives) { drives = state.drives; replay.list(); }
   showState(state, 0);
   showAges($("heard"), state.heard);
   if (!replay.on) showLive();
 }
 
+function age(name) {
+  return state.heard.find((input) => input.name === name)?.age_s ?? null;
+}
+
 function showLive() {
-  const picture_age = state.heard.find(({ name }) => name === "picture").age_s;
-  showRobot(state.robot, !state.silent, false, picture_age);
+  showRobot(state.robot, !state.silent, false, age("picture"));
+  $("go").textContent = STANDING.includes(state.robot?.state) ? "Arm and drive" : "Drive there";
 }
 
 function showRobot(robot, fresh, recorded, pictureAge = null) {
@@ -63,7 +70,7 @@ function showRobot(robot, fresh, recorded, pictureAge = null) {
     path: robot?.path ?? [],
     destination: mission?.destination,
     progress: mission?.progress,
-    overhead: recorded ? null : state.overhead,
+    overhead: recorded || age("localizer") > OVERHEAD_SHOWN_S ? null : state.overhead,
     silent: !fresh,
   });
   picture.show(robot?.attention, pictureAge, recorded);
@@ -89,7 +96,6 @@ function forget() {
 }
 
 async function command(kind, places = {}) {
-  let answer;
   try {
     const response = await fetch("/api/command", {
       method: "POST",
@@ -97,12 +103,13 @@ async function command(kind, places = {}) {
       body: JSON.stringify({ kind, ...places }),
     });
     if (!response.ok) throw new Error(await response.text());
-    answer = await response.json();
+    const answer = await response.json();
+    if (!answer.accepted) toast(`${kind}: ${answer.reason}`);
+    return answer.accepted;
   } catch (error) {
-    answer = { accepted: false, reason: `the monitor does not answer: ${error.message}` };
+    toast(`${kind}: the monitor does not answer: ${error.message}`);
+    return false;
   }
-  if (!answer.accepted) toast(`${kind}: ${answer.reason}`);
-  return answer.accepted;
 }
 
 function stop() {
@@ -112,6 +119,7 @@ function stop() {
 
 async function go() {
   const { start, destination } = map.chosen;
+  if (STANDING.includes(state?.robot?.state) && !await command("arm")) return;
   map.clearTrail();
   if (await command("mission", { start, destination })) forget();
 }

@@ -5,9 +5,11 @@ const MARGIN_PX = 18;
 const LANE_WIDTH = 0.42; // of a tile
 const EDGE_M = 0.024;
 const DASH_M = [0.06, 0.04];
+const SEAM_M = 0.008;
 const ROBOT_M = { length: 0.2, width: 0.15 };
 const DRAG_PX = 10;
 const TRAIL_POINTS = 400;
+const CARRIED_M = 0.3; // farther at once and it was not driven
 const GLIDE_MS = 110; // between two reports
 
 export class MapView {
@@ -37,14 +39,14 @@ export class MapView {
   }
 
   // view: {pose, path, destination, progress, overhead, silent}
-  show(view, moves = true) {
+  show(view) {
     this.view = view;
-    if (view.pose && moves) {
-      const last = this.trail.at(-1);
-      if (!last || Math.hypot(view.pose[0] - last[0], view.pose[1] - last[1]) > 0.02) {
-        this.trail.push([view.pose[0], view.pose[1]]);
-        this.trail.splice(0, this.trail.length - TRAIL_POINTS);
-      }
+    if (view.pose) {
+      const last = this.trail.at(-1) ?? view.pose;
+      const moved = Math.hypot(view.pose[0] - last[0], view.pose[1] - last[1]);
+      if (moved > CARRIED_M) this.trail = [];
+      if (moved > 0.02 || !this.trail.length) this.trail.push([view.pose[0], view.pose[1]]);
+      this.trail.splice(0, this.trail.length - TRAIL_POINTS);
     }
     this.from = this.pose && this.#shownPose(performance.now());
     this.pose = view.pose;
@@ -138,9 +140,8 @@ export class MapView {
     const share = Math.min(1, (now - this.since) / GLIDE_MS);
     const turn = Math.atan2(Math.sin(this.pose[2] - this.from[2]),
       Math.cos(this.pose[2] - this.from[2]));
-    if (Math.hypot(this.pose[0] - this.from[0], this.pose[1] - this.from[1]) > 0.3) {
-      return this.pose;
-    }
+    const moved = Math.hypot(this.pose[0] - this.from[0], this.pose[1] - this.from[1]);
+    if (moved > CARRIED_M) return this.pose;
     return [0, 1].map((i) => this.from[i] + share * (this.pose[i] - this.from[i]))
       .concat(this.from[2] + share * turn);
   }
@@ -153,11 +154,18 @@ export class MapView {
     points.forEach(([x, y], i) => pen[i ? "lineTo" : "moveTo"](this.#x(x), this.#y(y)));
   }
 
+  // A Bezier, begun and ended a little beyond its tile so that no seam shows.
   #curve(pen, c) {
+    const beyond = (x, y, fromX, fromY) => {
+      const share = SEAM_M / Math.max(Math.hypot(x - fromX, y - fromY), SEAM_M);
+      return [this.#x(x + share * (x - fromX)), this.#y(y + share * (y - fromY))];
+    };
     pen.beginPath();
-    pen.moveTo(this.#x(c[0]), this.#y(c[1]));
+    pen.moveTo(...beyond(c[0], c[1], c[2], c[3]));
+    pen.lineTo(this.#x(c[0]), this.#y(c[1]));
     pen.bezierCurveTo(this.#x(c[2]), this.#y(c[3]), this.#x(c[4]), this.#y(c[5]),
       this.#x(c[6]), this.#y(c[7]));
+    pen.lineTo(...beyond(c[6], c[7], c[4], c[5]));
   }
 
   #ground() {
@@ -166,17 +174,15 @@ export class MapView {
     layer.height = this.canvas.height;
     const pen = layer.getContext("2d");
     const { tile_size_m: tile, floor, lanes, centre_lines, objects } = this.drawing;
-    for (const { kind, x_m, y_m } of floor) {
-      pen.fillStyle = this.colour(kind === "grass" ? "grass" : "floor");
-      const side = tile * this.scale + 0.6;
-      pen.fillRect(this.#x(x_m), this.#y(y_m) - side, side, side);
-    }
+    const green = floor.some(({ kind }) => kind === "grass");
+    pen.fillStyle = this.colour(green ? "grass" : "floor");
+    pen.fillRect(0, 0, layer.width, layer.height);
     pen.lineCap = "butt";
     const road = LANE_WIDTH * tile;
     for (const [colour, width] of [["edge", road + 2 * EDGE_M], ["road", road]]) {
       pen.strokeStyle = this.colour(colour);
       pen.lineWidth = width * this.scale;
-      for (const lane of lanes) { this.#curve(pen, lane); pen.stroke(); }
+      for (const lane of [...lanes, ...centre_lines]) { this.#curve(pen, lane); pen.stroke(); }
     }
     pen.strokeStyle = this.colour("dash");
     pen.lineWidth = EDGE_M * this.scale;
@@ -221,9 +227,9 @@ export class MapView {
     pen.lineJoin = pen.lineCap = "round";
     const { path = [], destination, overhead, silent, progress = 0 } = this.view || {};
     if (path.length > 1) {
-      const split = Math.min(path.length - 1, Math.floor(progress * (path.length - 1)));
-      this.#line(pen, path.slice(0, split + 1), "accent", 0.02, 0.3);
-      this.#line(pen, path.slice(split), "accent", 0.042, 0.9);
+      const [done, left] = splitAt(path, progress);
+      this.#line(pen, done, "accent", 0.02, 0.3);
+      this.#line(pen, left, "accent", 0.042, 0.9);
     }
     this.#line(pen, this.trail, "duck", 0.016, 0.75);
     if (destination) this.#pin(pen, destination, "accent", true);
@@ -237,7 +243,7 @@ export class MapView {
       }
       this.#pin(pen, to, "text", true);
     }
-    if (overhead) this.#cross(pen, overhead);
+    if (overhead) this.#ring(pen, overhead);
     const pose = this.#shownPose(now);
     if (pose) this.#robot(pen, pose, silent);
   }
@@ -263,15 +269,14 @@ export class MapView {
     pen.stroke();
   }
 
-  #cross(pen, { x_m, y_m }) {
-    const reach = 10 * this.ratio;
-    pen.strokeStyle = this.colour("card");
-    pen.lineWidth = 1.5 * this.ratio;
+  // Where the overhead camera sees the robot.
+  #ring(pen, { x_m, y_m }) {
     pen.beginPath();
-    for (const [dx, dy] of [[reach, 0], [0, reach]]) {
-      pen.moveTo(this.#x(x_m) - dx, this.#y(y_m) - dy);
-      pen.lineTo(this.#x(x_m) + dx, this.#y(y_m) + dy);
-    }
+    pen.arc(this.#x(x_m), this.#y(y_m), 19 * this.ratio, 0, 2 * Math.PI);
+    pen.fillStyle = "rgb(255 255 255 / 0.16)";
+    pen.strokeStyle = "rgb(255 255 255 / 0.75)";
+    pen.lineWidth = 1.25 * this.ratio;
+    pen.fill();
     pen.stroke();
   }
 
@@ -294,6 +299,17 @@ export class MapView {
     pen.fill();
     pen.restore();
   }
+}
+
+// A polyline in two, at a share of its length.
+function splitAt(path, share) {
+  const gaps = path.slice(1).map(([x, y], i) => Math.hypot(x - path[i][0], y - path[i][1]));
+  let left = share * gaps.reduce((sum, gap) => sum + gap, 0);
+  const i = gaps.findIndex((gap) => (left -= gap) < 0);
+  if (i < 0) return [path, []];
+  const back = -left / gaps[i];
+  const cut = [0, 1].map((k) => path[i + 1][k] + back * (path[i][k] - path[i + 1][k]));
+  return [[...path.slice(0, i + 1), cut], [cut, ...path.slice(i + 1)]];
 }
 
 function sampled(c, count) {

@@ -103,8 +103,20 @@ export function showRates(robot) {
   setText($("rates"), parts.join(" · "));
 }
 
+const TEXT_EVERY_MS = 400; // ages that flicker cannot be read
+
+function ageText(age, limit) {
+  if (age === null) return "never";
+  if (age > Math.max(limit, 1)) return seconds(age);
+  return limit < 1 ? `${Math.round(1000 * age)} / ${Math.round(1000 * limit)} ms`
+    : `${age.toFixed(1)} / ${limit.toFixed(1)} s`;
+}
+
 // Green below half of the limit, amber below the limit, red beyond it.
 export function showAges(list, ages, added = 0) {
+  const now = performance.now();
+  const write = now - (Number(list.dataset.written) || -TEXT_EVERY_MS) >= TEXT_EVERY_MS;
+  if (write) list.dataset.written = now;
   while (list.children.length > ages.length) list.lastChild.remove();
   ages.forEach(({ name, age_s, limit_s }, i) => {
     const row = list.children[i] ?? list.appendChild(element("div", { className: "age" },
@@ -113,7 +125,7 @@ export function showAges(list, ages, added = 0) {
     const level = age === null || age > limit_s ? "bad" : age > limit_s / 2 ? "warn" : "ok";
     row.dataset.level = level;
     setText(row.children[1], name);
-    setText(row.children[2], `${seconds(age)} of ${seconds(limit_s)}`);
+    if (write || !row.children[2].textContent) setText(row.children[2], ageText(age, limit_s));
   });
 }
 
@@ -138,7 +150,7 @@ export class Picture {
   }
 
   show(attention, age_s, replay) {
-    this.grid = attention ? overlay(attention) : null;
+    this.grid = attention && !replay ? overlay(attention) : null;
     const stale = replay || age_s === null || age_s > 1;
     this.canvas.parentElement.classList.toggle("stale", stale);
     $("no-picture").hidden = !stale;

@@ -5,9 +5,10 @@ import { $, element, seconds } from "./panels.js";
 const TICK_MS = 100;
 
 export class Replay {
-  // show(report) draws a recorded report; closed() returns to live.
-  constructor(show, closed) {
+  // show(report) draws a recorded report; opened() and closed() clear what was drawn.
+  constructor(show, opened, closed) {
     this.show = show;
+    this.opened = opened;
     this.closed = closed;
     this.reports = null;
     $("replay-play").addEventListener("click", () => this.#play(!this.playing));
@@ -46,6 +47,7 @@ export class Replay {
       Object.assign(report, { path, attention });
     }
     this.reports = reports;
+    this.opened();
     this.name = new Date(drive.began).toLocaleTimeString([], { timeStyle: "short" });
     $("replay-time").max = reports.at(-1).t_s;
     $("replay").hidden = false;

@@ -1,0 +1,38 @@
+"""A demonstration robot in a thread, for tests that need somebody to monitor."""
+
+import threading
+import time
+
+import numpy as np
+
+from robot.link.config import LinkConfig
+from robot.road_map import load_map
+from tools.monitor.demo_robot import TURN_S, DemoRobot
+
+
+class RobotThread:
+    """Drives the loop map until closed; its links belong to its thread."""
+
+    def __init__(self, config: LinkConfig) -> None:
+        self._config = config
+        self._closing = threading.Event()
+        self._ready = threading.Event()
+        self.robot: DemoRobot
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        assert self._ready.wait(10.0)
+
+    def __enter__(self) -> "RobotThread":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closing.set()
+        self._thread.join(5.0)
+
+    def _run(self) -> None:
+        self.robot = DemoRobot(load_map("loop"), self._config, None, np.random.default_rng(0))
+        self._ready.set()
+        while not self._closing.is_set():
+            self.robot.turn()
+            time.sleep(TURN_S)
+        self.robot.close()

@@ -1,0 +1,102 @@
+"""Nobody reaches the page without its token, and no page of another site reaches it at all."""
+
+from collections.abc import Iterator
+
+import pytest
+from starlette.applications import Starlette
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from tools.monitor.access import AccessGate
+
+ORIGIN = "http://127.0.0.1:8600"
+LIVE = "ws://127.0.0.1:8600/ws"
+
+
+async def hello(_: object) -> PlainTextResponse:
+    return PlainTextResponse("hello")
+
+
+async def echo(socket: WebSocket) -> None:
+    await socket.accept()
+    await socket.send_text("hello")
+
+
+def client(host: str = "127.0.0.1", base_url: str = ORIGIN) -> TestClient:
+    routes = [Route("/", hello, methods=["GET", "POST"]), WebSocketRoute("/ws", echo)]
+    return TestClient(AccessGate(Starlette(routes=routes), "secret", host), base_url=base_url)
+
+
+@pytest.fixture
+def known() -> Iterator[TestClient]:
+    """A browser that has shown the token."""
+    with client() as browser:
+        assert browser.get("/?token=secret").status_code == 200
+        yield browser
+
+
+def websocket_opens(browser: TestClient, **headers: str) -> bool:
+    try:
+        with browser.websocket_connect(LIVE, headers=headers) as socket:
+            return socket.receive_text() == "hello"
+    except WebSocketDisconnect:
+        return False
+
+
+def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_cannot_use() -> None:
+    browser = client()
+    assert browser.get("/").status_code == 401
+    answer = browser.get("/?token=secret")
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+    assert "secret" not in answer.text
+    assert browser.get("/").text == "hello"
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/?token=s%C3%A9cret"])
+def test_without_the_token_nothing_is_shown(path: str) -> None:
+    answer = client().get(path)
+    assert answer.status_code == 401
+    assert "token" in answer.text
+    assert not websocket_opens(client(), origin=ORIGIN)
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "http://127.0.0.1:8601", "https://127.0.0.1.evil", "null", ""]
+)
+def test_other_sites_can_neither_post_nor_listen(known: TestClient, origin: str) -> None:
+    assert known.post("/", headers={"origin": origin}).status_code == 403
+    assert not websocket_opens(known, origin=origin)
+
+
+def test_a_request_that_hides_its_origin_cannot_post(known: TestClient) -> None:
+    assert known.post("/").status_code == 403
+
+
+def test_the_page_itself_can_post_and_listen(known: TestClient) -> None:
+    assert known.post("/", headers={"origin": ORIGIN}).text == "hello"
+    assert websocket_opens(known, origin=ORIGIN)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "", "[::1"])
+def test_names_that_others_can_bend_to_this_address_are_refused(
+    known: TestClient, host: str
+) -> None:
+    """DNS rebinding: the browser believes that our address is another site's."""
+    assert known.get("/", headers={"host": host}).status_code == 400
+
+
+def test_a_wildcard_address_is_reached_by_number_but_not_by_any_name() -> None:
+    number = client("0.0.0.0", "http://192.168.1.20:8600")
+    assert number.get("/?token=secret").status_code == 200
+    assert number.get("/").text == "hello"
+    assert client("0.0.0.0", "http://evil.example:8600").get("/?token=secret").status_code == 400
+
+
+def test_every_answer_forbids_framing_and_foreign_code(known: TestClient) -> None:
+    for answer in (known.get("/"), client().get("/")):
+        assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+        assert answer.headers["x-content-type-options"] == "nosniff"

@@ -1,0 +1,243 @@
+"""The monitor with a demonstration robot on real links: commands, refusals, and letting go."""
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from robot.link.commands import MANUAL_EXPIRY_S
+from robot.link.config import LinkConfig
+from robot.road_map import load_map
+from robot.safety import State
+from tests.robot.link.conftest import free_base_port, until
+from tests.tools.monitored import RobotThread
+from tools.monitor.app import create_app
+from tools.monitor.monitor import PAGE_ALIVE_S, Monitor
+
+ORIGIN = "http://127.0.0.1:8600"
+HEADERS = {"origin": ORIGIN}
+LIVE = "ws://127.0.0.1:8600/ws"
+
+
+@pytest.fixture
+def config() -> LinkConfig:
+    return LinkConfig(plaintext=True, base_port=free_base_port())
+
+
+@pytest.fixture
+def thread(config: LinkConfig) -> Iterator[RobotThread]:
+    with RobotThread(config) as thread:
+        yield thread
+
+
+@pytest.fixture
+def browser(config: LinkConfig, tmp_path: Path) -> Iterator[TestClient]:
+    app = create_app(Monitor(config, tmp_path), load_map("loop"), "secret")
+    with TestClient(app, base_url=ORIGIN) as browser:
+        browser.get("/?token=secret")
+        yield browser
+
+
+class Page:
+    """What the page's script does: read states, say that they were seen, drive."""
+
+    def __init__(self, browser: TestClient, socket: WebSocketTestSession) -> None:
+        self._browser = browser
+        self.socket = socket
+        self.state: dict[str, Any] = {}
+
+    def read(self) -> None:
+        self.state = json.loads(self.socket.receive_text())["state"]
+        self.socket.send_text("seen")
+
+    def until(self, **wanted: object) -> None:
+        def fits() -> bool:
+            self.read()
+            robot = self.state["robot"] or {}
+            return all(robot.get(key) == value for key, value in wanted.items())
+
+        assert until(fits), f"expected {wanted}, got {self.state['robot']}"
+
+    def ready(self) -> None:
+        def heard() -> bool:
+            self.read()
+            ages = {
+                one["name"]: one["age_s"]
+                for one in (self.state["robot"] or {"inputs": ()})["inputs"]
+            }
+            return (ages.get("operator") or 9.0) < 0.5
+
+        assert until(heard)
+        assert self.ask("arm") == {"accepted": True, "reason": ""}
+        self.until(state="READY")
+
+    def ask(self, kind: str, **places: object) -> dict[str, Any]:
+        body = {"kind": kind, **places}
+        answer: dict[str, Any] = self._browser.post(
+            "/api/command", json=body, headers=HEADERS
+        ).json()
+        return answer
+
+
+@pytest.fixture
+def page(thread: RobotThread, browser: TestClient) -> Iterator[Page]:
+    with browser.websocket_connect(LIVE, headers=HEADERS) as socket:
+        page = Page(browser, socket)
+        page.ready()
+        yield page
+
+
+def ahead(thread: RobotThread, distance_m: float) -> tuple[float, float]:
+    pose = thread.robot.pose.moved(distance_m, 0.0)
+    return pose.x_m, pose.y_m
+
+
+def test_a_mission_is_driven_to_its_end_and_recorded(
+    page: Page, thread: RobotThread, browser: TestClient
+) -> None:
+    goal = ahead(thread, 0.3)
+    assert page.ask("mission", destination=goal)["accepted"]
+    page.until(state="AUTO")
+    assert len(page.state["robot"]["path"]) > 5
+    assert len(page.state["robot"]["values"]) == 5
+    page.until(state="HOLD", reason="arrived")
+    pose = thread.robot.pose
+    assert (pose.x_m, pose.y_m) == pytest.approx(goal, abs=0.06)
+    assert until(lambda: bool(browser.get("/api/drives").json()))
+    (drive,) = browser.get("/api/drives").json()
+    assert drive["phase"] == "arrived"
+    assert len(browser.get(f"/api/drives/{drive['name']}").json()) > 5
+    assert browser.get("/api/drives/nothing").status_code == 404
+
+
+def test_a_goal_off_the_road_is_refused_with_the_reason(page: Page) -> None:
+    answer = page.ask("mission", destination=(1.7, 1.2))
+    assert not answer["accepted"]
+    assert "the nearest lane is at" in answer["reason"]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"kind": "mission"},
+        {"kind": "arm", "destination": [1.0, 1.0]},
+        {"kind": "mission", "destination": [1e9, 0.0]},
+    ],
+)
+def test_what_cannot_be_asked_is_refused_by_the_monitor(browser: TestClient, body: object) -> None:
+    answer = browser.post("/api/command", json=body, headers=HEADERS).json()
+    assert not answer["accepted"]
+    assert "expected" in answer["reason"]
+
+
+@pytest.mark.parametrize("body", [{"kind": "manual"}, {"kind": "arm", "x": 1}, {}, []])
+def test_a_malformed_request_is_refused(browser: TestClient, body: object) -> None:
+    assert browser.post("/api/command", json=body, headers=HEADERS).status_code == 422
+
+
+def test_another_site_cannot_command_or_watch(browser: TestClient) -> None:
+    foreign = {"origin": "http://evil.example"}
+    answer = browser.post("/api/command", json={"kind": "arm"}, headers=foreign)
+    assert answer.status_code == 403
+    with pytest.raises(WebSocketDisconnect), browser.websocket_connect(LIVE, headers=foreign):
+        pass
+
+
+def test_stop_stands_the_robot_and_needs_a_person_to_go_on(page: Page, thread: RobotThread) -> None:
+    page.ask("mission", destination=ahead(thread, -0.1))
+    page.until(state="AUTO")
+    asked_s = time.monotonic()
+    assert page.ask("stop")["accepted"]
+    assert time.monotonic() - asked_s < 0.5
+    stood = thread.robot.pose
+    time.sleep(0.3)
+    assert thread.robot.pose == stood
+    page.until(state="HOLD")
+    assert not page.ask("mission", destination=ahead(thread, -0.1))["accepted"]
+
+
+def drive_by_hand(page: Page, thread: RobotThread) -> None:
+    began = thread.robot.pose
+
+    def moving() -> bool:
+        page.socket.send_text(json.dumps({"manual": 2}))
+        page.read()
+        return thread.robot.pose != began
+
+    assert until(moving)
+    assert thread.robot.safety.verdict.state is State.MANUAL
+
+
+def standing_within_s(thread: RobotThread) -> float:
+    """How long it takes until the robot has stood for 0.2 s [s]."""
+    began_s = moved_s = time.monotonic()
+    pose = thread.robot.pose
+    while time.monotonic() - moved_s < 0.2:
+        if thread.robot.pose != pose:
+            pose, moved_s = thread.robot.pose, time.monotonic()
+        time.sleep(0.01)
+    return moved_s - began_s
+
+
+def test_a_hand_that_lets_go_without_a_word_stops_the_robot(
+    page: Page, thread: RobotThread
+) -> None:
+    drive_by_hand(page, thread)
+    assert standing_within_s(thread) < MANUAL_EXPIRY_S + 0.3
+    page.until(state="HOLD")
+
+
+def test_a_page_that_is_closed_stops_the_hand_at_once(page: Page, thread: RobotThread) -> None:
+    drive_by_hand(page, thread)
+    page.socket.close()
+    assert standing_within_s(thread) < MANUAL_EXPIRY_S
+    assert until(lambda: thread.robot.safety.verdict.state is State.HOLD)
+
+
+def test_a_mission_stops_when_nobody_watches(page: Page, thread: RobotThread) -> None:
+    page.ask("mission", destination=ahead(thread, -0.1))
+    page.until(state="AUTO")
+    limit_s = PAGE_ALIVE_S + thread.robot.safety.limits.link_age_s
+    closed_s = time.monotonic()  # no more state is read, so none is answered with "seen"
+    assert until(lambda: thread.robot.safety.verdict.state is State.HOLD)
+    assert time.monotonic() - closed_s < limit_s + 0.7
+    assert "operator" in thread.robot.safety.verdict.sentence
+
+
+@pytest.mark.parametrize("text", ["hello", "{}", "[]", '{"manual": 9}', '{"manual": true}', "1"])
+def test_garbage_from_a_page_moves_nothing(page: Page, thread: RobotThread, text: str) -> None:
+    page.socket.send_text(text)
+    page.until(state="READY")
+    assert thread.robot.safety.verdict.state is State.READY
+
+
+def test_a_robot_that_dies_is_silent_on_the_page(config: LinkConfig, browser: TestClient) -> None:
+    with browser.websocket_connect(LIVE, headers=HEADERS) as socket:
+        page = Page(browser, socket)
+        page.read()
+        assert page.state["silent"]
+        with RobotThread(config):
+            page.until(state="DISARMED")
+            assert not page.state["silent"]
+
+        def silent() -> bool:
+            page.read()
+            return bool(page.state["silent"])
+
+        assert until(silent)
+        answer = page.ask("arm")
+        assert answer == {"accepted": False, "reason": "the robot does not answer"}
+        assert "STOP is repeated" in page.ask("stop")["reason"]
+
+
+def test_the_map_and_the_page_are_served(browser: TestClient) -> None:
+    assert browser.get("/api/map").json()["name"] == "loop"
+    page = browser.get("/").text
+    for name in ("app.js", "style.css", "icon.svg"):
+        assert f"/static/{name}" in page
+        assert browser.get(f"/static/{name}").status_code == 200
