@@ -11,7 +11,7 @@ import { Replay } from "./replay.js";
 const LOST_MS = 1000;
 const RECONNECT_MS = 500;
 const OVERHEAD_SHOWN_S = 1;
-const STANDING = ["DISARMED", "HOLD"];
+const NEWS_MS = 250; // a change of state reaches the page within this
 
 let socket = null;
 let state = null;
@@ -58,9 +58,13 @@ function age(name) {
   return state.heard.find((input) => input.name === name)?.age_s ?? null;
 }
 
+function standing() {
+  return ["DISARMED", "HOLD"].includes(state?.robot?.state);
+}
+
 function showLive() {
   showRobot(state.robot, !state.silent, false, age("picture"));
-  $("go").textContent = STANDING.includes(state.robot?.state) ? "Arm and drive" : "Drive there";
+  $("go").textContent = standing() ? "Arm and drive" : "Drive there";
 }
 
 function showRobot(robot, fresh, recorded, pictureAge = null) {
@@ -119,9 +123,14 @@ function stop() {
 
 async function go() {
   const { start, destination } = map.chosen;
-  if (STANDING.includes(state?.robot?.state) && !await command("arm")) return;
+  if (standing() && !await command("arm")) {
+    await new Promise((done) => setTimeout(done, NEWS_MS)); // it may have been armed just now
+    if (standing()) return;
+  }
   map.clearTrail();
-  if (await command("mission", { start, destination })) forget();
+  if (!await command("mission", { start, destination })) return;
+  $("toast").hidden = true;
+  forget();
 }
 
 function tab(name) {
