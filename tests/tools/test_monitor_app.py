@@ -1,6 +1,7 @@
 """The monitor with a demonstration robot on real links: commands, refusals, and letting go."""
 
 import json
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -241,3 +242,15 @@ def test_the_map_and_the_page_are_served(browser: TestClient) -> None:
     for name in ("app.js", "style.css", "icon.svg"):
         assert f"/static/{name}" in page
         assert browser.get(f"/static/{name}").status_code == 200
+
+
+def test_a_monitor_that_breaks_ends_the_program(
+    config: LinkConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page of a broken monitor would go on to show the past."""
+    ended: list[int] = []
+    monkeypatch.setattr(signal, "raise_signal", ended.append)
+    monitor = Monitor(config, tmp_path)
+    with TestClient(create_app(monitor, load_map("loop"), "secret"), base_url=ORIGIN):
+        monkeypatch.setattr(monitor, "turn", lambda: 1 / 0)
+        assert until(lambda: ended == [signal.SIGTERM])

@@ -15,7 +15,7 @@ import pytest
 from robot.road_map import load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
-from tools.monitor.demo_robot import start_pose
+from tools.monitor.demo_drive import start_pose
 
 CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -160,12 +160,14 @@ def test_a_page_whose_monitor_hangs_says_so(browser: Browser, programs: Programs
 
 def test_the_page_fits_its_window(browser: Browser, programs: Programs) -> None:
     opened(browser, programs)
-    for width, height in ((1400, 900), (900, 700), (390, 844)):
+    for width, height in ((1400, 900), (1400, 500), (900, 700), (390, 844)):
         browser.size(width, height, mobile=width < 600)
         browser.until(f"innerWidth === {width}")
         assert browser.evaluate("document.documentElement.scrollWidth") <= width
-        top, bottom = browser.evaluate(
-            "(() => { const b = document.querySelector('#stop').getBoundingClientRect();"
-            "return [b.top, b.bottom]; })()"
-        )
-        assert 0 <= top < bottom <= height, "the stop button is always in sight"
+        for scroll in (0, 10_000):
+            browser.evaluate(f"scrollTo(0, {scroll})")
+            top, bottom = browser.evaluate(
+                "(() => { const b = document.querySelector('#stop').getBoundingClientRect();"
+                "return [b.top, b.bottom]; })()"
+            )
+            assert 0 <= top < bottom <= height, "the stop button is always in sight"

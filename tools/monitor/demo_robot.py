@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.contract import ACTION_TWISTS, CONTROL_DT_S, Action
+from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.link.commands import Command
@@ -26,25 +26,20 @@ from robot.link.streams import Publisher
 from robot.link.telemetry import (
     Attention,
     InputAge,
-    MissionStatus,
     Reading,
     Telemetry,
-    thin_path,
 )
-from robot.path import Path
 from robot.planner import LaneGraph, plan_path
 from robot.road_map import RoadMap, load_map
 from robot.safety import Command as Request
 from robot.safety import Inputs, Safety, SafetyLimits, State
+from tools.monitor.demo_drive import Drive, start_pose
 
 NAME = "duck"
 TURN_S = 0.05
-LOOK_AHEAD_M = 0.16
-ARRIVED_M = 0.03
 POSE_NOISE_M = 0.004
 # A process on a busy desktop stalls now and then; a robot's own loop may not.
 LIMITS = SafetyLimits(loop_age_s=2.0, frame_age_s=2.0)
-CURVATURES = tuple(twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS)
 
 
 class Camera(Protocol):
@@ -182,65 +177,6 @@ class DemoRobot:
         self._poses.send(PoseMessage(NAME, float(x_m), float(y_m), heading_rad, 0.98, now_s))
 
 
-class Drive:
-    """One mission of the demo robot, and a driver that looks at a point ahead on its path."""
-
-    def __init__(
-        self,
-        mission_id: str = "",
-        path: Path | None = None,
-        destination: tuple[float, float] = (0.0, 0.0),
-    ) -> None:
-        self.action: int | None = None
-        self.values: tuple[float, ...] = ()
-        self.target_m: np.ndarray | None = None
-        self.status: MissionStatus | None = None
-        self.points = thin_path(path.points_m) if path else ()
-        self._path = path
-        self._hint: int | None = None
-        if path is not None:
-            self.status = MissionStatus(mission_id, destination, remaining_m=path.length_m)
-
-    def follow(self, pose: Pose) -> bool:
-        """Choose an action; True when the end of the path is reached."""
-        path = self._path
-        assert path is not None
-        assert self.status is not None
-        place = path.project(pose.x_m, pose.y_m, self._hint)
-        self._hint = place.index
-        left_m = max(0.0, path.length_m - place.arc_m)
-        self.status = MissionStatus(
-            self.status.id,
-            self.status.destination,
-            progress=min(1.0, place.arc_m / path.length_m),
-            remaining_m=left_m,
-            offset_m=place.offset_m,
-        )
-        self.target_m = path.point_at(np.array(place.arc_m + LOOK_AHEAD_M))
-        # Pure pursuit: the arc through the robot and the point (Coulter 1992).
-        forward_m, side_m = pose.to_robot(self.target_m)
-        wanted = 2.0 * side_m / max(forward_m**2 + side_m**2, 1e-6)
-        self.values = tuple(-abs(curvature - wanted) for curvature in CURVATURES)
-        self.action = Action(int(np.argmax(self.values)))
-        return left_m < ARRIVED_M
-
-    def ended(self, phase: str, reason: str) -> None:
-        """The mission is over."""
-        self.action, self.values, self.target_m = None, (), None
-        if self.status is not None and self.status.phase == "driving":
-            self.points = ()
-            progress = 1.0 if phase == "arrived" else self.status.progress
-            self.status = MissionStatus(
-                self.status.id,
-                self.status.destination,
-                phase,
-                progress,
-                self.status.remaining_m,
-                self.status.offset_m,
-                reason,
-            )
-
-
 def _health() -> tuple[Reading, ...]:
     """Of the machine that runs the demonstration."""
     disk = shutil.disk_usage("/")
@@ -249,25 +185,6 @@ def _health() -> tuple[Reading, ...]:
         Reading("load", os.getloadavg()[0]),
         Reading("disk free", round(free), "%", "ok" if free > 5.0 else "warn"),
     )
-
-
-def start_pose(road_map: RoadMap) -> Pose:
-    """The map's own start, or a third into its first straight lane."""
-    if road_map.start_pose is not None:
-        return road_map.start_pose
-    straight = [lane for lane in road_map.lanes if _is_straight(lane.control_points_m)]
-    if not straight:
-        raise ContractError(f"{road_map.name}: expected a map with a straight road, got none")
-    first, _, _, last = straight[0].control_points_m
-    x_m, y_m = first + (last - first) / 3.0
-    return Pose(float(x_m), float(y_m), math.atan2(last[1] - first[1], last[0] - first[0]))
-
-
-def _is_straight(points_m: np.ndarray) -> bool:
-    chord = points_m[3] - points_m[0]
-    inner = points_m[1:3] - points_m[0]
-    offsets = chord[0] * inner[:, 1] - chord[1] * inner[:, 0]
-    return bool(np.abs(offsets).max() < 1e-9)
 
 
 def main(argv: list[str] | None = None) -> int:
