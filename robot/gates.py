@@ -31,6 +31,7 @@ class Reason(Enum):
     POSE_STALE = "pose_stale"
     OFF_MAP = "off_map"
     OFF_PATH = "off_path"
+    NO_MISSION = "no_mission"
     LINK_LOST = "link_lost"
     MANUAL_STALE = "manual_stale"
     # A part that raised an error.
@@ -40,6 +41,7 @@ class Reason(Enum):
     NAVIGATOR = "navigator"
     OPERATOR = "operator"
     SUBSCRIBER = "subscriber"
+    RUNTIME = "runtime"
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,11 @@ class Inputs:
 
     frame_age_s: float
     frame_repeats: int = 0  # new frames in a row, each with the bytes of the one before
-    values_finite: bool = True
+    values_finite: bool = True  # the policy gave a number for every action
     pose_age_s: Optional[float] = None
     link_age_s: Optional[float] = None
     manual_age_s: Optional[float] = None
+    no_mission: bool = False
     off_path: bool = False
     off_map: bool = False
     pose_jump: bool = False
@@ -115,7 +118,7 @@ def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[T
             f"the camera sent the same picture {inputs.frame_repeats + 1} times while driving",
         )
     if not inputs.values_finite:
-        yield Trip(Reason.NON_FINITE, "the policy's values are not finite numbers")
+        yield Trip(Reason.NON_FINITE, "the policy gave no finite values")
     yield from _pose_trips(inputs, limits)
     if inputs.link_age_s is not None and _old(inputs.link_age_s, limits.link_age_s):
         sentence = _late("the operator's last sign of life", inputs.link_age_s, limits.link_age_s)
@@ -136,6 +139,8 @@ def _pose_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
     if inputs.pose_age_s is not None and _old(inputs.pose_age_s, limits.pose_age_s):
         sentence = _late("the newest overhead pose", inputs.pose_age_s, limits.pose_age_s)
         yield Trip(Reason.POSE_STALE, sentence)
+    if inputs.no_mission:
+        yield Trip(Reason.NO_MISSION, "no destination is set")
     if inputs.off_map:
         yield Trip(Reason.OFF_MAP, "the robot is off the map")
     if inputs.off_path:

@@ -66,6 +66,7 @@ _ROUTE = frozenset(
         Reason.POSE_STALE,
         Reason.OFF_MAP,
         Reason.OFF_PATH,
+        Reason.NO_MISSION,
     )
 )
 # The gates of each armed state. A person who drives by hand may bring a lost robot back to its
@@ -80,6 +81,7 @@ HOLDS: FrozenSet[Reason] = frozenset(
         Reason.POSE_STALE,
         Reason.OFF_MAP,
         Reason.OFF_PATH,
+        Reason.NO_MISSION,
         Reason.LINK_LOST,
         Reason.MANUAL_STALE,
         Reason.ARRIVED,

@@ -35,6 +35,7 @@ BAD: Dict[Reason, Tuple[Inputs, ...]] = {
     Reason.DUPLICATE_PUBLISHER: (replace(GOOD, duplicate_publisher=True),),
     Reason.POSE_JUMP: (replace(GOOD, pose_jump=True),),
     Reason.POSE_STALE: tuple(replace(GOOD, pose_age_s=age) for age in (1.01, -0.1, NAN, INF)),
+    Reason.NO_MISSION: (replace(GOOD, no_mission=True),),
     Reason.OFF_MAP: (replace(GOOD, off_map=True),),
     Reason.OFF_PATH: (replace(GOOD, off_path=True),),
     Reason.LINK_LOST: tuple(replace(GOOD, link_age_s=age) for age in (1.01, -0.1, NAN, INF)),

@@ -1,0 +1,97 @@
+"""What the runtime is put together from, as protocols, and what it tells about each turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, NamedTuple, Optional, Protocol, Tuple
+
+import numpy as np
+
+from robot.camera.source import Frame
+from robot.contract import Action, PolicyContract
+from robot.gates import Inputs
+from robot.geometry import Pose, WheelSpeeds
+from robot.safety import Answer, Command, Verdict
+
+Ask = Callable[[Command, Optional[WheelSpeeds]], Answer]
+
+
+class Motors(Protocol):
+    """Both wheels; `robot.hat.thread.MotorThread` on the robot. HardwareError from every method."""
+
+    def set_wheels(self, wheels: WheelSpeeds) -> None:
+        """Aim for these rim speeds [m/s]."""
+
+    def stop(self) -> None:
+        """No further step; the coils hold."""
+
+    def release(self) -> None:
+        """Stop, coils off."""
+
+
+class Policy(Protocol):
+    """What decides; `robot.policy.OnnxPolicy` on the robot."""
+
+    @property
+    def contract(self) -> PolicyContract:
+        """What it sees and does."""
+
+    def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        """(N, actions) for images (N, H, W, 3) and, when it navigates, paths (N, path_points)."""
+
+
+class Guidance(NamedTuple):
+    """Where the robot is on its way. ``path`` (path_points,) is None without a mission."""
+
+    path: Optional[np.ndarray] = None
+    pose: Optional[Pose] = None
+    pose_age_s: float = float("inf")  # of the newest overhead pose
+    arrived: bool = False
+    off_path: bool = False
+    off_map: bool = False
+    pose_jump: bool = False
+    duplicate_publisher: bool = False
+
+
+class Navigator(Protocol):
+    """Follows the mission; without one the robot keeps its lane."""
+
+    def look(self, now_s: float) -> Guidance:
+        """The guidance of this moment."""
+
+
+class Operator(Protocol):
+    """The person's side: hands over what they ask for, and knows how long they were silent."""
+
+    def serve(self, ask: Ask) -> None:
+        """Give each new request to ``ask``, which answers at once; never wait for one."""
+
+    def age_s(self) -> Optional[float]:
+        """Time since the last sign of life [s]; None for somebody who stands beside the robot."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One turn of the loop, as the subscribers hear of it."""
+
+    number: int
+    time_s: float  # when it began
+    frame: Optional[Frame]
+    values: Optional[np.ndarray]  # (actions,) of the policy
+    action: Optional[Action]  # the policy's choice, driven or not
+    wheels: WheelSpeeds  # as sent to the motors [m/s]
+    verdict: Verdict
+    inputs: Inputs
+    guidance: Optional[Guidance]
+    duration_s: float  # from its beginning to the wheels
+    lag_s: float  # how late it began
+
+
+class Subscriber(Protocol):
+    """Recording, telemetry, plots. What it raises stops the robot."""
+
+    def on_tick(self, tick: Tick) -> None:
+        """Called at the end of every turn; must return soon."""
+
+
+Subscribers = Tuple[Subscriber, ...]
