@@ -7,6 +7,7 @@ that a configuration file of ours holds.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 from pathlib import Path
 from typing import Any, Dict, Tuple, Type, TypeVar, Union
@@ -35,7 +36,7 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
     if not isinstance(data, dict):
         raise ConfigError(f"{label}: expected a mapping of settings, got {data!r}")
     fields = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    hints = typing.get_type_hints(kind)
+    hints = _type_hints(kind)  # type: ignore[arg-type]
     values: Dict[str, Any] = {}
     for key, item in data.items():
         if key not in fields:
@@ -75,6 +76,12 @@ def read_yaml(path: Union[str, Path]) -> Any:
         return yaml.safe_load(text) or {}
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}: expected YAML, got: {error}") from error
+
+
+@functools.lru_cache(maxsize=None)
+def _type_hints(kind: type) -> Dict[str, Any]:
+    """Resolving the annotations takes longer than all the rest, and messages come often."""
+    return typing.get_type_hints(kind)
 
 
 def _convert(kind: Any, value: Any, label: str) -> Any:

@@ -203,4 +203,4 @@ def _require_xy(what: str, point: Tuple[float, ...]) -> None:
     if len(point) != 2:
         raise ContractError(f"{what}: expected x and y, got {len(point)} numbers")
     for value in point:
-        require_number(f"{what} [m]", value, -FAR_M, FAR_M)
+        require_number(what, value, -FAR_M, FAR_M)

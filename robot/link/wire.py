@@ -104,12 +104,14 @@ def require_length(what: str, values: Sequence[Any], limit: int) -> None:
 
 def plain(value: Any) -> Any:
     """A message as dicts, lists and scalars for JSON; numbers keep six decimals."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if type(value) is float:  # first, because a message is mostly these
+        return round(value, DECIMALS)
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if value is None or isinstance(value, (bool, str)):
+    if value is None or isinstance(value, (bool, str, int)):
         return value
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, numbers.Integral):
         return int(value)
     return round(float(value), DECIMALS)

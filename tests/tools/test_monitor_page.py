@@ -79,18 +79,17 @@ def opened(browser: Browser, programs: Programs) -> None:
 
 
 def click_map(browser: Browser, x_m: float, y_m: float) -> None:
-    """Click the place on the map's canvas, which shows the loop map centred with margins."""
+    """Click the place on the map's canvas, which shows the loop map centred, with margins."""
     road_map = load_map("loop")
     x, y, width, height = browser.evaluate(
         "(() => { const b = document.querySelector('#map').getBoundingClientRect();"
         "return [b.x, b.y, b.width, b.height]; })()"
     )
-    margin_px = 18
-    scale = min(
-        (width - 2 * margin_px) / road_map.width_m, (height - 2 * margin_px) / road_map.height_m
-    )
+    margin_px, below_px = 18, 70
+    free_px = height - margin_px - below_px
+    scale = min((width - 2 * margin_px) / road_map.width_m, free_px / road_map.height_m)
     left = x + (width - road_map.width_m * scale) / 2
-    bottom = y + (height + road_map.height_m * scale) / 2
+    bottom = y + margin_px + (free_px + road_map.height_m * scale) / 2
     browser.click(left + x_m * scale, bottom - y_m * scale)
 
 

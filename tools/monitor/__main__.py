@@ -53,7 +53,7 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
 
     road_map = load_map(arguments.map)
     if arguments.demo:
-        config = LinkConfig(plaintext=True)
+        config = LinkConfig(plaintext=True, base_port=arguments.port + 1)
         stack.enter_context(_demo_robot(arguments.map, config.base_port))
     else:
         config = load_yaml(LinkConfig, arguments.link)

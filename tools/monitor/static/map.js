@@ -2,6 +2,7 @@
 // World frame: x east, y north, metres; the canvas has y down.
 
 const MARGIN_PX = 18;
+const BELOW_PX = 70; // room for the bar with the choice
 const LANE_WIDTH = 0.42; // of a tile
 const EDGE_M = 0.024;
 const DASH_M = [0.06, 0.04];
@@ -70,11 +71,11 @@ export class MapView {
     this.canvas.width = Math.round(this.canvas.clientWidth * ratio);
     this.canvas.height = Math.round(this.canvas.clientHeight * ratio);
     const { width_m, height_m } = this.drawing;
-    const [w, h] = [this.canvas.width - 2 * MARGIN_PX * ratio,
-      this.canvas.height - 2 * MARGIN_PX * ratio];
+    const w = this.canvas.width - 2 * MARGIN_PX * ratio;
+    const h = this.canvas.height - (MARGIN_PX + BELOW_PX) * ratio;
     this.scale = Math.min(w / width_m, h / height_m);
     this.left = (this.canvas.width - width_m * this.scale) / 2;
-    this.bottom = (this.canvas.height + height_m * this.scale) / 2;
+    this.bottom = MARGIN_PX * ratio + (h + height_m * this.scale) / 2;
     this.ratio = ratio;
     const style = getComputedStyle(this.canvas);
     this.colour = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -272,7 +273,8 @@ export class MapView {
   // Where the overhead camera sees the robot.
   #ring(pen, { x_m, y_m }) {
     pen.beginPath();
-    pen.arc(this.#x(x_m), this.#y(y_m), 19 * this.ratio, 0, 2 * Math.PI);
+    const radius = Math.max(19 * this.ratio, 0.8 * ROBOT_M.length * this.scale);
+    pen.arc(this.#x(x_m), this.#y(y_m), radius, 0, 2 * Math.PI);
     pen.fillStyle = "rgb(255 255 255 / 0.16)";
     pen.strokeStyle = "rgb(255 255 255 / 0.75)";
     pen.lineWidth = 1.25 * this.ratio;

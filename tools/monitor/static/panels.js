@@ -112,7 +112,7 @@ function ageText(age, limit) {
     : `${age.toFixed(1)} / ${limit.toFixed(1)} s`;
 }
 
-// Green below half of the limit, amber below the limit, red beyond it.
+// Green while well within the limit, amber when near it, red beyond it.
 export function showAges(list, ages, added = 0) {
   const now = performance.now();
   const write = now - (Number(list.dataset.written) || -TEXT_EVERY_MS) >= TEXT_EVERY_MS;
@@ -122,7 +122,7 @@ export function showAges(list, ages, added = 0) {
     const row = list.children[i] ?? list.appendChild(element("div", { className: "age" },
       element("b"), element("span"), element("span")));
     const age = age_s === null ? null : age_s + added;
-    const level = age === null || age > limit_s ? "bad" : age > limit_s / 2 ? "warn" : "ok";
+    const level = age === null || age > limit_s ? "bad" : age > 0.75 * limit_s ? "warn" : "ok";
     row.dataset.level = level;
     setText(row.children[1], name);
     if (write || !row.children[2].textContent) setText(row.children[2], ageText(age, limit_s));
