@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
+from pathlib import Path
 from typing import Callable, Dict
 
 import pytest
@@ -13,6 +15,7 @@ from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.commands import MAX_ECHO_AGE_S, Ack, Command, Mission
 from robot.link.config import LinkConfig
+from robot.link.keys import keygen, load_keys
 from robot.link.sockets import Link
 from tests.robot.link.conftest import free_base_port, until
 
@@ -136,6 +139,27 @@ def test_garbage_is_counted_and_does_not_stop_the_server(
 
     assert until(refused)
     assert server.last_refusal
+    assert operator.answer(operator.client.send("arm")).accepted
+
+
+def test_a_stranger_cannot_even_stop_the_robot(
+    operator: Operator, configs: Configs, tmp_path: Path
+) -> None:
+    own = load_keys(configs["monitor"].keys)
+    unlisted = load_keys(keygen(tmp_path, ("monitor", "robot"))["monitor"])
+    endpoint = configs["monitor"].connect_endpoint("command")
+    links = [Link(replace(unlisted, peers=own.peers)), Link(None, plaintext=True)]
+    strangers = [CommandClient(link, endpoint) for link in links]
+    for stranger in strangers:
+        stranger.send("stop")
+    deadline_s = time.monotonic() + 0.8
+    while time.monotonic() < deadline_s:
+        operator.turn()
+        assert [ack for stranger in strangers for ack in stranger.poll()] == []
+        time.sleep(0.01)
+    for link in links:
+        link.close()
+    assert asked(operator) == []
     assert operator.answer(operator.client.send("arm")).accepted
 
 
