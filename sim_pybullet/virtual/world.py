@@ -1,0 +1,85 @@
+"""The world under one virtual robot: wheels that turn move it, its camera sees where it went."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot.contract import ImageSpec
+from robot.geometry import Pose
+from robot.hat.driver import MotorDriver
+from robot.road_map import RoadMap
+from sim_pybullet.look import Look
+from sim_pybullet.objects import build_scene
+from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.scene import Scene
+from sim_pybullet.sensor import apply_sensor
+from sim_pybullet.town import Town
+from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.lockstep import run_until
+from sim_pybullet.virtual.robot_body import RolledTwist
+
+PHYSICS_DT_S = 1.0 / 60.0
+
+
+class VirtualWorld:
+    """A town with one robot whose wheels are the rotors of a ``VirtualHat``; lock-step time.
+
+    Attributes:
+        scene: what there is to see.
+        travelled_m: length of the way driven so far.
+    """
+
+    def __init__(
+        self,
+        road_map: RoadMap,
+        look: Look,
+        hat: VirtualHat,
+        clock: VirtualClock,
+        rng: np.random.Generator,
+    ) -> None:
+        self.scene: Scene = build_scene(road_map, look, rng)
+        self.travelled_m = 0.0
+        self._look, self._clock, self._rng = look, clock, rng
+        self._town = Town([self.scene.solids], 1, drive="wheels", dt_s=PHYSICS_DT_S)
+        self._camera = RayCamera(ImageSpec(), 1)
+        self._camera.set_robot(0, self.scene, look.rig())
+        self._rolled = RolledTwist(hat, clock)
+        self._stepped_s = clock.now()
+
+    @property
+    def pose(self) -> Pose:
+        """Where the robot truly is."""
+        return Pose(*self._town.poses[0])
+
+    @property
+    def collided(self) -> bool:
+        """Whether it touched anything in the last step of physics."""
+        return bool(self._town.collided[0])
+
+    def place(self, pose: Pose) -> None:
+        """Put the robot down."""
+        self._town.place(0, pose)
+        self._rolled.since_last()
+
+    def advance(self, driver: MotorDriver, time_s: float) -> None:
+        """Run motors and physics side by side until the clock reads ``time_s`` [s]."""
+        while self._stepped_s + PHYSICS_DT_S <= time_s + 1e-9:
+            self._stepped_s += PHYSICS_DT_S
+            run_until(driver, self._clock, self._stepped_s)
+            self._step()
+        run_until(driver, self._clock, time_s)
+
+    def see(self) -> np.ndarray:
+        """A camera frame (120, 160, 3) uint8 RGB of this moment."""
+        frames = self._camera.render(self._town.poses)
+        return apply_sensor(frames, [self._look.sensor], self._rng)[0]
+
+    def close(self) -> None:
+        """Free the physics client."""
+        self._town.close()
+
+    def _step(self) -> None:
+        before = self._town.poses[0, :2]
+        self._town.step(np.array([self._rolled.since_last()]))
+        self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))

@@ -1,0 +1,119 @@
+"""The robot's runtime on virtual camera, HAT and wheels; an expert stands in for the policy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot.parts import Tick
+
+from robot.contract import Action, ImageSpec, PolicyContract
+from robot.geometry import Pose
+from robot.road_map import load_map
+from robot.safety import State
+from sim_pybullet.expert import expert_actions
+from sim_pybullet.look import NOMINAL
+from tools import loop
+from tools.lap_drive import LapDrive, LapRecord
+
+
+class ExpertPolicy:
+    """Knows the true pose; answers in the form of a network."""
+
+    contract = PolicyContract("lane", "expert", ImageSpec(80, 60, 20))
+
+    def __init__(self) -> None:
+        self.drive: LapDrive | None = None
+
+    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
+        assert self.drive is not None
+        assert images.shape == (1, 40, 80, 3)
+        pose = self.drive.world.pose
+        arc_m = self.drive.lane.project(*pose[:2]).arc_m
+        action = expert_actions(self.drive.lane.batch, np.array([pose]), np.array([arc_m]))[0]
+        return np.eye(5, dtype=np.float32)[[action]]
+
+
+class StubbornPolicy(ExpertPolicy):
+    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
+        return np.eye(5, dtype=np.float32)[[Action.LEFT]]
+
+
+class BrokenPolicy(ExpertPolicy):
+    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
+        assert self.drive is not None
+        values = super().values(images, path)
+        return values * np.nan if self.drive.clock.now() > 3.0 else values
+
+
+def ignore(tick: Tick, pose: Pose, record: LapRecord) -> None:
+    """Nobody watches."""
+
+
+def lap_drive(policy: ExpertPolicy) -> LapDrive:
+    policy.drive = LapDrive(load_map("loop"), NOMINAL, policy, seed=1)
+    return policy.drive
+
+
+def test_an_expert_drives_a_third_of_a_lap_and_loses_no_step() -> None:
+    drive = lap_drive(ExpertPolicy())
+    record = drive.drive(0.33, ignore)
+    drive.close()
+    assert record.laps >= 0.33
+    assert record.lost_steps == (0, 0)
+    assert np.max(np.abs(record.offsets_m)) < 0.06
+    assert drive.runtime.safety.verdict.state is State.DISARMED
+    assert not drive.driver.energised
+
+
+def test_the_odometry_of_the_steps_stays_near_the_truth() -> None:
+    drive = lap_drive(ExpertPolicy())
+    record = drive.drive(0.2, ignore)
+    drive.close()
+    position_m, heading_rad = record.odometry_errors[-1]
+    assert position_m < 0.06
+    assert abs(heading_rad) < 0.1
+
+
+def test_leaving_the_lane_ends_the_drive() -> None:
+    drive = lap_drive(StubbornPolicy())
+    record = drive.drive(1.0, ignore)
+    drive.close()
+    assert record.left_lane
+    assert record.laps < 0.2
+
+
+def test_a_network_that_answers_nan_stops_the_robot_and_nothing_restarts_it() -> None:
+    drive = lap_drive(BrokenPolicy())
+    record = drive.drive(1.0, ignore)
+    assert record.state == State.FAULT.value
+    assert drive.runtime.safety.verdict.state is State.FAULT
+    stopped, places = drive.world.pose, []
+    drive.driver.open()
+    for _ in range(15):
+        drive.runtime.step()
+        drive.world.advance(drive.driver, drive.clock.now() + 0.1)
+        places.append(drive.world.pose)
+    drive.driver.close()
+    drive.close()
+    assert np.hypot(*np.subtract(places[-1], stopped)[:2]) < 0.1, "without current it rolls out"
+    assert np.hypot(*np.subtract(places[-1], places[-5])[:2]) < 0.001, "and stands"
+
+
+def test_wrong_input_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert loop.main(["--model", str(tmp_path / "none.onnx")]) == 2
+    assert "none.onnx" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as refusal:
+        loop.main(["--model", "a.onnx", "--laps", "-1"])
+    assert refusal.value.code == 2
+
+
+def test_the_summary_has_the_promised_keys() -> None:
+    record = LapRecord(laps=2.0, offsets_m=[0.01], odometry_errors=[(0.02, 0.01)])
+    figures = loop.summary(record, loop.parse(["--model", "a.onnx"]))
+    promised = {"schema", "inputs", "missions", "arrived", "stops", "position_rms_m"}
+    assert promised | {"heading_rms_rad"} <= figures.keys()
+    assert figures["arrived"] == 1
+    json.dumps(figures)

@@ -1,0 +1,159 @@
+"""``python -m tools.loop``: the robot's runtime drives through virtual hardware, in lock-step.
+
+Town, motors and camera are virtual; everything between the camera's frame and the bus's bytes is
+the robot's own code. Time is simulated, so the drive is the same on every machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from robot.parts import Tick
+from tqdm import tqdm
+
+from robot.contract import CONTROL_DT_S, Action
+from robot.errors import DuckpilotError
+from robot.geometry import Pose
+from robot.policy import OnnxPolicy
+from robot.road_map import load_map
+from sim_pybullet.randomise import load_look_sampler
+from tools.lap_drive import LapDrive, LapRecord
+from tools.video import MapView, side_by_side, write_mp4
+
+VIDEO_HEIGHT_PX = 360
+
+
+class Film:
+    """Keeps the frames of a drive, as small JPEGs, until they are written as a video."""
+
+    def __init__(self, drive: LapDrive) -> None:
+        ground = drive.world.scene.ground
+        self._view = MapView(
+            ground.rgb, ground.west_m, ground.north_m, ground.texel_m, VIDEO_HEIGHT_PX
+        )
+        self._frames: list[np.ndarray] = []
+
+    def watch(self, tick: Tick, pose: Pose, record: LapRecord) -> None:
+        """Add one turn of the loop."""
+        if tick.frame is None:
+            return
+        action = "-" if tick.action is None else Action(tick.action).name.replace("_", " ").lower()
+        caption = f"lap {record.laps:4.2f}   {action:12s} {tick.verdict.state.value}"
+        above = self._view.draw(pose)
+        both = side_by_side(tick.frame.image, above, caption)
+        self._frames.append(cv2.imencode(".jpg", both[..., ::-1])[1])
+
+    def write(self, path: Path) -> None:
+        """As H.264."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        frames = (cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1] for data in self._frames)
+        write_mp4(path, frames, 1.0 / CONTROL_DT_S)
+
+
+def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
+    """The JSON of a drive."""
+    errors = np.array(record.odometry_errors)
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    arrived = record.laps >= options.laps
+    return {
+        "schema": 1,
+        "inputs": {
+            "map": options.map,
+            "model": str(options.model),
+            "look": options.look,
+            "laps": options.laps,
+            "seed": options.seed,
+        },
+        "missions": 1,
+        "arrived": int(arrived),
+        "laps": record.laps,
+        "seconds": record.seconds,
+        "mean_path_distance_m": float(np.mean(np.abs(record.offsets_m))),
+        "max_path_distance_m": float(np.max(np.abs(record.offsets_m))),
+        "position_rms_m": float(rms[0]),  # of the step odometry, which nothing corrects here
+        "heading_rms_rad": float(rms[1]),
+        "lost_steps": list(record.lost_steps),
+        "state": record.state,
+        "reason": record.reason,
+        "stops": [],
+    }
+
+
+@contextmanager
+def progress(laps: float) -> Iterator[tqdm]:
+    """A bar in laps."""
+    form = "{l_bar}{bar}| {n:.2f}/{total:.2f} laps [{elapsed}<{remaining}]"
+    with tqdm(total=laps, desc="drive", bar_format=form, mininterval=0.5) as bar:
+        yield bar
+
+
+def drive(options: argparse.Namespace) -> dict[str, Any]:
+    """Drive as asked; the summary."""
+    look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
+    policy = OnnxPolicy(options.model)
+    lap_drive = LapDrive(load_map(options.map), look, policy, options.seed)
+    film = Film(lap_drive) if options.video else None
+    with progress(options.laps) as bar:
+
+        def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
+            bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
+            if film is not None:
+                film.watch(tick, pose, record)
+
+        record = lap_drive.drive(options.laps, watch)
+    lap_drive.close()
+    if film is not None:
+        film.write(options.video)
+    return summary(record, options)
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
+    parser.add_argument("--map", default="loop", help="map file, or the name of a shipped one")
+    parser.add_argument("--model", type=Path, required=True, help="ONNX policy for lane keeping")
+    parser.add_argument("--laps", type=float, default=2.0)
+    parser.add_argument("--look", default="nominal", help="YAML file, or a shipped look")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--video", type=Path, help="write an MP4: camera and map")
+    parser.add_argument("--json", type=Path, help="write the figures")
+    options = parser.parse_args(arguments)
+    if not 0.0 < options.laps < math.inf:
+        parser.error(f"--laps: expected a positive number, got {options.laps}")
+    return options
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status 0 when the robot drove all its laps, 2 for wrong input, 1 otherwise."""
+    options = parse(arguments)
+    try:
+        figures = drive(options)
+    except DuckpilotError as error:
+        print(f"loop: {error}", file=sys.stderr)
+        return 2
+    text = json.dumps(figures, indent=2) + "\n"
+    if options.json:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        partial = options.json.with_name(f".{options.json.name}.partial")
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, options.json)
+    print(
+        f"{figures['laps']:.2f} of {options.laps:g} laps in {figures['seconds']:.0f} s, "
+        f"{100 * figures['mean_path_distance_m']:.1f} cm from the lane's middle on average, "
+        f"{figures['state']}: {figures['reason']}"
+    )
+    return 0 if figures["arrived"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
