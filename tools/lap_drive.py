@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from robot.parts import Policy, Tick
-from robot.runtime import Runtime
 
 from robot.contract import CONTROL_DT_S
 from robot.geometry import Pose, wrap_angle
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
+from robot.parts import Policy, Tick
 from robot.path import Path as LanePath
 from robot.path import lane_loop
 from robot.road_map import RoadMap
+from robot.runtime import Runtime
 from robot.safety import Command, Safety
 from sim_pybullet.look import Look
 from sim_pybullet.tasks.following import HALF_LANE_TILES

@@ -18,12 +18,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from robot.parts import Tick
 from tqdm import tqdm
 
 from robot.contract import CONTROL_DT_S, Action
 from robot.errors import DuckpilotError
 from robot.geometry import Pose
+from robot.parts import Tick
 from robot.policy import OnnxPolicy
 from robot.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler

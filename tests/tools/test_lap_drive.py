@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot.parts import Tick
 
 from robot.contract import Action, ImageSpec, PolicyContract
 from robot.geometry import Pose
+from robot.parts import Tick
 from robot.road_map import load_map
 from robot.safety import State
 from sim_pybullet.expert import expert_actions
