@@ -19,8 +19,8 @@ Ask = Callable[[Command, Optional[WheelSpeeds]], Answer]
 class Motors(Protocol):
     """Both wheels; `robot.hat.thread.MotorThread` on the robot. HardwareError from every method."""
 
-    def set_wheels(self, wheels: WheelSpeeds) -> None:
-        """Aim for these rim speeds [m/s]."""
+    def set_wheels(self, wheels: WheelSpeeds) -> object:
+        """Aim for these rim speeds [m/s]; what it returns does not matter."""
 
     def stop(self) -> None:
         """No further step; the coils hold."""

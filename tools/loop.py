@@ -56,7 +56,9 @@ class Film:
     def write(self, path: Path) -> None:
         """As H.264."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        frames = (cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1] for data in self._frames)
+        frames = (
+            np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))[..., ::-1] for data in self._frames
+        )
         write_mp4(path, frames, 1.0 / CONTROL_DT_S)
 
 
