@@ -1,0 +1,75 @@
+"""Measure this computer as a robot: decisions, imports and memory, the loop's punctuality."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import List
+
+import numpy as np
+
+from robot.cli.output import write_json
+from robot.contract import CONTROL_DT_S
+from robot.dry_run import dry_runtime
+from robot.errors import ConfigError
+from robot.footprint import measure_footprint
+from robot.hat.clock import MonotonicClock
+from robot.parts import Tick
+from robot.policy_timing import time_policy
+from robot.rate import RateKeeper
+
+HELP = "measure decisions, memory and the loop's punctuality"
+
+
+@dataclass(frozen=True)
+class LoopTiming:
+    """How late turns began, and how long they took from camera to wheels [ms]."""
+
+    turns: int
+    lag_p50_ms: float
+    lag_p99_ms: float
+    lag_max_ms: float
+    turn_p50_ms: float
+    turn_p99_ms: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's options."""
+    parser.add_argument("--model", type=Path, required=True, help="an ONNX policy")
+    parser.add_argument("--json", type=Path, help="file to write")
+    parser.add_argument("--seconds", type=float, default=5.0, help="how long the loop runs")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do it; DuckpilotError for a wrong model."""
+    if not 0.5 <= options.seconds <= 3600.0:
+        raise ConfigError(f"--seconds: expected 0.5 to 3600, got {options.seconds:g}")
+    decision = time_policy(options.model)
+    print(f"decision    p50 {decision.p50_ms:.2f} ms, p99 {decision.p99_ms:.2f} ms (one thread)")
+    footprint = measure_footprint(options.model)
+    print(f"robot       imports {footprint.import_s:.2f} s, resident {footprint.rss_mb:.0f} MB")
+    loop = time_loop(options.model, options.seconds)
+    print(
+        f"loop        late p50 {loop.lag_p50_ms:.2f} ms, p99 {loop.lag_p99_ms:.2f} ms, "
+        f"most {loop.lag_max_ms:.2f} ms; turn p50 {loop.turn_p50_ms:.2f} ms"
+    )
+    if options.json:
+        inputs = {"model": str(options.model), "seconds": options.seconds}
+        inputs.update(
+            machine=platform.machine(), cpus=os.cpu_count(), python=platform.python_version()
+        )
+        result = {"inference": asdict(decision), "robot": asdict(footprint), "loop": asdict(loop)}
+        write_json(options.json, {"schema": 1, "inputs": inputs, **result})
+
+
+def time_loop(model: Path, seconds: float) -> LoopTiming:
+    """Run the loop on made-up pictures, on time, with motors that do nothing."""
+    runtime = dry_runtime(model)
+    rate = RateKeeper(CONTROL_DT_S, MonotonicClock())
+    ticks: List[Tick] = [runtime.step(rate.wait()) for _ in range(round(seconds / CONTROL_DT_S))]
+    lags = np.percentile([1e3 * tick.lag_s for tick in ticks], (50, 99, 100))
+    turns = np.percentile([1e3 * tick.duration_s for tick in ticks], (50, 99))
+    return LoopTiming(len(ticks), *(float(value) for value in (*lags, *turns)))

@@ -1,0 +1,76 @@
+"""Run a policy over pictures: which action it would choose on each.
+
+A picture of any size is cut to its middle 4:3 and resized by area to the 160x120 of a camera frame,
+as a real camera's pictures are. A navigating policy is given a path straight ahead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import List
+
+import numpy as np
+
+from robot.camera.replay import picture_files, read_picture
+from robot.camera.source import fit_to_frame
+from robot.cli.output import write_json, write_png
+from robot.cli.sheet import Labelled, draw_sheet
+from robot.contract import Action
+from robot.policy import OnnxPolicy
+from robot.preprocess import preprocess
+
+HELP = "run a policy over pictures"
+PROGRESS_EVERY = 25
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's options."""
+    parser.add_argument("--model", type=Path, required=True, help="an ONNX policy")
+    parser.add_argument("--images", type=Path, required=True, help="a folder of pictures")
+    parser.add_argument("--json", type=Path, required=True, help="file to write: action and values")
+    parser.add_argument("--sheet", type=Path, help="PNG to write: pictures, arrows and bars")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do it; DuckpilotError for a wrong model, folder or picture."""
+    policy = OnnxPolicy(options.model)
+    labelled = label(policy, picture_files(options.images))
+    inputs = {
+        "model": str(options.model),
+        "images": str(options.images),
+        "task": policy.contract.task,
+        "fit": "middle 4:3, resized by area to 160x120",
+        "path": "straight ahead" if policy.contract.path_points else None,
+    }
+    images = [
+        {
+            "file": each.name,
+            "action": int(each.action),
+            "values": [round(float(value), 6) for value in each.values],
+        }
+        for each in labelled
+    ]
+    write_json(options.json, {"schema": 1, "inputs": inputs, "images": images})
+    if options.sheet:
+        write_png(options.sheet, draw_sheet(labelled))
+    counts = [sum(each.action is action for each in labelled) for action in Action]
+    summary = ", ".join(f"{action.name} {count}" for action, count in zip(Action, counts))
+    print(f"{len(labelled)} pictures: {summary}")
+
+
+def label(policy: OnnxPolicy, files: List[Path]) -> List[Labelled]:
+    """The policy's answer to each picture file, one at a time as on the robot."""
+    path = np.zeros((1, policy.contract.path_points), np.float32)
+    labelled = []
+    for i, file in enumerate(files):
+        frame = fit_to_frame(read_picture(file))
+        picture = preprocess(frame, policy.contract.image)
+        values = policy.values(picture[None], path if path.size else None)[0]
+        labelled.append(Labelled(file.name, frame, Action(int(values.argmax())), values))
+        if sys.stderr.isatty() and (i + 1) % PROGRESS_EVERY == 0:
+            print(f"\r{i + 1} of {len(files)} pictures", end="", file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        print("\r\033[K", end="", file=sys.stderr)
+    return labelled

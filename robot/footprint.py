@@ -1,0 +1,81 @@
+"""How long the runtime takes to import and how much memory it holds, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Optional, Union
+
+ROOT = Path(__file__).resolve().parent.parent
+TURNS = 50  # driven before memory is read
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Seconds to import every module of ``robot``; greatest resident memory while driving [MB]."""
+
+    import_s: float
+    rss_mb: float
+
+
+def measure_footprint(model: Optional[Union[str, Path]] = None) -> Footprint:
+    """Start a fresh Python that imports everything and drives.
+
+    Args:
+        model: the policy to drive with; without one, onnxruntime is loaded and a fixed action
+            driven.
+
+    Raises:
+        ContractError: the model keeps no contract.
+    """
+    if model is not None:
+        from robot.policy_file import read_contract
+
+        read_contract(model)
+    command = [sys.executable, "-m", "robot.footprint", *([] if model is None else [str(model)])]
+    path = os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))
+    done = subprocess.run(
+        command,
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": path.rstrip(os.pathsep)},
+    )
+    return Footprint(**json.loads(done.stdout))
+
+
+def _import_everything() -> float:
+    import importlib
+    import pkgutil
+    import time
+
+    import robot
+
+    began_s = time.perf_counter()
+    for module in pkgutil.walk_packages(robot.__path__, "robot."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    return time.perf_counter() - began_s
+
+
+def _peak_mb() -> float:
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def _measure_here(arguments: list) -> Footprint:
+    import_s = _import_everything()
+    from robot.dry_run import dry_runtime
+
+    runtime = dry_runtime(Path(arguments[0]) if arguments else None)
+    for _ in range(TURNS):
+        runtime.step()
+    return Footprint(import_s, _peak_mb())
+
+
+if __name__ == "__main__":
+    print(json.dumps(asdict(_measure_here(sys.argv[1:]))))

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robot.cli import main
+from robot.errors import ContractError
+from robot.footprint import ROOT, measure_footprint
+from robot.policy_timing import time_policy
+from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
+
+
+def test_the_report_has_its_keys(tmp_path: Path) -> None:
+    model = write_policy(tmp_path / "m.onnx", navigation_contract())
+    out = tmp_path / "bench.json"
+    arguments = ["--model", str(model), "--json", str(out), "--seconds", "0.5"]
+    assert main(["bench", *arguments]) == 0
+    report = json.loads(out.read_text(encoding="utf-8"))
+    assert report["schema"] == 1
+    assert 0.0 < report["inference"]["p50_ms"] <= report["inference"]["p99_ms"]
+    assert report["loop"]["turns"] == 5
+    assert 0.0 <= report["loop"]["lag_p50_ms"] <= report["loop"]["lag_max_ms"]
+    assert report["robot"]["import_s"] > 0.0
+
+
+def test_wrong_input_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--model", str(tmp_path / "none.onnx")]) == 2
+    assert main(["bench", "--model", "m.onnx", "--seconds", "0"]) == 2
+    assert "--seconds: expected 0.5 to 3600, got 0" in capsys.readouterr().err
+    with pytest.raises(ContractError):
+        measure_footprint(tmp_path / "none.onnx")
+    with pytest.raises(ContractError):
+        time_policy(tmp_path / "none.onnx")
+
+
+def test_the_robot_stays_small(tmp_path: Path) -> None:
+    """Budgets of a Jetson Nano; the import time is generous, this computer may be busy."""
+    model = write_policy(tmp_path / "m.onnx", lane_contract())
+    footprint = measure_footprint(model)
+    assert footprint.rss_mb < 150.0
+    assert footprint.import_s < 3.0
+
+
+LEAN = """
+import pkgutil, importlib, sys
+import robot
+for module in pkgutil.walk_packages(robot.__path__, 'robot.'):
+    if not module.name.endswith('__main__'):
+        importlib.import_module(module.name)
+heavy = {'cv2', 'onnxruntime', 'zmq', 'smbus2', 'torch', 'yaml', 'numba', 'gymnasium', 'onnx'}
+print(sorted(heavy & set(sys.modules)))
+"""
+
+
+def test_importing_everything_loads_nothing_heavy_and_says_nothing() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", LEAN], stdout=subprocess.PIPE, env=environment, check=True
+    )
+    assert done.stdout.decode().split("\n") == ["[]", ""]
+
+
+def test_the_module_is_a_command() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "robot", "infer", "--model", "none", "--images", "none"]
+    done = subprocess.run(
+        [*command, "--json", "none"], stderr=subprocess.PIPE, env=environment, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.decode().count("\n") == 1

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import List
+
+import numpy as np
+import pytest
+
+from robot.cli import main
+from robot.cli.sheet import (
+    MOST_TILES,
+    STRIP_PX,
+    TILE,
+    Labelled,
+    arrow_points,
+    draw_sheet,
+    draw_tile,
+)
+from robot.contract import Action, ImageSpec
+from robot.preprocess import FRAME_SHAPE
+from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
+
+COLOURS = {"a_red": (255, 0, 0), "b_green": (0, 255, 0), "c_blue": (0, 0, 255)}
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    """Three pictures of different sizes, and a file that is none."""
+    import cv2
+
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for (name, rgb), size in zip(COLOURS.items(), ((120, 160), (480, 640), (50, 300))):
+        cv2.imwrite(str(folder / f"{name}.png"), np.full((*size, 3), rgb[::-1], np.uint8))
+    (folder / "labels.csv").write_text("x", encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("image", [ImageSpec(), ImageSpec(80, 60, 20)])
+def test_each_picture_gets_the_policys_action(
+    tmp_path: Path, pictures: Path, image: ImageSpec
+) -> None:
+    import cv2
+
+    model = write_policy(tmp_path / "m.onnx", lane_contract(image=image))
+    out, sheet = tmp_path / "new" / "out.json", tmp_path / "sheet.png"
+    arguments = ["--model", str(model), "--images", str(pictures), "--json", str(out)]
+    assert main(["infer", *arguments, "--sheet", str(sheet)]) == 0
+    result = json.loads(out.read_text(encoding="utf-8"))
+    assert result["schema"] == 1
+    assert result["inputs"]["model"] == str(model)
+    assert [each["file"] for each in result["images"]] == [f"{name}.png" for name in COLOURS]
+    assert [each["action"] for each in result["images"]] == [0, 1, 2]
+    for each in result["images"]:
+        assert int(np.argmax(each["values"])) == each["action"]
+    assert cv2.imread(str(sheet)).shape == (TILE[1] + STRIP_PX, 3 * TILE[0], 3)
+
+
+def test_a_navigating_policy_is_sent_straight_ahead(tmp_path: Path, pictures: Path) -> None:
+    model = write_policy(tmp_path / "m.onnx", navigation_contract())
+    out = tmp_path / "out.json"
+    arguments = ["--model", str(model), "--images", str(pictures), "--json", str(out)]
+    assert main(["infer", *arguments]) == 0
+    assert json.loads(out.read_text(encoding="utf-8"))["inputs"]["path"] == "straight ahead"
+
+
+def test_wrong_input_is_one_line_and_exit_status_2(
+    tmp_path: Path, pictures: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = str(write_policy(tmp_path / "m.onnx", lane_contract()))
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    (bad / "x.png").write_text("no picture", encoding="utf-8")
+    good = {"--model": model, "--images": str(pictures), "--json": str(tmp_path / "o.json")}
+    for change, said in (
+        ({"--model": "none.onnx"}, "none.onnx: expected an ONNX policy"),
+        ({"--images": "none"}, "none: expected a folder of pictures, got no such folder"),
+        ({"--images": str(bad)}, "x.png: expected a picture"),
+        ({"--json": "/proc/none/o.json"}, "expected a place to write to"),
+    ):
+        options = [part for option in {**good, **change}.items() for part in option]
+        assert main(["infer", *options]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith("robot infer: ")
+        assert said in error
+        assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"), [([], "COMMAND"), (["fly"], "infer"), (["infer"], "--model")]
+)
+def test_wrong_arguments_are_one_line_too(
+    arguments: List[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def labelled(action: Action, values: np.ndarray) -> Labelled:
+    return Labelled("x.png", np.full(FRAME_SHAPE, 90, np.uint8), action, values)
+
+
+@pytest.mark.parametrize("count", [1, 5, 7, MOST_TILES, 1000])
+def test_the_sheet_holds_so_many_tiles(count: int) -> None:
+    sheet = draw_sheet([labelled(Action.STRAIGHT, np.arange(5.0))] * count)
+    columns, rows = sheet.shape[1] // TILE[0], sheet.shape[0] // (TILE[1] + STRIP_PX)
+    assert 0 <= columns * rows - min(count, MOST_TILES) < columns
+
+
+def test_arrows_bend_to_the_side_of_their_action() -> None:
+    ends = [arrow_points(action, (0, 0))[-1] for action in Action]
+    assert [np.sign(x) for x, _ in ends] == [-1, -1, 0, 1, 1]
+    assert all(y < 0 for _, y in ends)
+
+
+def test_the_best_bar_is_the_longest() -> None:
+    values = np.array([0.1, 0.9, 0.5, -0.3, 0.2])
+    tile = draw_tile(labelled(Action.SLIGHT_LEFT, values))
+    row = tile[TILE[1] + STRIP_PX - 6].astype(int).max(axis=1)
+    wide = TILE[0] // 5
+    lengths = [int((row[i * wide : (i + 1) * wide] > 60).sum()) for i in range(5)]
+    assert np.argsort(lengths).tolist() == np.argsort(values).tolist()
+
+
+def test_equal_values_are_drawn_too() -> None:
+    draw_tile(labelled(Action.LEFT, np.zeros(5)))
