@@ -48,10 +48,13 @@ class Stopwatch(BaseCallback):
 class EpisodeRecorder(BaseCallback):
     """One line of ``progress.csv`` for each episode; TensorBoard every two seconds."""
 
-    def __init__(self, state: TrainState, log: EpisodeLog, clock: Clock) -> None:
+    def __init__(
+        self, state: TrainState, log: EpisodeLog, clock: Clock, reward_scale: float
+    ) -> None:
         super().__init__()
         self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         self._state, self._log, self._clock = state, log, clock
+        self._reward_scale = reward_scale
         self._logged = clock()
 
     def _on_training_start(self) -> None:
@@ -59,7 +62,7 @@ class EpisodeRecorder(BaseCallback):
         self._lengths = np.zeros(self.training_env.num_envs, dtype=int)
 
     def _on_step(self) -> bool:
-        self._rewards += self.locals["rewards"]
+        self._rewards += self.locals["rewards"] / self._reward_scale
         self._lengths += 1
         for robot in np.flatnonzero(self.locals["dones"]):
             self._end(int(robot), self.locals["infos"][robot])
@@ -167,7 +170,7 @@ class Checkpointer(BaseCallback):
 
 
 class Display(BaseCallback):
-    """A bar with steps, steps per second, mean reward and success; a line per evaluation."""
+    """A bar with steps, steps per second, mean reward and last success; a line per evaluation."""
 
     def __init__(
         self, state: TrainState, config: RunConfig, recorder: EpisodeRecorder, console: Console
@@ -179,11 +182,11 @@ class Display(BaseCallback):
             BarColumn(),
             TextColumn("{task.completed:.0f}/{task.total:.0f} steps"),
             TextColumn("{task.fields[rate]:.0f}/s · reward {task.fields[reward]:.1f}"),
-            TextColumn("· success {task.fields[success]:.0%}"),
+            TextColumn("· evaluated {task.fields[success]}"),
             TimeElapsedColumn(),
             console=console,
         )
-        self._task = self._bar.add_task("", total=config.steps, rate=0.0, reward=0.0, success=0.0)
+        self._task = self._bar.add_task("", total=config.steps, rate=0.0, reward=0.0, success="-")
         self._shown = 0.0
         self._evaluations = len(state.evaluations)
 
@@ -204,14 +207,14 @@ class Display(BaseCallback):
         return True
 
     def _update(self) -> None:
-        recent = self._recorder.recent
+        recent, evaluations = self._recorder.recent, self._state.evaluations
         steps, seconds = self._first
         self._bar.update(
             self._task,
             completed=self.num_timesteps,
             rate=(self.num_timesteps - steps) / max(self._state.seconds - seconds, 1e-9),
             reward=np.mean([e.reward for e in recent]) if recent else 0.0,
-            success=np.mean([e.success for e in recent]) if recent else 0.0,
+            success=f"{evaluations[-1].success_rate:.0%}" if evaluations else "-",
         )
 
     def stop(self) -> None:

@@ -127,6 +127,7 @@ class RunConfig:
     seed: int = 0
     steps: int = 200_000  # decisions of all robots together
     seconds: float | None = None  # wall clock, over all resumptions
+    reward_scale: float = 0.05  # what a learner gets of the task's reward; the record has it whole
     image: ImageSpec = _WHOLE_FRAME
     net: NetConfig = NetConfig()
     evaluation: EvaluationConfig = EvaluationConfig()

@@ -26,6 +26,7 @@ from trainer.callbacks import (
 )
 from trainer.checkpoint import Evaluated, TrainState, load_checkpoint
 from trainer.config import RunConfig
+from trainer.envs import ScaledReward
 from trainer.export import export_run
 from trainer.replay import MappedReplayBuffer
 from trainer.report import draw_curve
@@ -91,7 +92,8 @@ class _Session:
     ) -> None:
         self.config, self.folder = config, folder
         resuming = folder.checkpoint.exists()
-        self.env = make_env(config, config.learn.robots, config.seed)
+        robots = make_env(config, config.learn.robots, config.seed)
+        self.env = ScaledReward(robots, config.reward_scale)
         self.evaluation_env = make_env(config, config.evaluation.episodes, config.seed)
         self.model: BaseAlgorithm = build_model(config, self.env, folder.replay)
         self.state = TrainState()
@@ -101,7 +103,7 @@ class _Session:
             self.model.set_random_seed(config.seed + self.steps)
         self.model.set_logger(_logger(folder.tensorboard))
         self.log = EpisodeLog(folder, self.steps)
-        self.recorder = EpisodeRecorder(self.state, self.log, clock)
+        self.recorder = EpisodeRecorder(self.state, self.log, clock, config.reward_scale)
         self.evaluator = Evaluator(self.state, config, folder, self.evaluation_env, clock)
         self.checkpointer = Checkpointer(self.state, folder, self.log, clock, checkpoint_period_s)
         self.display = Display(self.state, config, self.recorder, console)

@@ -1,5 +1,6 @@
 """Each algorithm learns a toy world in seconds, the same way each time."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -14,6 +15,7 @@ from trainer.algorithms import build_model, build_policy
 from trainer.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
 from trainer.config import RunConfig
 from trainer.dqn import DoubleDQN
+from trainer.envs import ScaledReward
 from trainer.networks import GreedyNetwork
 from trainer.run import RunFolder
 from trainer.train import train
@@ -121,9 +123,19 @@ def test_a_time_budget_ends_a_run(tmp_path: Path) -> None:
         now[0] += 0.01
         return now[0]
 
-    config = RunConfig(**{**vars(toy_config("ppo", 10**6)), "seconds": 5.0})
+    config = replace(toy_config("ppo", 10**6), seconds=5.0)
     folder = RunFolder(tmp_path)
     folder.create(config)
     metrics = train(config, folder, make_toy, Console(quiet=True), clock)
     assert metrics.stopped_by in ("seconds", "solved")
     assert metrics.train_seconds < 6.0
+
+
+def test_the_record_has_the_whole_reward_and_the_learner_its_share(tmp_path: Path) -> None:
+    config = replace(toy_config("dagger", 600), reward_scale=0.25)
+    train_toy(config, tmp_path)
+    assert {e.reward for e in RunFolder(tmp_path).episodes()} <= set(map(float, range(17)))
+    scaled = ScaledReward(make_toy(config, 8, 0), 0.25)
+    scaled.reset()
+    rewards = np.concatenate([scaled.step(np.zeros(8, dtype=int))[1] for _ in range(10)])
+    assert set(rewards.tolist()) == {0.0, 0.25}

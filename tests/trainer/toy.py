@@ -102,6 +102,7 @@ def toy_config(algorithm: str, steps: int, seed: int = 0) -> RunConfig:
         learn=learn,
         steps=steps,
         seed=seed,
+        reward_scale=1.0,
         image=ImageSpec(SIDE_PX, SIDE_PX),
         net=NetConfig((8, 8, 8), image_fc=32, path_fc=(16, 16), head_fc=32),
         evaluation=EvaluationConfig(episodes=10, every_steps=1_000, stop_after_perfect=1),
