@@ -1,4 +1,4 @@
-"""``python -m trainer {report,summary}``."""
+"""``python -m trainer {train,evaluate,export,report,summary}``."""
 
 from __future__ import annotations
 

@@ -3,18 +3,141 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress
 from rich.table import Table
 
-from robot.errors import DuckpilotError
-from trainer.config import ALGORITHMS, preset
-from trainer.run import RunFolder
+from robot.errors import ConfigError, DuckpilotError
+from robot.policy import OnnxPolicy
+from robot.road_map import load_map
+from sim_pybullet.randomise import load_look_sampler
+from trainer.config import ALGORITHMS, RunConfig, preset
+from trainer.run import RunFolder, write_json
+
+EXPORT_ROBOTS = 32
 
 app = tyro.extras.SubcommandApp()
+
+
+@app.command(name="train")
+def train_command(
+    out: Path,
+    task: str = "lane",
+    algo: str = "dueling",
+    preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop",),
+    steps: int | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    look: str = "nominal",
+    resume: bool = False,
+) -> int:
+    """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
+
+    Args:
+        out: the run's folder; must not hold a run yet, unless --resume.
+        task: lane.
+        algo: ddqn, dueling, a2c, ppo or dagger.
+        preset_name: paper, fast or debug.
+        map_names: map files, or names of shipped maps.
+        steps: decisions of all robots together; else the preset's.
+        seconds: stop after so much wall-clock time.
+        seed: of everything random.
+        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
+        resume: go on with the run in --out, if there is one, with its own configuration.
+    """
+    folder = RunFolder(out)
+    if not resume:
+        folder.refuse_run()
+    if resume and folder.config.exists():
+        config = _extended(folder.load_config(), steps, seconds)
+    else:
+        config = replace(
+            _extended(preset(task, algo, preset_name), steps, seconds),
+            maps=map_names,
+            seed=seed,
+            look=look,
+        )
+    from trainer.envs import make_env
+    from trainer.train import train
+
+    console = Console()
+    metrics = train(config, folder, make_env, console)
+    console.print(
+        f"{out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
+        f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
+    )
+    return 1 if metrics.stopped_by == "interrupted" else 0
+
+
+@app.command(name="evaluate")
+def evaluate_command(
+    model: Path,
+    json: Path | None = None,
+    task: str = "lane",
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop",),
+    look: str = "nominal",
+    episodes: int = 100,
+    seed: int = 1000,
+) -> int:
+    """Drive an exported policy greedily through whole frames, and count successes.
+
+    Args:
+        model: a policy, .onnx.
+        json: write the figures there.
+        task: lane.
+        map_names: map files, or names of shipped maps.
+        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
+        episodes: how many.
+        seed: of the first episode; the next ones have the next seeds.
+    """
+    from trainer.evaluate import Inputs, evaluate, summarise
+
+    if episodes < 1:
+        raise ConfigError(f"episodes: expected 1 or more, got {episodes}")
+    policy = OnnxPolicy(model)
+    maps = [load_map(name) for name in map_names]
+    looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
+        row = bar.add_task(f"{task} {model.name}", total=episodes)
+        drives = evaluate(policy, task, maps, looks, seeds, lambda _: bar.advance(row))
+    inputs = Inputs(str(model), task, map_names, look, episodes, seed)
+    result = summarise(inputs, policy, drives)
+    if json is not None:
+        write_json(json, result)
+    Console(soft_wrap=True).print(
+        f"{model}: success {result.success_rate:.1%} of {episodes} (at least "
+        f"{result.success_rate_low:.1%} with 95 % confidence), "
+        f"{100 * result.mean_path_distance_m:.1f} cm from the path"
+    )
+    return 0
+
+
+@app.command(name="export")
+def export_command(run: tyro.conf.Positional[Path]) -> int:
+    """Write model.onnx and model_int8.onnx of a run, checked against torch on 1,000 frames.
+
+    Args:
+        run: its folder.
+    """
+    from trainer.envs import make_env
+    from trainer.export import export_run
+
+    folder = RunFolder(run)
+    config = folder.load_config()
+    env = make_env(config, EXPORT_ROBOTS, config.seed)
+    exported = export_run(folder, config, env)
+    env.close()
+    Console(soft_wrap=True).print(
+        f"{folder.onnx}: differs from torch by at most {exported.largest_difference:.1e} over "
+        f"{exported.frames} frames; INT8 chooses alike on {exported.int8_same_choice:.1%}"
+    )
+    return 0
 
 
 @app.command(name="report")
@@ -62,3 +185,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DuckpilotError as error:
         Console(stderr=True, soft_wrap=True).print(f"trainer: {error}", markup=False)
         return 2
+
+
+def _extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:
+    return replace(
+        config,
+        steps=config.steps if steps is None else steps,
+        seconds=config.seconds if seconds is None else seconds,
+    )

@@ -2,8 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.tasks.base import Task
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.vec_env import DuckpilotVecEnv
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from robot.road_map import RoadMap, load_map
+from sim_pybullet.randomise import load_look_sampler
+from trainer.config import RunConfig, choose
+
+_TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {"lane": LaneKeeping}
+
+
+def build_task(name: str, road_maps: Sequence[RoadMap], robots: int) -> Task:
+    """The task of that name for so many robots.
+
+    Raises:
+        ConfigError: an unknown name.
+        MapError: a map that the task cannot be done on.
+    """
+    return choose("task", name, _TASKS)(road_maps, robots)
+
+
+def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
+    """The world of a run with so many robots; rewards are the task's own."""
+    road_maps = [load_map(name) for name in config.maps]
+    task = build_task(config.task, road_maps, robots)
+    return DuckpilotVecEnv(BatchWorld(task, load_look_sampler(config.look), config.image, seed))
 
 
 class ScaledReward(VecEnvWrapper):

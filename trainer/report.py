@@ -1,4 +1,4 @@
-"""Learning curves: the reward of each episode and its 50-episode mean against steps."""
+"""Learning curves: the reward of each episode and its 50-episode mean against steps (paper A)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from trainer.checkpoint import Evaluated, read_state
 from trainer.config import RunConfig
 from trainer.run import Episode, RunFolder, atomically
 
@@ -37,6 +38,9 @@ def draw_curves(runs: Sequence[tuple[RunFolder, RunConfig]], path: Path) -> None
     for axis, (folder, config) in zip(axes, runs, strict=False):
         title = f"{config.task}, {config.algorithm} ({config.preset}, seed {config.seed})"
         _draw(axis, folder.episodes(), title)
+        if folder.checkpoint.exists():
+            _draw_evaluations(axis, read_state(folder.checkpoint).evaluations)
+        axis.legend(loc="lower right", frameon=False, fontsize="small")
     for axis in axes[len(runs) :]:
         axis.set_visible(False)
     with atomically(path) as temporary:
@@ -56,4 +60,17 @@ def _draw(axis: Axes, episodes: Sequence[Episode], title: str) -> None:
     )
     axis.set(title=title, xlabel="steps", ylabel="reward of an episode")
     axis.grid(alpha=0.25)
-    axis.legend(loc="lower right", frameon=False)
+
+
+def _draw_evaluations(axis: Axes, evaluations: Sequence[Evaluated]) -> None:
+    """What the policy of the moment earns without random actions; filled where none failed."""
+    for perfect, face, label in (
+        (False, "white", "greedy"),
+        (True, "black", "greedy, all succeed"),
+    ):
+        points = [
+            (e.step, e.mean_reward) for e in evaluations if (e.success_rate == 1.0) == perfect
+        ]
+        if points:
+            x, y = zip(*points, strict=True)
+            axis.plot(x, y, "o", color="black", markerfacecolor=face, markersize=4.5, label=label)

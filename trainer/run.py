@@ -78,17 +78,21 @@ class RunFolder:
         """The folder's own name."""
         return self.path.resolve().name
 
-    def create(self, config: RunConfig) -> None:
-        """Begin a run here.
+    def refuse_run(self) -> None:
+        """Make sure that no run lies here.
 
         Raises:
-            ConfigError: there is one already.
+            ConfigError: one does.
         """
         if self.config.exists():
             raise ConfigError(
                 f"{self.path}: expected no run here yet, got one; "
                 "add --resume to go on with it, or choose another --out"
             )
+
+    def create(self, config: RunConfig) -> None:
+        """Begin a run here; ConfigError as of `refuse_run`."""
+        self.refuse_run()
         self.path.mkdir(parents=True, exist_ok=True)
         with atomically(self.config) as temporary:
             temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))

@@ -68,6 +68,9 @@ def train(
     """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
 
     Leaves `RunFolder`'s files. An interrupted run keeps its replay buffer and can go on.
+
+    Raises:
+        DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
     """
     torch.set_num_threads(config.threads)
     session = _Session(config, folder, make_env, console, clock, checkpoint_period_s)
@@ -91,13 +94,14 @@ class _Session:
         checkpoint_period_s: float,
     ) -> None:
         self.config, self.folder = config, folder
-        resuming = folder.checkpoint.exists()
         robots = make_env(config, config.learn.robots, config.seed)
         self.env = ScaledReward(robots, config.reward_scale)
         self.evaluation_env = make_env(config, config.evaluation.episodes, config.seed)
+        if not folder.config.exists():
+            folder.create(config)
         self.model: BaseAlgorithm = build_model(config, self.env, folder.replay)
         self.state = TrainState()
-        if resuming:
+        if folder.checkpoint.exists():
             self.state = load_checkpoint(folder.checkpoint, self.model)
             self.state.stopped_by = ""
             self.model.set_random_seed(config.seed + self.steps)

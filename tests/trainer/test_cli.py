@@ -7,16 +7,20 @@ import pytest
 from trainer.cli import main
 
 
+def test_wrong_names_are_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main(["train", "--out", str(tmp_path / "run"), "--algo", "dualing"])
+    error = capsys.readouterr().err
+    assert status == 2
+    assert error.count("\n") == 1
+    assert "did you mean 'dueling'" in error
+    assert not (tmp_path / "run").exists()
+
+
 def test_report_of_no_run_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(tmp_path)]) == 2
     assert "expected the folder of a run" in capsys.readouterr().err
-
-
-def test_wrong_names_are_one_line_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["summary", "--preset", "papper"]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "did you mean 'paper'" in error
 
 
 def test_summary_names_every_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
@@ -26,5 +30,5 @@ def test_summary_names_every_algorithm(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_an_unknown_flag_is_status_2() -> None:
-    command = [sys.executable, "-m", "trainer", "summary", "--outt", "x"]
+    command = [sys.executable, "-m", "trainer", "train", "--outt", "x"]
     assert subprocess.run(command, capture_output=True, check=False).returncode == 2

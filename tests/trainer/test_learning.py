@@ -124,9 +124,7 @@ def test_a_time_budget_ends_a_run(tmp_path: Path) -> None:
         return now[0]
 
     config = replace(toy_config("ppo", 10**6), seconds=5.0)
-    folder = RunFolder(tmp_path)
-    folder.create(config)
-    metrics = train(config, folder, make_toy, Console(quiet=True), clock)
+    metrics = train(config, RunFolder(tmp_path), make_toy, Console(quiet=True), clock)
     assert metrics.stopped_by in ("seconds", "solved")
     assert metrics.train_seconds < 6.0
 

@@ -110,10 +110,7 @@ def toy_config(algorithm: str, steps: int, seed: int = 0) -> RunConfig:
 
 
 def train_toy(config: RunConfig, path: Path) -> Any:
-    folder = RunFolder(path)
-    if not folder.config.exists():
-        folder.create(config)
-    return train(config, folder, make_toy, Console(quiet=True), checkpoint_period_s=0.5)
+    return train(config, RunFolder(path), make_toy, Console(quiet=True), checkpoint_period_s=0.5)
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -1,0 +1,133 @@
+"""Drive an exported policy through whole camera frames, as the robot does, and count.
+
+The figures are those of the AI Driving Olympics (see `sim_pybullet.drive_metrics`) beside the
+share of episodes that succeeded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.pool import Looks
+
+from robot.policy import OnnxPolicy
+from robot.preprocess import preprocess_batch
+from robot.road_map import RoadMap
+from trainer.envs import build_task
+
+ROBOTS = 20  # at once
+
+
+class Drive(NamedTuple):
+    """One episode."""
+
+    seed: int
+    success: bool
+    metrics: DriveMetrics
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What was asked for."""
+
+    model: str
+    task: str
+    maps: tuple[str, ...]
+    look: str
+    episodes: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What ``--json`` writes. Means are over episodes unless the name says otherwise."""
+
+    inputs: Inputs
+    episodes: int
+    success_rate: float
+    success_rate_low: float  # lower end of Wilson's 95 % interval
+    mean_path_distance_m: float  # over all decisions
+    survival_time_s: float
+    driven_lane_m: float
+    outside_lane_s: float
+    failures: tuple[int, ...]  # seeds; ``--seed S --episodes 1`` runs one again
+    algorithm: str
+    run: str
+    schema: int = 1
+
+
+def evaluate(
+    policy: OnnxPolicy,
+    task: str,
+    road_maps: Sequence[RoadMap],
+    looks: Looks,
+    seeds: range,
+    finished: Callable[[Drive], None],
+) -> list[Drive]:
+    """One greedy episode for each seed, `ROBOTS` at a time; ``finished`` hears of each."""
+    drives: list[Drive] = []
+    for first in range(seeds.start, seeds.stop, ROBOTS):
+        count = min(ROBOTS, seeds.stop - first)
+        world = BatchWorld(build_task(task, road_maps, count), looks, seed=first)
+        try:
+            drives += _drive(policy, world, first, finished)
+        finally:
+            world.close()
+    return sorted(drives)
+
+
+def summarise(inputs: Inputs, policy: OnnxPolicy, drives: Sequence[Drive]) -> Evaluation:
+    """The figures of a set of episodes."""
+    metrics = [drive.metrics for drive in drives]
+    successes = sum(drive.success for drive in drives)
+    time_s = sum(m.survival_time_s for m in metrics)
+    return Evaluation(
+        inputs=inputs,
+        episodes=len(drives),
+        success_rate=successes / len(drives),
+        success_rate_low=wilson_low(successes, len(drives)),
+        mean_path_distance_m=sum(m.deviation_m_s for m in metrics) / time_s,
+        survival_time_s=time_s / len(drives),
+        driven_lane_m=float(np.mean([m.driven_lane_m for m in metrics])),
+        outside_lane_s=float(np.mean([m.outside_lane_s for m in metrics])),
+        failures=tuple(drive.seed for drive in drives if not drive.success),
+        algorithm=policy.contract.algorithm,
+        run=policy.contract.run,
+    )
+
+
+def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
+    """Lower end of the interval of Wilson 1927 for a share (z = 1.96: 95 %)."""
+    share, n = successes / episodes, episodes
+    centre = share + z * z / (2 * n)
+    spread = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return max(0.0, (centre - spread) / (1 + z * z / n))
+
+
+def _drive(
+    policy: OnnxPolicy, world: BatchWorld, first_seed: int, finished: Callable[[Drive], None]
+) -> list[Drive]:
+    observation = world.reset()
+    driving = np.ones(world.n_robots, dtype=bool)
+    drives = []
+    while driving.any():
+        step = world.step(_choose(policy, observation))
+        observation = step.observation
+        for robot, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
+            if driving[robot]:
+                success = bool(step.task.success[robot])
+                drives.append(Drive(first_seed + int(robot), success, metrics))
+                finished(drives[-1])
+        driving[step.finished.robots] = False
+    return drives
+
+
+def _choose(policy: OnnxPolicy, observation: Observation) -> np.ndarray:
+    pictures = preprocess_batch(observation.image, policy.contract.image)
+    return policy.act(pictures, observation.path)
