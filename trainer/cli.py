@@ -41,7 +41,7 @@ def train_command(
 
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
-        task: lane.
+        task: lane or navigation.
         algo: ddqn, dueling, a2c, ppo or dagger.
         preset_name: paper, fast or debug.
         map_names: map files, or names of shipped maps.
@@ -90,7 +90,7 @@ def evaluate_command(
     Args:
         model: a policy, .onnx.
         json: write the figures there.
-        task: lane.
+        task: lane or navigation.
         map_names: map files, or names of shipped maps.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
         episodes: how many.

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 _WHOLE_FRAME = ImageSpec()
 
-TASKS = ("lane",)
+TASKS = ("lane", "navigation")
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sim_pybullet.batch import BatchWorld
-from sim_pybullet.tasks.base import Task
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
-from sim_pybullet.vec_env import DuckpilotVecEnv
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from robot.road_map import RoadMap, load_map
+from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.base import Task
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.navigation import Navigation
+from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
 
-_TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {"lane": LaneKeeping}
+_TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {
+    "lane": LaneKeeping,
+    "navigation": Navigation,
+}
 
 
 def build_task(name: str, road_maps: Sequence[RoadMap], robots: int) -> Task:

@@ -7,21 +7,22 @@ share of episodes that succeeded.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.drive_metrics import DriveMetrics
-from sim_pybullet.pool import Looks
 
 from robot.policy import OnnxPolicy
 from robot.preprocess import preprocess_batch
 from robot.road_map import RoadMap
+from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.pool import Looks
 from trainer.envs import build_task
 
 ROBOTS = 20  # at once
+_FIRST_WORLD = 1_000_000_007  # seeds of worlds, away from those that runs are trained with
 
 
 class Drive(NamedTuple):
@@ -70,13 +71,21 @@ def evaluate(
     seeds: range,
     finished: Callable[[Drive], None],
 ) -> list[Drive]:
-    """One greedy episode for each seed, `ROBOTS` at a time; ``finished`` hears of each."""
+    """One greedy episode for each seed; ``finished`` hears of each.
+
+    Episode S is that of robot S % ROBOTS in world S // ROBOTS, where the other robots always drive
+    along: so it is the same whichever seeds are asked for together with it.
+    """
     drives: list[Drive] = []
-    for first in range(seeds.start, seeds.stop, ROBOTS):
-        count = min(ROBOTS, seeds.stop - first)
-        world = BatchWorld(build_task(task, road_maps, count), looks, seed=first)
+    for group in range(seeds.start // ROBOTS, (seeds.stop - 1) // ROBOTS + 1):
+        wanted = np.array([group * ROBOTS + i in seeds for i in range(ROBOTS)])
+        world = BatchWorld(
+            build_task(task, road_maps, ROBOTS), looks, seed=_FIRST_WORLD + group, pool_size=ROBOTS
+        )
         try:
-            drives += _drive(policy, world, first, finished)
+            for robot, success, metrics in _drive(policy, world, wanted):
+                drives.append(Drive(group * ROBOTS + robot, success, metrics))
+                finished(drives[-1])
         finally:
             world.close()
     return sorted(drives)
@@ -111,21 +120,18 @@ def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
 
 
 def _drive(
-    policy: OnnxPolicy, world: BatchWorld, first_seed: int, finished: Callable[[Drive], None]
-) -> list[Drive]:
+    policy: OnnxPolicy, world: BatchWorld, wanted: np.ndarray
+) -> Iterator[tuple[int, bool, DriveMetrics]]:
+    """The first episode of the wanted robots, as each ends: robot, success, figures."""
     observation = world.reset()
-    driving = np.ones(world.n_robots, dtype=bool)
-    drives = []
+    driving = wanted.copy()
     while driving.any():
         step = world.step(_choose(policy, observation))
         observation = step.observation
         for robot, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
             if driving[robot]:
-                success = bool(step.task.success[robot])
-                drives.append(Drive(first_seed + int(robot), success, metrics))
-                finished(drives[-1])
-        driving[step.finished.robots] = False
-    return drives
+                driving[robot] = False
+                yield int(robot), bool(step.task.success[robot]), metrics
 
 
 def _choose(policy: OnnxPolicy, observation: Observation) -> np.ndarray:

@@ -64,13 +64,8 @@ def _draw(axis: Axes, episodes: Sequence[Episode], title: str) -> None:
 
 def _draw_evaluations(axis: Axes, evaluations: Sequence[Evaluated]) -> None:
     """What the policy of the moment earns without random actions; filled where none failed."""
-    for perfect, face, label in (
-        (False, "white", "greedy"),
-        (True, "black", "greedy, all succeed"),
-    ):
-        points = [
-            (e.step, e.mean_reward) for e in evaluations if (e.success_rate == 1.0) == perfect
-        ]
-        if points:
-            x, y = zip(*points, strict=True)
+    for perfect, face, label in ((False, "white", "greedy"), (True, "black", "greedy, no failure")):
+        shown = [e for e in evaluations if (e.success_rate == 1.0) == perfect]
+        if shown:
+            x, y = [e.step for e in shown], [e.mean_reward for e in shown]
             axis.plot(x, y, "o", color="black", markerfacecolor=face, markersize=4.5, label=label)

@@ -1,0 +1,46 @@
+"""The command line in the real world, with networks too small to learn."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from robot.policy import OnnxPolicy
+from trainer.cli import main
+from trainer.run import RunFolder
+
+FILES = ("config.yaml", "progress.csv", "curve.png", "checkpoint.pt", "model.onnx", "metrics.json")
+
+
+@pytest.mark.parametrize("algorithm", ["ddqn", "dueling", "a2c", "ppo", "dagger"])
+def test_debug_run_leaves_every_file(algorithm: str, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "--algo", algorithm, "--preset", "debug", "--out", str(out)]
+    assert main([*arguments, "--steps", "128"]) == 0
+    assert all((out / name).exists() for name in FILES)
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["train_steps"] >= 128
+    assert OnnxPolicy(out / "model.onnx").contract.task == "lane"
+
+
+def test_navigation_sees_picture_and_path(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "--task", "navigation", "--preset", "debug", "--map", "town"]
+    assert main([*arguments, "--out", str(out), "--steps", "128"]) == 0
+    assert OnnxPolicy(out / "model.onnx").contract.path_points == 10
+
+
+def test_export_command_adds_int8(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert main(["train", "--preset", "debug", "--out", str(out), "--steps", "128"]) == 0
+    assert main(["export", str(out)]) == 0
+    assert OnnxPolicy(RunFolder(out).onnx_int8).contract.run == "run"
+
+
+def test_a_wrong_map_leaves_nothing_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(["train", "--preset", "debug", "--map", "town", "--out", str(out)]) == 2
+    assert "ring of road" in capsys.readouterr().err
+    assert not out.exists()
