@@ -66,8 +66,10 @@ _CAR_BLUE = (40.0, 90.0, 170.0)
 PARTS: dict[str, tuple[Part, ...]] = {
     "floor_tag": (),
     "duckie": (
-        _drum(0.0, 0.86, 0.46, YELLOW),
-        _drum(0.46, 0.56, 0.54, YELLOW, forward=0.12),
+        _drum(0.0, 0.86, 0.36, YELLOW),
+        _drum(0.36, 0.68, 0.12, YELLOW),
+        _drum(0.48, 0.54, 0.4, YELLOW, forward=0.12),
+        _drum(0.88, 0.38, 0.12, YELLOW, forward=0.12),
         _trim(0.46, 0.0, 0.56, (0.26, 0.24, 0.12), ORANGE),
         _trim(0.37, 0.14, 0.74, (0.06, 0.08, 0.1), BLACK),
         _trim(0.37, -0.14, 0.74, (0.06, 0.08, 0.1), BLACK),

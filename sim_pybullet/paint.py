@@ -2,7 +2,8 @@
 
 Tile frame (orientation S): x to the right, z down, both in tiles from the tile's centre, as in a
 picture seen from above. Traffic keeps right. Bands are those of the reference simulator's own
-textures; stop lines and corner pieces lie where they do on the real mats.
+textures, made even so that lines meet whichever way tiles are turned; stop lines and corner pieces
+lie where they do on real mats.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from robot.tiles import Tile
 
 WHITE, YELLOW, RED = 0, 1, 2  # planes of a tile's paint
 
-WHITE_BAND = (0.025, 0.107)  # from the tile's edge, in tiles
-FAR_WHITE_BAND = (0.885, 0.975)
+WHITE_BAND = (0.025, 0.111)  # from the tile's edge, in tiles
+FAR_WHITE_BAND = (0.889, 0.975)
 YELLOW_BAND = (0.479, 0.521)
 RED_DEPTH = 0.075  # of a stop line, along the lane
 DASHES_PER_TILE = 8
 DASH_SHARE = 0.64  # 4.7 cm of paint, 2.6 cm of gap on a 0.585 m tile
 TOOTH_PITCH = 0.1  # of the joints between foam mats, in tiles
 TOOTH_HEIGHT = 0.02
-SEAM_WIDTH = 0.005
+SEAM_WIDTH = 0.009
 
 
 @lru_cache(maxsize=64)

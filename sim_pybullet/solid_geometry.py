@@ -80,32 +80,38 @@ def meet_box(
     rays: np.ndarray,
     depth: np.ndarray,
     seen: np.ndarray,
+    first: int,
+    last: int,
 ) -> None:
-    """Put a box where it is the nearest along each of n rays (3, >= n): slabs, Kay and Kajiya 1986.
+    """Put a box where it is the nearest along its rays: slabs, Kay and Kajiya 1986.
 
-    ``depth`` (n,) float32 and what is ``seen`` there, (n,) uint32, change where the box is nearer;
-    ``colours`` (3,) are those of the faces across its height, its length and its width.
+    Of s rays for each of w pixels, ``rays`` (3, s, w) float32, those of pixels first..last are
+    tried. ``depth`` (s, w) float32 and what is ``seen`` there, uint32, change where the box is
+    nearer. ``colours`` (3,) are those of the faces across its height, its length and its width.
     """
-    one, rx, ry, rz = np.float32(1.0), rays[0], rays[1], rays[2]
+    one = np.float32(1.0)
     c, s = np.float32(row[_COS]), np.float32(row[_SIN])
     x = np.float32(row[_COS] * row[_X] + row[_SIN] * row[_Y])
     y = np.float32(row[_COS] * row[_Y] - row[_SIN] * row[_X])
     half_x, half_y = np.float32(row[_LENGTH]), np.float32(row[_WIDTH])
     base, top = np.float32(row[_BASE]), np.float32(row[_TOP])
     cap, front, flank = colours
-    for k in range(len(depth)):
-        along_x, along_y = one / (c * rx[k] + s * ry[k]), one / (c * ry[k] - s * rx[k])
-        along_z = one / rz[k]
-        x0, x1 = (x - half_x) * along_x, (x + half_x) * along_x
-        y0, y1 = (y - half_y) * along_y, (y + half_y) * along_y
-        z0, z1 = base * along_z, top * along_z
-        into_x, into_y, into_z = min(x0, x1), min(y0, y1), min(z0, z1)
-        enter = max(into_x, into_y, into_z)
-        leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
-        nearest = (enter > 0.0) & (enter <= leave) & (enter < depth[k])
-        colour = cap if enter == into_z else (front if enter == into_x else flank)
-        depth[k] = enter if nearest else depth[k]
-        seen[k] = colour if nearest else seen[k]
+    for sample in range(len(depth)):
+        rx, ry, rz = rays[0, sample, first:last], rays[1, sample, first:last], rays[2, sample]
+        rz, near, shown = rz[first:last], depth[sample, first:last], seen[sample, first:last]
+        for k in range(len(near)):
+            along_x, along_y = one / (c * rx[k] + s * ry[k]), one / (c * ry[k] - s * rx[k])
+            along_z = one / rz[k]
+            x0, x1 = (x - half_x) * along_x, (x + half_x) * along_x
+            y0, y1 = (y - half_y) * along_y, (y + half_y) * along_y
+            z0, z1 = base * along_z, top * along_z
+            into_x, into_y, into_z = min(x0, x1), min(y0, y1), min(z0, z1)
+            enter = max(into_x, into_y, into_z)
+            leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
+            nearest = (enter > 0.0) & (enter <= leave) & (enter < near[k])
+            colour = cap if enter == into_z else (front if enter == into_x else flank)
+            near[k] = enter if nearest else near[k]
+            shown[k] = colour if nearest else shown[k]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
@@ -116,10 +122,12 @@ def meet_cylinder(
     rays: np.ndarray,
     depth: np.ndarray,
     seen: np.ndarray,
+    first: int,
+    last: int,
 ) -> None:
-    """As ``meet_box``; ``colours`` holds the cap's, the side is lit by its normal.
+    """As ``meet_box``; ``colours[0]`` is the cap's, the side is lit by its normal.
 
-    A ``light`` of no strength (ambient and diffuse 0) leaves the side in ``colours[0]``.
+    A ``light`` of no strength (ambient and diffuse 0) gives the side the cap's.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     x, y, radius = np.float32(row[_X]), np.float32(row[_Y]), np.float32(row[_LENGTH])
@@ -128,25 +136,27 @@ def meet_cylinder(
     light_x, light_y = np.float32(light[0]) / radius, np.float32(light[1]) / radius
     ambient, diffuse = np.float32(light[3]), np.float32(light[4])
     red, green, blue = np.float32(row[_RED]), np.float32(row[_GREEN]), np.float32(row[_BLUE])
-    lit = ambient + diffuse > 0.0
-    rx, ry, rz = rays[0], rays[1], rays[2]
-    for k in range(len(depth)):
-        dx, dy = rx[k], ry[k]
-        per_level = one / max(dx * dx + dy * dy, np.float32(1e-12))
-        middle = (x * dx + y * dy) * per_level
-        root = middle * middle - outside * per_level
-        half = math.sqrt(max(root, zero))
-        along_z = one / rz[k]
-        z0, z1 = base * along_z, top * along_z
-        into_z = min(z0, z1)
-        enter = max(middle - half, into_z)
-        leave = min(middle + half, max(z0, z1))
-        nearest = (root > 0.0) & (enter > 0.0) & (enter <= leave) & (enter < depth[k])
-        facing = (enter * dx - x) * light_x + (enter * dy - y) * light_y
-        colour = pack(red, green, blue, ambient + diffuse * max(zero, facing))
-        colour = colours[0] if (enter == into_z) | (not lit) else colour
-        depth[k] = enter if nearest else depth[k]
-        seen[k] = colour if nearest else seen[k]
+    dark, cap = ambient + diffuse == 0.0, colours[0]
+    for sample in range(len(depth)):
+        rx, ry, rz = rays[0, sample, first:last], rays[1, sample, first:last], rays[2, sample]
+        rz, near, shown = rz[first:last], depth[sample, first:last], seen[sample, first:last]
+        for k in range(len(near)):
+            dx, dy = rx[k], ry[k]
+            per_level = one / max(dx * dx + dy * dy, np.float32(1e-12))
+            middle = (x * dx + y * dy) * per_level
+            root = middle * middle - outside * per_level
+            half = math.sqrt(max(root, zero))
+            along_z = one / rz[k]
+            z0, z1 = base * along_z, top * along_z
+            into_z = min(z0, z1)
+            enter = max(middle - half, into_z)
+            leave = min(middle + half, max(z0, z1))
+            nearest = (root > 0.0) & (enter > 0.0) & (enter <= leave) & (enter < near[k])
+            facing = (enter * dx - x) * light_x + (enter * dy - y) * light_y
+            colour = pack(red, green, blue, ambient + diffuse * max(zero, facing))
+            colour = cap if (enter == into_z) | dark else colour
+            near[k] = enter if nearest else near[k]
+            shown[k] = colour if nearest else shown[k]
 
 
 @njit(inline="always")

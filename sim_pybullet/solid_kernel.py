@@ -46,12 +46,13 @@ class SolidViews(NamedTuple):
 class Canvas(NamedTuple):
     """The part of a picture in which solids are seen, by ``samples`` rays per pixel.
 
-    ``depth`` (h, samples, w) float32 along the ray [m] and what is ``seen`` there, uint32: the
-    colour or the class of the nearest solid.
+    ``rays`` (h, 3, samples, w) float32; ``depth`` (h, samples, w) float32 along them [m] and what
+    is ``seen`` there, uint32: the colour or the class of the nearest solid.
     """
 
     top: int
     left: int
+    rays: np.ndarray
     depth: np.ndarray
     seen: np.ndarray
 
@@ -96,23 +97,43 @@ def _in_sight(views: SolidViews, i: int) -> tuple[np.ndarray, np.ndarray]:
 def _look(views: SolidViews, i: int, samples: int) -> Canvas:
     """What one robot sees: colours by four rays per pixel, or classes by one."""
     rows, boxes = _in_sight(views, i)
-    top = left = height = width = 0
-    if len(rows):
-        top, left = boxes[:, 0].min(), boxes[:, 2].min()
-        height, width = boxes[:, 1].max() + 1 - top, boxes[:, 3].max() + 1 - left
-    depth = np.full((height, samples, width), np.float32(NO_HIT))
-    canvas = Canvas(top, left, depth, np.zeros((height, samples, width), np.uint32))
+    canvas = _canvas(boxes, views.directions[views.slots[i]], samples)
     light = np.zeros(5)
     if samples > 1:
         _turn_light(views.lights[i], views.poses[i, 2], light)
     colours = np.empty(3, np.uint32)
-    rays = np.empty((3, width), np.float32)
     for k in range(len(rows)):
         face_colours(rows[k], light, colours)
         if samples == 1:
             colours[:] = np.uint32(rows[k, _KIND])
-        _meet(rows[k], boxes[k], light, colours, views.directions[views.slots[i]], canvas, rays)
+        first, last = boxes[k, 2] - canvas.left, boxes[k, 3] + 1 - canvas.left
+        for v in range(boxes[k, 0] - canvas.top, boxes[k, 1] + 1 - canvas.top):
+            rays, depth, seen = canvas.rays[v], canvas.depth[v], canvas.seen[v]
+            if rows[k, _SHAPE] == CYLINDER:
+                meet_cylinder(rows[k], light, colours, rays, depth, seen, first, last)
+            else:
+                meet_box(rows[k], colours, rays, depth, seen, first, last)
     return canvas
+
+
+@njit(cache=True)
+def _canvas(boxes: np.ndarray, directions: np.ndarray, samples: int) -> Canvas:
+    """An empty canvas over all pixel boxes."""
+    top = left = height = width = 0
+    if len(boxes):
+        top, left = boxes[:, 0].min(), boxes[:, 2].min()
+        height, width = boxes[:, 1].max() + 1 - top, boxes[:, 3].max() + 1 - left
+    depth = np.full((height, samples, width), np.float32(NO_HIT))
+    seen = np.empty((height, samples, width), np.uint32)
+    rays = np.empty((height, 3, samples, width), np.float32)
+    spread = np.float32(0.125 if samples > 1 else 0.0)
+    for v in range(height):
+        for sample in range(samples):
+            a, b = np.float32(2 * (sample & 1) - 1), np.float32(2 * (sample >> 1) - 1)
+            for axis in range(3):
+                target = rays[v, axis, sample]
+                _cast(directions[axis], top + v, left, spread * a, spread * b, target)
+    return Canvas(top, left, rays, depth, seen)
 
 
 @njit(cache=True)
@@ -122,58 +143,26 @@ def _turn_light(light: np.ndarray, heading: float, turned: np.ndarray) -> None:
     turned[0], turned[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
 
 
-@njit(cache=True)
-def _meet(
-    row: np.ndarray,
-    box: np.ndarray,
-    light: np.ndarray,
-    colours: np.ndarray,
-    directions: np.ndarray,
-    canvas: Canvas,
-    rays: np.ndarray,
-) -> None:
-    """Put one solid, given as the camera has it, where it is nearest in its pixel box."""
-    samples = canvas.depth.shape[1]
-    first, last = box[2] - canvas.left, box[3] + 1 - canvas.left
-    for v in range(box[0], box[1] + 1):
-        for sample in range(samples):
-            a, b = np.float32(sample & 1), np.float32(sample >> 1)
-            spread = np.float32(0.125 if samples > 1 else 0.0)
-            a, b = spread * (a + a - np.float32(1.0)), spread * (b + b - np.float32(1.0))
-            _cast(directions, v, box[2], box[3] + 1, a, b, rays)
-            depth = canvas.depth[v - canvas.top, sample, first:last]
-            seen = canvas.seen[v - canvas.top, sample, first:last]
-            if row[_SHAPE] == CYLINDER:
-                meet_cylinder(row, light, colours, rays, depth, seen)
-            else:
-                meet_box(row, colours, rays, depth, seen)
-
-
 @njit(cache=True, fastmath=True)
 def _cast(
-    directions: np.ndarray,
-    v: int,
-    first: int,
-    last: int,
-    a: np.float32,
-    b: np.float32,
-    rays: np.ndarray,
+    directions: np.ndarray, v: int, first: int, a: np.float32, b: np.float32, rays: np.ndarray
 ) -> None:
-    """The rays through a row's pixels, aside of their middles by 2 a columns and 2 b rows."""
-    height, width = directions.shape[1:]
+    """One component of the rays through a row's pixels, 2 a columns and 2 b rows aside."""
+    height, width = directions.shape
+    last = first + len(rays)
     inner, outer = max(first, 1), min(last, width - 1)
-    for axis in range(3):
-        middle, cast = directions[axis, v], rays[axis]
-        above, below = directions[axis, max(v - 1, 0)], directions[axis, min(v + 1, height - 1)]
-        here, high, low = middle[inner:outer], above[inner:outer], below[inner:outer]
-        right, left = middle[inner + 1 : outer + 1], middle[inner - 1 : outer - 1]
-        target = cast[inner - first : outer - first]
-        for k in range(len(target)):  # slices from zero on, or this does not become SIMD code
-            target[k] = here[k] + a * (right[k] - left[k]) + b * (low[k] - high[k])
-        for u in (0, width - 1):
-            if first <= u < last:
-                aside = a * (middle[min(u + 1, width - 1)] - middle[max(u - 1, 0)])
-                cast[u - first] = middle[u] + aside + b * (below[u] - above[u])
+    middle, above, below = directions[v], directions[max(v - 1, 0)], directions[v]
+    if v + 1 < height:
+        below = directions[v + 1]
+    here, high, low = middle[inner:outer], above[inner:outer], below[inner:outer]
+    right, left = middle[inner + 1 : outer + 1], middle[inner - 1 : outer - 1]
+    target = rays[inner - first : outer - first]
+    for k in range(len(target)):  # slices from zero on, or this does not become SIMD code
+        target[k] = here[k] + a * (right[k] - left[k]) + b * (low[k] - high[k])
+    for u in (0, width - 1):
+        if first <= u < last:
+            aside = a * (middle[min(u + 1, width - 1)] - middle[max(u - 1, 0)])
+            rays[u - first] = middle[u] + aside + b * (below[u] - above[u])
 
 
 @njit(cache=True)
