@@ -18,7 +18,7 @@ from sim_pybullet.paint import tile_paint, tile_seam
 from sim_pybullet.scene import Ground
 
 TEXEL_M = 0.0027  # aimed at; a tile is a whole number of texels, a multiple of 8
-NOISE_SIZE_PX = 1024  # the surface noise repeats after this many texels (2.8 m)
+NOISE_SIZE_PX = 512  # the surface noise repeats after this many texels (1.4 m)
 GRASS_RGB = (82.0, 118.0, 62.0)
 MATS = (*ROAD_SIDES, "asphalt", "calibration_tile")  # kinds made of dark foam mats
 

@@ -16,6 +16,7 @@ from numba import njit, prange
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.rays import LEVELS
 from sim_pybullet.scene import Ground
+from sim_pybullet.weak_cache import WeakCache
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,18 @@ class MipTexture:
     levels: np.ndarray
 
 
+_PACKED: WeakCache[MipTexture] = WeakCache()
+
+
 def mip_texture(ground: Ground, shade: float) -> MipTexture:
-    """The pyramid of a floor under light that multiplies its colours by ``shade``."""
+    """The pyramid of a floor under light that multiplies its colours by ``shade``.
+
+    It is kept as long as the Ground lives: all cameras read the same one.
+    """
+    return _PACKED.get(ground, shade, lambda: _build(ground, shade))
+
+
+def _build(ground: Ground, shade: float) -> MipTexture:
     step = 1 << (LEVELS - 1)
     rows, columns = (-(-n // step) * step for n in ground.classes.shape)
     shapes = [((rows >> i) + 2, (columns >> i) + 2) for i in range(LEVELS)]
@@ -59,13 +70,12 @@ def _pack(rgb: np.ndarray, classes: np.ndarray, shade: np.float32, out: np.ndarr
 
 @njit(parallel=True, nogil=True, cache=True)
 def _halve(finer: np.ndarray, coarser: np.ndarray) -> None:
-    byte, two = np.uint32(255), np.uint32(2)
+    """Average squares of four texels, three colours in one word."""
+    lanes = np.uint64(0xFF | 0xFF << 12 | 0xFF << 24)
+    rounding, two = np.uint64(2 | 2 << 12 | 2 << 24), np.uint64(2)
     for v in prange(coarser.shape[0]):
-        for u in range(coarser.shape[1]):
-            texel = np.uint32(0)
-            for shift in (np.uint32(0), np.uint32(12), np.uint32(24)):
-                total = two
-                for k in range(4):
-                    total += (finer[2 * v + k // 2, 2 * u + k % 2] >> shift) & byte
-                texel |= (total >> two) << shift
-            coarser[v, u] = texel
+        above, below, target = finer[2 * v], finer[2 * v + 1], coarser[v]
+        for u in range(len(target)):
+            total = (np.uint64(above[2 * u]) & lanes) + (np.uint64(above[2 * u + 1]) & lanes)
+            total += (np.uint64(below[2 * u]) & lanes) + (np.uint64(below[2 * u + 1]) & lanes)
+            target[u] = np.uint32(((total + rounding) >> two) & lanes)

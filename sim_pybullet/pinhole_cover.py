@@ -14,7 +14,7 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.rays import pixel_rays
+from sim_pybullet.rays import cast_pixel_rays
 
 WIDEST_TAN = 2.0  # a lens that looks further off its axis is covered by several views
 MARGIN_PX = 2
@@ -82,7 +82,7 @@ def cover(rig: CameraRig, image: ImageSpec, oversample: int) -> Cover:
     large = ImageSpec(
         image.width_px * oversample, image.height_px * oversample, image.crop_top_px * oversample
     )
-    rays = pixel_rays(rig, large)
+    rays = cast_pixel_rays(rig, large)
     turns = _turns(rig, rays.directions[rays.seen])
     local = np.stack([rays.directions @ turn for turn in turns])  # (K, sH, sW, 3)
     owner = np.argmax(local[..., 2] / np.abs(local).max(axis=-1), axis=0)

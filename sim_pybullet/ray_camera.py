@@ -11,10 +11,10 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.floor_kernel import FloorViews, draw_floor, label_floor
-from sim_pybullet.mip_texture import MipTexture, mip_texture
+from sim_pybullet.mip_texture import mip_texture
 from sim_pybullet.ray_tables import RigTables, SolidRows, gather_solids
 from sim_pybullet.rays import LEVELS, floor_shade, pixel_rays
-from sim_pybullet.scene import Ground, Scene
+from sim_pybullet.scene import Scene
 from sim_pybullet.sky import background
 from sim_pybullet.solid_kernel import SolidViews, draw_solids, label_solids
 from sim_pybullet.solid_table import light_row
@@ -34,7 +34,6 @@ class RayCamera:
         self._threads = threads
         height, width, _ = image.shape
         self._scenes: list[Scene | None] = [None] * n_robots
-        self._floors: list[tuple[Ground, float, MipTexture] | None] = [None] * n_robots
         self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
         self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
         self._addresses = np.zeros(n_robots, np.int64)
@@ -53,11 +52,9 @@ class RayCamera:
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
         ground, light = scene.ground, scene.light
-        shade = floor_shade(light)
-        texture = self._packed(ground, shade)
+        texture = mip_texture(ground, floor_shade(light))
         self._scenes[i] = scene
         self._solids = None
-        self._floors[i] = (ground, shade, texture)
         sky, self._sky_kinds[i] = background(pixel_rays(rig, self._image), scene)
         self._skies[i] = sky.ravel()
         self._addresses[i] = texture.texels.ctypes.data
@@ -78,7 +75,7 @@ class RayCamera:
         pictures = np.empty((len(poses), *self.shape), np.uint8)
         flat = pictures.reshape(len(poses), -1)
         with self._using_threads() as threads:
-            blocks = max(1, -(-2 * threads // len(poses)))
+            blocks = -(-2 * threads // max(1, len(poses)))
             draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
             views = self._solid_views(poses, robots)
             if len(views.rows):
@@ -97,12 +94,6 @@ class RayCamera:
             if len(views.rows):
                 label_solids(labels, views)
         return labels
-
-    def _packed(self, ground: Ground, shade: float) -> MipTexture:
-        for floor in self._floors:
-            if floor is not None and floor[0] is ground and floor[1] == shade:
-                return floor[2]
-        return mip_texture(ground, shade)
 
     def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
         poses = np.ascontiguousarray(poses, dtype=np.float64)

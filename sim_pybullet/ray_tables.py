@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from sim_pybullet.floor_kernel import FloorTables
 from sim_pybullet.rays import FloorTable, floor_table, pixel_rays
 from sim_pybullet.scene import Scene
 from sim_pybullet.solid_table import AZIMUTHS, ELEVATIONS, direction_table, solid_rows
+from sim_pybullet.weak_cache import WeakCache
 
 
 class RigTables:
@@ -77,8 +79,11 @@ class SolidRows(NamedTuple):
     last: np.ndarray
 
 
+_ROWS: WeakCache[np.ndarray] = WeakCache()
+
+
 def gather_solids(scenes: list[Scene]) -> SolidRows:
-    """The solids of every robot's scene."""
+    """The solids of every robot's scene; the rows of each scene are kept as long as it lives."""
     spans: dict[int, tuple[int, int]] = {}
     tables: list[np.ndarray] = [np.empty((0, 13))]
     total = 0
@@ -86,11 +91,10 @@ def gather_solids(scenes: list[Scene]) -> SolidRows:
         if id(scene) not in spans:
             spans[id(scene)] = (total, total + len(scene.solids))
             total += len(scene.solids)
-            tables.append(solid_rows(scene.solids))
-    first, last = np.array([spans[id(scene)] for scene in scenes]).T
-    return SolidRows(
-        np.concatenate(tables), np.ascontiguousarray(first), np.ascontiguousarray(last)
-    )
+            tables.append(_ROWS.get(scene, None, partial(solid_rows, scene.solids)))
+    first = np.array([spans[id(scene)][0] for scene in scenes])
+    last = np.array([spans[id(scene)][1] for scene in scenes])
+    return SolidRows(np.concatenate(tables), first, last)
 
 
 def _grown(array: np.ndarray, axis: int, length: int) -> np.ndarray:

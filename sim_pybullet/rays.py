@@ -21,8 +21,10 @@ LOD_BIAS = -0.5  # bilinear interpolation blurs by itself: a slightly finer leve
 
 @dataclass(frozen=True)
 class PixelRays:
-    """Unit directions (H, W, 3) in the robot frame, straight up where the lens has no such pixel:
-    ``seen`` (H, W) is False there."""
+    """Unit directions (H, W, 3) float32 in the robot frame.
+
+    Where the lens has no such pixel ``seen`` (H, W) is False and the direction straight up.
+    """
 
     directions: np.ndarray
     seen: np.ndarray
@@ -45,8 +47,13 @@ class FloorTable:
     first_run: np.ndarray
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=256)
 def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
+    """As ``cast_pixel_rays``, kept for the next robot with this rig."""
+    return cast_pixel_rays(rig, image)
+
+
+def cast_pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
     """The rays of the picture's pixels: the rig's lens read out at the picture's size, cropped."""
     lens = rig.lens.scaled(image.width_px, image.height_px)
     v, u = np.mgrid[image.crop_top_px : image.height_px, 0 : image.width_px]
@@ -55,11 +62,12 @@ def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
     error = np.abs(lens.project(rays) - pixels).max(axis=-1)
     seen = np.isfinite(rays).all(axis=-1) & (error < 0.5)
     directions = np.where(seen[..., None], rays @ rig.mount.rotation.T, (0.0, 0.0, 1.0))
+    directions = directions.astype(np.float32)
     directions.setflags(write=False)
     return PixelRays(directions, seen)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=256)
 def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
     """Floor points and filters of a rig over a floor of this texel size [m]."""
     rays = pixel_rays(rig, image)

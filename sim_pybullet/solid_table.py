@@ -62,7 +62,7 @@ class DirectionTable(NamedTuple):
     pixel_rad: float
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=256)
 def direction_table(rig: CameraRig, image: ImageSpec) -> DirectionTable:
     """The directions of a rig's pixels in the robot frame."""
     rays = pixel_rays(rig, image)
