@@ -14,7 +14,7 @@ from robot.errors import ConfigError
 from robot.road_map import load_map
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.faces import ACTION_SPACE_SIZE, observation_space, one_of, step_infos
-from sim_pybullet.randomise import load_look_sampler, with_pose_error
+from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation
 
@@ -172,5 +172,5 @@ def make_navigation(
     """
     names = [road_map] if isinstance(road_map, str) else road_map
     task = Navigation([load_map(name) for name in names], 1)
-    looks = with_pose_error(load_look_sampler(look), pose_error)
+    looks = load_look_sampler(look, pose_error)
     return DriveEnv(BatchWorld(task, looks, image, world_seed, pool_size), render_mode)

@@ -35,8 +35,12 @@ def shipped_looks() -> dict[str, Path]:
     return {path.stem: path for path in sorted(LOOKS_DIR.glob("*.yaml"))}
 
 
-def load_look_sampler(source: str | Path) -> Sampler:
+def load_look_sampler(source: str | Path, pose_error: str | None = None) -> Sampler:
     """A sampler of Looks from a YAML file, or from the name of a shipped one.
+
+    Args:
+        source: file or name.
+        pose_error: a name in `sim_pybullet.look.POSE_ERRORS`; without it the Look's own.
 
     Raises:
         ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
@@ -49,7 +53,13 @@ def load_look_sampler(source: str | Path) -> Sampler:
                 f"look {str(source)!r}: no such file; {nearest(str(source), shipped)}"
             )
         path = shipped[str(source)]
-    return look_sampler(read_yaml(path), where=str(path))
+    sample = look_sampler(read_yaml(path), where=str(path))
+    if pose_error is None:
+        return sample
+    if pose_error not in POSE_ERRORS:
+        raise ConfigError(f"pose error: unknown {pose_error!r}; {nearest(pose_error, POSE_ERRORS)}")
+    pose = POSE_ERRORS[pose_error]
+    return lambda rng: replace(sample(rng), pose=pose)
 
 
 def look_sampler(data: Any, where: str = "look") -> Sampler:
@@ -65,17 +75,6 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
 def fixed(look: Look) -> Sampler:
     """The sampler that always gives this Look."""
     return lambda _: look
-
-
-def with_pose_error(sample: Sampler, name: str) -> Sampler:
-    """The same Looks with the pose error of that name, see `sim_pybullet.look.POSE_ERRORS`.
-
-    Raises:
-        ConfigError: an unknown name.
-    """
-    if name not in POSE_ERRORS:
-        raise ConfigError(f"pose error: unknown {name!r}; {nearest(name, POSE_ERRORS)}")
-    return lambda rng: replace(sample(rng), pose=POSE_ERRORS[name])
 
 
 def _draw(node: Any, rng: np.random.Generator, where: str) -> Any:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -16,7 +17,7 @@ from robot.errors import ConfigError, DuckpilotError
 from robot.policy import OnnxPolicy
 from robot.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
-from trainer.config import ALGORITHMS, RunConfig, preset
+from trainer.config import ALGORITHMS, TASKS, RunConfig, choose, preset
 from trainer.run import RunFolder, write_json
 
 EXPORT_ROBOTS = 32
@@ -30,11 +31,12 @@ def train_command(
     task: str = "lane",
     algo: str = "dueling",
     preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop",),
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (),
     steps: int | None = None,
     seconds: float | None = None,
     seed: int = 0,
     look: str = "nominal",
+    pose_error: str | None = None,
     resume: bool = False,
 ) -> int:
     """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
@@ -44,11 +46,12 @@ def train_command(
         task: lane or navigation.
         algo: ddqn, dueling, a2c, ppo or dagger.
         preset_name: paper, fast or debug.
-        map_names: map files, or names of shipped maps.
+        map_names: map files, or names of shipped maps; else loop for lane, arena for navigation.
         steps: decisions of all robots together; else the preset's.
         seconds: stop after so much wall-clock time.
         seed: of everything random.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
+        pose_error: none or arena, in place of the look's own.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     folder = RunFolder(out)
@@ -57,12 +60,9 @@ def train_command(
     if resume and folder.config.exists():
         config = _extended(folder.load_config(), steps, seconds)
     else:
-        config = replace(
-            _extended(preset(task, algo, preset_name), steps, seconds),
-            maps=map_names,
-            seed=seed,
-            look=look,
-        )
+        config = _extended(preset(task, algo, preset_name), steps, seconds)
+        maps = map_names or config.maps
+        config = replace(config, maps=maps, seed=seed, look=look, pose_error=pose_error)
     from trainer.envs import make_env
     from trainer.train import train
 
@@ -79,9 +79,11 @@ def train_command(
 def evaluate_command(
     model: Path,
     json: Path | None = None,
-    task: str = "lane",
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop",),
+    task: str | None = None,
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (),
     look: str = "nominal",
+    pose_error: str | None = None,
+    zero: Literal["image", "path"] | None = None,
     episodes: int = 100,
     seed: int = 1000,
 ) -> int:
@@ -90,9 +92,11 @@ def evaluate_command(
     Args:
         model: a policy, .onnx.
         json: write the figures there.
-        task: lane or navigation.
-        map_names: map files, or names of shipped maps.
+        task: lane or navigation; else what the policy was trained for.
+        map_names: map files, or names of shipped maps; else loop for lane, arena for navigation.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
+        pose_error: none or arena, in place of the look's own.
+        zero: what the policy gets zeros for, to see what it is worth.
         episodes: how many.
         seed: of the first episode; the next ones have the next seeds.
     """
@@ -101,12 +105,14 @@ def evaluate_command(
     if episodes < 1:
         raise ConfigError(f"episodes: expected 1 or more, got {episodes}")
     policy = OnnxPolicy(model)
+    task = task or policy.contract.task
+    map_names = map_names or (choose("task", task, TASKS),)
     maps = [load_map(name) for name in map_names]
-    looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
+    looks, seeds = load_look_sampler(look, pose_error), range(seed, seed + episodes)
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
         row = bar.add_task(f"{task} {model.name}", total=episodes)
-        drives = evaluate(policy, task, maps, looks, seeds, lambda _: bar.advance(row))
-    inputs = Inputs(str(model), task, map_names, look, episodes, seed)
+        drives = evaluate(policy, task, maps, looks, seeds, lambda _: bar.advance(row), zero)
+    inputs = Inputs(str(model), task, map_names, look, pose_error, zero, episodes, seed)
     result = summarise(inputs, policy, drives)
     if json is not None:
         write_json(json, result)
@@ -160,20 +166,19 @@ def report_command(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path | Non
 
 @app.command(name="summary")
 def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast") -> int:
-    """Parameters and multiply-accumulates of one decision, for every algorithm.
+    """Parameters and multiply-accumulates of one decision, for every task and algorithm.
 
     Args:
         preset_name: paper, fast or debug.
     """
     from trainer.summary import summarise
 
-    table = Table("algorithm", "picture", "parameters", "driving", "MMAC", title=preset_name)
-    for name in ALGORITHMS:
-        row = summarise(preset("lane", name, preset_name))
-        shape = "x".join(map(str, row.image))
-        table.add_row(
-            name, shape, f"{row.parameters:,}", f"{row.driving:,}", f"{row.macs / 1e6:.2f}"
-        )
+    columns = ("task", "algorithm", "picture", "parameters", "driving", "MMAC")
+    table = Table(*columns, title=preset_name)
+    for task, name in itertools.product(TASKS, ALGORITHMS):
+        row = summarise(preset(task, name, preset_name))
+        figures = f"{row.parameters:,}", f"{row.driving:,}", f"{row.macs / 1e6:.2f}"
+        table.add_row(task, name, "x".join(map(str, row.image)), *figures)
     Console().print(table)
     return 0
 

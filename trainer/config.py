@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 _WHOLE_FRAME = ImageSpec()
 
-TASKS = ("lane", "navigation")
+TASKS = {"lane": "loop", "navigation": "arena"}  # and where each is learned by default
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,12 @@ class RunConfig:
     net: NetConfig = NetConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
+    pose_error: str | None = None  # none or arena, in place of the look's own
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
 
     def __post_init__(self) -> None:
-        choose("task", self.task, dict.fromkeys(TASKS))
+        choose("task", self.task, TASKS)
         choose("algorithm", self.algorithm, ALGORITHMS)
         if self.steps < 1 or (self.seconds is not None and self.seconds <= 0):
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {self}")
@@ -154,7 +155,8 @@ def preset(task: str, algorithm: str, name: str) -> RunConfig:
         ConfigError: an unknown name, with the nearest known one.
     """
     learn = choose("algorithm", algorithm, ALGORITHMS)
-    run = RunConfig(task, algorithm, name, learn, image=_FAST_IMAGE)
+    maps = (choose("task", task, TASKS),)
+    run = RunConfig(task, algorithm, name, learn, maps, image=_FAST_IMAGE)
     makers = {"paper": _paper, "fast": lambda config: config, "debug": _debug}
     return choose("preset", name, makers)(run)
 

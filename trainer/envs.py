@@ -22,6 +22,10 @@ _TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {
 }
 
 
+_PAINTED = 48  # worlds of a run, over all maps: a second and 160 MB for eight of them
+_FEWEST_LOOKS = 4  # of each map
+
+
 def build_task(name: str, road_maps: Sequence[RoadMap], robots: int) -> Task:
     """The task of that name for so many robots.
 
@@ -36,7 +40,9 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own."""
     road_maps = [load_map(name) for name in config.maps]
     task = build_task(config.task, road_maps, robots)
-    return DuckpilotVecEnv(BatchWorld(task, load_look_sampler(config.look), config.image, seed))
+    looks = load_look_sampler(config.look, config.pose_error)
+    pool_size = max(_PAINTED // len(road_maps), _FEWEST_LOOKS)
+    return DuckpilotVecEnv(BatchWorld(task, looks, config.image, seed, pool_size))
 
 
 class ScaledReward(VecEnvWrapper):

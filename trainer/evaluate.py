@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robot.errors import ConfigError
 from robot.policy import OnnxPolicy
 from robot.preprocess import preprocess_batch
 from robot.road_map import RoadMap
@@ -41,6 +42,8 @@ class Inputs:
     task: str
     maps: tuple[str, ...]
     look: str
+    pose_error: str | None  # in place of the look's own
+    zero: str | None  # image or path, what the policy got zeros for
     episodes: int
     seed: int
 
@@ -70,20 +73,24 @@ def evaluate(
     looks: Looks,
     seeds: range,
     finished: Callable[[Drive], None],
+    zero: str | None = None,
 ) -> list[Drive]:
     """One greedy episode for each seed; ``finished`` hears of each.
 
     Episode S is that of robot S % ROBOTS in world S // ROBOTS, where the other robots always drive
-    along: so it is the same whichever seeds are asked for together with it.
+    along: so it is the same whichever seeds are asked for together with it. The worlds take the
+    maps in turn. The policy gets zeros for ``zero``: image, path or nothing.
+
+    Raises:
+        ConfigError: the path shall be zero in a task that has none.
     """
     drives: list[Drive] = []
     for group in range(seeds.start // ROBOTS, (seeds.stop - 1) // ROBOTS + 1):
         wanted = np.array([group * ROBOTS + i in seeds for i in range(ROBOTS)])
-        world = BatchWorld(
-            build_task(task, road_maps, ROBOTS), looks, seed=_FIRST_WORLD + group, pool_size=ROBOTS
-        )
+        one = build_task(task, [road_maps[group % len(road_maps)]], ROBOTS)
+        world = BatchWorld(one, looks, seed=_FIRST_WORLD + group, pool_size=ROBOTS)
         try:
-            for robot, success, metrics in _drive(policy, world, wanted):
+            for robot, success, metrics in _drive(policy, world, wanted, zero):
                 drives.append(Drive(group * ROBOTS + robot, success, metrics))
                 finished(drives[-1])
         finally:
@@ -120,13 +127,13 @@ def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
 
 
 def _drive(
-    policy: OnnxPolicy, world: BatchWorld, wanted: np.ndarray
+    policy: OnnxPolicy, world: BatchWorld, wanted: np.ndarray, zero: str | None
 ) -> Iterator[tuple[int, bool, DriveMetrics]]:
     """The first episode of the wanted robots, as each ends: robot, success, figures."""
     observation = world.reset()
     driving = wanted.copy()
     while driving.any():
-        step = world.step(_choose(policy, observation))
+        step = world.step(_choose(policy, observation, zero))
         observation = step.observation
         for robot, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
             if driving[robot]:
@@ -134,6 +141,13 @@ def _drive(
                 yield int(robot), bool(step.task.success[robot]), metrics
 
 
-def _choose(policy: OnnxPolicy, observation: Observation) -> np.ndarray:
+def _choose(policy: OnnxPolicy, observation: Observation, zero: str | None) -> np.ndarray:
     pictures = preprocess_batch(observation.image, policy.contract.image)
-    return policy.act(pictures, observation.path)
+    path = observation.path
+    if zero == "image":
+        pictures = np.zeros_like(pictures)
+    elif zero == "path":
+        if path is None:
+            raise ConfigError("zero: expected image, got path; this task gives none")
+        path = np.zeros_like(path)
+    return policy.act(pictures, path)

@@ -37,7 +37,7 @@ def test_an_episode_is_the_same_alone_and_in_company(model: Path) -> None:
 
 def test_an_untrained_policy_fails_and_its_figures_add_up(model: Path) -> None:
     policy, drives = OnnxPolicy(model), drive(model, range(40, 60))
-    inputs = Inputs(str(model), "lane", ("loop",), "nominal", 20, 40)
+    inputs = Inputs(str(model), "lane", ("loop",), "nominal", None, None, 20, 40)
     result = summarise(inputs, policy, drives)
     assert result.episodes == 20
     assert result.success_rate == 1.0 - len(result.failures) / 20
@@ -66,6 +66,59 @@ def test_wrong_inputs_are_status_2(model: Path, capsys: pytest.CaptureFixture[st
     assert "nominal" in capsys.readouterr().err
     assert main(["evaluate", "--model", str(model.parent / "none.onnx")]) == 2
     assert main(["evaluate", "--model", str(model), "--episodes", "0"]) == 2
+
+
+@pytest.fixture(scope="module")
+def navigator(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "untrained.onnx"
+    config = preset("navigation", "ddqn", "debug")
+    contract = PolicyContract("navigation", "ddqn", config.image, path_points=10)
+    export_network(GreedyNetwork(build_policy(config)), contract, path)
+    return path
+
+
+def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
+    policy = OnnxPolicy(navigator)
+    seen = []
+
+    class Watched:
+        contract = policy.contract
+
+        def act(self, pictures: np.ndarray, path: np.ndarray) -> np.ndarray:
+            seen.append((bool(pictures.any()), bool(path.any())))
+            return policy.act(pictures, path)
+
+    arena = [load_map("arena")]
+    for zero in (None, "image", "path"):
+        drives = evaluate(
+            Watched(),  # type: ignore[arg-type]
+            "navigation",
+            arena,
+            [NOMINAL],
+            range(1),
+            lambda _: None,
+            zero,
+        )
+        assert [d.seed for d in drives] == [0]
+        assert set(seen) == {(zero != "image", zero != "path")}
+        seen.clear()
+
+
+def test_navigation_is_evaluated_on_several_maps_with_pose_error(
+    navigator: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "e.json"
+    arguments = ["evaluate", "--model", str(navigator), "--map", "arena", "hamlet"]
+    asked = ["--pose-error", "arena", "--zero", "image", "--episodes", "2", "--seed", "19"]
+    assert main([*arguments, *asked, "--json", str(out)]) == 0
+    inputs = json.loads(out.read_text())["inputs"]
+    assert (inputs["task"], inputs["maps"]) == ("navigation", ["arena", "hamlet"])
+    assert (inputs["pose_error"], inputs["zero"]) == ("arena", "image")
+
+
+def test_lane_keeping_has_no_path_to_zero(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "--model", str(model), "--zero", "path"]) == 2
+    assert "expected image, got path" in capsys.readouterr().err
 
 
 def test_wilson_interval_of_the_literature() -> None:

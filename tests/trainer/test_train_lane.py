@@ -23,11 +23,23 @@ def test_debug_run_leaves_every_file(algorithm: str, tmp_path: Path) -> None:
     assert OnnxPolicy(out / "model.onnx").contract.task == "lane"
 
 
-def test_navigation_sees_picture_and_path(tmp_path: Path) -> None:
+@pytest.mark.parametrize("algorithm", ["dueling", "ppo"])
+def test_navigation_sees_picture_and_path(algorithm: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["train", "--task", "navigation", "--preset", "debug", "--map", "town"]
-    assert main([*arguments, "--out", str(out), "--steps", "128"]) == 0
+    arguments = ["train", "--task", "navigation", "--preset", "debug", "--algo", algorithm]
+    asked = ["--map", "arena", "hamlet", "--pose-error", "arena", "--steps", "128"]
+    assert main([*arguments, *asked, "--out", str(out)]) == 0
     assert OnnxPolicy(out / "model.onnx").contract.path_points == 10
+    assert RunFolder(out).load_config().pose_error == "arena"
+
+
+def test_a_wrong_pose_error_names_the_nearest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["train", "--task", "navigation", "--preset", "debug", "--pose-error", "area"]
+    assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
+    assert "'arena'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_export_command_adds_int8(tmp_path: Path) -> None:
