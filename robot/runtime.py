@@ -140,6 +140,8 @@ class Runtime:
         frame = self._camera.read()
         if frame is not None:
             check_frame(frame.image)
+            if not math.isfinite(frame.time_s):
+                raise ContractError(f"frame: expected a finite time [s], got {frame.time_s}")
         return frame
 
     def _values(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[np.ndarray]:

@@ -70,12 +70,14 @@ _ROUTE = frozenset(
     )
 )
 # The gates of each armed state. A person who drives by hand may bring a lost robot back to its
-# path; the first manual command comes with the wish to drive by hand, so it cannot be late yet.
+# path.
 WATCHED: Dict[State, FrozenSet[Reason]] = {
     State.READY: _ROBOT,
     State.AUTO: _ROBOT | _ROUTE | {Reason.NON_FINITE},
     State.MANUAL: _ROBOT | {Reason.MANUAL_STALE},
 }
+# What comes in the same turn as the wish to drive; the gates look at it before the wheels turn.
+COMES_WITH_THE_WISH: FrozenSet[Reason] = frozenset((Reason.MANUAL_STALE, Reason.NO_MISSION))
 HOLDS: FrozenSet[Reason] = frozenset(
     (
         Reason.POSE_STALE,
@@ -173,7 +175,7 @@ class Safety:
         if self._inputs is None:
             return "the control loop has not run yet"
         loop_age_s = self._clock() - self._looked_s
-        trip = self._trip(WATCHED[target] - {Reason.MANUAL_STALE}, loop_age_s)
+        trip = self._trip(WATCHED[target] - COMES_WITH_THE_WISH, loop_age_s)
         return trip.sentence if trip else ""
 
     def _trip(self, watched: FrozenSet[Reason], loop_age_s: float) -> Optional[Trip]:

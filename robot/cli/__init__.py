@@ -14,6 +14,7 @@ from typing import List, NoReturn, Optional
 from robot.errors import DuckpilotError, HardwareError
 
 COMMANDS = {
+    "drive": "robot.cli.drive",
     "infer": "robot.cli.infer",
     "bench": "robot.cli.bench",
 }

@@ -186,7 +186,7 @@ FAULTS: Dict[str, Tuple[Reason, Fault]] = {
         frames(lambda frame: frame._replace(time_s=frame.time_s - 0.3)),
     ),
     "camera dates a frame NaN": (
-        Reason.FRAME_STALE,
+        Reason.CAMERA,
         frames(lambda frame: frame._replace(time_s=math.nan)),
     ),
     "camera dates a frame ahead": (
@@ -336,6 +336,16 @@ def test_the_operator_is_asked_in_every_turn_and_answered() -> None:
     bench.turn()
     assert [answer.accepted for answer in bench.operator.answers] == [False, True, True]
     assert bench.motors.turning
+
+
+def test_without_a_mission_the_wish_to_drive_turns_no_wheel() -> None:
+    bench = Bench()
+    bench.navigator.guidance = bench.navigator.guidance._replace(path=None)
+    bench.turn()
+    bench.operator.wishes = [(Command.ARM, None), (Command.AUTO, None)]
+    bench.turn()
+    assert (bench.state, bench.safety.verdict.reason) == (State.HOLD, Reason.NO_MISSION)
+    assert "set_wheels" not in bench.motors.log
 
 
 def test_a_manual_command_holds_half_a_second_and_no_longer() -> None:

@@ -1,0 +1,38 @@
+"""Drive. The robot starts DISARMED; a person arms it here or at the monitor."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from robot.assemble import open_robot
+from robot.cli.terminal import PROMPT, Terminal
+from robot.config import RobotConfig
+from robot.typed_config import load_yaml
+
+HELP = "drive"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's options."""
+    parser.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do it, until quit, an interrupt or SIGTERM."""
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    config = load_yaml(RobotConfig, options.config)
+    ended = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    terminal = Terminal(sys.stdin, _say)
+    with open_robot(config, (terminal,), (terminal,)) as runtime:
+        _say(PROMPT)
+        runtime.run(ending=lambda: terminal.quitting or ended.is_set())
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)

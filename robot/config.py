@@ -1,0 +1,77 @@
+"""``RobotConfig``: everything about one robot, as its YAML file says it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional
+
+from robot.contract import CONTROL_DT_S
+from robot.errors import ConfigError, nearest
+from robot.gates import SafetyLimits
+from robot.hat.config import HatConfig
+from robot.link.config import LinkConfig
+
+CAMERAS = ("csi", "v4l2", "replay")
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """Where frames come from.
+
+    Raises:
+        ConfigError: an unknown kind, a replay of nothing, or a rate below that of decisions.
+    """
+
+    kind: str = "csi"  # one of CAMERAS
+    number: int = 0  # of the CSI port, or of /dev/video
+    flip: int = 0  # csi only: nvvidconv's flip-method; 2 turns the picture upside down
+    fps: int = 30
+    path: str = ""  # replay only: a folder of pictures or a video
+
+    def __post_init__(self) -> None:
+        if self.kind not in CAMERAS:
+            raise ConfigError(f"camera.kind: unknown {self.kind!r}; {nearest(self.kind, CAMERAS)}")
+        if (self.kind == "replay") != bool(self.path):
+            raise ConfigError("camera.path: expected a path with kind replay, and only with it")
+        slowest = round(1.0 / CONTROL_DT_S)
+        if not slowest <= self.fps <= 120:
+            raise ConfigError(f"camera.fps: expected {slowest} to 120, got {self.fps}")
+        if not (self.number >= 0 and 0 <= self.flip <= 7):
+            raise ConfigError(
+                f"camera: expected number of 0 or more and flip 0 to 7, got number {self.number}, "
+                f"flip {self.flip}"
+            )
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """One robot. Only ``model`` has no default.
+
+    Raises:
+        ConfigError: parts that contradict each other.
+    """
+
+    model: str  # an ONNX policy
+    name: str = "robot"  # in poses and telemetry
+    map: str = ""  # a map file or the name of a shipped one; for navigation
+    camera: CameraConfig = CameraConfig()
+    hat: HatConfig = field(default_factory=HatConfig)
+    safety: SafetyLimits = field(default_factory=SafetyLimits)
+    link: Optional[LinkConfig] = None  # to localizer and monitor; without: the terminal alone
+
+    def __post_init__(self) -> None:
+        if self.safety.max_wheel_mps > self.hat.max_speed_mps:
+            raise ConfigError(
+                f"hat.max_speed_mps: expected at least safety.max_wheel_mps "
+                f"{self.safety.max_wheel_mps:g}, got {self.hat.max_speed_mps:g}; lower the other"
+            )
+        if self.hat.command_timeout_s < 2.0 * CONTROL_DT_S:
+            raise ConfigError(
+                f"hat.command_timeout_s: expected at least two decisions, {2 * CONTROL_DT_S:g} s, "
+                f"got {self.hat.command_timeout_s:g}"
+            )
+        if self.map and self.link is None:
+            raise ConfigError(
+                "map: expected a link as well, to be told poses and destinations; "
+                "add a link section, or leave the map out to keep a lane"
+            )

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from typing import List
+
+from robot.cli.terminal import Terminal
+from robot.safety import Command, State
+from tests.robot.camera.test_newest import eventually
+from tests.robot.test_runtime import Bench
+
+
+def typed(*lines: str) -> "tuple[Terminal, List[str]]":
+    said: List[str] = []
+    terminal = Terminal([f"{line}\n" for line in lines], said.append)
+    eventually(lambda: terminal._typed.qsize() == len(lines))
+    return terminal, said
+
+
+def test_words_become_commands_and_refusals_are_told() -> None:
+    bench = Bench()
+    bench.turn()
+    terminal, said = typed("auto", "ARM", " auto ", "", "clear")
+    terminal.serve(bench.runtime.ask)
+    assert bench.state is State.HOLD, "Enter alone stops"
+    assert said == [
+        "auto is not possible in DISARMED; possible: arm",
+        "clear is not possible in HOLD; possible: arm, disarm",
+    ]
+
+
+def test_an_unknown_word_is_told_with_the_nearest() -> None:
+    terminal, said = typed("amr", "manual")
+    terminal.serve(Bench().runtime.ask)
+    assert "unknown 'amr'; did you mean 'arm'?" in said[0]
+    assert "unknown 'manual'" in said[1]
+
+
+def test_quit_ends_the_program_not_the_safety() -> None:
+    bench = Bench().drive()
+    terminal, _ = typed("quit")
+    assert not terminal.quitting
+    terminal.serve(bench.runtime.ask)
+    assert terminal.quitting
+    bench.runtime.run(ending=lambda: terminal.quitting)
+    assert bench.state is State.DISARMED
+
+
+def test_changes_of_state_are_told_once() -> None:
+    bench = Bench()
+    terminal, said = typed()
+    assert terminal.age_s() is None
+    for command in (None, None, Command.ARM, None, Command.AUTO, None, None):
+        if command:
+            bench.runtime.ask(command)
+        terminal.on_tick(bench.runtime.step())
+    assert [line.split(":")[0] for line in said] == ["DISARMED", "READY", "AUTO"]

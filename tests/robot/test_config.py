@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robot.config import CameraConfig, RobotConfig
+from robot.errors import ConfigError
+from robot.typed_config import from_plain, load_yaml, to_plain
+
+
+def test_the_model_is_enough() -> None:
+    config = from_plain(RobotConfig, {"model": "m.onnx"})
+    assert config == RobotConfig("m.onnx")
+    assert from_plain(RobotConfig, to_plain(config)) == config
+
+
+def test_a_whole_file(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        "model: nav.onnx\nmap: town\nname: daisy\n"
+        "camera: {kind: v4l2, number: 1}\n"
+        "hat: {bus: 7, left: {port: M3M4}, right: {port: M1M2, reversed: true}}\n"
+        "safety: {frame_age_s: 0.3, max_wheel_mps: 0.2}\n"
+        "link: {plaintext: true, base_port: 6000}\n",
+        encoding="utf-8",
+    )
+    config = load_yaml(RobotConfig, path)
+    assert config.camera == CameraConfig("v4l2", 1)
+    assert (config.hat.bus, config.hat.left.port) == (7, "M3M4")
+    assert config.safety.max_wheel_mps == 0.2
+    assert config.link is not None
+    assert config.link.base_port == 6000
+    assert from_plain(RobotConfig, to_plain(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({}, "missing model"),
+        ({"model": "m", "camra": {}}, "did you mean 'camera'"),
+        ({"model": "m", "camera": {"kind": "v4l"}}, "did you mean 'v4l2'"),
+        ({"model": "m", "camera": {"kind": "replay"}}, "expected a path with kind replay"),
+        ({"model": "m", "camera": {"path": "x"}}, "and only with it"),
+        ({"model": "m", "camera": {"fps": 5}}, "camera.fps: expected 10 to 120, got 5"),
+        ({"model": "m", "camera": {"flip": 9}}, "flip 0 to 7"),
+        ({"model": "m", "safety": {"frame_age": 1}}, "did you mean 'frame_age_s'"),
+        ({"model": "m", "safety": {"loop_age_s": -1}}, "loop_age_s: expected a positive number"),
+        ({"model": "m", "hat": {"max_speed_mps": 0.2}}, "at least safety.max_wheel_mps"),
+        ({"model": "m", "hat": {"command_timeout_s": 0.1}}, "at least two decisions"),
+        ({"model": "m", "map": "town"}, "expected a link as well"),
+    ],
+)
+def test_what_does_not_fit_is_refused(data: dict, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        from_plain(RobotConfig, data)
+    assert said in str(caught.value)
