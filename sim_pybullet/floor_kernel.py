@@ -71,7 +71,7 @@ def draw_floor(
     """
     height = tables.first_run.shape[1] - 1
     for task in prange(len(pictures) * blocks):
-        i, block = task // blocks, task % blocks
+        i, block = np.int64(task) // blocks, np.int64(task) % blocks
         first, last = height * block // blocks, height * (block + 1) // blocks
         _draw_rows(pictures[i], skies[i], views, tables, i, first, last)
 
@@ -82,7 +82,7 @@ def _draw_rows(
     sky: np.ndarray,
     views: FloorViews,
     tables: FloorTables,
-    i: int,
+    i: np.int64,
     first_row: int,
     last_row: int,
 ) -> None:

@@ -16,7 +16,7 @@ from sim_pybullet.ray_tables import RigTables, SolidRows, gather_solids
 from sim_pybullet.rays import LEVELS, floor_shade, pixel_rays
 from sim_pybullet.scene import Scene
 from sim_pybullet.sky import background
-from sim_pybullet.solid_kernel import SolidViews, draw_solids, label_solids
+from sim_pybullet.solid_kernel import SolidViews, draw_solids
 from sim_pybullet.solid_table import light_row
 
 
@@ -73,7 +73,7 @@ class RayCamera:
         robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
         poses = self._checked(poses, len(robots))
         pictures = np.empty((len(poses), *self.shape), np.uint8)
-        flat = pictures.reshape(len(poses), -1)
+        flat = pictures.reshape(len(poses), self._skies.shape[1])
         with self._using_threads() as threads:
             blocks = -(-2 * threads // max(1, len(poses)))
             draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
@@ -88,11 +88,11 @@ class RayCamera:
         poses = self._checked(poses, len(robots))
         labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
         with self._using_threads():
-            flat = labels.reshape(len(poses), -1)
+            flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
             label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
             views = self._solid_views(poses, robots)
             if len(views.rows):
-                label_solids(labels, views)
+                draw_solids(labels[..., None], views)
         return labels
 
     def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:

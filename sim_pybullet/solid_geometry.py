@@ -24,7 +24,8 @@ def to_camera(row: np.ndarray, pose: np.ndarray, eye: np.ndarray, out: np.ndarra
     """A world row as the camera has it: relative to the eye (3,), axes of the robot."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = row[_X] - pose[0], row[_Y] - pose[1]
-    out[:] = row
+    for k in range(len(row)):
+        out[k] = row[k]
     out[_X] = c * dx + s * dy - eye[0]
     out[_Y] = c * dy - s * dx - eye[1]
     out[_COS] = c * row[_COS] + s * row[_SIN]
@@ -64,7 +65,8 @@ def pixel_box(around: Outline, cells: np.ndarray, box: np.ndarray) -> bool:
     last_azimuth = math.floor(((azimuth + spread) / math.pi + 1.0) * (AZIMUTHS // 2))
     first_elevation = max(0, int((low / math.pi + 0.5) * ELEVATIONS))
     last_elevation = min(ELEVATIONS - 1, int((high / math.pi + 0.5) * ELEVATIONS))
-    box[0::2], box[1::2] = 1 << 30, -1
+    box[0] = box[2] = 1 << 30
+    box[1] = box[3] = -1
     for i in range(first_azimuth, min(last_azimuth, first_azimuth + AZIMUTHS - 1) + 1):
         for j in range(first_elevation, last_elevation + 1):
             cell = cells[i % AZIMUTHS, j]

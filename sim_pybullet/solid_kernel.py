@@ -59,23 +59,19 @@ class Canvas(NamedTuple):
 
 @njit(parallel=True, nogil=True, cache=True)
 def draw_solids(pictures: np.ndarray, views: SolidViews) -> None:
-    """Draw into pictures (N, H, W, 3) uint8; edges are blended over four rays per pixel."""
+    """Draw solids into pictures, (N, H, W, 3) uint8 RGB or (N, H, W, 1) uint8 classes.
+
+    Edges of colours are blended over four rays per pixel; a class is that of one ray.
+    """
+    labels = pictures.shape[3] == 1
     for i in prange(len(pictures)):
-        canvas = _look(views, i, 4)
+        canvas = _look(views, np.int64(i), 1 if labels else 4)
         for v in range(len(canvas.depth)):
             picture = pictures[i, canvas.top + v, canvas.left :]
-            _blend(picture, canvas.depth[v], canvas.seen[v])
-
-
-@njit(parallel=True, nogil=True, cache=True)
-def label_solids(labels: np.ndarray, views: SolidViews) -> None:
-    """Write the class of the nearest solid on each pixel's ray into labels (N, H, W) uint8."""
-    for i in prange(len(labels)):
-        canvas = _look(views, i, 1)
-        for v in range(len(canvas.depth)):
-            for u in range(canvas.depth.shape[2]):
-                if canvas.depth[v, 0, u] < NO_HIT:
-                    labels[i, canvas.top + v, canvas.left + u] = canvas.seen[v, 0, u]
+            if labels:
+                _label(picture, canvas.depth[v], canvas.seen[v])
+            else:
+                _blend(picture, canvas.depth[v], canvas.seen[v])
 
 
 class InSight(NamedTuple):
@@ -106,7 +102,7 @@ def _gather(
     colours, lights = np.empty((ends[-1], 3), np.uint32), np.empty((count, 5))
     for i in prange(count):
         _turn_light(views.lights[i], views.poses[i, 2], lights[i])
-        seen_rows, seen_boxes = _in_sight(views, i)
+        seen_rows, seen_boxes = _in_sight(views, np.int64(i))
         start = ends[i] - (views.last[i] - views.first[i])
         for k in range(len(seen_rows)):
             rows[start + k], boxes[start + k] = seen_rows[k], seen_boxes[k]
@@ -119,7 +115,7 @@ def _gather(
 
 
 @njit(cache=True)
-def _in_sight(views: SolidViews, i: int) -> tuple[np.ndarray, np.ndarray]:
+def _in_sight(views: SolidViews, i: np.int64) -> tuple[np.ndarray, np.ndarray]:
     """The solids that a robot's camera sees: rows (k, 13) and pixel boxes (k, 4)."""
     count = views.last[i] - views.first[i]
     rows = np.empty((count, views.rows.shape[1]))
@@ -134,7 +130,7 @@ def _in_sight(views: SolidViews, i: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True)
-def _look(views: SolidViews, i: int, samples: int) -> Canvas:
+def _look(views: SolidViews, i: np.int64, samples: int) -> Canvas:
     """What one robot sees: colours by four rays per pixel, or classes by one."""
     rows, boxes = _in_sight(views, i)
     canvas = _canvas(boxes, views.directions[views.slots[i]], samples)
@@ -145,7 +141,7 @@ def _look(views: SolidViews, i: int, samples: int) -> Canvas:
     for k in range(len(rows)):
         face_colours(rows[k], light, colours)
         if samples == 1:
-            colours[:] = np.uint32(rows[k, _KIND])
+            colours[0] = colours[1] = colours[2] = np.uint32(rows[k, _KIND])
         first, last = boxes[k, 2] - canvas.left, boxes[k, 3] + 1 - canvas.left
         for v in range(boxes[k, 0] - canvas.top, boxes[k, 1] + 1 - canvas.top):
             rays, depth, seen = canvas.rays[v], canvas.depth[v], canvas.seen[v]
@@ -159,10 +155,12 @@ def _look(views: SolidViews, i: int, samples: int) -> Canvas:
 @njit(cache=True)
 def _canvas(boxes: np.ndarray, directions: np.ndarray, samples: int) -> Canvas:
     """An empty canvas over all pixel boxes."""
-    top = left = height = width = 0
-    if len(boxes):
-        top, left = boxes[:, 0].min(), boxes[:, 2].min()
-        height, width = boxes[:, 1].max() + 1 - top, boxes[:, 3].max() + 1 - left
+    top, left = directions.shape[1:]
+    bottom = right = -1
+    for box in boxes:
+        top, bottom = min(top, box[0]), max(bottom, box[1])
+        left, right = min(left, box[2]), max(right, box[3])
+    height, width = max(0, bottom + 1 - top), max(0, right + 1 - left)
     depth = np.full((height, samples, width), np.float32(NO_HIT))
     seen = np.empty((height, samples, width), np.uint32)
     rays = np.empty((height, 3, samples, width), np.float32)
@@ -179,7 +177,8 @@ def _canvas(boxes: np.ndarray, directions: np.ndarray, samples: int) -> Canvas:
 @njit(cache=True)
 def _turn_light(light: np.ndarray, heading: float, turned: np.ndarray) -> None:
     c, s = math.cos(heading), math.sin(heading)
-    turned[:] = light
+    for k in range(2, 5):
+        turned[k] = light[k]
     turned[0], turned[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
 
 
@@ -223,3 +222,10 @@ def _blend(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
             picture[u, 0] = (red + bare * picture[u, 0]) >> two
             picture[u, 1] = (green + bare * picture[u, 1]) >> two
             picture[u, 2] = (blue + bare * picture[u, 2]) >> two
+
+
+@njit(cache=True)
+def _label(picture: np.ndarray, depth: np.ndarray, seen: np.ndarray) -> None:
+    for u in range(depth.shape[1]):
+        if depth[0, u] < NO_HIT:
+            picture[u, 0] = seen[0, u]

@@ -164,3 +164,19 @@ def test_wrong_number_of_poses_is_refused() -> None:
     camera = RayCamera(SMALL, 2)
     with pytest.raises(ValueError, match=r"expected poses \(2, 3\) and set_robot"):
         camera.render(np.zeros((2, 3)))
+
+
+def test_beyond_the_fold_of_a_lens_is_black() -> None:
+    """A plumb-bob polynomial that turns back maps nothing to the pixels beyond its turning."""
+    folded = Lens("plumb_bob", 80, 60, 25.0, 25.0, 39.5, 29.5, (-0.3, 0.0, 0.0, 0.0))
+    camera = camera_on(smooth_scene(), CameraRig(folded), ImageSpec(80, 60))
+    frame, labels = camera.render(np.zeros((1, 3)))[0], camera.segment(np.zeros((1, 3)))[0]
+    assert_array_equal(frame[0, 0], (0, 0, 0))
+    assert_array_equal(frame[-1, -1], (0, 0, 0))
+    assert labels[-1, -1] == SemanticClass.SKY
+    assert frame[40, 40].any()
+
+
+def test_no_robots_make_no_pictures() -> None:
+    camera = camera_on(smooth_scene(), NOMINAL.rig(), n=2)
+    assert camera.render(np.zeros((0, 3)), np.zeros(0, int)).shape == (0, *camera.shape)
