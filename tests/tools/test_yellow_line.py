@@ -1,15 +1,22 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from robot.contract import ImageSpec
 from robot.errors import MapError
+from robot.path import lane_loop
 from robot.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.ground import paint_ground
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.objects import build_scene
+from sim_pybullet.ray_camera import RayCamera
 from tools.yellow_line import main, measure
+from tools.yellow_line_sheet import BORDERS, COLUMNS, TILE
+from tools.yellow_line_sheet import main as sheet_main
 from tools.yellow_truth import yellow_middle
 
 
@@ -56,3 +63,21 @@ def test_wrong_input_is_one_line_and_exit_status_2(capsys: pytest.CaptureFixture
     assert len(lines) == 2
     assert "expected 1 or more, got 0" in lines[0]
     assert "loop" in lines[1]
+
+
+def test_the_sheet_draws_what_was_found(tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    road_map = load_map("loop")
+    camera = RayCamera(ImageSpec(), 1)
+    camera.set_robot(0, build_scene(road_map, NOMINAL, np.random.default_rng(0)), NOMINAL.rig())
+    lane = lane_loop(road_map)
+    for i, arc_m in enumerate(np.linspace(0.0, lane.length_m, 6)):
+        picture = camera.render(np.array([lane.pose_at(float(arc_m))]))[0]
+        cv2.imwrite(str(frames / f"{i}.png"), picture[..., ::-1])
+    out = tmp_path / "sheet.png"
+    assert sheet_main(["--images", str(frames), "--out", str(out)]) == 0
+    sheet = cv2.imread(str(out))[..., ::-1]
+    assert sheet.shape == (2 * TILE[1], COLUMNS * TILE[0], 3)
+    assert tuple(sheet[0, 0]) == BORDERS[False], "a robot in its lane has not crossed the line"
+    assert sheet_main(["--images", str(tmp_path / "none"), "--out", str(out)]) == 2
