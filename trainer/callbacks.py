@@ -95,7 +95,7 @@ class EpisodeRecorder(BaseCallback):
 
 
 class Evaluator(BaseCallback):
-    """Drives greedily every so many steps, keeps the best policy, stops when it is good enough."""
+    """Drives greedily now and then, keeps the best policy, stops when it is good enough."""
 
     def __init__(
         self, state: TrainState, config: RunConfig, folder: RunFolder, env: VecEnv, clock: Clock
@@ -105,8 +105,9 @@ class Evaluator(BaseCallback):
         self._env, self._clock = env, clock
 
     def _on_step(self) -> bool:
-        done = len(self._state.evaluations)
-        if self.num_timesteps >= (done + 1) * self._config.evaluation.every_steps:
+        last = self._state.evaluations[-1].step if self._state.evaluations else 0
+        # the longer the run, the rarer: evaluations take a bounded share of its time
+        if self.num_timesteps - last >= max(self._config.evaluation.every_steps, last // 4):
             self.evaluate()
         return not self._state.stopped_by
 

@@ -141,7 +141,8 @@ class _Session:
         draw_curve(self.folder, self.config)
         metrics = self._metrics()
         if not interrupted:
-            export_run(self.folder, self.config, self.evaluation_env, int8=False)
+            env = self.evaluation_env
+            export_run(self.folder, self.config, env, frames=10 * env.num_envs, int8=False)
             write_json(self.folder.metrics, metrics)
         return metrics
 
