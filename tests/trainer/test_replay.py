@@ -111,7 +111,7 @@ def test_dict_observations_come_back_together(tmp_path: Path) -> None:
 
 def test_too_little_disk_is_said_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="GB free"):
-        open_buffer(tmp_path, spaces.Box(0, 255, (9_999, 9_999, 3), np.uint8), size=10**5)
+        open_buffer(tmp_path, spaces.Box(0, 255, (999, 999, 3), np.uint8), size=10**7)
     assert not any(tmp_path.iterdir())
 
 
