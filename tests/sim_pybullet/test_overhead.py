@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from localizer_node.calibration import Board, Marker
+from localizer_node.calibration import Marker
 from localizer_node.rectify import Rectifier
 from robot.geometry import Pose
 from sim_pybullet.overhead import (
@@ -16,13 +16,9 @@ from sim_pybullet.overhead import (
     robot_sheets,
 )
 from sim_pybullet.scene import Ground
-from tests.sim_pybullet.arena_drives import Score, arena, drive
+from tools.overhead_drive import HANGING_FRAMES, ROBOTS, Score, arena, drive
 
 CLEAN = OverheadLook(blur_px=0.0, noise=0.0)
-TWO_COLOUR = (Marker("a"), Marker("b", front="magenta"), Marker("c", front="orange"))
-TAGGED = (Marker("a", "tag", tag=3), Marker("b", "tag", tag=8), Marker("c", "tag", tag=14))
-PLAIN = (Marker("a", "plain", board=Board(0.18, 0.11)),)
-KINDS = {"two_colour": TWO_COLOUR, "tag": TAGGED, "plain": PLAIN}
 
 
 @pytest.fixture(scope="module")
@@ -88,10 +84,10 @@ def test_the_same_generator_draws_the_same_picture():
 
 
 def test_boards_show_their_marker():
-    two = board_rgb(TWO_COLOUR[0])
+    two = board_rgb(ROBOTS["two_colour"][0])
     assert two[5, 5, 1] > two[5, 5, 2]  # green in front
     assert two[-5, 5, 2] > two[-5, 5, 1]
-    tag = board_rgb(TAGGED[0])
+    tag = board_rgb(ROBOTS["tag"][0])
     middle = tag[len(tag) // 2]
     assert middle.min() < 10
     assert tag[3, 3, 2] > 150
@@ -111,12 +107,12 @@ def test_light_falls_off_to_one_side_and_into_shadow():
     assert picture[spot[1], spot[0]] == pytest.approx(50, abs=2)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ROBOTS)
 def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(kind):
     """Calibrated from clicks, in random light, among blue clutter; 240 frames in all."""
     score = Score()
     for seed in range(2):
-        drive(KINDS[kind], 40, seed, score, blue_things=kind != "plain")
+        drive(ROBOTS[kind], 40, seed, score, blue_things=kind != "plain")
     assert score.wrong == 0
     assert score.position_rms_mm <= 10.0
     assert score.heading_rms_deg <= 3.0
@@ -128,9 +124,8 @@ def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(ki
 @pytest.mark.parametrize("kind", ["two_colour", "tag"])
 def test_no_wrong_robot_in_ten_thousand_frames(kind):
     score = Score()
-    for seed in range(50):
-        drive(KINDS[kind], 200, 100 + seed, score)
-    print(f"{kind}: {score}")
+    for seed in range(10_000 // HANGING_FRAMES):
+        drive(ROBOTS[kind], HANGING_FRAMES, seed, score)
     assert score.wrong == 0
     assert score.position_rms_mm <= 10.0
     assert score.heading_rms_deg <= 3.0

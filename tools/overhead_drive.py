@@ -1,19 +1,35 @@
-"""Robots that wander over the drawn arena under a calibrated overhead camera."""
+"""How well the localizer does: robots that wander over the drawn arena under its camera.
 
+``python -m tools.overhead_drive --kind tag --frames 10000`` hangs a new camera every 200 frames, in
+random light, calibrates it from clicks, and follows three robots among blue clutter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
 import math
+import sys
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 
+import cv2
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
-from localizer_node.calibration import Calibration, Marker
+from localizer_node.calibration import Board, Calibration, Marker
 from localizer_node.camera_fit import Freedom
 from localizer_node.node import Localizer
 from localizer_node.rectify import map_outline
+from localizer_node.track import RobotPose
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
-from robot.road_map import load_map
+from robot.road_map import RoadMap, load_map
 from sim_pybullet.ground import paint_ground
 from sim_pybullet.look import GroundLook
 from sim_pybullet.overhead import (
@@ -25,14 +41,24 @@ from sim_pybullet.overhead import (
     coloured,
     robot_sheets,
 )
+from sim_pybullet.scene import Ground
 
 FPS = 30
+HANGING_FRAMES = 200  # until the camera is hung anew
 APART_M = 0.24
 WRONG_M = 0.10  # a pose farther off than this is another robot's, or nobody's
 
 
+ROBOTS: dict[str, tuple[Marker, ...]] = {
+    "two_colour": (Marker("a"), Marker("b", front="magenta"), Marker("c", front="orange")),
+    "tag": tuple(Marker(name, "tag", tag=tag) for name, tag in (("a", 3), ("b", 8), ("c", 14))),
+    "plain": (Marker("a", "plain", board=Board(0.18, 0.11)),),
+}
+
+
 @lru_cache(maxsize=1)
-def arena():
+def arena() -> tuple[RoadMap, Ground]:
+    """The arena's map, and its floor painted."""
     road_map = load_map("arena")
     return road_map, paint_ground(road_map, GroundLook())
 
@@ -55,6 +81,7 @@ def random_look(rng: np.random.Generator) -> OverheadLook:
 
 
 def random_camera(rng: np.random.Generator) -> OverheadCamera:
+    """A camera hung by hand, a few centimetres and degrees off."""
     place = (1.1 + rng.normal(0, 0.03), 1.32 + rng.normal(0, 0.03), 2.5 + rng.normal(0, 0.02))
     tilt = (rng.normal(0, 0.02), rng.normal(0, 0.02))
     yaw = rng.choice([0.5, -0.5]) * math.pi + rng.normal(0, 0.03)
@@ -96,6 +123,7 @@ class Wanderer:
     left: int = 0
 
     def step(self, others: list[Pose], rng: np.random.Generator) -> None:
+        """Move on by one picture."""
         if self.left == 0:
             self.action, self.left = int(rng.integers(5)), round(CONTROL_DT_S * FPS)
         self.left -= 1
@@ -118,8 +146,10 @@ class Score:
     told: int = 0
     expected: int = 0
     wrong: int = 0
+    seconds: list[float] = field(default_factory=list)  # to locate, of each picture
 
-    def add(self, told, poses: dict[str, Pose]) -> None:
+    def add(self, told: Iterable[RobotPose], poses: dict[str, Pose]) -> None:
+        """Compare the poses told of one picture with the true ones."""
         self.expected += len(poses)
         for one in told:
             true = poses[one.robot]
@@ -133,25 +163,34 @@ class Score:
 
     @property
     def position_rms_mm(self) -> float:
+        """[mm]"""
         return 1000.0 * float(np.sqrt(np.mean(np.square(self.position_m))))
 
     @property
     def heading_rms_deg(self) -> float:
+        """[degrees]"""
         return math.degrees(float(np.sqrt(np.mean(np.square(self.heading_rad)))))
 
-    def __str__(self) -> str:
-        return (
-            f"{self.told} poses of {self.expected}, wrong {self.wrong}, "
-            f"position {self.position_rms_mm:.2f} mm RMS (max {1e3 * max(self.position_m):.1f}), "
-            f"heading {self.heading_rms_deg:.2f} deg RMS "
-            f"(max {math.degrees(max(self.heading_rad)):.1f})"
-        )
+    def summary(self) -> dict[str, float]:
+        """The figures, by name."""
+        return {
+            "poses": self.told,
+            "seen_share": self.told / max(self.expected, 1),
+            "wrong": self.wrong,
+            "position_rms_mm": self.position_rms_mm,
+            "position_max_mm": 1000.0 * max(self.position_m),
+            "heading_rms_deg": self.heading_rms_deg,
+            "heading_max_deg": math.degrees(max(self.heading_rad)),
+            "heading_share": len(self.heading_rad) / max(self.told, 1),
+            "locate_p50_ms": 1000.0 * float(np.percentile(self.seconds, 50)),
+            "locate_p99_ms": 1000.0 * float(np.percentile(self.seconds, 99)),
+        }
 
 
 def drive(
     robots: tuple[Marker, ...], frames: int, seed: int, score: Score, blue_things: bool = True
 ) -> None:
-    """One installation, newly hung and calibrated, and its robots for some frames."""
+    """One camera, newly hung and calibrated, and its robots for some frames; adds to ``score``."""
     rng = np.random.default_rng(seed)
     camera = random_camera(rng)
     localizer = Localizer(clicked(camera, robots, rng))
@@ -166,4 +205,34 @@ def drive(
             wanderer.step([w.pose for n, w in crowd.items() if n != name], rng)
         sheets = [s for m in robots for s in robot_sheets(m, crowd[m.robot].pose, boards[m.robot])]
         picture = camera.render([*things, *sheets], rng)
-        score.add(localizer.feed(picture, i / FPS), {n: w.pose for n, w in crowd.items()})
+        began_s = time.perf_counter()
+        told = localizer.feed(picture, i / FPS)
+        score.seconds.append(time.perf_counter() - began_s)
+        score.add(told, {n: w.pose for n, w in crowd.items()})
+
+
+def main() -> int:
+    """Drive, and print or write the figures."""
+    parser = argparse.ArgumentParser(prog="python -m tools.overhead_drive", description=__doc__)
+    parser.add_argument("--kind", choices=sorted(ROBOTS), default="two_colour")
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", metavar="OUT", help="write the figures there")
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    score = Score()
+    runs = math.ceil(arguments.frames / HANGING_FRAMES)
+    for run in track(range(runs), "driving", console=Console(stderr=True)):
+        frames = min(HANGING_FRAMES, arguments.frames - run * HANGING_FRAMES)
+        kind = arguments.kind
+        drive(ROBOTS[kind], frames, arguments.seed + run, score, blue_things=kind != "plain")
+    figures = {"kind": arguments.kind, "frames": arguments.frames, **score.summary()}
+    text = json.dumps(figures, indent=1)
+    if arguments.json:
+        Path(arguments.json).write_text(text + "\n", encoding="utf-8")
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
