@@ -8,7 +8,7 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
-from localizer_node.calibration import Board, Calibration, Marker
+from localizer_node.calibration import DEFAULT_COLOURS, Board, Calibration, Colour, Marker
 from localizer_node.camera_fit import CameraFit, Freedom, fit_camera
 from localizer_node.rectify import Rectifier, map_outline
 from robot.errors import ConfigError
@@ -67,6 +67,7 @@ def calibrate(
     freedom: Freedom = Freedom(focal=True),  # noqa: B008 (frozen)
     map_size_m: Tuple[float, float] = (2.2, 2.64),
     robots: Tuple[Marker, ...] = (Marker(),),
+    colours: Tuple[Colour, ...] = DEFAULT_COLOURS,
     max_residual_mm: float = MAX_RESIDUAL_MM,
 ) -> Report:
     """Find the camera (and what ``freedom`` leaves open of its lens) from at least four points.
@@ -80,7 +81,7 @@ def calibrate(
     floor_m = np.array([(p.x_m, p.y_m) for p in points], dtype=float).reshape(-1, 2)
     _check_points(pixels, floor_m, lens)
     fit = fit_camera(pixels, floor_m, lens, freedom)
-    rough = _calibration_of(fit, map_size_m, robots)
+    rough = replace(_calibration_of(fit, map_size_m), colours=colours, robots=robots)
     errors = np.linalg.norm(Rectifier(rough).to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
     _check_residual(residual, errors, max_residual_mm)
@@ -152,9 +153,7 @@ def _check_parallax(sigma_mm: float, fit: CameraFit) -> None:
     )
 
 
-def _calibration_of(
-    fit: CameraFit, map_size_m: Tuple[float, float], robots: Tuple[Marker, ...]
-) -> Calibration:
+def _calibration_of(fit: CameraFit, map_size_m: Tuple[float, float]) -> Calibration:
     east = fit.rotation[:, 0]
     turn = -math.atan2(east[1], east[0])
     c, s = math.cos(turn), math.sin(turn)
@@ -168,7 +167,7 @@ def _calibration_of(
         camera_m=(x, y, height),
         rotation_rad=turn,
         map_size_m=map_size_m,
-        robots=robots,
+        robots=(),
     )
 
 

@@ -45,11 +45,17 @@ def coarse_rects(mask: np.ndarray, min_area_px: float) -> List[Tuple[int, int, i
     return [(int(u), int(v), int(u + w), int(v + h)) for u, v, w, h, _ in kept]
 
 
-def blobs(image: np.ndarray, hsv: np.ndarray, colour: Colour, min_area_px: float) -> List[Blob]:
-    """The components of one colour in a small RGB picture and its HSV, largest first."""
+def opened(mask: np.ndarray, size_px: int) -> np.ndarray:
+    """The mask without what is narrower than ``size_px``."""
     import cv2
 
-    mask = mask_of(hsv, colour)
+    return cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8))
+
+
+def blobs(image: np.ndarray, mask: np.ndarray, min_area_px: float) -> List[Blob]:
+    """The components of a mask of a small RGB picture (H, W, 3), largest first."""
+    import cv2
+
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     found = []
     for outline in outlines:

@@ -8,21 +8,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Iterable, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
-from localizer_node.colour import Blob, blobs, coarse_rects, mask_of, to_hsv
+from localizer_node.colour import Blob, blobs, mask_of, opened, to_hsv
 from localizer_node.parts import Part, bell, measured, merged, size_fit
 from localizer_node.rectify import Rect, Rectifier
+from localizer_node.search import CoarseSearch, clipped
 from localizer_node.tags import Tag, TagReader
 
 BASELINE_TOLERANCE = 0.25  # relative, between the middles of rear and front
 TAG_TOLERANCE = 0.25
 MAP_MARGIN_M = 0.05
 AXIS_RATIO = 1.2  # length over width of a board whose longer side can be told
-COARSE_SIDE_PX = 5  # what the shorter side of a board keeps in the coarse mask
 TAG_SIDE_PX = 48  # smaller tags are enlarged to about this before they are read
 
 
@@ -54,6 +54,7 @@ class Detector:
         heights = [m.board.height_m for m in self._markers]
         self._board_height_m = float(np.mean(heights)) if heights else 0.0
         self._scales = self._px_per_m()
+        self._search = CoarseSearch(calibration, self._scales)
         self._roi = np.array(calibration.roi_px, dtype=np.float32)
 
     def _px_per_m(self) -> Tuple[float, float]:
@@ -70,7 +71,9 @@ class Detector:
         corners = np.array([x_m, y_m]) + reach_m * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         pixels = self.rectifier.to_pixels(corners, self._board_height_m)
         low, high = np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0))
-        return self._clipped((int(low[0]), int(low[1]), int(high[0]), int(high[1])))
+        return clipped(
+            self.calibration.lens, (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+        )
 
     def detect(
         self,
@@ -80,37 +83,19 @@ class Detector:
     ) -> Tuple[Detection, ...]:
         """The robots in an RGB picture (H, W, 3), inside the region of interest or ``regions``.
 
-        A tag without blue around it is looked for everywhere only where ``search_tags`` says so:
-        it takes longer than all the rest.
+        A tag without its blue around it is looked for in ``regions``, but in the whole picture only
+        where ``search_tags`` says so: that takes longer than all the rest.
         """
         whole = regions is None
         areas = [self.rectifier.roi_rect()] if regions is None else list(regions)
-        windows = self._windows(image, areas)
         found: List[Detection] = []
-        for window in windows:
+        for window in self._search.windows(image, areas):
             found += self._in_window(image, window)
-        if whole and search_tags and self._missing_tags(found):
-            found += self._read_tags(image, areas[0], self._missing_tags(found))
+        if search_tags or not whole:
+            for area in areas:
+                missing = self._missing_tags(found)
+                found += self._read_tags(image, area, missing) if missing else []
         return tuple(d for d in found if self._inside(d))
-
-    def _windows(self, image: np.ndarray, areas: Iterable[Rect]) -> List[Rect]:
-        """Where blue of about the right size is, with room for the rest of the board."""
-        if not self._markers:
-            return []
-        sides = [side for m in self._markers for side in m.blue_m]
-        step = int(np.clip(min(sides) * self._scales[0] / COARSE_SIDE_PX, 1, 4))
-        least = 0.3 * min(m.blue_m[0] * m.blue_m[1] for m in self._markers) * self._scales[0] ** 2
-        most = 2.5 * max(sides) * self._scales[1]
-        room = int(max(m.board.length_m for m in self._markers) * self._scales[1] * 0.7) + 2
-        colour = self.calibration.colour(self.calibration.board_colour)
-        rects: List[Rect] = []
-        for u0, v0, u1, v1 in areas:
-            small = to_hsv(image[v0:v1:step, u0:u1:step])
-            for a, b, c, d in coarse_rects(mask_of(small, colour), least / step**2):
-                if max(c - a, d - b) * step <= most:
-                    rect = (u0 + a * step, v0 + b * step, u0 + c * step, v0 + d * step)
-                    rects.append((rect[0] - room, rect[1] - room, rect[2] + room, rect[3] + room))
-        return [self._clipped(rect) for rect in merged(rects)]
 
     def _in_window(self, image: np.ndarray, window: Rect) -> List[Detection]:
         u0, v0, u1, v1 = window
@@ -118,12 +103,11 @@ class Detector:
         if crop.size == 0:
             return []
         hsv = to_hsv(crop)
-        blue = self.calibration.colour(self.calibration.board_colour)
-        rears = self._parts(blobs(crop, hsv, blue, self._least_px(0)), window)
+        rears = self._rears(crop, hsv, window)
         found: List[Detection] = []
         for name in sorted({m.front for m in self._two_colour}):
             colour = self.calibration.colour(name)
-            fronts = self._parts(blobs(crop, hsv, colour, self._least_px(1)), window)
+            fronts = self._parts(blobs(crop, mask_of(hsv, colour), self._least_px(1)), window)
             for marker in self._two_colour:
                 if marker.front == name:
                     found += self._pairs(marker, rears, fronts)
@@ -131,6 +115,15 @@ class Detector:
             for near in merged([self._around(r) for r in rears if self._may_bear_tag(r)]):
                 found += self._read_tags(image, near, self._tagged)
         return found + self._bare(rears, found)
+
+    def _rears(self, crop: np.ndarray, hsv: np.ndarray, window: Rect) -> List[Part]:
+        """Blue parts; where none is a board, those left when narrow blue things are cut off."""
+        mask = mask_of(hsv, self.calibration.colour(self.calibration.board_colour))
+        rears = self._parts(blobs(crop, mask, self._least_px(0)), window)
+        if any(size_fit(r, m.blue_m) > 0.0 for r in rears for m in self._markers):
+            return rears
+        mask = opened(mask, self._search.narrow_px(1))
+        return self._parts(blobs(crop, mask, self._least_px(0)), window)
 
     def _least_px(self, part: int) -> float:
         """A third of the area of the smallest rear (0) or front (1) part."""
@@ -207,7 +200,7 @@ class Detector:
         """A window that holds the tag of a board whose blue has this centre."""
         reach = int(1.5 * max(m.board.tag_m for m in self._tagged) * self._scales[1]) + 2
         u, v = (int(c) for c in rear.centre_px)
-        return self._clipped((u - reach, v - reach, u + reach, v + reach))
+        return clipped(self.calibration.lens, (u - reach, v - reach, u + reach, v + reach))
 
     def _missing_tags(self, found: Sequence[Detection]) -> List[Marker]:
         names = {d.robot for d in found}
@@ -249,11 +242,6 @@ class Detector:
         if not len(self._roi):
             return True
         return cv2.pointPolygonTest(self._roi, (detection.u_px, detection.v_px), False) >= 0
-
-    def _clipped(self, rect: Rect) -> Rect:
-        lens = self.calibration.lens
-        u0, v0 = max(rect[0], 0), max(rect[1], 0)
-        return (u0, v0, max(min(rect[2], lens.width_px), u0), max(min(rect[3], lens.height_px), v0))
 
 
 def _distance_px(detection: Detection, part: Part) -> float:

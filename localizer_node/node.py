@@ -47,9 +47,10 @@ def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]
 
 
 class Localizer:
-    """Follows the robots from picture to picture, and tells each picture's poses to ``publish``.
+    """Follows the robots from picture to picture.
 
-    While all robots are in sight only the neighbourhoods of where they must be are searched.
+    ``publish`` is told the poses of every picture, even if there are none. While all robots are in
+    sight, only the neighbourhoods of where they must be are searched.
     """
 
     def __init__(self, calibration: Calibration, publish: Optional[Publish] = None) -> None:
@@ -74,7 +75,7 @@ class Localizer:
         detections = self._detector.detect(image, self._regions(t_capture_s), search_tags)
         poses = self._tracker.update(detections, t_capture_s, self.frame)
         self._all_seen = len(poses) == len(self.calibration.robots)
-        if self._publish is not None and poses:
+        if self._publish is not None:
             self._publish(poses)
         return poses
 

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 from typing import Tuple
 
-from localizer_node.node import Publish
 from localizer_node.track import RobotPose
 from robot.link.config import LinkConfig
 from robot.link.messages import PoseMessage
 
 
-def pose_publisher(config: LinkConfig) -> Publish:
-    """A function that publishes the poses of one picture.
+class PosePublisher:
+    """Publishes the poses of each picture; use it as a context, or close it.
 
     Raises:
         ConfigError: the link's keys are absent, or the configuration does not fit.
     """
-    publisher = config.publisher(config.open(), PoseMessage)
 
-    def publish(poses: Tuple[RobotPose, ...]) -> None:
+    def __init__(self, config: LinkConfig) -> None:
+        self._link = config.open()
+        self._publisher = config.publisher(self._link, PoseMessage)
+
+    def __call__(self, poses: Tuple[RobotPose, ...]) -> None:
+        """Send the poses of one picture; with none, only let new listeners in."""
+        self._link.admit()
         for pose in poses:
-            publisher.send(message_of(pose))
+            self._publisher.send(message_of(pose))
 
-    return publish
+    def __enter__(self) -> PosePublisher:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._link.close()
 
 
 def message_of(pose: RobotPose) -> PoseMessage:

@@ -26,7 +26,7 @@ def square(centre, half, colour="blue", size=60):
 @given(st.floats(20.0, 40.0), st.floats(20.0, 40.0), st.floats(4.0, 12.0))
 def test_the_centroid_is_right_to_a_fraction_of_a_pixel(u, v, half):
     image = square((u, v), half)
-    (blob,) = blobs(image, to_hsv(image), BLUE, 20.0)
+    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
     assert blob.centre_px == pytest.approx((u, v), abs=0.2)
     assert math.sqrt(blob.area_px) == pytest.approx(2.0 * half, abs=1.7)
 
@@ -34,7 +34,7 @@ def test_the_centroid_is_right_to_a_fraction_of_a_pixel(u, v, half):
 def test_a_shadow_over_half_the_board_does_not_pull_the_centroid():
     image = square((30.2, 29.7), 9.0)
     image[:, :30] = (image[:, :30] * 0.6).astype(np.uint8)
-    (blob,) = blobs(image, to_hsv(image), BLUE, 20.0)
+    (blob,) = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
     assert blob.centre_px == pytest.approx((30.2, 29.7), abs=0.3)
 
 
@@ -56,6 +56,6 @@ def test_blobs_come_largest_first_and_specks_not_at_all():
     image = square((15.0, 15.0), 4.0)
     image[40:55, 40:55] = PAINT["blue"]
     image[5, 50] = PAINT["blue"]
-    found = blobs(image, to_hsv(image), BLUE, 20.0)
+    found = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
     assert [round(b.centre_px[0]) for b in found] == [47, 15]
     assert coarse_rects(mask_of(to_hsv(image), BLUE), 20.0)[-1] == (40, 40, 55, 55)

@@ -87,6 +87,24 @@ def test_blue_that_is_no_board_is_no_robot():
         assert math.hypot(found[0].x_m - pose[0], found[0].y_m - pose[1]) < 0.004
 
 
+@pytest.mark.parametrize("robots", [TWO_COLOUR, PLAIN], ids=["two_colour", "plain"])
+def test_blue_tape_that_touches_a_board_does_not_hide_it(robots):
+    pose = (1.2, 1.4, 0.4)
+    tape = ((1.2, 1.4, 0.9), (-0.5, 0.0, -0.015, 0.015))
+    picture, detector = look(robots, [(robots[0], pose)], clutter=[tape])
+    (found,) = detector.detect(picture)
+    assert (found.x_m, found.y_m) == pytest.approx(pose[:2], abs=0.01)
+
+
+def test_a_tag_on_blue_ground_is_read_where_it_is_expected():
+    pose = (1.2, 1.4, 0.4)
+    ground = ((1.2, 1.4, 0.0), (-0.4, 0.4, -0.4, 0.4))
+    picture, detector = look(TAGGED, [(TAGGED[0], pose)], clutter=[ground])
+    (found,) = detector.detect(picture, [detector.window_px(1.2, 1.4, 0.2)], search_tags=False)
+    assert found.robot == "seven"
+    assert (found.x_m, found.y_m) == pytest.approx(pose[:2], abs=0.004)
+
+
 def test_a_board_without_its_front_colour_is_no_two_coloured_robot():
     blue_only = Marker("x", "plain", board=Board(length_m=0.1))
     picture, detector = look(TWO_COLOUR, [(blue_only, (1.0, 1.0, 0.0))])
@@ -112,6 +130,8 @@ def test_a_tag_needs_no_blue_but_must_have_its_size():
         detector = Detector(rig.calibration(TAGGED))
         assert [d.robot for d in detector.detect(picture)] == names
         assert detector.detect(picture, search_tags=False) == ()
+        window = detector.window_px(1.2, 1.4, 0.2)
+        assert [d.robot for d in detector.detect(picture, [window])] == names
 
 
 @given(st.floats(-math.pi, math.pi))

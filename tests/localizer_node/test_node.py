@@ -46,7 +46,7 @@ def test_robots_are_followed_and_published():
             assert math.hypot(pose.x_m - x, pose.y_m - y) < 0.006
             assert turn(pose.heading_rad, heading) < math.radians(2.0)
             assert (pose.frame, pose.t_capture_s) == (i, i / 30.0)
-    assert len(published) == 28
+    assert [len(poses) for poses in published] == [0, 0] + [2] * 28
 
 
 def test_a_robot_that_leaves_its_window_is_searched_everywhere():

@@ -11,7 +11,7 @@ from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
 from localizer_node.calibration import Board, Colour, Marker
 from localizer_node.camera_fit import Freedom
 from localizer_node.node import locate_frame
-from localizer_node.sources import read_picture
+from robot.camera.replay import read_picture
 from robot.errors import ConfigError
 
 SEEN = json.loads((Path(__file__).parent / "overhead_colour_markers.json").read_text())
@@ -30,7 +30,7 @@ def field_points():
 
 def fit(model, limit_mm=PIXEL_MM):
     lens = guess_lens(model, 320, 180)
-    return calibrate(field_points(), lens, FREEDOM, FIELD_M, (), limit_mm)
+    return calibrate(field_points(), lens, FREEDOM, FIELD_M, (), max_residual_mm=limit_mm)
 
 
 def test_the_field_s_marks_calibrate_its_fisheye_to_less_than_a_pixel():

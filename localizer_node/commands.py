@@ -1,0 +1,76 @@
+"""``run`` and ``locate``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+from localizer_node.calibration import load_calibration
+from localizer_node.detect import Detection
+from localizer_node.draw import annotated
+from localizer_node.node import Localizer, Publish, locate_frame
+from localizer_node.outputs import SCHEMA, write_json, write_picture
+from localizer_node.publish import PosePublisher
+from localizer_node.sources import open_source
+from localizer_node.track import RobotPose
+from robot.camera.replay import read_picture
+from robot.link.config import LinkConfig
+from robot.typed_config import load_yaml, to_plain
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Follow the robots until the source ends; publish their poses, or print them as JSON lines."""
+    calibration = load_calibration(arguments.calibration)
+    frames = open_source(arguments.source, calibration.lens, arguments.fps)
+    with ExitStack() as open_links:
+        publish: Publish = _print_lines
+        if arguments.link:
+            link = PosePublisher(load_yaml(LinkConfig, arguments.link))
+            publish = open_links.enter_context(link)
+        localizer = Localizer(calibration, publish)
+        for frame in frames:
+            localizer.feed(frame.image, frame.t_capture_s)
+
+
+def _print_lines(poses: Tuple[RobotPose, ...]) -> None:
+    for pose in poses:
+        print(json.dumps(to_plain(pose)), flush=True)
+
+
+def locate(arguments: argparse.Namespace) -> None:
+    """Find the robots in one picture, and tell or draw them."""
+    image = read_picture(Path(arguments.image))
+    calibration = load_calibration(arguments.calibration)
+    found = locate_frame(image, calibration)
+    inputs = {"image": arguments.image, "calibration": arguments.calibration}
+    if arguments.picture:
+        write_picture(arguments.picture, annotated(image, calibration, found))
+    if arguments.json:
+        write_json(arguments.json, _located(found, inputs))
+        return
+    for one in found:
+        heading = "?" if one.heading_rad is None else f"{math.degrees(one.heading_rad):.1f}"
+        name = one.robot or "unread"
+        print(f"{name}: x {one.x_m:.3f} m, y {one.y_m:.3f} m, heading {heading} degrees")
+    if not found:
+        print("no robot found")
+
+
+def _located(found: List[Detection], inputs: Dict[str, str]) -> Dict[str, Any]:
+    named = [d for d in found if d.robot]
+    best = named[0] if named else None
+    return {
+        "schema": SCHEMA,
+        "inputs": inputs,
+        "found": best is not None,
+        "robot": None if best is None else best.robot,
+        "x_m": None if best is None else best.x_m,
+        "y_m": None if best is None else best.y_m,
+        "heading_rad": None if best is None else best.heading_rad,
+        "confidence": 0.0 if best is None else best.confidence,
+        "robots": [to_plain(d) for d in found],
+    }
