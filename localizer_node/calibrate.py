@@ -15,6 +15,7 @@ from robot.errors import ConfigError
 from robot.lens import Lens
 
 MAX_RESIDUAL_MM = 8.0
+ENOUGH_SPARE = 4
 MAX_PARALLAX_ERROR_MM = 10.0
 ROI_MARGIN_M = 0.08
 
@@ -36,6 +37,12 @@ class Report:
     calibration: Calibration
     residuals_mm: Tuple[float, ...]  # of each point, on the floor
     parallax_sigma_mm: float  # of a board in the farthest corner, from the height's uncertainty
+    spare: int  # equations beyond the unknowns: with few, a wrong lens leaves no residual either
+
+    @property
+    def checked(self) -> bool:
+        """Whether there were points enough for the residual to show a wrong lens or place."""
+        return self.spare >= ENOUGH_SPARE
 
     @property
     def residual_mm(self) -> float:
@@ -89,7 +96,8 @@ def calibrate(
     _check_parallax(parallax, fit)
     roi = _roi(rough, max([0.0, *(m.board.height_m for m in robots)]))
     calibration = replace(rough, residual_mm=residual, roi_px=roi)
-    return Report(calibration, tuple(float(e) for e in errors), parallax)
+    spare = 2 * len(points) - freedom.unknowns
+    return Report(calibration, tuple(float(e) for e in errors), parallax, spare)
 
 
 def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:

@@ -152,6 +152,7 @@ def _tell(report: Report, arguments: argparse.Namespace) -> None:
             "schema": SCHEMA,
             "inputs": {"image": arguments.image, "points": arguments.points, "map": arguments.map},
             "residual_mm": report.residual_mm,
+            "checked": report.checked,
             "residuals_mm": list(report.residuals_mm),
             "parallax_sigma_mm": report.parallax_sigma_mm,
             "camera_m": list(report.calibration.camera_m),
@@ -162,3 +163,5 @@ def _tell(report: Report, arguments: argparse.Namespace) -> None:
     print(f"{arguments.out}: residual {report.residual_mm:.1f} mm RMS", end=", ")
     print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
     print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")
+    if not report.checked:
+        print("so few points fit almost any lens: add the map's middle and edges to check it")

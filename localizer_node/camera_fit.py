@@ -40,6 +40,11 @@ class Freedom:
     distortion: int = 0  # how many coefficients, from the first
     height_m: Optional[float] = None  # measured height of the camera; None estimates it
 
+    @property
+    def unknowns(self) -> int:
+        """How many numbers the fit finds."""
+        return 6 + self.focal + self.distortion - (self.height_m is not None)
+
 
 def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Freedom) -> CameraFit:
     """Fit to pixels (N, 2) of floor points (N, 2) [m], starting from ``lens``.
@@ -47,7 +52,7 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
     Raises:
         ConfigError: the points are mirrored, or too few, or too alike, to fix what is free.
     """
-    unknowns = 6 + freedom.focal + freedom.distortion - (freedom.height_m is not None)
+    unknowns = freedom.unknowns
     if 2 * len(pixels) < unknowns:
         raise ConfigError(
             f"calibration: {len(pixels)} points give {2 * len(pixels)} equations for {unknowns} "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import time
 from typing import Callable, Iterator, NamedTuple
 
@@ -28,8 +29,10 @@ def open_source(
     """Frames of a source until it ends.
 
     Args:
-        source: a number N for /dev/videoN, ``csi`` or ``csi:N`` for a Jetson's CSI port, or the
-            path of a video file or of a folder of pictures.
+        source: a number N for /dev/videoN; ``csi`` or ``csi:N`` for a Jetson's CSI port;
+            ``pipe:COMMAND`` for a program that writes raw BGRx pictures to its standard output
+            (a GStreamer pipeline that ends in fdsink, a simulator); or the path of a video file or
+            of a folder of pictures.
         lens: gives the picture size that a camera is set to.
         fps: of a camera; pictures of a file or folder are taken to be 1 / fps apart.
         clock: monotonic time [s], of cameras.
@@ -41,11 +44,12 @@ def open_source(
     size_px = (lens.width_px, lens.height_px)
     if source.isdigit():
         return _live(V4l2Stream(int(source), size_px, fps), clock)
+    if source.startswith("pipe:"):
+        return _live(GstStream(shlex.split(source[len("pipe:") :]), size_px), clock)
     csi = re.fullmatch(r"csi(?::(\d))?", source)
     if csi:
-        return _live(
-            GstStream(csi_command(int(csi.group(1) or 0), 0, fps, size_px), size_px), clock
-        )
+        command = csi_command(int(csi.group(1) or 0), 0, fps, size_px)
+        return _live(GstStream(command, size_px), clock)
     return _played(open_reel(source), fps)
 
 

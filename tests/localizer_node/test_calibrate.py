@@ -139,6 +139,17 @@ def test_the_wrong_lens_model_is_noticed():
     )
 
 
+def test_four_corners_fit_a_wrong_lens_too_and_that_is_said():
+    rig = Rig(FISHEYE, position_m=(1.1, 1.32, 2.5))
+    start = guess_lens("pinhole", SIDE_PX, SIDE_PX)
+    few = calibrate(rig.known(CORNERS), start, Freedom(True, height_m=2.5), MAP_M)
+    assert not few.checked
+    assert board_error_mm(few, rig) > 10.0
+    refused(rig.known(map_outline(MAP_M, 2)), "the lens model", start, Freedom(True, height_m=2.5))
+    right = calibrate(rig.known(map_outline(MAP_M, 2)), FISHEYE, Freedom(), MAP_M)
+    assert right.checked
+
+
 def test_a_height_that_cannot_be_told_is_asked_for():
     """A pinhole that looks straight down: twice the focal length from twice as high."""
     points = Rig(PINHOLE, position_m=(1.1, 1.3, 3.2)).known(grid(3), 0.2)

@@ -60,6 +60,7 @@ def test_calibrate_by_corners_then_locate(arena, capsys):
     assert main(["calibrate", *image, *corners, *more]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["residual_mm"] < 8.0
+    assert report["checked"] is False
     assert load_calibration(out).residual_mm == report["residual_mm"]
     assert cv2.imread(str(floor)).shape[:2] == (528, 440)
     assert main(["locate", *image, "--calibration", str(out), "--json"]) == 0
@@ -115,7 +116,7 @@ def test_calibrate_learns_the_colours_of_the_day(arena, capsys):
         out = str(arena / "new.yaml")
         more = ["--height", "2.5", "--out", out]
         assert main(["calibrate", *image, *corners, *spot, *more]) == 0
-        capsys.readouterr()
+        assert "add the map's middle" in capsys.readouterr().out
         assert main(["locate", *image, "--calibration", out, "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["found"] is found
 
