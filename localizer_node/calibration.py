@@ -26,7 +26,7 @@ class Colour:
     hue_min_deg: float
     hue_max_deg: float
     saturation_min: float = 0.4
-    value_min: float = 0.25
+    value_min: float = 0.18
 
     def __post_init__(self) -> None:
         hues = (self.hue_min_deg, self.hue_max_deg)

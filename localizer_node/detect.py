@@ -23,6 +23,7 @@ BASELINE_TOLERANCE = 0.25  # relative, between the middles of rear and front
 TAG_TOLERANCE = 0.25
 MAP_MARGIN_M = 0.05
 AXIS_RATIO = 1.2  # length over width of a board whose longer side can be told
+GOOD_FIT = 0.9  # a board of its very size: nothing touches it
 TAG_SIDE_PX = 48  # smaller tags are enlarged to about this before they are read
 
 
@@ -117,13 +118,18 @@ class Detector:
         return found + self._bare(rears, found)
 
     def _rears(self, crop: np.ndarray, hsv: np.ndarray, window: Rect) -> List[Part]:
-        """Blue parts; where none is a board, those left when narrow blue things are cut off."""
+        """Blue parts; without narrow blue things that touch a board, where that fits it better."""
         mask = mask_of(hsv, self.calibration.colour(self.calibration.board_colour))
         rears = self._parts(blobs(crop, mask, self._least_px(0)), window)
-        if any(size_fit(r, m.blue_m) > 0.0 for r in rears for m in self._markers):
+        fit = self._best_fit(rears)
+        if fit > GOOD_FIT:
             return rears
         mask = opened(mask, self._search.narrow_px(1))
-        return self._parts(blobs(crop, mask, self._least_px(0)), window)
+        trimmed = self._parts(blobs(crop, mask, self._least_px(0)), window)
+        return trimmed if self._best_fit(trimmed) > fit else rears
+
+    def _best_fit(self, rears: Sequence[Part]) -> float:
+        return max((size_fit(r, m.blue_m) for r in rears for m in self._markers), default=0.0)
 
     def _least_px(self, part: int) -> float:
         """A third of the area of the smallest rear (0) or front (1) part."""

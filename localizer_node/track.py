@@ -75,7 +75,8 @@ class _Track:
         return float(np.linalg.norm(middle_of(detection, self.marker) - self.floor.position_m))
 
     def update(self, detection: Detection, dt_s: float) -> None:
-        self.floor.update(middle_of(detection, self.marker), SIGMA_M[detection.kind])
+        sigma = SIGMA_M[detection.kind] * doubt(detection)
+        self.floor.update(middle_of(detection, self.marker), sigma)
         self._learn_heading(detection, dt_s)
         self.hits += 1
         self.unseen_s = 0.0
@@ -83,7 +84,7 @@ class _Track:
         self.confidence += 0.3 * (detection.confidence - self.confidence)
 
     def _learn_heading(self, detection: Detection, dt_s: float) -> None:
-        sigma = SIGMA_RAD[detection.kind]
+        sigma = SIGMA_RAD[detection.kind] * doubt(detection)
         if detection.heading_rad is not None:
             if self.heading is None:
                 self.heading = HeadingFilter(detection.heading_rad, sigma)
@@ -136,6 +137,11 @@ class _Track:
             self.elsewhere = []
         self.elsewhere.append(place)
         return len(self.elsewhere) >= REACQUIRE_HITS
+
+
+def doubt(detection: Detection) -> float:
+    """How many times less sure than a clean sighting: what fits badly is misplaced as well."""
+    return 1.0 / max(detection.confidence, 0.1) ** 2
 
 
 def middle_of(detection: Detection, marker: Marker) -> np.ndarray:
