@@ -146,7 +146,9 @@ class Score:
     told: int = 0
     expected: int = 0
     wrong: int = 0
-    seconds: list[float] = field(default_factory=list)  # of processor time to locate, of each picture
+    seconds: list[float] = field(
+        default_factory=list
+    )  # of processor time to locate, of each picture
 
     def add(self, told: Iterable[RobotPose], poses: dict[str, Pose]) -> None:
         """Compare the poses told of one picture with the true ones."""
