@@ -121,6 +121,7 @@ def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(ki
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", ["two_colour", "tag"])
 def test_no_wrong_robot_in_ten_thousand_frames(kind):
     score = Score()
