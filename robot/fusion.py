@@ -1,9 +1,17 @@
-"""Where the robot is: late, noisy overhead poses fused with its own step odometry.
+"""Where the robot is: late, drifting overhead poses fused with its own step odometry.
 
-An extended Kalman filter on (x, y, heading) (Thrun, Burgard and Fox, Probabilistic Robotics, 5.4
-and 7.4). Steps move the estimate at once; an overhead pose corrects the estimate of the moment its
-picture was taken, and the motion since is replayed. N robots at once: the simulator runs the very
-filter of the robot.
+An extended Kalman filter (Thrun, Burgard and Fox, Probabilistic Robotics, 3.3) whose state holds,
+beside the pose, what spoils either source:
+
+* how far the robot's wheels are from what its step counts promise: scale of the way driven, scale
+  of the angle turned, and drift of the heading while driving straight;
+* the error of the overhead poses, which drifts. Taken for white it would be averaged away over a
+  few pictures, which it is not (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
+  Tracking and Navigation, 8.3: coloured measurement noise by state augmentation).
+
+Steps move the estimate at once; an overhead pose corrects the estimate of the moment its picture
+was taken, and the motion since is replayed. N robots at once: the simulator runs the very filter
+of the robot.
 """
 
 from __future__ import annotations
@@ -17,21 +25,26 @@ import numpy as np
 from robot.geometry import wrap_angle
 
 HISTORY_S = 3.0  # older pictures are refused
-UNKNOWN_HEADING_RAD = 1e3  # standard deviation of a heading that was not measured
+_UNKNOWN_HEADING_RAD = 1e3  # standard deviation of a heading that was not measured
+_STATES = 9
+_POSE, _CALIBRATION, _ERROR = slice(0, 3), slice(3, 6), slice(6, 9)  # parts of the state
+_FORWARD, _TURN, _DRIFT = 3, 4, 5  # the calibration
 
 
 @dataclass(frozen=True)
 class FusionConfig:
     """Standard deviations of what goes into the filter. The overhead defaults are the arena's."""
 
-    position_m: float = 0.03  # of an overhead position
+    position_m: float = 0.03  # of each overhead coordinate
     heading_rad: float = math.radians(5.0)
-    # Overhead errors drift over 2 s or so; averaging that long lets the heading error of the steps
-    # swing the position (3.7 cm instead of 3.0 cm, tests/robot/test_fusion.py).
-    correlation_s: float = 0.5
-    step_error: float = 0.03  # of the distance driven, per square root of a metre
-    turn_error: float = 0.1  # of the angle turned: tyres scrub, baselines are not exact
-    drift_rad_per_m: float = 0.05  # heading drift while driving straight
+    correlation_s: float = 2.0  # over which the overhead errors drift
+    jitter: float = 0.5  # share of these errors that is new in every picture
+    forward_scale: float = 0.05  # of metres per step
+    turn_scale: float = 0.1  # tyres scrub, baselines are not exact
+    drift_rad_per_m: float = 0.2  # one wheel is larger than the other
+    step_noise: float = 0.02  # of the way driven, per square root of a metre
+    turn_noise: float = 0.05  # of the angle turned, per square root of a radian
+    wander_rad: float = 0.1  # of the heading, per square root of a metre
     gate: float = 16.3  # squared Mahalanobis distance that 1 of 1000 honest poses exceeds
     rejections: int = 5  # so many unbelievable poses in a row mean that the estimate is wrong
 
@@ -65,17 +78,23 @@ class PoseFusion:
         self.config = config
         self.poses = np.full((count, 3), np.nan)
         self.rejected = np.zeros(count, dtype=int)
-        self._covariance = np.zeros((count, 3, 3))
+        self._beside = np.zeros((count, 6))  # estimate of calibration and overhead error
+        self._covariance = np.zeros((count, _STATES, _STATES))
         self._measured_s = np.full(count, -math.inf)
-        self._odometry = np.zeros((count, 3))
+        self._odometry = np.zeros((count, 3))  # by calibrated steps
         self._times_s: List[float] = []
         self._history: List[np.ndarray] = []  # odometry (N, 3) at each time
+        self.reset(np.arange(count))
 
     def reset(self, robots: np.ndarray) -> None:
-        """Forget where these robots (boolean mask or indices) are."""
+        """Forget where these robots (boolean mask or indices) are, and how they drive."""
+        config = self.config
         self.poses[robots] = np.nan
         self.rejected[robots] = 0
         self._measured_s[robots] = -math.inf
+        self._beside[robots] = 0.0
+        calibration = (config.forward_scale, config.turn_scale, config.drift_rad_per_m)
+        self._covariance[robots] = np.diag(np.square((0.0,) * 3 + calibration + (0.0,) * 3))
 
     @property
     def position_sd_m(self) -> np.ndarray:
@@ -84,18 +103,24 @@ class PoseFusion:
 
     def move(self, forward_m: np.ndarray, turn_rad: np.ndarray, now_s: float) -> None:
         """Dead-reckon arcs (N,) [m], (N,) [rad] that end ``now_s``; for every tick."""
-        half = 0.5 * turn_rad
-        chord = forward_m * np.sinc(half / math.pi)
-        step = np.stack((chord * np.cos(half), chord * np.sin(half), turn_rad), axis=1)
+        forward_scale, turn_scale, drift = self._beside[:, :3].T
+        forward = (1.0 + forward_scale) * forward_m
+        turn = (1.0 + turn_scale) * turn_rad + drift * forward_m
+        half = 0.5 * turn
+        chord = forward * np.sinc(half / math.pi)
+        step = np.stack((chord * np.cos(half), chord * np.sin(half), turn), axis=1)
+        moved = compose(self.poses, step)
+        # of a robot whose place is unknown only the calibration means anything
+        displaced = np.nan_to_num(moved[:, :2] - self.poses[:, :2])
+        along = np.nan_to_num(self.poses[:, 2] + half)
+        elapsed_s = now_s - self._times_s[-1] if self._times_s else 0.0
+        self._predict(forward_m, turn_rad, displaced, along, elapsed_s)
+        self.poses = moved
         self._odometry = compose(self._odometry, step)
         self._times_s.append(now_s)
         self._history.append(self._odometry)
         while self._times_s[0] < now_s - HISTORY_S:
             del self._times_s[0], self._history[0]
-        moved = compose(self.poses, step)
-        self._covariance = _carry(self._covariance, moved[:, :2] - self.poses[:, :2])
-        self._covariance += self._step_noise(forward_m, turn_rad, self.poses[:, 2])
-        self.poses = moved
 
     def measure(self, measured: np.ndarray, captured_s: np.ndarray) -> None:
         """Take overhead poses (N, 3) of pictures taken at times (N,) [s].
@@ -103,44 +128,97 @@ class PoseFusion:
         A row of NaN is a robot without a new pose; a heading alone may be NaN too. Poses that the
         filter cannot believe, or older than its memory, are counted in ``rejected`` and ignored.
         """
-        config, then = self.config, self._odometry_at(captured_s)
+        then = self._odometry_at(captured_s)
         since = between(then, self._odometry)
         fresh = np.isfinite(measured[:, :2]).all(axis=1) & (captured_s > self._measured_s)
-        unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= config.rejections)
+        unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= self.config.rejections)
         lost = fresh & unknown & np.isfinite(measured[:, 2])
-        noise = self._measurement_noise(measured)
-        past = np.where(lost[:, None], measured, _uncompose(self.poses, since))
-        displaced = compose(past, since)[:, :2] - past[:, :2]
-        covariance = np.where(lost[:, None, None], noise, _carry(self._covariance, -displaced))
-        innovation = measured - past
-        innovation[:, 2] = np.where(
-            np.isnan(measured[:, 2]), 0.0, wrap_angle(np.nan_to_num(innovation[:, 2]))
-        )
-        innovation = np.nan_to_num(innovation)
-        believed = fresh & (_mahalanobis(innovation, covariance + noise) < config.gate) & ~lost
-        believed &= np.isfinite(past[:, 0]) & np.isfinite(then[:, 0])
-        # Errors that drift with a time constant T carry one independent pose per 2 T.
-        since_last_s = np.where(believed, captured_s, 1.0) - np.where(
-            believed, self._measured_s, 0.0
-        )
-        repeats = np.maximum(2.0 * config.correlation_s / since_last_s, 1.0)
-        gain = covariance @ np.linalg.inv(_regular(covariance + noise * repeats[:, None, None]))
-        corrected = past + np.einsum("nij,nj->ni", gain, innovation)
-        corrected[:, 2] = wrap_angle(corrected[:, 2])
-        new_poses = compose(np.where(believed[:, None], corrected, past), since)
-        smaller = (np.eye(3) - gain) @ covariance
-        smaller = np.where(believed[:, None, None], smaller, covariance)
-        taken = believed | lost
-        self.poses = np.where(taken[:, None], new_poses, self.poses)
-        self._covariance = np.where(
-            taken[:, None, None], _carry(smaller, displaced), self._covariance
-        )
-        self._measured_s = np.where(taken, captured_s, self._measured_s)
+        past, beside = _uncompose(self.poses, since), self._beside.copy()
+        covariance = _carry(self._covariance, past[:, :2] - self.poses[:, :2])
+        likely = self._correct(past, beside, covariance, measured)
+        believed = fresh & ~lost & likely & np.isfinite(then[:, 0])
+        past[lost] = measured[lost]
+        self._begin(beside, covariance, lost)
+        now, taken = compose(past, since), believed | lost
+        self.poses[taken] = now[taken]
+        self._beside[taken] = beside[taken]
+        self._covariance[taken] = _carry(covariance, now[:, :2] - past[:, :2])[taken]
+        self._measured_s[taken] = captured_s[taken]
         self.rejected = np.where(taken, 0, self.rejected + fresh)
 
     def age_s(self, now_s: float) -> np.ndarray:
         """(N,) time since the picture of the last overhead pose that was taken [s]."""
         return now_s - self._measured_s
+
+    def _predict(
+        self,
+        forward_m: np.ndarray,
+        turn_rad: np.ndarray,
+        displaced_m: np.ndarray,
+        along_rad: np.ndarray,
+        elapsed_s: float,
+    ) -> None:
+        """The covariance after steps that moved robots by (N, 2) in directions (N,)."""
+        config = self.config
+        c, s = np.cos(along_rad), np.sin(along_rad)
+        keep = math.exp(-elapsed_s / config.correlation_s)
+        change = np.zeros_like(self._covariance)  # Jacobian of the new state by the old one
+        change[:, range(_STATES), range(_STATES)] = (1.0,) * 6 + (keep,) * 3
+        change[:, 0, 2], change[:, 1, 2] = -displaced_m[:, 1], displaced_m[:, 0]
+        change[:, 0, _FORWARD], change[:, 1, _FORWARD] = forward_m * c, forward_m * s
+        for number, steps in ((_TURN, turn_rad), (_DRIFT, forward_m)):
+            change[:, 2, number] = steps
+            change[:, 0, number] = -0.5 * displaced_m[:, 1] * steps
+            change[:, 1, number] = 0.5 * displaced_m[:, 0] * steps
+        noise = np.zeros_like(self._covariance)
+        length_m = np.abs(forward_m)
+        variance = config.step_noise**2 * length_m
+        noise[:, 0, 0], noise[:, 1, 1] = variance * c * c, variance * s * s
+        noise[:, 0, 1] = noise[:, 1, 0] = variance * c * s
+        noise[:, 2, 2] = config.turn_noise**2 * np.abs(turn_rad) + config.wander_rad**2 * length_m
+        noise[:, range(6, 9), range(6, 9)] = (1.0 - keep**2) * self._overhead_variance
+        self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
+        self._beside[:, 3:] *= keep
+
+    def _correct(
+        self, past: np.ndarray, beside: np.ndarray, covariance: np.ndarray, measured: np.ndarray
+    ) -> np.ndarray:
+        """Correct the three estimates in place by measured poses; where these are likely, (N,)."""
+        seen = covariance[:, :, _POSE] + covariance[:, :, _ERROR]  # measured is the sum of both
+        jitter = np.zeros((len(past), 3, 3))
+        jitter[:, range(3), range(3)] = self.config.jitter**2 * self._overhead_variance
+        jitter[np.isnan(measured[:, 2]), 2, 2] = _UNKNOWN_HEADING_RAD**2
+        inverse = np.linalg.inv(seen[:, _POSE] + seen[:, _ERROR] + jitter)
+        innovation = measured - past - beside[:, 3:]
+        innovation[:, 2] = wrap_angle(innovation[:, 2])
+        innovation = np.nan_to_num(innovation)
+        gain = seen @ inverse
+        correction = np.einsum("nij,nj->ni", gain, innovation)
+        past += correction[:, _POSE]
+        beside += correction[:, 3:]
+        covariance -= gain @ seen.transpose(0, 2, 1)
+        covariance += covariance.transpose(0, 2, 1).copy()  # keeps rounding from growing
+        covariance *= 0.5
+        distance = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
+        return np.asarray(np.isfinite(past[:, 0]) & (distance < self.config.gate))
+
+    def _begin(self, beside: np.ndarray, covariance: np.ndarray, lost: np.ndarray) -> None:
+        """Let lost robots be where they were measured: their error is that of the measurement."""
+        error = np.diag(self._overhead_variance)
+        beside[lost, 3:] = 0.0
+        first = covariance[lost]
+        calibration = first[:, _CALIBRATION, _CALIBRATION].copy()
+        first[:] = 0.0
+        first[:, _CALIBRATION, _CALIBRATION] = calibration
+        first[:, _POSE, _POSE] = error * (1.0 + self.config.jitter**2)
+        first[:, _ERROR, _ERROR] = error
+        first[:, _POSE, _ERROR] = first[:, _ERROR, _POSE] = -error
+        covariance[lost] = first
+
+    @property
+    def _overhead_variance(self) -> np.ndarray:
+        config = self.config
+        return np.square((config.position_m, config.position_m, config.heading_rad))
 
     def _odometry_at(self, when_s: np.ndarray) -> np.ndarray:
         """Odometry (N, 3) at times (N,), interpolated; NaN before the history begins."""
@@ -155,26 +233,6 @@ class PoseFusion:
         at = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
         return np.where((when_s >= times[0])[:, None], at, np.nan)
 
-    def _step_noise(self, forward: np.ndarray, turn: np.ndarray, heading: np.ndarray) -> np.ndarray:
-        config = self.config
-        length = np.abs(forward)
-        along = config.step_error**2 * length
-        turning = (config.turn_error * turn) ** 2 + config.drift_rad_per_m**2 * length
-        c, s = np.cos(heading), np.sin(heading)
-        noise = np.zeros((len(forward), 3, 3))
-        noise[:, 0, 0], noise[:, 1, 1] = along * c * c, along * s * s
-        noise[:, 0, 1] = noise[:, 1, 0] = along * c * s
-        noise[:, 2, 2] = turning
-        return noise
-
-    def _measurement_noise(self, measured: np.ndarray) -> np.ndarray:
-        config = self.config
-        heading = np.where(np.isnan(measured[:, 2]), UNKNOWN_HEADING_RAD, config.heading_rad)
-        noise = np.zeros((len(measured), 3, 3))
-        noise[:, 0, 0] = noise[:, 1, 1] = config.position_m**2
-        noise[:, 2, 2] = heading**2
-        return noise
-
 
 def _uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
     """The poses from which ``step`` led to ``pose``."""
@@ -186,19 +244,9 @@ def _uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def _carry(covariance: np.ndarray, displaced_m: np.ndarray) -> np.ndarray:
-    """Covariance (N, 3, 3) after displacements (N, 2): a heading error swings the position."""
+    """Covariance after displacements (N, 2): a heading error swings the position."""
     jacobian = np.zeros_like(covariance)
-    jacobian[:, (0, 1, 2), (0, 1, 2)] = 1.0
-    moved = np.nan_to_num(displaced_m)
+    jacobian[:, range(_STATES), range(_STATES)] = 1.0
+    moved = np.nan_to_num(displaced_m)  # of a robot whose place is unknown
     jacobian[:, 0, 2], jacobian[:, 1, 2] = -moved[:, 1], moved[:, 0]
     return jacobian @ covariance @ jacobian.transpose(0, 2, 1)
-
-
-def _mahalanobis(innovation: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    solved = np.linalg.solve(_regular(covariance), innovation[..., None])[..., 0]
-    return np.einsum("ni,ni->n", innovation, solved)
-
-
-def _regular(covariance: np.ndarray) -> np.ndarray:
-    """The same with a trace of variance, so that an unknown robot does not stop the others."""
-    return np.nan_to_num(covariance) + 1e-12 * np.eye(3)

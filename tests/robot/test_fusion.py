@@ -1,11 +1,12 @@
 import math
+from typing import Tuple
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.fusion import FusionConfig, PoseFusion, between, compose
-from robot.geometry import Pose
+from robot.geometry import Pose, wrap_angle
 
 poses = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3)).map(lambda p: np.array([p]))
 NEVER = np.full((1, 3), np.nan)
@@ -107,11 +108,32 @@ def test_robots_do_not_disturb_each_other() -> None:
 
 def test_fusion_undoes_delay_gaps_and_outliers() -> None:
     """3 cm and 5 degrees drifting over 2 s, 200 ms late, with gaps; steps 3 % and turns 5 % off."""
+    rms_m, late_rms_m, fusion, _ = drift_along(scale_sd=0.03, scrub_sd=0.05, drift_sd=0.0)
+    assert rms_m < 0.035
+    assert rms_m < 0.7 * late_rms_m
+    assert 0.5 < rms_m / fusion.position_sd_m.mean() < 2.0, "the filter knows how good it is"
+
+
+def test_fusion_learns_how_a_robot_drives() -> None:
+    """Turns 10 % off, and wheels whose difference turns the robot by 0.3 rad in a metre."""
+    rms_m, late_rms_m, fusion, turned = drift_along(scale_sd=0.05, scrub_sd=0.1, drift_sd=0.3)
+    assert rms_m < 0.04
+    assert rms_m < 0.75 * late_rms_m
+    assert 0.5 < rms_m / fusion.position_sd_m.mean() < 2.0
+    first, last = turned[20:60], turned[-100:]
+    assert np.sqrt(np.mean(last**2)) < 0.85 * np.sqrt(np.mean(first**2))
+
+
+def drift_along(
+    scale_sd: float, scrub_sd: float, drift_sd: float
+) -> Tuple[float, float, PoseFusion, np.ndarray]:
+    """Error of the filter [m], of the late poses [m], the filter, heading errors (T, N) [rad]."""
     rng, count, dt = np.random.default_rng(1), 40, 0.1
     fusion, true, error = PoseFusion(count), np.zeros((count, 3)), np.zeros((count, 3))
-    scale, scrub = rng.normal(1, 0.03, count), rng.normal(1, 0.05, count)
+    scale, scrub = rng.normal(1, scale_sd, count), rng.normal(1, scrub_sd, count)
+    drift = rng.normal(0, drift_sd, count)  # [rad/m]
     deviation, keep = np.array([0.03, 0.03, math.radians(5)]), math.exp(-dt / 2.0)
-    seen, squared, late = [], [], []
+    seen, squared, late, turned = [], [], [], []
     for tick in range(300):
         turn = 1.2 * np.sin(0.05 * tick + np.arange(count)) * dt
         forward = np.full(count, 0.28 * dt)
@@ -121,15 +143,27 @@ def test_fusion_undoes_delay_gaps_and_outliers() -> None:
         seen.append(true + error)
         if rng.random() < 0.005:
             seen[-1][:, :2] += rng.uniform(-1, 1, (count, 2))
-        fusion.move(forward * scale, turn * scrub, tick * dt)
+        fusion.move(forward * scale, turn * scrub + drift * forward, tick * dt)
         if tick >= 2 and tick % 40 < 32:  # then a gap of 0.8 s
             fusion.measure(seen[tick - 2], np.full(count, (tick - 2) * dt))
             squared.append((fusion.poses - true)[:, :2] ** 2)
             late.append((seen[tick - 2] - true)[:, :2] ** 2)
+            turned.append(np.asarray(wrap_angle((fusion.poses - true)[:, 2])))
     rms_m, late_rms_m = math.sqrt(np.mean(squared[50:])), math.sqrt(np.mean(late[50:]))
-    assert rms_m < 0.035
-    assert rms_m < 0.7 * late_rms_m
-    assert 0.5 < rms_m / fusion.position_sd_m.mean() < 2.0, "the filter knows how good it is"
+    return rms_m, late_rms_m, fusion, np.array(turned)
+
+
+def test_overhead_poses_with_fresh_errors_are_averaged() -> None:
+    """A localizer better than configured, whose errors do not drift."""
+    rng, fusion, true = np.random.default_rng(0), PoseFusion(20), np.zeros((20, 3))
+    errors = []
+    for tick in range(200):
+        true = compose(true, np.tile([0.03, 0.0, 0.05], (20, 1)))
+        fusion.move(np.full(20, 0.03), np.full(20, 0.05), 0.1 * tick)
+        measured = true + rng.normal(0, [0.015, 0.015, 0.04], (20, 3))
+        fusion.measure(measured, np.full(20, 0.1 * tick))
+        errors.append((fusion.poses - true)[:, :2])
+    assert math.sqrt(np.mean(np.square(errors[50:]))) < 0.011
 
 
 def test_a_robot_that_was_carried_away_is_found_again() -> None:
