@@ -116,7 +116,7 @@ class Evaluator(BaseCallback):
         began = self._clock()
         state, wanted = self._state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
-        result = drive_greedily(GreedyNetwork(self.model.policy), self._env, seed)
+        result = drive_greedily(GreedyNetwork(self.model.policy), self._env, seed, wanted.rounds)
         took = self._clock() - began
         state.evaluation_seconds += took
         evaluated = Evaluated(

@@ -110,7 +110,8 @@ ALGORITHMS: Mapping[str, AlgorithmConfig] = {
 class EvaluationConfig:
     """Greedy driving between updates: decides which policy is kept, and when to stop."""
 
-    episodes: int = 20  # one robot each
+    episodes: int = 20
+    rounds: int = 1  # episodes of each robot: with more, fewer wait for the longest to end
     every_steps: int = 2_000  # and after 8,000 steps a quarter of the steps so far
     stop_after_perfect: int = 2  # evaluations in a row without a failure; 0 never stops
 

@@ -1,4 +1,4 @@
-"""One episode of each robot, driven greedily: the evaluation between updates."""
+"""One or more episodes of each robot, driven greedily: the evaluation between updates."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that r
 
 @dataclass(frozen=True)
 class GreedyResult:
-    """First episode of each of N robots."""
+    """The first R episodes of each of N robots."""
 
-    rewards: np.ndarray  # (N,) summed over the episode
-    steps: np.ndarray  # (N,) decisions
-    success: np.ndarray  # (N,) bool
+    rewards: np.ndarray  # (R, N) summed over the episode
+    steps: np.ndarray  # (R, N) decisions
+    success: np.ndarray  # (R, N) bool
 
 
-def drive_greedily(network: GreedyNetwork, env: VecEnv, seed: int) -> GreedyResult:
-    """Reset ``env`` with ``seed`` and drive until every robot has ended its first episode."""
+def drive_greedily(network: GreedyNetwork, env: VecEnv, seed: int, rounds: int = 1) -> GreedyResult:
+    """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes."""
     env.seed(seed)
     observation = env.reset()
-    count = env.num_envs
-    rewards, steps = np.zeros(count), np.zeros(count, dtype=int)
-    success, driving = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
-    while driving.any():
+    shape = (rounds + 1, env.num_envs)  # one more, for what is driven while others are waited for
+    rewards, steps, success = np.zeros(shape), np.zeros(shape, dtype=int), np.zeros(shape, bool)
+    which, robots = np.zeros(env.num_envs, dtype=int), np.arange(env.num_envs)
+    while (which < rounds).any():
         observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
-        rewards += np.where(driving, reward, 0.0)
-        steps += driving
-        for robot in np.flatnonzero(driving & done):
-            success[robot] = bool(infos[robot].get("is_success", False))
-        driving &= ~done
-    return GreedyResult(rewards, steps, success)
+        rewards[which, robots] += reward
+        steps[which, robots] += 1
+        for robot in np.flatnonzero(done):
+            success[which[robot], robot] = bool(infos[robot].get("is_success", False))
+        which = np.minimum(which + done, rounds)
+    return GreedyResult(rewards[:rounds], steps[:rounds], success[:rounds])
 
 
 def collect_observations(

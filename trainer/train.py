@@ -96,7 +96,8 @@ class _Session:
         self.config, self.folder = config, folder
         robots = make_env(config, config.learn.robots, config.seed)
         self.env = ScaledReward(robots, config.reward_scale)
-        self.evaluation_env = make_env(config, config.evaluation.episodes, config.seed)
+        drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
+        self.evaluation_env = make_env(config, drivers, config.seed)
         if not folder.config.exists():
             folder.create(config)
         self.model: BaseAlgorithm = build_model(config, self.env, folder.replay)

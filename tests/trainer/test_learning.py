@@ -10,12 +10,20 @@ import torch
 from rich.console import Console
 from stable_baselines3.common.env_checker import check_env
 
-from tests.trainer.toy import BrightColumn, ToyVecEnv, make_toy, toy_config, train_toy
+from tests.trainer.toy import (
+    EPISODE_STEPS,
+    BrightColumn,
+    ToyVecEnv,
+    make_toy,
+    toy_config,
+    train_toy,
+)
 from trainer.algorithms import build_model, build_policy
 from trainer.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
 from trainer.config import RunConfig
 from trainer.dqn import DoubleDQN
 from trainer.envs import ScaledReward
+from trainer.greedy import drive_greedily
 from trainer.networks import GreedyNetwork
 from trainer.run import RunFolder
 from trainer.train import train
@@ -137,3 +145,14 @@ def test_the_record_has_the_whole_reward_and_the_learner_its_share(tmp_path: Pat
     scaled.reset()
     rewards = np.concatenate([scaled.step(np.zeros(8, dtype=int))[1] for _ in range(10)])
     assert set(rewards.tolist()) == {0.0, 0.25}
+
+
+def test_rounds_are_the_first_episodes_of_each_robot(tmp_path: Path) -> None:
+    config = toy_config("ppo", 256)
+    network = GreedyNetwork(build_model(config, make_toy(config, 8, 0), tmp_path).policy)
+    once, thrice = (
+        drive_greedily(network, make_toy(config, 4, 0), seed=5, rounds=rounds) for rounds in (1, 3)
+    )
+    assert thrice.rewards.shape == thrice.steps.shape == thrice.success.shape == (3, 4)
+    assert np.all(thrice.steps == EPISODE_STEPS)
+    np.testing.assert_array_equal(thrice.rewards[:1], once.rewards)
