@@ -37,6 +37,7 @@ def train_command(
     seed: int = 0,
     look: str = "nominal",
     pose_error: str | None = None,
+    full: bool = False,
     resume: bool = False,
 ) -> int:
     """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
@@ -52,6 +53,7 @@ def train_command(
         seed: of everything random.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
         pose_error: none or arena, in place of the look's own.
+        full: use all the steps, even when the task has been learned.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     folder = RunFolder(out)
@@ -63,6 +65,9 @@ def train_command(
         config = _extended(preset(task, algo, preset_name), steps, seconds)
         maps = map_names or config.maps
         config = replace(config, maps=maps, seed=seed, look=look, pose_error=pose_error)
+        if full:
+            endless = replace(config.evaluation, stop_after_perfect=0)
+            config = replace(config, evaluation=endless)
     from trainer.envs import make_env
     from trainer.train import train
 
