@@ -48,9 +48,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
 
     Start: a random place of the lane, up to 2.8 cm off its middle and 10 degrees askew, at rest.
 
-    Terminated: 11 cm (0.19 tiles) off the middle of the lane, 100 degrees off its direction, or in
-    collision. Truncated: two laps driven or destination reached (success), or twice the time that
-    takes at full speed.
+    Terminated: 0.19 tiles (11 cm) off the middle of the lane, or 0.25 tiles off the planned path;
+    100 degrees off its direction; or in collision. Truncated: two laps driven or destination
+    reached (success), or twice the time that takes at full speed.
 
     Info of every step: ``terms`` (reward by name), ``arc_m``, ``offset_m``, ``heading_error_rad``,
     ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.following.Course`), ``laps`` or

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot.errors import ConfigError, MapError, PlanError
+from robot.navigator import ARRIVAL_M, MAX_HEADING_ERROR_RAD, OFF_PATH_TILES
 from robot.path import Path
 from robot.path_batch import PathBatch
 from robot.planner import LaneGraph, route_between
@@ -16,7 +17,6 @@ from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
-    MAX_HEADING_ERROR_RAD,
     NOMINAL_STEP_M,
     START_HEADING_RAD,
     START_OFFSET,
@@ -27,7 +27,6 @@ from sim_pybullet.tasks.following import (
 )
 
 SHORTEST_TILES = 3.0  # from start to destination, along the path
-ARRIVAL_M = 0.05  # from the destination, along the path: a decision drives 3 cm
 _DRAWS = 500  # of start and destination, before a map is given up
 
 
@@ -38,10 +37,11 @@ class Navigation:
     the route is `robot.planner`'s, of the fewest lanes. A robot starts at rest, a little off the
     path and its direction. The reward is that of `sim_pybullet.tasks.following.following_terms`.
 
-    Terminated: more than half a lane (0.19 tiles) from the path, more than 100 degrees off, or in
-    collision. Truncated: at the destination (success), or after twice the time that the path takes
-    at full speed. An arrival is no terminal state, since it would end a stream of positive rewards
-    and teach to dawdle.
+    Terminated, by the limits at which a real robot gives up (`robot.navigator`): a quarter of a
+    tile from the path, so over the middle of the yellow line or beside the road; more than 100
+    degrees off; or in collision. Truncated: at the destination (success), or after twice the time
+    that the path takes at full speed. An arrival is no terminal state, since it would end a stream
+    of positive rewards and teach to dawdle.
 
     Args:
         road_maps: each episode is on one of them.
@@ -66,7 +66,7 @@ class Navigation:
         self.n_robots = n_robots
         self._routes = [RandomRoutes(road_map) for road_map in road_maps]
         examples = [routes.draw(np.random.default_rng(0)) for routes in self._routes]
-        self._half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
+        self._tile_sizes_m = np.array([road_map.tile_size_m for road_map in road_maps])
         self._follower = PathFollower(examples[0], n_robots)
         self._lengths_m = np.zeros(n_robots)
         self._maps = np.zeros(n_robots, dtype=int)
@@ -85,14 +85,15 @@ class Navigation:
     @property
     def half_lane_m(self) -> np.ndarray:
         """(N,) distance from the path at which a robot leaves its lane."""
-        return np.asarray(self._half_lanes_m[self._maps])
+        return np.asarray(HALF_LANE_TILES * self._tile_sizes_m[self._maps])
 
     def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
         """Begin an episode for these robots (M,) on a random map, with a random mission."""
         maps = rng.integers(len(self.road_maps), size=len(robots))
         poses = np.zeros((len(robots), 3))
         for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
-            path, most_m = self._routes[m].draw(rng), START_OFFSET * self._half_lanes_m[m]
+            path = self._routes[m].draw(rng)
+            most_m = START_OFFSET * HALF_LANE_TILES * self._tile_sizes_m[m]
             offset_m = rng.uniform(-most_m, most_m)
             heading_rad = rng.uniform(-START_HEADING_RAD, START_HEADING_RAD)
             poses[k] = self._follower.start(i, path, 0.0, offset_m, heading_rad)
@@ -106,7 +107,8 @@ class Navigation:
         remaining_m = self._lengths_m - course.arc_m
         self._steps += 1
         lost = np.abs(course.heading_error_rad) > MAX_HEADING_ERROR_RAD
-        terminated = collided | lost | (np.abs(course.offset_m) > half_lane_m)
+        astray = np.abs(course.offset_m) > OFF_PATH_TILES * self._tile_sizes_m[self._maps]
+        terminated = collided | lost | astray
         success = ~terminated & (remaining_m <= ARRIVAL_M)
         late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._lengths_m
         terms = following_terms(course, half_lane_m)

@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError, MapError
+from robot.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.path import Path
 from robot.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M
-from sim_pybullet.tasks.navigation import ARRIVAL_M, SHORTEST_TILES, Navigation, RandomRoutes
+from sim_pybullet.tasks.navigation import SHORTEST_TILES, Navigation, RandomRoutes
 from tests.sim_pybullet.flat_camera import PoseCamera
 
 ARENA = load_map("arena")
@@ -106,7 +107,8 @@ def test_terminates_off_the_path_lost_or_in_collision(
     offset: float, error_deg: float, collided: bool, fails: bool
 ) -> None:
     task, path = mission()
-    pose = beside(path, 0.3, offset * HALF_LANE_M, np.radians(error_deg))
+    limit_m = OFF_PATH_TILES * ARENA.tile_size_m
+    pose = beside(path, 0.3, offset * limit_m, np.radians(error_deg))
     step = task.step(pose, np.array([collided]))
     assert bool(step.terminated[0]) is fails
     assert not step.truncated[0]
