@@ -18,4 +18,4 @@ if [ ! -e .venv38/.installed ] || [ constraints-nano.txt -nt .venv38/.installed 
   .venv38/bin/python -m pip install --quiet --constraint constraints-nano.txt --editable . pytest pytest-timeout hypothesis
   touch .venv38/.installed
 fi
-exec .venv38/bin/python -m pytest tests/robot
+exec .venv38/bin/python -m pytest tests/robot tests/localizer_node

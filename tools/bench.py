@@ -1,0 +1,212 @@
+"""``make bench``: the tables of figures, and ``runs/bench.json``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from robot.contract import ACTION_WHEELS, ImageSpec
+from robot.errors import DuckpilotError
+from robot.geometry import bezier_points, bezier_tangents
+from robot.road_map import RoadMap, load_map
+from tools.timing import in_turn, seconds_per_call
+
+ROBOTS = 64
+BATCH = 128
+SMALL = ImageSpec(80, 60, crop_top_px=20)
+
+
+def camera_figures() -> dict[str, float]:
+    """Both cameras, 160x120 fisheye, the same scene and poses, measured in turn."""
+
+    from sim_pybullet.look import NOMINAL
+    from sim_pybullet.objects import build_scene
+    from sim_pybullet.pybullet_camera import PyBulletCamera
+    from sim_pybullet.ray_camera import RayCamera
+
+    rng = np.random.default_rng(0)
+    road_map, rig = load_map("town"), NOMINAL.rig()
+    scene = build_scene(road_map, NOMINAL, rng)
+    poses = lane_poses(road_map, rng)
+    ray = ray_camera(RayCamera(ImageSpec(), ROBOTS), scene, rig)
+    small = ray_camera(RayCamera(SMALL, ROBOTS), scene, rig)
+    reference = PyBulletCamera(scene, rig, ImageSpec())
+    ray_s, reference_s = in_turn(lambda: ray.render(poses), lambda: reference.render(poses[:4]))
+    reference.close()
+    ray_fps, pybullet_fps = ROBOTS / ray_s, 4 / reference_s
+    return {
+        "ray_fps": ray_fps,
+        "pybullet_fps": pybullet_fps,
+        "ratio": ray_fps / pybullet_fps,
+        "ray_80x40_fps": ROBOTS / seconds_per_call(lambda: small.render(poses)),
+    }
+
+
+def lane_poses(road_map: RoadMap, rng: np.random.Generator) -> np.ndarray:
+    """(ROBOTS, 3) poses half-way along random lanes."""
+    lanes = rng.choice(len(road_map.lanes), ROBOTS)
+    controls = [road_map.lanes[i].control_points_m for i in lanes]
+    middle = np.array([0.5])
+    points = np.concatenate([bezier_points(control, middle) for control in controls])
+    tangents = np.concatenate([bezier_tangents(control, middle) for control in controls])
+    return np.column_stack((points, np.arctan2(tangents[:, 1], tangents[:, 0])))
+
+
+def ray_camera(camera: Any, scene: Any, rig: Any) -> Any:
+    """The camera with every robot in one scene."""
+    for i in range(ROBOTS):
+        camera.set_robot(i, scene, rig)
+    return camera
+
+
+def step_figures() -> dict[str, float]:
+    """Steps of a batch per second: everything, with small pictures, and bodies alone."""
+    from sim_pybullet.batch import BatchWorld
+    from sim_pybullet.look import NOMINAL
+    from sim_pybullet.tasks.lane_keeping import LaneKeeping
+    from sim_pybullet.town import Town
+
+    rng, actions = np.random.default_rng(0), len(ACTION_WHEELS)
+
+    def rate(image: ImageSpec) -> float:
+        world = BatchWorld(LaneKeeping([load_map("loop")], ROBOTS), [NOMINAL], image)
+        world.reset()
+        step_s = seconds_per_call(lambda: world.step(rng.integers(actions, size=ROBOTS)), 3.0)
+        world.close()
+        return ROBOTS / step_s
+
+    town = Town([()], ROBOTS)
+    twists = rng.uniform(-0.3, 0.3, (ROBOTS, 2))
+    planar_s = seconds_per_call(lambda: town.step(twists))
+    town.close()
+    return {
+        "robot_steps_per_s": rate(ImageSpec()),
+        "robot_steps_per_s_80x40": rate(SMALL),
+        "planar_body_steps_per_s": ROBOTS / planar_s,
+    }
+
+
+def training_figures() -> dict[str, float]:
+    """Samples per second of a Dueling network of preset ``fast``: forward, backward, Adam step."""
+    import torch
+
+    from trainer.algorithms import build_policy
+    from trainer.config import preset
+    from trainer.networks import GreedyNetwork
+
+    torch.set_num_threads(1)
+    config = preset("lane", "dueling", "fast")
+    network = GreedyNetwork(build_policy(config))
+    optimiser = torch.optim.Adam(network.parameters())
+    images = torch.randint(0, 256, (BATCH, *config.image.shape), dtype=torch.uint8)
+    targets = torch.randn(BATCH, len(ACTION_WHEELS))
+
+    def step() -> None:
+        optimiser.zero_grad()
+        torch.nn.functional.smooth_l1_loss(network(images), targets).backward()
+        optimiser.step()
+
+    return {"samples_per_s": BATCH / seconds_per_call(step)}
+
+
+def inference_figures(model: Path) -> dict[str, dict[str, float]]:
+    """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
+    from robot.policy_timing import time_policy
+
+    files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
+    return {kind: asdict(time_policy(path)) for kind, path in files.items() if path.exists()}
+
+
+def robot_figures() -> dict[str, float]:
+    """Import time and resident memory of the robot's runtime, in a process of its own."""
+    from robot.footprint import measure_footprint
+
+    return asdict(measure_footprint())
+
+
+def hat_figures() -> dict[str, float]:
+    """One atomic update of both motors: on the emulator, and on the wire."""
+    from robot.hat.bench import hat_update_ms
+    from robot.hat.clock import MonotonicClock
+    from robot.hat.config import HatConfig
+    from sim_pybullet.virtual.hat import VirtualHat
+    from sim_pybullet.virtual.i2c import VirtualI2cBus
+
+    bus, clock = VirtualI2cBus(), MonotonicClock()
+    VirtualHat(bus, clock)
+    times = hat_update_ms(bus, HatConfig(), clock)
+    return {
+        "update_ms": times.bus_100khz_ms,
+        "update_400khz_ms": times.bus_400khz_ms,
+        "emulator_host_ms": times.host_ms,
+    }
+
+
+def measure(model: Path) -> dict[str, Any]:
+    """Every part, one after the other."""
+    parts: dict[str, Callable[[], Any]] = {
+        "camera": camera_figures,
+        "step": step_figures,
+        "training": training_figures,
+        "inference": lambda: inference_figures(model),
+        "robot": robot_figures,
+        "hat": hat_figures,
+    }
+    inputs = {"model": str(model), "robots": ROBOTS, "cpus": os.cpu_count()}
+    figures: dict[str, Any] = {"schema": 1, "inputs": inputs}
+    for name, part in tqdm(parts.items(), desc="bench", unit="part"):
+        figures[name] = part()
+    return figures
+
+
+def show(figures: dict[str, Any], console: Console) -> None:
+    """One table of everything that was measured."""
+    table = Table("part", "figure", "value", title="duckpilot bench")
+
+    def add(part: str, prefix: str, values: dict[str, Any]) -> None:
+        for name, value in values.items():
+            if isinstance(value, dict):
+                add(part, f"{prefix}{name}.", value)
+            else:
+                shown = f"{value:,.3g}" if value < 100 else f"{value:,.0f}"
+                table.add_row(part, f"{prefix}{name}", shown)
+
+    for part in ("camera", "step", "training", "inference", "robot", "hat"):
+        add(part, "", figures[part])
+    console.print(table)
+
+
+def main() -> int:
+    """Measure, write and show."""
+    parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("runs/bench.json"))
+    parser.add_argument("--model", type=Path, default=Path("robot/models/lane_dueling.onnx"))
+    options = parser.parse_args()
+    try:
+        if not options.model.exists():
+            raise DuckpilotError(f"--model: expected an ONNX policy, no file {options.model}")
+        figures = measure(options.model)
+    except DuckpilotError as error:
+        print(f"bench: {error}", file=sys.stderr)
+        return 2
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    partial = options.out.with_name(f".{options.out.name}.partial")
+    partial.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    os.replace(partial, options.out)
+    show(figures, Console())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
