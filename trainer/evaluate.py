@@ -20,9 +20,14 @@ from robot.road_map import RoadMap
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
+from trainer.config import choose
 from trainer.envs import build_task
 
 ROBOTS = 20  # at once
+# Episodes of each robot in one world. Missions differ in length: were each the only one of its
+# robot, most robots would wait most of the time.
+ROUNDS = {"lane": 1, "navigation": 5}
+_FEWEST_LOOKS = 4  # of each map in one world
 _FIRST_WORLD = 1_000_000_007  # seeds of worlds, away from those that runs are trained with
 
 
@@ -77,21 +82,28 @@ def evaluate(
 ) -> list[Drive]:
     """One greedy episode for each seed; ``finished`` hears of each.
 
-    Episode S is that of robot S % ROBOTS in world S // ROBOTS, where the other robots always drive
-    along: so it is the same whichever seeds are asked for together with it. The worlds take the
-    maps in turn. The policy gets zeros for ``zero``: image, path or nothing.
+    In each world every robot drives the task's ROUNDS, one episode after the other, and these have
+    the next seeds. All of its robots always drive along: so an episode is the same whichever seeds
+    are asked for together with it. The policy gets zeros for ``zero``: image, path or nothing.
 
     Raises:
         ConfigError: the path shall be zero in a task that has none.
     """
     drives: list[Drive] = []
-    for group in range(seeds.start // ROBOTS, (seeds.stop - 1) // ROBOTS + 1):
-        wanted = np.array([group * ROBOTS + i in seeds for i in range(ROBOTS)])
-        one = build_task(task, [road_maps[group % len(road_maps)]], ROBOTS)
-        world = BatchWorld(one, looks, seed=_FIRST_WORLD + group, pool_size=ROBOTS)
+    rounds = choose("task", task, ROUNDS)
+    pool_size = max(ROBOTS // len(road_maps), _FEWEST_LOOKS)
+    for group in range(seeds.start // (ROBOTS * rounds), (seeds.stop - 1) // (ROBOTS * rounds) + 1):
+        numbers = (np.arange(ROBOTS * rounds) + group * ROBOTS * rounds).reshape(ROBOTS, rounds)
+        wanted = (numbers >= seeds.start) & (numbers < seeds.stop)
+        world = BatchWorld(
+            build_task(task, road_maps, ROBOTS),
+            looks,
+            seed=_FIRST_WORLD + group,
+            pool_size=pool_size,
+        )
         try:
-            for robot, success, metrics in _drive(policy, world, wanted, zero):
-                drives.append(Drive(group * ROBOTS + robot, success, metrics))
+            for episode, success, metrics in _drive(policy, world, wanted, zero):
+                drives.append(Drive(int(numbers[episode]), success, metrics))
                 finished(drives[-1])
         finally:
             world.close()
@@ -128,17 +140,19 @@ def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
 
 def _drive(
     policy: OnnxPolicy, world: BatchWorld, wanted: np.ndarray, zero: str | None
-) -> Iterator[tuple[int, bool, DriveMetrics]]:
-    """The first episode of the wanted robots, as each ends: robot, success, figures."""
+) -> Iterator[tuple[tuple[int, int], bool, DriveMetrics]]:
+    """The wanted (robots, rounds) episodes, as each ends: robot and round, success, figures."""
     observation = world.reset()
-    driving = wanted.copy()
-    while driving.any():
+    rounds, missing = np.zeros(world.n_robots, dtype=int), wanted.copy()
+    while missing.any():
         step = world.step(_choose(policy, observation, zero))
         observation = step.observation
         for robot, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
-            if driving[robot]:
-                driving[robot] = False
-                yield int(robot), bool(step.task.success[robot]), metrics
+            episode = (int(robot), int(rounds[robot]))
+            if episode[1] < wanted.shape[1] and missing[episode]:
+                missing[episode] = False
+                yield episode, bool(step.task.success[robot]), metrics
+            rounds[robot] += 1
 
 
 def _choose(policy: OnnxPolicy, observation: Observation, zero: str | None) -> np.ndarray:

@@ -25,6 +25,15 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def navigator(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "untrained.onnx"
+    config = preset("navigation", "ddqn", "debug")
+    contract = PolicyContract("navigation", "ddqn", config.image, path_points=10)
+    export_network(GreedyNetwork(build_policy(config)), contract, path)
+    return path
+
+
 def drive(model: Path, seeds: range) -> list[Drive]:
     return evaluate(OnnxPolicy(model), "lane", [load_map("loop")], [NOMINAL], seeds, lambda _: None)
 
@@ -33,6 +42,19 @@ def test_an_episode_is_the_same_alone_and_in_company(model: Path) -> None:
     together = drive(model, range(1018, 1023))
     assert [d.seed for d in together] == [1018, 1019, 1020, 1021, 1022]
     assert drive(model, range(1021, 1022)) == together[3:4]
+
+
+def test_the_later_rounds_of_a_robot_are_the_same_alone(navigator: Path) -> None:
+    def navigate(seeds: range) -> list[Drive]:
+        arena = [load_map("arena")]
+        return evaluate(
+            OnnxPolicy(navigator), "navigation", arena, [NOMINAL], seeds, lambda _: None
+        )
+
+    together = navigate(range(103, 107))
+    assert [d.seed for d in together] == [103, 104, 105, 106]
+    assert navigate(range(104, 105)) == together[1:2]
+    assert len({d.metrics for d in together}) == 4
 
 
 def test_an_untrained_policy_fails_and_its_figures_add_up(model: Path) -> None:
@@ -66,15 +88,6 @@ def test_wrong_inputs_are_status_2(model: Path, capsys: pytest.CaptureFixture[st
     assert "nominal" in capsys.readouterr().err
     assert main(["evaluate", "--model", str(model.parent / "none.onnx")]) == 2
     assert main(["evaluate", "--model", str(model), "--episodes", "0"]) == 2
-
-
-@pytest.fixture(scope="module")
-def navigator(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "untrained.onnx"
-    config = preset("navigation", "ddqn", "debug")
-    contract = PolicyContract("navigation", "ddqn", config.image, path_points=10)
-    export_network(GreedyNetwork(build_policy(config)), contract, path)
-    return path
 
 
 def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
