@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test lint types layers pytest test38 demo bench format clean
+.PHONY: help setup test lint types layers pytest explore test38 demo bench format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -32,7 +32,10 @@ layers: $(STAMP)  ## the direction of imports
 	$(VENV)/bin/lint-imports
 
 pytest: $(STAMP)  ## the tests on Python 3.11
-	$(PY) -m pytest
+	$(PY) -m pytest --numprocesses 2
+
+explore: $(STAMP)  ## the property tests on examples drawn anew
+	HYPOTHESIS_PROFILE=explore $(PY) -m pytest --numprocesses 2
 
 test38: $(STAMP)  ## the robot's tests on Python 3.8 with the Jetson Nano's wheels, where a 3.8 is found
 	@bash tools/test38.sh

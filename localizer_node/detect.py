@@ -24,6 +24,7 @@ TAG_TOLERANCE = 0.25
 MAP_MARGIN_M = 0.05
 AXIS_RATIO = 1.2  # length over width of a board whose longer side can be told
 GOOD_FIT = 0.9  # a board of its very size: nothing touches it
+TRIMMING_GAIN = 0.1  # in fit: trimming eats corners and so turns the axis by some degrees
 TAG_SIDE_PX = 48  # smaller tags are enlarged to about this before they are read
 
 
@@ -118,7 +119,7 @@ class Detector:
         return found + self._bare(rears, found)
 
     def _rears(self, crop: np.ndarray, hsv: np.ndarray, window: Rect) -> List[Part]:
-        """Blue parts; without narrow blue things that touch a board, where that fits it better."""
+        """Blue parts; without narrow blue things that touch a board, where that clearly helps."""
         mask = mask_of(hsv, self.calibration.colour(self.calibration.board_colour))
         rears = self._parts(blobs(crop, mask, self._least_px(0)), window)
         fit = self._best_fit(rears)
@@ -126,7 +127,7 @@ class Detector:
             return rears
         mask = opened(mask, self._search.narrow_px(1))
         trimmed = self._parts(blobs(crop, mask, self._least_px(0)), window)
-        return trimmed if self._best_fit(trimmed) > fit else rears
+        return trimmed if self._best_fit(trimmed) > fit + TRIMMING_GAIN else rears
 
     def _best_fit(self, rears: Sequence[Part]) -> float:
         return max((size_fit(r, m.blue_m) for r in rears for m in self._markers), default=0.0)

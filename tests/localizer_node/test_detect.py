@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from localizer_node.calibration import Board, Marker
@@ -40,6 +40,7 @@ def test_a_robot_is_found_where_it_stands(robots, pose, which):
 
 
 @given(pose=poses)
+@example(pose=(0.1875, 2.46875, 0.1875))  # trimmed for a fit of 0.89, which turned its axis
 @settings(max_examples=25, deadline=None)
 def test_a_plain_board_gives_its_place_and_axis(pose):
     picture, detector = look(PLAIN, [(PLAIN[0], pose)])
