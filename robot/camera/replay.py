@@ -76,14 +76,14 @@ def open_reel(path: Union[str, Path]) -> Reel:
 
 
 def picture_files(folder: Path) -> List[Path]:
-    """The pictures of a folder, by name.
+    """The pictures of a folder and of the folders in it, by name.
 
     Raises:
         ConfigError: it is no folder, or holds none.
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: expected a folder of pictures, got no such folder")
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PICTURES)
     if not files:
         raise ConfigError(f"{folder}: expected pictures ({', '.join(PICTURES)}), got none")
     return files

@@ -28,7 +28,7 @@ PROGRESS_EVERY = 25
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument("--model", type=Path, required=True, help="an ONNX policy")
-    parser.add_argument("--images", type=Path, required=True, help="a folder of pictures")
+    parser.add_argument("--images", type=Path, required=True, help="folder, searched in depth")
     parser.add_argument("--json", type=Path, required=True, help="file to write: action and values")
     parser.add_argument("--sheet", type=Path, help="PNG to write: pictures, arrows and bars")
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Do it; DuckpilotError for a wrong model, folder or picture."""
     policy = OnnxPolicy(options.model)
-    labelled = label(policy, picture_files(options.images))
+    labelled = label(policy, options.images)
     inputs = {
         "model": str(options.model),
         "images": str(options.images),
@@ -60,15 +60,17 @@ def run(options: argparse.Namespace) -> None:
     print(f"{len(labelled)} pictures: {summary}")
 
 
-def label(policy: OnnxPolicy, files: List[Path]) -> List[Labelled]:
-    """The policy's answer to each picture file, one at a time as on the robot."""
+def label(policy: OnnxPolicy, folder: Path) -> List[Labelled]:
+    """The policy's answer to each picture of a folder, one at a time as on the robot."""
+    files = picture_files(folder)
     path = np.zeros((1, policy.contract.path_points), np.float32)
     labelled = []
     for i, file in enumerate(files):
         frame = fit_to_frame(read_picture(file))
         picture = preprocess(frame, policy.contract.image)
         values = policy.values(picture[None], path if path.size else None)[0]
-        labelled.append(Labelled(file.name, frame, Action(int(values.argmax())), values))
+        name = file.relative_to(folder).as_posix()
+        labelled.append(Labelled(name, frame, Action(int(values.argmax())), values))
         if sys.stderr.isatty() and (i + 1) % PROGRESS_EVERY == 0:
             print(f"\r{i + 1} of {len(files)} pictures", end="", file=sys.stderr, flush=True)
     if sys.stderr.isatty():

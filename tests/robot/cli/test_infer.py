@@ -57,6 +57,16 @@ def test_each_picture_gets_the_policys_action(
     assert cv2.imread(str(sheet)).shape == (TILE[1] + STRIP_PX, 3 * TILE[0], 3)
 
 
+def test_folders_of_folders_are_searched(tmp_path: Path, pictures: Path) -> None:
+    model, out = write_policy(tmp_path / "m.onnx", lane_contract()), tmp_path / "out.json"
+    (pictures / "site").mkdir()
+    (pictures / "b_green.png").rename(pictures / "site" / "b_green.png")
+    arguments = ["--model", str(model), "--images", str(pictures), "--json", str(out)]
+    assert main(["infer", *arguments]) == 0
+    files = [each["file"] for each in json.loads(out.read_text(encoding="utf-8"))["images"]]
+    assert files == ["a_red.png", "c_blue.png", "site/b_green.png"]
+
+
 def test_a_navigating_policy_is_sent_straight_ahead(tmp_path: Path, pictures: Path) -> None:
     model = write_policy(tmp_path / "m.onnx", navigation_contract())
     out = tmp_path / "out.json"
