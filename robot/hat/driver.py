@@ -17,7 +17,7 @@ from robot.hat.stepping import StepPlanner
 
 STILL = WheelSpeeds(0.0, 0.0)
 SETTLE_S = 0.3  # a rotor swings to the field's direction when its coils come on
-BRAKE_S = 0.3  # standing fields brake a rolling robot; without current it would coast on
+HELD_S = 0.3  # from braking to coils off; without current a rolling robot would coast on
 CHECK_PERIOD_S = 1.0  # between two looks whether the chip was reset
 ALL_OFF_ATTEMPTS = 3
 
@@ -25,9 +25,9 @@ ALL_OFF_ATTEMPTS = 3
 class MotorDriver:
     """Drives both wheels; somebody must call ``pump`` at every deadline that it returns.
 
-    Used in a ``with`` block: entering finds the HAT, leaving switches every output off. A wheel
-    speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several threads
-    (``thread.MotorThread`` is).
+    Used in a ``with`` block: entering finds the HAT, leaving brakes and switches every output off.
+    A wheel speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several
+    threads (``thread.MotorThread`` is).
 
     Raises:
         HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
@@ -42,6 +42,7 @@ class MotorDriver:
         self._odometry = StepOdometry(config.drive, config.step_m, Pose(0.0, 0.0, 0.0))
         self._command = STILL
         self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
+        self._release_s: Optional[float] = None  # when a braking robot's coils are switched off
         self._fault: Optional[BaseException] = None
 
     def __enter__(self) -> MotorDriver:
@@ -64,13 +65,16 @@ class MotorDriver:
             self._rest()
 
     def close(self) -> None:
-        """Every output off, the last word on the bus; a rolling robot is held still before that."""
-        rolling = self.energised and self._planner.deadline_s is not None
-        self._rest()
+        """Brake, then every output off, the last word on the bus."""
         try:
-            if rolling:
-                self._clock.sleep(BRAKE_S)
+            if self._fault is None:
+                self.release()
+            while self.energised and self._fault is None:
+                deadline_s = self.pump(self._clock.now())
+                if deadline_s is not None:
+                    self._clock.sleep(deadline_s - self._clock.now())
         finally:
+            self._rest()
             self._all_off()
 
     @property
@@ -107,18 +111,29 @@ class MotorDriver:
         if not all(math.isfinite(w) and abs(w) <= limit for w in wheels):
             raise ContractError(f"wheel speeds: expected -{limit:g} to {limit:g} m/s, got {wheels}")
         self._command = WheelSpeeds(float(wheels.left_mps), float(wheels.right_mps))
+        if self._command != STILL:
+            self._release_s = None
         self._commanded_s = self._clock.now()
         return self.pump(self._commanded_s)
 
     def stop(self) -> None:
-        """No further step, without a ramp; the coils hold. Fast rotors may slip a few steps."""
-        self._rest()
+        """Brake within ``stepping.BRAKE_S``; the coils hold."""
+        self._command = STILL
+        self._planner.brake(self._clock.now())
 
     def release(self) -> None:
-        """Stop and switch every output off; the wheels turn freely."""
+        """Switch every output off, so that the wheels turn freely; a rolling robot brakes first.
+
+        ``pump`` switches them off ``HELD_S`` later then.
+        """
         self._refuse_after_fault()
-        self._rest()
-        self._all_off()
+        now_s = self._clock.now()
+        rolling = self._planner.deadline_s is not None or now_s < self._moved_s + HELD_S
+        self.stop()
+        if not (self.energised and rolling):
+            self._all_off()
+        elif self._release_s is None:
+            self._release_s = now_s + HELD_S
 
     def pump(self, now_s: float) -> Optional[float]:
         """Do what is due at ``now_s`` [s]; returns when to call again, None for never."""
@@ -129,6 +144,9 @@ class MotorDriver:
                 and now_s >= self._commanded_s + self.config.command_timeout_s
             ):
                 self._command = STILL
+            if self._release_s is not None and now_s >= self._release_s:
+                self._let_go()
+                return None
             if self._command != STILL and not self.energised:
                 self._wake(now_s)
             self._planner.set_speeds(now_s, self._command if now_s >= self._settled_s else STILL)
@@ -140,6 +158,10 @@ class MotorDriver:
             elif self.energised:
                 self._look_after_standing_coils(now_s)
             return self._deadline_s(now_s)
+
+    def _let_go(self) -> None:
+        self._rest()
+        self._hat.release()
 
     def _wake(self, now_s: float) -> None:
         self._hat.energise(self.config.run_duty)
@@ -165,6 +187,8 @@ class MotorDriver:
         if not self.energised:
             return None
         moments = [self._checked_s + CHECK_PERIOD_S]
+        if self._release_s is not None:
+            moments.append(self._release_s)
         step_s = self._planner.deadline_s
         if step_s is not None:
             moments.append(step_s)
@@ -180,7 +204,9 @@ class MotorDriver:
         return min(moments)
 
     def _rest(self) -> None:
+        """No further step from now on; for when nothing steps any more."""
         self._command = STILL
+        self._release_s = None
         self._planner.freeze(self._clock.now())
 
     def _refuse_after_fault(self) -> None:

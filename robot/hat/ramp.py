@@ -83,20 +83,28 @@ class WheelRamp:
         position, speed = self.at(time_s)
         self._note_rest(time_s)
         self.target = target
-        self._pieces = self._plan(time_s, position, speed, target)
+        self._pieces = self._plan(self.limits, time_s, position, speed, target)
+
+    def brake(self, time_s: float, deceleration: float) -> None:
+        """Stop at ``deceleration`` [steps/s^2], harder than the limits'."""
+        position, speed = self.at(time_s)
+        self._note_rest(time_s)
+        self.target = 0.0
+        harder = RampLimits(self.limits.start_stop, deceleration)
+        self._pieces = self._plan(harder, time_s, position, speed, 0.0)
 
     def freeze(self, time_s: float) -> None:
         """Stand still from ``time_s`` on, without a ramp."""
         position, _ = self.at(time_s)
         self._note_rest(time_s)
         self.target = 0.0
-        self._pieces = self._plan(time_s, position, 0.0, 0.0)
+        self._pieces = self._plan(self.limits, time_s, position, 0.0, 0.0)
 
     def restart(self, time_s: float, position: float) -> None:
         """The rotor has stood still at ``position``: go on from there at a speed it can start."""
         _, speed = self.at(time_s)
         start = math.copysign(min(abs(speed), self.limits.start_stop), speed)
-        self._pieces = self._plan(time_s, position, start, self.target)
+        self._pieces = self._plan(self.limits, time_s, position, start, self.target)
 
     def delay(self, shift_s: float) -> None:
         """Do everything that is still to come ``shift_s`` later."""
@@ -136,7 +144,9 @@ class WheelRamp:
                 self._direction = piece.direction
                 self._reverse_from_s = end_s + 1.0 / self.limits.start_stop
 
-    def _plan(self, time_s: float, position: float, speed: float, target: float) -> List[_Piece]:
+    def _plan(
+        self, limits: RampLimits, time_s: float, position: float, speed: float, target: float
+    ) -> List[_Piece]:
         pieces: List[_Piece] = []
 
         def append(duration_s: float, start_speed: float, acceleration: float) -> None:
@@ -149,10 +159,10 @@ class WheelRamp:
 
         def ramp(from_speed: float, to_speed: float) -> None:
             if from_speed != to_speed:
-                duration_s = abs(to_speed - from_speed) / self.limits.acceleration
+                duration_s = abs(to_speed - from_speed) / limits.acceleration
                 append(duration_s, from_speed, (to_speed - from_speed) / duration_s)
 
-        slow = self.limits.start_stop
+        slow = limits.start_stop
         same_way = target != 0.0 and _sign(target) == _sign(speed)
         if not same_way:
             ramp(speed, math.copysign(min(abs(speed), slow), speed))

@@ -9,6 +9,7 @@ from robot.hat.config import HatConfig
 from robot.hat.ramp import RampLimits, WheelRamp
 
 LAG_MAX_FULL_STEPS = 0.5  # a rotor within half a step of the field still has most of its torque
+BRAKE_S = 0.15  # from full speed to rest; what is left of a slip still brakes
 STALL_FULL_STEPS = 1.0  # a field that stood this much too long has stopped the rotor
 
 
@@ -52,6 +53,12 @@ class StepPlanner:
             target = speed_mps / self._config.step_m
             if target != wheel.target:
                 wheel.retarget(time_s, target)
+
+    def brake(self, time_s: float) -> None:
+        """Stop as in an emergency: harder than the ramps, but not so hard that rotors slip far."""
+        deceleration = self._config.max_speed_mps / BRAKE_S / self._config.step_m
+        for wheel in self._wheels:
+            wheel.brake(time_s, deceleration)
 
     def freeze(self, time_s: float) -> None:
         """No further step, without a ramp: a fast wheel may slip past its last position."""

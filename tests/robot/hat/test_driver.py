@@ -8,7 +8,8 @@ from robot.errors import ContractError, HardwareError
 from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
 from robot.hat.coils import ring_levels, ring_size
 from robot.hat.config import HatConfig
-from robot.hat.driver import SETTLE_S
+from robot.hat.driver import HELD_S, SETTLE_S
+from robot.hat.stepping import BRAKE_S
 from sim_pybullet.virtual.i2c import BusFault
 from tests.robot.hat.rig import ALL_OFF, Rig, make_rig
 
@@ -61,7 +62,7 @@ def test_coils_only_ever_move_one_place_around_the_ring() -> None:
 
     def watch() -> None:
         drive_coils()
-        if rig.driver.energised:
+        if rig.driver.energised and rig.hat.chip.outputs.any_high:
             seen.append([ring_position(rig, first, 2) for first in (9, 3)])
 
     rig.hat.chip._after_change = watch
@@ -207,6 +208,7 @@ def test_stop_holds_release_lets_go_and_both_can_be_repeated() -> None:
             rig.wait(0.1)
             assert rig.driver.energised
         assert rig.hat.lost_steps == (0, 0)
+        rig.wait(HELD_S)
         for _ in range(2):
             rig.driver.release()
             assert rig.last.data == ALL_OFF
@@ -214,6 +216,48 @@ def test_stop_holds_release_lets_go_and_both_can_be_repeated() -> None:
         counts = rig.driver._planner.counts
         rig.wait(1.0)
         assert rig.driver._planner.counts == counts
+
+
+@pytest.mark.parametrize("speed_mps", [0.1, 0.3, 0.4])
+def test_a_released_robot_brakes_before_its_coils_go_off(speed_mps: float) -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(speed_mps, speed_mps, 2.0)
+        before_m = rig.rolled_m
+        rig.driver.release()
+        rig.wait(BRAKE_S + 0.1)
+        assert rig.driver.energised
+        assert rig.hat.lost_steps == (0, 0)
+        for _ in range(20):
+            rig.driver.release()  # asking again does not put it off
+            rig.wait(0.01)
+        assert not rig.hat.chip.outputs.any_high
+        rig.wait(2.0)
+        braked_m = max(np.subtract(rig.rolled_m, before_m))
+        assert braked_m < 0.035
+        assert rig.rolled_m == pytest.approx([rig.driver.pose.x_m] * 2, abs=0.01)
+    assert braked_m < 0.5 * coasted_m(speed_mps)
+
+
+def coasted_m(speed_mps: float) -> float:
+    """How far a robot rolls whose coils go off at once, as after a fault of the bus."""
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(speed_mps, speed_mps, 2.0)
+    before_m = rig.rolled_m
+    rig.driver._hat.release()
+    rig.clock.sleep(3.0)
+    return float(max(np.subtract(rig.rolled_m, before_m)))
+
+
+def test_a_robot_told_to_drive_while_it_brakes_keeps_its_coils() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.2, 0.2, 1.0)
+        rig.driver.release()
+        rig.drive(0.1, 0.1, 2.0)
+        assert rig.driver.speeds == pytest.approx((0.1, 0.1))
+        assert rig.hat.lost_steps == (0, 0)
 
 
 @pytest.mark.parametrize("fault", list(BusFault))
@@ -252,6 +296,7 @@ def test_an_exception_in_the_block_ends_with_all_off() -> None:
 
     with pytest.raises(ZeroDivisionError):
         crash()
+    assert sum(rig.rolled_m) < 2 * 0.2 * (1.0 - SETTLE_S) + 0.03
     left_at_m = rig.rolled_m
     rig.clock.sleep(10.0)
     assert rig.rolled_m == pytest.approx(left_at_m, abs=0.01)
