@@ -21,13 +21,14 @@ from robot.link.messages import FrameMessage, PoseMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Telemetry
 from robot.navigator import MissionNavigator
-from robot.parts import Ask, Motors, Operator, Subscriber
+from robot.parts import Ask, Motors, Operator, Policy, Subscriber
 from robot.policy import OnnxPolicy
 from robot.remote import RemoteOperator
 from robot.road_map import load_map
 from robot.runtime import Runtime
 from robot.safety import Safety, State
 from robot.telemetry_feed import TelemetryFeed
+from robot.translator import TranslatingPolicy, open_translator
 from robot.watchdog import Watchdog
 
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
@@ -63,7 +64,7 @@ def open_robot(
         HardwareError: the HAT is not there.
     """
     clock = MonotonicClock()
-    policy = OnnxPolicy(config.model)
+    policy = open_policy(config)
     navigates = policy.contract.path_points > 0
     if navigates and not config.map:
         raise ConfigError(
@@ -94,6 +95,19 @@ def open_robot(
         )
         stack.enter_context(Watchdog(runtime.watch))
         yield runtime
+
+
+def open_policy(config: RobotConfig) -> Policy:
+    """The configured policy, behind the configured translator if there is one.
+
+    Raises:
+        ContractError: a file that cannot be used, or a translator of other pictures.
+    """
+    policy = OnnxPolicy(config.model)
+    if not config.translator:
+        return policy
+    translator = open_translator(config.translator, policy.contract.image, "real-to-sim")
+    return TranslatingPolicy(policy, translator)
 
 
 def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:

@@ -9,6 +9,7 @@ import numpy as np
 from robot.contract import ACTION_WHEELS, ImageSpec
 from robot.errors import ContractError
 from robot.geometry import Pose
+from robot.translator import Translator
 from sim_pybullet.camera import BatchCamera
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
 from sim_pybullet.expert import expert_actions
@@ -63,6 +64,7 @@ class BatchWorld:
         pool_size: painted worlds per map, with a sampler of Looks.
         drive: see `sim_pybullet.town.Town`.
         camera: draws the N robots; by default a ``RayCamera``.
+        translator: what every picture passes through before the policy sees it.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class BatchWorld:
         pool_size: int = 16,
         drive: Drive = "planar",
         camera: BatchCamera | None = None,
+        translator: Translator | None = None,
     ) -> None:
         self.task = task
         self.n_robots = n = task.n_robots
@@ -81,7 +84,8 @@ class BatchWorld:
         self._town = Town([world.scene.solids for world in self._pool.worlds], n, drive)
         self._motors = MotorModel(n)
         image = image or ImageSpec()
-        self._feed = CameraFeed(camera or RayCamera(image, n), n, image.crop_top_px)
+        camera = camera or RayCamera(image, n)
+        self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
         self._guidance = GuidanceFeed(n) if task.guided else None
         self._recorder = DriveRecorder(n)
         self.image_shape = self._feed.shape

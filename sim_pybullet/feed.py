@@ -1,9 +1,11 @@
-"""``CameraFeed``: the pictures of N robots as they arrive, late, repeated and through a sensor."""
+"""``CameraFeed``: the pictures of N robots as they arrive, late, repeated, through a sensor and a
+translator."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from robot.translator import Translator
 from sim_pybullet.camera import BatchCamera
 from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import CameraLook, Look, SensorLook
@@ -22,10 +24,18 @@ class CameraFeed:
         camera: draws N robots.
         n_robots: N.
         crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
+        translator: what every picture passes through last.
     """
 
-    def __init__(self, camera: BatchCamera, n_robots: int, crop_top_px: int = 0) -> None:
+    def __init__(
+        self,
+        camera: BatchCamera,
+        n_robots: int,
+        crop_top_px: int = 0,
+        translator: Translator | None = None,
+    ) -> None:
         self._camera = camera
+        self._translator = translator
         self._crop_top_px = crop_top_px
         self._sensors = [SensorLook()] * n_robots
         self._scenes: list[Scene | None] = [None] * n_robots
@@ -63,6 +73,8 @@ class CameraFeed:
         sensors = self._sensors if robots is None else [self._sensors[i] for i in robots]
         light = self._camera.render(poses[chosen], robots)
         pictures = apply_sensor(light, sensors, rng, self._crop_top_px)
+        if self._translator is not None:
+            pictures = self._translator(pictures)
         if self._skip.any():
             again = (rng.random(len(pictures)) < self._skip[chosen]) & ~self._first[chosen]
             pictures[again] = self._shown[chosen][again]

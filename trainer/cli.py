@@ -16,6 +16,7 @@ from rich.table import Table
 from robot.errors import ConfigError, DuckpilotError
 from robot.policy import OnnxPolicy
 from robot.road_map import load_map
+from robot.translator import TranslatingPolicy, open_translator
 from sim_pybullet.randomise import load_look_sampler
 from trainer.config import ALGORITHMS, TASKS, RunConfig, choose, preset
 from trainer.run import RunFolder, write_json
@@ -37,6 +38,7 @@ def train_command(
     seed: int = 0,
     look: str = "nominal",
     pose_error: str | None = None,
+    translate: Path | None = None,
     full: bool = False,
     resume: bool = False,
 ) -> int:
@@ -53,6 +55,7 @@ def train_command(
         seed: of everything random.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
         pose_error: none or arena, in place of the look's own.
+        translate: an ONNX translator that every picture passes through.
         full: use all the steps, even when the task has been learned.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
@@ -65,6 +68,8 @@ def train_command(
         config = _extended(preset(task, algo, preset_name), steps, seconds)
         maps = map_names or config.maps
         config = replace(config, maps=maps, seed=seed, look=look, pose_error=pose_error)
+        if translate is not None:
+            config = replace(config, translate=str(translate))
         if full:
             endless = replace(config.evaluation, stop_after_perfect=0)
             config = replace(config, evaluation=endless)
@@ -88,6 +93,7 @@ def evaluate_command(
     map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (),
     look: str = "nominal",
     pose_error: str | None = None,
+    translate: Path | None = None,
     zero: Literal["image", "path"] | None = None,
     episodes: int = 100,
     seed: int = 1000,
@@ -101,15 +107,18 @@ def evaluate_command(
         map_names: map files, or names of shipped maps; else loop for lane, arena for navigation.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
         pose_error: none or arena, in place of the look's own.
+        translate: an ONNX translator between the preprocessed picture and the policy.
         zero: what the policy gets zeros for, to see what it is worth.
         episodes: how many.
         seed: of the first episode; the next ones have the next seeds.
     """
-    from trainer.evaluate import Inputs, evaluate, summarise
+    from trainer.evaluate import DrivingPolicy, Inputs, evaluate, summarise
 
     if episodes < 1:
         raise ConfigError(f"episodes: expected 1 or more, got {episodes}")
-    policy = OnnxPolicy(model)
+    policy: DrivingPolicy = OnnxPolicy(model)
+    if translate is not None:
+        policy = TranslatingPolicy(policy, open_translator(translate, policy.contract.image))
     task = task or policy.contract.task
     map_names = map_names or (choose("task", task, TASKS),)
     maps = [load_map(name) for name in map_names]
@@ -117,7 +126,8 @@ def evaluate_command(
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
         row = bar.add_task(f"{task} {model.name}", total=episodes)
         drives = evaluate(policy, task, maps, looks, seeds, lambda _: bar.advance(row), zero)
-    inputs = Inputs(str(model), task, map_names, look, pose_error, zero, episodes, seed)
+    through = str(translate) if translate is not None else None
+    inputs = Inputs(str(model), task, map_names, look, pose_error, zero, episodes, seed, through)
     result = summarise(inputs, policy, drives)
     if json is not None:
         write_json(json, result)

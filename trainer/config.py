@@ -134,6 +134,7 @@ class RunConfig:
     evaluation: EvaluationConfig = EvaluationConfig()
     look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
     pose_error: str | None = None  # none or arena, in place of the look's own
+    translate: str | None = None  # an ONNX translator that every picture passes through
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
 

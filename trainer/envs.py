@@ -8,6 +8,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from robot.road_map import RoadMap, load_map
+from robot.translator import open_translator
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.base import Task
@@ -37,12 +38,18 @@ def build_task(name: str, road_maps: Sequence[RoadMap], robots: int) -> Task:
 
 
 def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
-    """The world of a run with so many robots; rewards are the task's own."""
+    """The world of a run with so many robots; rewards are the task's own.
+
+    Raises:
+        DuckpilotError: a map, look or translator that is absent or does not fit.
+    """
+    translator = open_translator(config.translate, config.image) if config.translate else None
     road_maps = [load_map(name) for name in config.maps]
     task = build_task(config.task, road_maps, robots)
     looks = load_look_sampler(config.look, config.pose_error)
     pool_size = max(_PAINTED // len(road_maps), _FEWEST_LOOKS)
-    return DuckpilotVecEnv(BatchWorld(task, looks, config.image, seed, pool_size))
+    world = BatchWorld(task, looks, config.image, seed, pool_size, translator=translator)
+    return DuckpilotVecEnv(world)
 
 
 class ScaledReward(VecEnvWrapper):

@@ -17,6 +17,7 @@ from robot.errors import ConfigError
 from robot.policy import OnnxPolicy
 from robot.preprocess import preprocess_batch
 from robot.road_map import RoadMap
+from robot.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
@@ -29,6 +30,8 @@ ROBOTS = 20  # at once
 ROUNDS = {"lane": 1, "navigation": 5}
 _FEWEST_LOOKS = 4  # of each map in one world
 _FIRST_WORLD = 1_000_000_007  # seeds of worlds, away from those that runs are trained with
+
+DrivingPolicy = OnnxPolicy | TranslatingPolicy
 
 
 class Drive(NamedTuple):
@@ -51,6 +54,7 @@ class Inputs:
     zero: str | None  # image or path, what the policy got zeros for
     episodes: int
     seed: int
+    translate: str | None = None  # the translator between picture and policy
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Evaluation:
 
 
 def evaluate(
-    policy: OnnxPolicy,
+    policy: DrivingPolicy,
     task: str,
     road_maps: Sequence[RoadMap],
     looks: Looks,
@@ -110,7 +114,7 @@ def evaluate(
     return sorted(drives)
 
 
-def summarise(inputs: Inputs, policy: OnnxPolicy, drives: Sequence[Drive]) -> Evaluation:
+def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) -> Evaluation:
     """The figures of a set of episodes."""
     metrics = [drive.metrics for drive in drives]
     successes = sum(drive.success for drive in drives)
@@ -139,7 +143,7 @@ def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
 
 
 def _drive(
-    policy: OnnxPolicy, world: BatchWorld, wanted: np.ndarray, zero: str | None
+    policy: DrivingPolicy, world: BatchWorld, wanted: np.ndarray, zero: str | None
 ) -> Iterator[tuple[tuple[int, int], bool, DriveMetrics]]:
     """The wanted (robots, rounds) episodes, as each ends: robot and round, success, figures."""
     observation = world.reset()
@@ -155,7 +159,7 @@ def _drive(
             rounds[robot] += 1
 
 
-def _choose(policy: OnnxPolicy, observation: Observation, zero: str | None) -> np.ndarray:
+def _choose(policy: DrivingPolicy, observation: Observation, zero: str | None) -> np.ndarray:
     pictures = preprocess_batch(observation.image, policy.contract.image)
     path = observation.path
     if zero == "image":

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract
 from robot.errors import ContractError
+from robot.network_file import MAX_IR_VERSION, MAX_OPSET
 from robot.onnx_header import read_header
 from robot.policy import OnnxPolicy
-from robot.policy_file import MAX_IR_VERSION, MAX_OPSET, read_contract
+from robot.policy_file import read_contract
 from tests.robot.tiny_onnx import (
     BIAS,
     COLOUR_WEIGHTS,

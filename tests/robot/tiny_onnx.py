@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from robot.contract import PATH_POINTS, PolicyContract
+from robot.translator import TranslatorContract
 
 FIXTURES = Path(__file__).parent / "fixtures"
 COLOUR_WEIGHTS = np.eye(3, 5, dtype=np.float32)
@@ -105,3 +106,26 @@ def _varint(value: int) -> bytes:
 
 def _field(number: int, payload: bytes) -> bytes:
     return _varint(number << 3 | 2) + _varint(len(payload)) + payload
+
+
+def write_translator(path: Path, contract: TranslatorContract) -> Path:
+    """A translator that makes each picture its negative; skips where onnx is absent."""
+    onnx = pytest.importorskip("onnx")
+    helper, kind = onnx.helper, onnx.TensorProto
+    tensor = helper.make_tensor_value_info
+    white = onnx.numpy_helper.from_array(np.float32(255), "white")
+    graph = helper.make_graph(
+        [
+            helper.make_node("Cast", ["image"], ["float"], to=kind.FLOAT),
+            helper.make_node("Sub", ["white", "float"], ["negative"]),
+            helper.make_node("Cast", ["negative"], ["translation"], to=kind.UINT8),
+        ],
+        "negative",
+        [tensor("image", kind.UINT8, ["N", "H", "W", 3])],
+        [tensor("translation", kind.UINT8, ["N", "H", "W", 3])],
+        [white],
+    )
+    opset = helper.make_opsetid("", 17)
+    model = helper.make_model(graph, ir_version=9, opset_imports=[opset])
+    metadata = {TranslatorContract.METADATA_KEY: contract.to_json()}
+    return write_network(path, model.SerializeToString(), metadata)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from robot.contract import ImageSpec
 from sim_pybullet.feed import CameraFeed
 from sim_pybullet.look import NOMINAL, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
@@ -82,3 +83,20 @@ def test_pictures_share_no_memory() -> None:
     first[:] = 0
     second[:] = 0
     assert np.array_equal(feed.pictures(rng), kept)
+
+
+class Negative:
+    image = ImageSpec()
+
+    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+        return 255 - pictures
+
+
+def test_the_translator_sees_what_the_sensor_gives() -> None:
+    look = Look(sensor=SensorLook(exposure=0.5))
+    seen = []
+    for translator in (None, Negative()):
+        feed = CameraFeed(PoseCamera(1), 1, translator=translator)
+        feed.begin(0, SCENE, look, np.array([0.1, 0.2, 0.3]))
+        seen.append(feed.pictures(np.random.default_rng(0)))
+    np.testing.assert_array_equal(seen[1], 255 - seen[0])
