@@ -92,7 +92,7 @@ class Navigation:
         maps = rng.integers(len(self.road_maps), size=len(robots))
         poses = np.zeros((len(robots), 3))
         for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
-            path = self._routes[m].draw(rng)
+            path = self._mission(i, m, rng)
             most_m = START_OFFSET * HALF_LANE_TILES * self._tile_sizes_m[m]
             offset_m = rng.uniform(-most_m, most_m)
             heading_rad = rng.uniform(-START_HEADING_RAD, START_HEADING_RAD)
@@ -100,6 +100,10 @@ class Navigation:
             self._lengths_m[i] = path.length_m
         self._maps[robots], self._steps[robots] = maps, 0
         return Starts(poses, maps)
+
+    def _mission(self, robot: int, road_map: int, rng: np.random.Generator) -> Path:  # noqa: ARG002
+        """The path of a robot's next episode on a map."""
+        return self._routes[road_map].draw(rng)
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Reward and end of the decision that led to poses (N, 3)."""

@@ -1,0 +1,103 @@
+"""``Manoeuvres``: every bend and every way over a junction, once each (paper A, section 4.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.errors import ConfigError, MapError
+from robot.geometry import wrap_angle
+from robot.path import Path
+from robot.planner import LaneGraph
+from robot.road_map import RoadMap
+from sim_pybullet.tasks.navigation import Navigation
+
+ROUNDS = 8  # episodes in a row that a robot drives before its manoeuvres begin anew
+_STRAIGHT_RAD = math.radians(30.0)
+
+
+class Manoeuvre(NamedTuple):
+    """One way through a bend or over a junction, with the road before and behind it."""
+
+    name: str  # such as "left turn" or "junction, straight on"
+    path: Path
+
+
+def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
+    """All manoeuvres of a map: bends first, then junctions, each in the order of the lanes.
+
+    A path begins where the lane before the manoeuvre begins and ends where the lane behind it ends;
+    of several such lanes the straightest counts.
+
+    Raises:
+        MapError: the map has neither bends nor junctions.
+    """
+    graph = LaneGraph(road_map)
+    into: list[list[int]] = [[] for _ in range(graph.nodes)]
+    out: list[list[int]] = [[] for _ in range(graph.nodes)]
+    for lane, (start, end) in enumerate(graph.lane_nodes):
+        out[start].append(lane)
+        into[end].append(lane)
+    found = []
+    for lane, (start, end) in enumerate(graph.lane_nodes):
+        name = _name(road_map, graph, lane)
+        if name is not None and into[start] and out[end]:
+            lanes = (_straightest(graph, into[start]), lane, _straightest(graph, out[end]))
+            path = Path.from_beziers([graph.lanes[each].control_points_m for each in lanes])
+            found.append(Manoeuvre(name, path))
+    if not found:
+        raise MapError(f"{road_map.name}: expected bends or junctions, found none; try arena")
+    return tuple(sorted(found, key=lambda each: each.name.startswith("junction")))
+
+
+class Manoeuvres(Navigation):
+    """`Navigation` over the manoeuvres of one map instead of random missions.
+
+    Robot i drives ``ROUNDS`` of them in a row, beginning with the i-th such group, so that all
+    robots together go through the list again and again.
+
+    Args:
+        road_maps: one map.
+        n_robots: N.
+
+    Raises:
+        ConfigError: not one map, or no robots.
+        MapError: the map has no manoeuvres.
+    """
+
+    def __init__(self, road_maps: Sequence[RoadMap], n_robots: int) -> None:
+        if len(road_maps) != 1:
+            raise ConfigError(f"Manoeuvres: expected one map, got {len(road_maps)}")
+        super().__init__(road_maps, n_robots)
+        self.manoeuvres = manoeuvres(road_maps[0])
+        self._rounds = np.zeros(n_robots, dtype=int)
+
+    def _mission(self, robot: int, road_map: int, rng: np.random.Generator) -> Path:  # noqa: ARG002
+        number = robot * ROUNDS + int(self._rounds[robot]) % ROUNDS
+        self._rounds[robot] += 1
+        return self.manoeuvres[number % len(self.manoeuvres)].path
+
+
+def _turn_rad(graph: LaneGraph, lane: int) -> float:
+    start, end = graph.lane_nodes[lane]
+    return float(wrap_angle(graph.node_poses[end, 2] - graph.node_poses[start, 2]))
+
+
+def _straightest(graph: LaneGraph, lanes: Sequence[int]) -> int:
+    return min(lanes, key=lambda lane: abs(_turn_rad(graph, lane)))
+
+
+def _name(road_map: RoadMap, graph: LaneGraph, lane: int) -> str | None:
+    """None where the lane is no manoeuvre."""
+    tile = road_map.tiles[graph.lanes[lane].tile_row][graph.lanes[lane].tile_column]
+    turn_rad = _turn_rad(graph, lane)
+    side = "left" if turn_rad > 0.0 else "right"
+    if tile.kind.startswith("curve"):
+        return f"{side} turn"
+    if "way" in tile.kind:
+        way = "straight on" if abs(turn_rad) < _STRAIGHT_RAD else side
+        return f"junction, {way}"
+    return None

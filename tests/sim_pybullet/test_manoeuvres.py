@@ -1,0 +1,53 @@
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from robot.errors import ConfigError, MapError
+from robot.road_map import load_map, read_map
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.manoeuvres import ROUNDS, Manoeuvres, manoeuvres
+
+ROBOTS = 4  # of whom each drives eight of the arena's 32
+
+
+def test_the_arena_has_the_papers_32_paths():
+    names = Counter(each.name for each in manoeuvres(load_map("arena")))
+    assert names["left turn"] == names["right turn"] == 4
+    assert sum(count for name, count in names.items() if name.startswith("junction")) == 24
+    assert sum(names.values()) == 32
+
+
+@pytest.mark.parametrize("name", ["arena", "town", "hamlet"])
+def test_every_path_is_a_drive_without_gaps_over_three_tiles(name):
+    road_map = load_map(name)
+    for each in manoeuvres(road_map):
+        arcs = np.linspace(0.0, each.path.length_m, 200)
+        poses = np.array([each.path.pose_at(arc) for arc in arcs])
+        steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        assert steps.max() < 1.1 * each.path.length_m / 199
+        assert each.path.length_m > 2.0 * road_map.tile_size_m
+
+
+def test_the_expert_drives_each_of_them_once():
+    task = Manoeuvres([load_map("arena")], ROBOTS)
+    world = BatchWorld(task, [NOMINAL], seed=0)
+    world.reset()
+    driven: list[list[float]] = [[] for _ in range(ROBOTS)]
+    while min(map(len, driven)) < ROUNDS:
+        lengths_m = task.paths.length_m.copy()
+        step = world.step(world.expert_actions())
+        for robot in step.finished.robots:
+            assert step.task.success[robot]
+            driven[robot].append(lengths_m[robot])
+    world.close()
+    first = [length_m for robot in driven for length_m in robot[:ROUNDS]]
+    assert first == pytest.approx([each.path.length_m for each in task.manoeuvres])
+
+
+def test_what_has_no_manoeuvres_is_refused():
+    with pytest.raises(ConfigError, match="expected one map, got 2"):
+        Manoeuvres([load_map("arena"), load_map("town")], 4)
+    with pytest.raises(MapError, match="expected bends or junctions"):
+        manoeuvres(read_map({"tiles": [["straight/E"] * 4], "tile_size": 0.5}, "road"))
