@@ -19,11 +19,11 @@ import numpy as np
 
 from sim_pybullet.look import Rgb
 from sim_pybullet.pinhole_cover import PinholeView
-from sim_pybullet.quiet import stdout_muted
+from sim_pybullet.quiet import stderr_muted
 from sim_pybullet.scene import Solid
 from sim_pybullet.solid_mesh import Mesh
 
-with stdout_muted():  # it announces its build time, into whatever reads our output
+with stderr_muted():  # it announces its build time
     import pybullet
 
 STATIC: Final = 1  # collision groups, one bit each

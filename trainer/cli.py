@@ -18,7 +18,7 @@ from robot.policy import OnnxPolicy
 from robot.road_map import load_map
 from robot.translator import TranslatingPolicy, open_translator
 from sim_pybullet.randomise import load_look_sampler
-from trainer.config import ALGORITHMS, TASKS, RunConfig, choose, preset
+from trainer.config import ALGORITHMS, TASKS, TESTS, RunConfig, choose, preset
 from trainer.run import RunFolder, write_json
 
 EXPORT_ROBOTS = 32
@@ -103,8 +103,8 @@ def evaluate_command(
     Args:
         model: a policy, .onnx.
         json: write the figures there.
-        task: lane or navigation; else what the policy was trained for.
-        map_names: map files, or names of shipped maps; else loop for lane, arena for navigation.
+        task: lane, navigation or manoeuvres; else what the policy was trained for.
+        map_names: map files, or names of shipped maps; else loop for lane, else arena.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
         pose_error: none or arena, in place of the look's own.
         translate: an ONNX translator between the preprocessed picture and the policy.
@@ -120,7 +120,7 @@ def evaluate_command(
     if translate is not None:
         policy = TranslatingPolicy(policy, open_translator(translate, policy.contract.image))
     task = task or policy.contract.task
-    map_names = map_names or (choose("task", task, TASKS),)
+    map_names = map_names or (choose("task", task, TESTS),)
     maps = [load_map(name) for name in map_names]
     looks, seeds = load_look_sampler(look, pose_error), range(seed, seed + episodes)
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:

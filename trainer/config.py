@@ -18,6 +18,7 @@ T = TypeVar("T")
 _WHOLE_FRAME = ImageSpec()
 
 TASKS = {"lane": "loop", "navigation": "arena"}  # and where each is learned by default
+TESTS = {**TASKS, "manoeuvres": "arena"}  # what can be evaluated, and where by default
 
 
 @dataclass(frozen=True)

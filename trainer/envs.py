@@ -13,6 +13,7 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.base import Task
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
@@ -20,6 +21,7 @@ from trainer.config import RunConfig, choose
 _TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {
     "lane": LaneKeeping,
     "navigation": Navigation,
+    "manoeuvres": Manoeuvres,
 }
 
 
