@@ -9,6 +9,7 @@ from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, nearest
 from robot.gates import SafetyLimits
 from robot.hat.config import HatConfig
+from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 
 CAMERAS = ("csi", "v4l2", "replay")
@@ -27,6 +28,8 @@ class CameraConfig:
     flip: int = 0  # csi only: nvvidconv's flip-method; 2 turns the picture upside down
     fps: int = 30
     path: str = ""  # replay only: a folder of pictures or a video
+    lens: Lens = DUCKIEBOT_LENS  # ``calibrate lens`` writes it
+    mount: Mount = Mount()  # ``calibrate camera`` writes its pitch, roll and height
 
     def __post_init__(self) -> None:
         if self.kind not in CAMERAS:

@@ -12,6 +12,7 @@ from robot.geometry import DifferentialDrive
 from robot.hat.bus import bus_time_s
 from robot.hat.coils import MICROSTEPS
 
+GAIN_MAX = 1.1
 BUS_SHARE_MAX = 0.8  # of the bus's time that stepping may take
 
 
@@ -34,14 +35,24 @@ PORTS: Dict[str, Port] = {
 
 @dataclass(frozen=True)
 class MotorConfig:
-    """Where one motor is plugged in, and whether its positive direction drives backwards."""
+    """Where one motor is plugged in, and whether its positive direction drives backwards.
+
+    ``gain`` is how far this wheel really rolls in a step, as a share of what ``wheel_radius_m``
+    says: no two wheels are equal. ``python -m robot calibrate trim`` finds it.
+    """
 
     port: str
     reversed: bool = False
+    gain: float = 1.0
 
     def __post_init__(self) -> None:
         if self.port not in PORTS:
             raise ConfigError(f"motor port: unknown {self.port!r}; {nearest(self.port, PORTS)}")
+        if not 1.0 / GAIN_MAX <= self.gain <= GAIN_MAX:
+            raise ConfigError(
+                f"motor gain: expected {1.0 / GAIN_MAX:.2f} to {GAIN_MAX:.2f}, got {self.gain:g}; "
+                "a larger difference between two wheels is a fault to find"
+            )
 
     @property
     def channels(self) -> Port:
@@ -101,7 +112,7 @@ class HatConfig:
                 )
 
     def _check_bus_share(self) -> None:
-        rate_hz = self.max_speed_mps / self.step_m
+        rate_hz = self.max_speed_mps / min(self.wheel_steps_m)
         carries_hz = BUS_SHARE_MAX / bus_time_s(41, self.bus_hz)
         if rate_hz > carries_hz:
             raise ConfigError(
@@ -117,8 +128,13 @@ class HatConfig:
 
     @property
     def step_m(self) -> float:
-        """How far the rim moves in a microstep, the unit of all step counts [m]."""
+        """How far a rim moves in a microstep, the unit of all step counts, at gain 1 [m]."""
         return self.full_step_m / self.microsteps
+
+    @property
+    def wheel_steps_m(self) -> Tuple[float, float]:
+        """The same of the left and of the right wheel, with their gains [m]."""
+        return (self.step_m * self.left.gain, self.step_m * self.right.gain)
 
 
 _POSITIVE = (

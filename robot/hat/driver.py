@@ -39,7 +39,7 @@ class MotorDriver:
         self._hat = hat
         self._clock = clock
         self._planner = StepPlanner(config, clock.now())
-        self._odometry = StepOdometry(config.drive, config.step_m, Pose(0.0, 0.0, 0.0))
+        self._odometry = StepOdometry(config.drive, config.wheel_steps_m, Pose(0, 0, 0))
         self._command = STILL
         self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
         self._release_s: Optional[float] = None  # when a braking robot's coils are switched off

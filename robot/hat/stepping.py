@@ -49,8 +49,8 @@ class StepPlanner:
 
     def set_speeds(self, time_s: float, speeds: WheelSpeeds) -> None:
         """Aim for these speeds [m/s] from ``time_s`` on; the same speeds again change nothing."""
-        for wheel, speed_mps in zip(self._wheels, speeds):
-            target = speed_mps / self._config.step_m
+        for wheel, speed_mps, step_m in zip(self._wheels, speeds, self._config.wheel_steps_m):
+            target = speed_mps / step_m
             if target != wheel.target:
                 wheel.retarget(time_s, target)
 
@@ -67,7 +67,8 @@ class StepPlanner:
 
     def speeds(self, time_s: float) -> WheelSpeeds:
         """The speeds that the ramps have reached [m/s]."""
-        left, right = (wheel.at(time_s)[1] * self._config.step_m for wheel in self._wheels)
+        steps_m = self._config.wheel_steps_m
+        left, right = (w.at(time_s)[1] * step_m for w, step_m in zip(self._wheels, steps_m))
         return WheelSpeeds(left, right)
 
     def advance(self, time_s: float) -> Steps:

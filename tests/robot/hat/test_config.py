@@ -34,6 +34,7 @@ def test_defaults_drive_every_action_and_survive_yaml() -> None:
         ({"bus_hz": 3_400_000}, "Fast-mode Plus"),
         ({"microsteps": 4}, "376 updates per second, a bus of 100 kHz carries 211"),
         ({"hold_after_s": 90.0}, "<= release"),
+        ({"left": {"port": "M1M2", "gain": 1.2}}, "motor gain: expected 0.91 to 1.10, got 1.2"),
     ],
 )
 def test_wrong_settings_are_refused_with_what_would_be_right(plain: dict, message: str) -> None:

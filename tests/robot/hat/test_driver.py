@@ -7,7 +7,7 @@ from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError, HardwareError
 from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
 from robot.hat.coils import ring_levels, ring_size
-from robot.hat.config import HatConfig
+from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.driver import HELD_S, SETTLE_S
 from robot.hat.stepping import BRAKE_S
 from sim_pybullet.virtual.i2c import BusFault
@@ -216,6 +216,20 @@ def test_stop_holds_release_lets_go_and_both_can_be_repeated() -> None:
         counts = rig.driver._planner.counts
         rig.wait(1.0)
         assert rig.driver._planner.counts == counts
+
+
+def test_gains_make_wheels_of_two_sizes_roll_alike() -> None:
+    rig = make_rig(
+        HatConfig(left=MotorConfig("M1M2", gain=0.96), right=MotorConfig("M3M4", True, 1.04))
+    )
+    with rig.driver:
+        rig.drive(0.3, 0.3, 3.0)
+        assert rig.driver.speeds == pytest.approx((0.3, 0.3))
+        rig.come_to_rest()
+        rolled_m = np.multiply(rig.rolled_m, (0.96, 1.04))  # by the radii that the gains tell of
+        assert rolled_m == pytest.approx([rig.driver.pose.x_m] * 2, abs=0.005)
+        assert abs(rig.driver.pose.heading_rad) < 0.05
+        assert rig.hat.lost_steps == (0, 0)
 
 
 @pytest.mark.parametrize("speed_mps", [0.1, 0.3, 0.4])
