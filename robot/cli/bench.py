@@ -21,8 +21,6 @@ from robot.parts import Tick
 from robot.policy_timing import time_policy
 from robot.rate import RateKeeper
 
-HELP = "measure decisions, memory and the loop's punctuality"
-
 
 @dataclass(frozen=True)
 class LoopTiming:

@@ -12,9 +12,8 @@ from pathlib import Path
 from robot.assemble import open_robot
 from robot.cli.terminal import PROMPT, Terminal
 from robot.config import RobotConfig
+from robot.systemd import Heartbeat, notify_socket
 from robot.typed_config import load_yaml
-
-HELP = "drive"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,9 +28,16 @@ def run(options: argparse.Namespace) -> None:
     ended = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
     terminal = Terminal(sys.stdin, _say)
-    with open_robot(config, (terminal,), (terminal,)) as runtime:
+    notify = notify_socket() or _nobody
+    with open_robot(config, (terminal,), (terminal, Heartbeat(notify))) as runtime:
         _say(PROMPT)
+        notify("READY=1")
         runtime.run(ending=lambda: terminal.quitting or ended.is_set())
+        notify("STOPPING=1")
+
+
+def _nobody(_line: str) -> None:
+    """Systemd did not start this program."""
 
 
 def _say(line: str) -> None:

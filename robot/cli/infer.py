@@ -21,7 +21,6 @@ from robot.contract import Action
 from robot.policy import OnnxPolicy
 from robot.preprocess import preprocess
 
-HELP = "run a policy over pictures"
 PROGRESS_EVERY = 25
 
 

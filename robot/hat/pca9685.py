@@ -7,7 +7,7 @@ channels at once. The chip has no watchdog: outputs stay as they are until someb
 from __future__ import annotations
 
 import errno
-from typing import NoReturn, Sequence
+from typing import NoReturn, Optional, Sequence
 
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
@@ -50,15 +50,21 @@ class Pca9685:
         self._clock = clock
 
     @classmethod
-    def probe(cls, bus: I2cBus, addresses: Sequence[int], clock: Clock) -> Pca9685:
-        """The first of ``addresses`` where a PCA9685 answers.
+    def find(cls, bus: I2cBus, address: int, clock: Clock) -> Optional[Pca9685]:
+        """The PCA9685 at ``address``; None when nobody answers, or somebody else.
 
         Reads registers and never writes: a Tegra bus cannot send the empty message that other
         probes use, and a stranger at the address is left alone.
         """
+        chip = cls(bus, address, clock)
+        return chip if chip._answers() else None
+
+    @classmethod
+    def probe(cls, bus: I2cBus, addresses: Sequence[int], clock: Clock) -> Pca9685:
+        """The first of ``addresses`` where ``find`` finds one; HardwareError without any."""
         for address in addresses:
-            chip = cls(bus, address, clock)
-            if chip._answers():
+            chip = cls.find(bus, address, clock)
+            if chip is not None:
                 return chip
         tried = ", ".join(f"0x{address:02X}" for address in addresses)
         raise HardwareError(

@@ -14,7 +14,7 @@ import os
 import string
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Sequence, Union
+from typing import Dict, Sequence, Tuple, Union
 
 from robot.errors import ConfigError, nearest
 
@@ -50,7 +50,7 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = MACHINES) -> D
         The folder of each machine.
 
     Raises:
-        ConfigError: a folder is there already: keys are never overwritten.
+        ConfigError: a folder is there already (keys are never overwritten), or cannot be made.
     """
     import zmq
 
@@ -62,16 +62,25 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = MACHINES) -> D
                 "choose another directory, or delete it to replace the keys of all machines"
             )
     pairs = {name: zmq.curve_keypair() for name in machines}
-    for name, folder in folders.items():
-        (folder / ALLOWED).mkdir(parents=True)
-        folder.chmod(0o700)
-        public, secret = pairs[name]
-        _write(folder / SECRET, secret, 0o600)
-        _write(folder / PUBLIC, public, 0o644)
-        for peer in machines:
-            if peer != name:
-                _write(folder / ALLOWED / f"{peer}.key", pairs[peer][0], 0o644)
+    try:
+        for name, folder in folders.items():
+            _write_folder(folder, name, pairs)
+    except OSError as error:
+        raise ConfigError(
+            f"{directory}: expected a place to write keys to, got: {error.strerror}"
+        ) from error
     return folders
+
+
+def _write_folder(folder: Path, name: str, pairs: Dict[str, Tuple[bytes, bytes]]) -> None:
+    (folder / ALLOWED).mkdir(parents=True)
+    folder.chmod(0o700)
+    public, secret = pairs[name]
+    _write(folder / SECRET, secret, 0o600)
+    _write(folder / PUBLIC, public, 0o644)
+    for peer, (theirs, _) in pairs.items():
+        if peer != name:
+            _write(folder / ALLOWED / f"{peer}.key", theirs, 0o644)
 
 
 def load_keys(folder: Union[str, Path]) -> Keys:
