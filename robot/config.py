@@ -29,7 +29,9 @@ class CameraConfig:
     fps: int = 30
     path: str = ""  # replay only: a folder of pictures or a video
     lens: Lens = DUCKIEBOT_LENS  # ``calibrate lens`` writes it
-    mount: Mount = Mount()  # ``calibrate camera`` writes its pitch, roll and height
+    mount: Mount = field(
+        default_factory=Mount
+    )  # ``calibrate camera`` writes its pitch, roll and height
 
     def __post_init__(self) -> None:
         if self.kind not in CAMERAS:
