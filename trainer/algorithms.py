@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +36,16 @@ def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:
         "policy": policy_class(config),
         "env": env,
         "policy_kwargs": policy_arguments(config),
-        "learning_rate": config.learn.learning_rate,
+        "learning_rate": learning_rates(config),
         "max_grad_norm": config.learn.max_grad_norm,
         "seed": config.seed,
         "device": config.device,
     }
     learn = config.learn
     if isinstance(learn, QConfig):
-        return DoubleDQN(**common, **_q_arguments(learn, config.steps, replay))
+        model = DoubleDQN(**common, **_q_arguments(learn, config.steps, replay))
+        model.action_gap = learn.action_gap
+        return model
     if isinstance(learn, DaggerConfig):
         return _build_dagger(learn, common, replay)
     if isinstance(learn, PpoConfig):
@@ -58,6 +61,12 @@ def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:
             vf_coef=learn.value,
         )
     return ChannelLastA2C(**common, **_a2c_arguments(learn))
+
+
+def learning_rates(config: RunConfig) -> Callable[[float], float]:
+    """From the share of the run that is left, 1 to 0, to the learning rate."""
+    rate, least = config.learn.learning_rate, config.rate_left
+    return lambda left: rate * (least + (1.0 - least) * max(left, 0.0))  # the last step overshoots
 
 
 def build_policy(config: RunConfig) -> BasePolicy:

@@ -31,15 +31,20 @@ RECENT_EPISODES = 50  # the paper's running mean
 
 
 class Stopwatch(BaseCallback):
-    """Keeps `TrainState.seconds`, and stops the run when its time is up or a person says so."""
+    """Keeps `TrainState.seconds`, and stops the run when its time is up or a person says so.
+
+    CPU seconds are kept beside them, since on a busy machine the wall clock says little.
+    """
 
     def __init__(self, state: TrainState, budget_s: float | None, clock: Clock) -> None:
         super().__init__()
         self._state, self._budget_s, self._clock = state, budget_s, clock
         self._started = clock() - state.seconds
+        self._cpu_started = time.process_time() - state.cpu_seconds
 
     def _on_step(self) -> bool:
         self._state.seconds = self._clock() - self._started
+        self._state.cpu_seconds = time.process_time() - self._cpu_started
         if self._budget_s is not None and self._state.seconds >= self._budget_s:
             self._state.stopped_by = "seconds"
         return not self._state.stopped_by
@@ -106,8 +111,10 @@ class Evaluator(BaseCallback):
 
     def _on_step(self) -> bool:
         last = self._state.evaluations[-1].step if self._state.evaluations else 0
+        wanted = self._config.evaluation
         # the longer the run, the rarer: evaluations take a bounded share of its time
-        if self.num_timesteps - last >= max(self._config.evaluation.every_steps, last // 4):
+        share = wanted.every_share * self._config.steps
+        if self.num_timesteps - last >= max(wanted.every_steps, last // 4, share):
             self.evaluate()
         return not self._state.stopped_by
 

@@ -139,6 +139,44 @@ def evaluate_command(
     return 0
 
 
+@app.command(name="endure")
+def endure_command(
+    model: Path,
+    json: Path | None = None,
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (TASKS["lane"],),
+    look: str = "nominal",
+    hours: float = 1.0,
+    robots: int = 4,
+    seed: int = 1000,
+) -> int:
+    """Let a policy keep its lane for hours of simulated time, and see who leaves it.
+
+    Args:
+        model: a policy for lane keeping, .onnx.
+        json: write the figures there.
+        map_names: rings of road, files or names of shipped maps.
+        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
+        hours: of simulated time.
+        robots: each at a place and in a look of its own.
+        seed: of everything random.
+    """
+    from trainer.endurance import endure
+
+    policy, maps = OnnxPolicy(model), [load_map(name) for name in map_names]
+    with Progress() as bar:
+        row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
+        looks = load_look_sampler(look)
+        result = endure(policy, maps, looks, hours, robots, seed, lambda: bar.advance(row))
+    if json is not None:
+        write_json(json, result)
+    Console(soft_wrap=True).print(
+        f"{model}: {result.stayed} of {robots} stayed in their lane for {hours:g} h, "
+        f"{result.driven_lane_m:.0f} m each, {100 * result.mean_path_distance_m:.1f} cm from its "
+        f"middle, {100 * result.largest_path_distance_m:.1f} cm at most"
+    )
+    return 0
+
+
 @app.command(name="export")
 def export_command(run: tyro.conf.Positional[Path]) -> int:
     """Write model.onnx and model_int8.onnx of a run, checked against torch on 1,000 frames.

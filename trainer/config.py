@@ -47,6 +47,7 @@ class QConfig:
     epsilon_final: float = 0.02
     epsilon_steps: int = 4_000  # from 1 to final
     max_grad_norm: float = 10.0
+    action_gap: float = 0.0  # advantage learning, see `trainer.dqn`: 0 none, below 1
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,7 @@ class EvaluationConfig:
     episodes: int = 20
     rounds: int = 1  # episodes of each robot: with more, fewer wait for the longest to end
     every_steps: int = 2_000  # and after 8,000 steps a quarter of the steps so far
+    every_share: float = 0.0  # of all steps of the run, where that is more
     stop_after_perfect: int = 2  # evaluations in a row without a failure; 0 never stops
 
 
@@ -136,6 +138,7 @@ class RunConfig:
     look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
+    rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
 
@@ -144,6 +147,8 @@ class RunConfig:
         choose("algorithm", self.algorithm, ALGORITHMS)
         if self.steps < 1 or (self.seconds is not None and self.seconds <= 0):
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {self}")
+        if not 0.0 <= self.rate_left <= 1.0:
+            raise ConfigError(f"rate_left: expected a share from 0 to 1, got {self.rate_left}")
 
 
 _PAPER_NET = NetConfig((32, 64, 64), image_fc=512, path_fc=(64, 128), head_fc=256)
@@ -160,6 +165,8 @@ def preset(task: str, algorithm: str, name: str) -> RunConfig:
     learn = choose("algorithm", algorithm, ALGORITHMS)
     maps = (choose("task", task, TASKS),)
     run = RunConfig(task, algorithm, name, learn, maps, image=_FAST_IMAGE)
+    if task == "navigation":
+        run = _navigation(run)
     makers = {"paper": _paper, "fast": lambda config: config, "debug": _debug}
     return choose("preset", name, makers)(run)
 
@@ -169,6 +176,18 @@ def choose(what: str, name: str, valid: Mapping[str, T]) -> T:
     if name not in valid:
         raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")
     return valid[name]
+
+
+def _navigation(run: RunConfig) -> RunConfig:
+    """A run uses all its steps, the last ones to settle: few failures are left to learn from."""
+    learn = run.learn
+    if isinstance(learn, QConfig):
+        learn = replace(learn, action_gap=0.8, epsilon_steps=10_000)
+    steps = 80_000 if isinstance(learn, (PpoConfig, A2cConfig)) else 24_000
+    evaluation = EvaluationConfig(
+        episodes=100, rounds=5, every_steps=8_000, every_share=0.125, stop_after_perfect=0
+    )
+    return replace(run, learn=learn, steps=steps, evaluation=evaluation, rate_left=0.03)
 
 
 def _paper(run: RunConfig) -> RunConfig:

@@ -46,6 +46,7 @@ class Metrics:
 
     train_seconds: float  # wall clock, evaluations included
     evaluation_seconds: float
+    cpu_seconds: float  # of the process, all threads, evaluations included
     train_steps: int
     episodes: int
     success_rate: float  # of the kept policy, on its evaluation
@@ -153,6 +154,7 @@ class _Session:
         return Metrics(
             train_seconds=state.seconds,
             evaluation_seconds=state.evaluation_seconds,
+            cpu_seconds=state.cpu_seconds,
             train_steps=self.steps,
             episodes=self.log.count,
             success_rate=state.best.success_rate if state.best else nan,

@@ -5,18 +5,19 @@ import pytest
 
 from robot.errors import ConfigError
 from trainer.algorithms import build_policy
-from trainer.config import ALGORITHMS, preset
+from trainer.config import ALGORITHMS, TASKS, preset
 from trainer.run import RunFolder
 
 PRESETS = ("paper", "fast", "debug")
 
 
+@pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_preset_builds_and_survives_its_file(
-    algorithm: str, name: str, tmp_path: Path
+    algorithm: str, name: str, task: str, tmp_path: Path
 ) -> None:
-    config = replace(preset("lane", algorithm, name), seed=3, seconds=2.5)
+    config = replace(preset(task, algorithm, name), seed=3, seconds=2.5)
     if name != "paper":  # six million weights: once is enough, in test_networks
         build_policy(config)
     folder = RunFolder(tmp_path)
@@ -40,3 +41,8 @@ def test_a_typo_is_told_the_nearest_name(arguments: tuple[str, str, str], hint: 
 def test_a_run_of_no_steps_is_refused() -> None:
     with pytest.raises(ConfigError, match="steps >= 1"):
         replace(preset("lane", "ppo", "fast"), steps=0)
+
+
+def test_a_rate_that_grows_is_refused() -> None:
+    with pytest.raises(ConfigError, match="from 0 to 1"):
+        replace(preset("lane", "ppo", "fast"), rate_left=1.5)

@@ -18,7 +18,7 @@ from tests.trainer.toy import (
     toy_config,
     train_toy,
 )
-from trainer.algorithms import build_model, build_policy
+from trainer.algorithms import build_model, build_policy, learning_rates
 from trainer.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
 from trainer.config import RunConfig
 from trainer.dqn import DoubleDQN
@@ -103,8 +103,12 @@ def _flat(state: dict) -> list[float]:
     return [float(torch.as_tensor(value).sum()) for value in moments]
 
 
-def test_double_target_takes_the_choice_of_one_and_the_value_of_the_other(tmp_path: Path) -> None:
+@pytest.mark.parametrize("gap", [0.0, 0.8])
+def test_double_target_takes_the_choice_of_one_and_the_value_of_the_other(
+    gap: float, tmp_path: Path
+) -> None:
     config = toy_config("ddqn", 1_000)
+    config = replace(config, learn=replace(config.learn, action_gap=gap))
     model = build_model(config, make_toy(config, 8, 0), tmp_path)
     assert isinstance(model, DoubleDQN)
     model.learn(300)  # past the warm-up: both networks differ
@@ -114,14 +118,34 @@ def test_double_target_takes_the_choice_of_one_and_the_value_of_the_other(tmp_pa
             net(batch.next_observations).numpy() for net in (model.q_net, model.q_net_target)
         )
         values = model.q_net(batch.observations).numpy()
+        before = model.q_net_target(batch.observations).numpy()
     rows = np.arange(64)
     double = target[rows, following.argmax(1)]
     going_on = ((1 - batch.dones) * batch.discounts)[:, 0].numpy()
     wanted = batch.rewards[:, 0].numpy() + going_on * double
+    wanted -= gap * (before.max(1) - before[rows, batch.actions[:, 0]])
     error = values[rows, batch.actions[:, 0]] - wanted
     huber = np.where(np.abs(error) < 1, 0.5 * error**2, np.abs(error) - 0.5).mean()
     model.replay_buffer.sample = lambda _: batch  # type: ignore[union-attr, method-assign]
     assert model._update(64) == pytest.approx(float(huber), rel=1e-5)
+
+
+def test_the_learning_rate_falls_to_what_shall_be_left(tmp_path: Path) -> None:
+    config = replace(toy_config("ppo", 2_000), rate_left=0.1)
+    endless = replace(config.evaluation, stop_after_perfect=0)
+    model = build_model(
+        replace(config, evaluation=endless), make_toy(config, 8, 0), tmp_path / "replay"
+    )
+    model.learn(2_000)
+    rate = model.policy.optimizer.param_groups[0]["lr"]
+    assert 0.1 - 1e-9 <= rate / config.learn.learning_rate < 0.25
+    assert learning_rates(config)(1.0) == config.learn.learning_rate
+
+
+def test_cpu_seconds_are_kept_over_a_resumption(tmp_path: Path) -> None:
+    first = train_toy(toy_config("ppo", 600), tmp_path)
+    second = train_toy(toy_config("ppo", 1_200), tmp_path)
+    assert 0.0 < first.cpu_seconds < second.cpu_seconds
 
 
 def test_a_time_budget_ends_a_run(tmp_path: Path) -> None:
