@@ -20,6 +20,8 @@ COMMANDS = {
     "bench": "measure decisions, memory and the loop's punctuality",
     "off": "switch every output of the motor HAT off",
     "keygen": "make the keys of robot, localizer and monitor",
+    "install": "make this computer the robot's: environment, user, permissions, service",
+    "uninstall": "undo what install did",
 }
 
 
