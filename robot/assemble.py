@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ContextManager, Iterator, List, Optional, Protocol, Tuple
 
 from robot.camera.gstreamer import GstStream, csi_command
-from robot.camera.newest import NewestFrame
+from robot.camera.newest import NewestFrame, Stream
 from robot.camera.replay import ReplayCamera
 from robot.camera.source import Camera
 from robot.camera.v4l2 import V4l2Stream
@@ -118,10 +118,18 @@ def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
     """
     if config.kind == "replay":
         return nullcontext(ReplayCamera(config.path, config.fps, clock.now))
+    return NewestFrame(lambda: open_stream(config, CAPTURE_PX), clock.now)
+
+
+def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
+    """The configured camera's pictures, one after the other; not of a replay.
+
+    Raises:
+        HardwareError: the device does not open.
+    """
     if config.kind == "v4l2":
-        return NewestFrame(lambda: V4l2Stream(config.number, CAPTURE_PX, config.fps), clock.now)
-    command = csi_command(config.number, config.flip, config.fps, CAPTURE_PX)
-    return NewestFrame(lambda: GstStream(command, CAPTURE_PX), clock.now)
+        return V4l2Stream(config.number, size_px, config.fps)
+    return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)
 
 
 def open_navigator(

@@ -18,6 +18,7 @@ COMMANDS = {
     "drive": "drive",
     "infer": "run a policy over pictures",
     "bench": "measure decisions, memory and the loop's punctuality",
+    "doctor": "look at everything the robot needs, and say what to do",
     "off": "switch every output of the motor HAT off",
     "keygen": "make the keys of robot, localizer and monitor",
     "install": "make this computer the robot's: environment, user, permissions, service",

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from robot.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np  # an installation runs before there is one
 
 
 def write_json(path: Path, data: Any) -> None:

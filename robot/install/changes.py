@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Callable, List, Protocol, Sequence, Tuple
 
 from robot.cli.output import write_bytes
+from robot.errors import HardwareError
 from robot.install.host import Host
 
 KEPT = ".before-duckpilot"  # a file that was there before is kept under this ending
@@ -90,7 +91,11 @@ class WrittenFile:
             path.rename(kept)
         write_bytes(path, self.content)
         path.chmod(0o644)
-        run_all(host, self.after)
+        try:
+            run_all(host, self.after)
+        except HardwareError:
+            self._put_back(host)  # else the next attempt would think that all is done
+            raise
 
     def tell_undo(self) -> List[str]:
         """See ``Change``."""
@@ -99,14 +104,18 @@ class WrittenFile:
 
     def undo(self, host: Host) -> None:
         """See ``Change``."""
-        path, kept = at(host, self.path), at(host, self.path + KEPT)
+        path = at(host, self.path)
         if self.theirs and path.is_file() and path.read_bytes() != self.content:
             return
+        self._put_back(host)
+        run_all(host, self.after)
+
+    def _put_back(self, host: Host) -> None:
+        path, kept = at(host, self.path), at(host, self.path + KEPT)
         if path.is_file():
             path.unlink()
         if kept.exists():
             kept.rename(path)
-        run_all(host, self.after)
 
 
 @dataclass(frozen=True)

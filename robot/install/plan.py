@@ -92,7 +92,7 @@ def _environment(source: Source, pins: str) -> List[Change]:
         mark = at(host, _MARK)
         return not mark.is_file() or mark.read_text(encoding="utf-8") != version
 
-    pip = (f"{paths.VENV}/bin/python", "-m", "pip", "install", "--upgrade")
+    pip = (f"{paths.VENV}/bin/python", "-I", "-m", "pip", "install", "--upgrade")
     make = (
         (source.python, "-m", "venv", paths.VENV),
         (*pip, "pip"),  # Ubuntu 18.04's is too old to know the wheels of onnxruntime
@@ -118,8 +118,8 @@ def install(plan: Sequence[Change], host: Host, say: Say, dry: bool) -> int:
             say(f"would {line}" if dry and not line.startswith(" ") else line)
         if not dry:
             change.do(host)
-            done.append(change.name)
-            _keep(host, list(dict.fromkeys(done)))
+            done = list(dict.fromkeys((*done, change.name)))
+            _keep(host, done)
     return count
 
 

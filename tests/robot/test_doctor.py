@@ -1,0 +1,280 @@
+"""The doctor, on a computer of which everything can be said."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Callable, Dict, List, Optional, Tuple
+
+import pytest
+
+from robot.cli import main
+from robot.config import CameraConfig
+from robot.doctor.findings import Finding, Level
+from robot.doctor.machine import CameraLook, ThisMachine
+from robot.doctor.report import examine
+from robot.errors import HardwareError
+from robot.hat.bus import I2cBus
+from robot.link.keys import keygen
+from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
+from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
+
+
+@dataclass
+class Patient:
+    """A healthy Jetson Nano; a test takes its health away."""
+
+    version: Tuple[int, int] = (3, 8)
+    chip: str = "aarch64"
+    packages: Dict[str, str] = field(default_factory=dict)
+    without: Tuple[str, ...] = ()
+    hats: Dict[int, VirtualI2cBus] = field(default_factory=dict)
+    look: CameraLook = field(default_factory=lambda: CameraLook(60, 2.0, (320, 240), 0, 100.0))
+    free: int = 20_000_000_000
+    heat: Dict[str, float] = field(default_factory=lambda: {"CPU-therm": 45.0, "PMIC-Die": 100.0})
+    frequencies: Tuple[Tuple[int, int], ...] = ((1_479_000, 1_479_000),) * 4
+    wall_s: float = 1.8e9
+    synchronised: Optional[bool] = True
+    unreachable: str = ""
+    free_ports: bool = True
+
+    def python(self) -> Tuple[int, int]:
+        return self.version
+
+    def processor(self) -> str:
+        return self.chip
+
+    def package(self, name: str) -> Optional[str]:
+        return None if name in self.without else self.packages.get(name, "1.19.2")
+
+    def buses(self) -> List[int]:
+        return sorted(self.hats)
+
+    def open_bus(self, number: int) -> I2cBus:
+        if number not in self.hats:
+            raise HardwareError(
+                f"/dev/i2c-{number}: this user may not open it; add the user to i2c"
+            )
+        return self.hats[number]
+
+    def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
+        assert camera.kind != "replay"
+        return self.look
+
+    def free_bytes(self, path: Path) -> int:
+        return self.free
+
+    def temperatures_c(self) -> Dict[str, float]:
+        return self.heat
+
+    def frequencies_khz(self) -> List[Tuple[int, int]]:
+        return list(self.frequencies)
+
+    def wall_time_s(self) -> float:
+        return self.wall_s
+
+    def time_is_synchronised(self) -> Optional[bool]:
+        return self.synchronised
+
+    def connects(self, host: str, port: int) -> str:
+        return self.unreachable
+
+    def port_is_free(self, port: int) -> bool:
+        return self.free_ports
+
+
+def bus_with_hat(address: int = 0x6F) -> VirtualI2cBus:
+    bus = VirtualI2cBus()
+    VirtualHat(bus, VirtualClock(), address)
+    return bus
+
+
+@pytest.fixture
+def patient() -> Patient:
+    return Patient(hats={0: VirtualI2cBus(), 1: bus_with_hat()})
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    """A navigating robot with keys and a measured mount."""
+    pytest.importorskip("zmq")
+    keys = keygen(tmp_path / "keys")["robot"]
+    model = write_policy(tmp_path / "nav.onnx", navigation_contract())
+    (tmp_path / "robot.yaml").write_text(
+        f"model: {model}\nmap: town\nlink: {{keys: {keys}}}\n"
+        "camera: {mount: {pitch_rad: 0.34, height_m: 0.11}}\n"
+    )
+    return tmp_path / "robot.yaml"
+
+
+def diagnose(patient: Patient, config: Optional[Path]) -> Dict[str, Finding]:
+    return {finding.name: finding for finding in examine(patient, config, Path("."))}
+
+
+def test_a_healthy_robot_is_well_in_every_respect(patient: Patient, config: Path) -> None:
+    findings = diagnose(patient, config)
+    assert {finding.level for finding in findings.values()} == {Level.OK}, findings
+    assert not any(finding.remedy for finding in findings.values())
+    assert len(findings) == 14
+
+
+Ail = Callable[[Patient], object]
+
+
+def sets(**changes: object) -> Ail:
+    return lambda patient: [setattr(patient, name, value) for name, value in changes.items()]
+
+
+def looks(**changes: object) -> Ail:
+    return lambda patient: setattr(patient, "look", patient.look._replace(**changes))
+
+
+AILMENTS: Dict[str, Tuple[Ail, str, Level, str]] = {
+    "old Python": (sets(version=(3, 6)), "Python", Level.FAIL, "python3.8"),
+    "no smbus2": (sets(without=("smbus2",)), "packages", Level.FAIL, "pip install smbus2"),
+    "deadly onnxruntime": (
+        sets(packages={"onnxruntime": "1.21.0"}),
+        "packages",
+        Level.FAIL,
+        "onnxruntime==1.19.2",
+    ),
+    "no bus": (sets(hats={}), "motor HAT", Level.FAIL, "pins 3 and 5"),
+    "no HAT": (sets(hats={1: VirtualI2cBus()}), "motor HAT", Level.FAIL, "i2cdetect -y -r 1"),
+    "another bus": (sets(hats={7: bus_with_hat(0x60)}), "motor HAT", Level.FAIL, "{bus: 7, addres"),
+    "not in the group": (sets(hats={0: VirtualI2cBus()}), "motor HAT", Level.FAIL, "to i2c"),
+    "camera absent": (
+        looks(problem="/dev/video0: does not open"),
+        "camera",
+        Level.FAIL,
+        "nvargus-daemon",
+    ),
+    "camera slow": (looks(pictures=11), "camera", Level.FAIL, "light"),
+    "camera slower than told": (looks(pictures=31), "camera", Level.WARN, "camera.fps"),
+    "camera frozen": (looks(repeats=59), "camera", Level.FAIL, "plug the camera again"),
+    "lens covered": (looks(brightness=3.0), "camera", Level.WARN, "cap"),
+    "localizer away": (sets(unreachable="timed out"), "localizer", Level.WARN, "is it running"),
+    "driving already": (sets(free_ports=False), "ports", Level.WARN, "systemctl status"),
+    "disk full": (sets(free=10_000_000), "disk", Level.FAIL, "delete"),
+    "disk filling": (sets(free=500_000_000), "disk", Level.WARN, "delete"),
+    "hot": (sets(heat={"CPU-therm": 95.0}), "temperature", Level.FAIL, "fan"),
+    "warm": (sets(heat={"CPU-therm": 80.0}), "temperature", Level.WARN, "fan"),
+    "throttled": (
+        sets(frequencies=((918_000, 1_479_000),)),
+        "throttling",
+        Level.WARN,
+        "nvpmodel -m 0",
+    ),
+    "no battery for the clock": (sets(wall_s=0.0), "clock", Level.WARN, "date -s"),
+    "no time server": (sets(synchronised=False), "clock", Level.WARN, "network"),
+}
+
+
+@pytest.mark.parametrize("ailment", AILMENTS)
+def test_each_ailment_is_found_alone_with_what_to_do(
+    patient: Patient, config: Path, ailment: str
+) -> None:
+    befall, name, level, remedy = AILMENTS[ailment]
+    befall(patient)
+    findings = diagnose(patient, config)
+    assert findings[name].level is level
+    assert remedy in findings[name].remedy
+    assert remedy in findings[name].line
+    assert [f.name for f in findings.values() if f.level is not Level.OK] == [name]
+
+
+SETTINGS: Dict[str, Tuple[Callable[[str], str], str, Level, str]] = {
+    "unknown key": (lambda text: text + "modle: x\n", "config", Level.FAIL, "did you mean 'model'"),
+    "no such model": (lambda t: t.replace("nav.onnx", "x.onnx"), "policy", Level.FAIL, "x.onnx"),
+    "no such map": (lambda t: t.replace("town", "twon"), "map", Level.FAIL, "did you mean 'town'"),
+    "no such keys": (lambda t: t.replace("keys/robot", "keys/r"), "keys", Level.FAIL, "keygen"),
+    "another's keys": (
+        lambda t: t.replace("keys/robot", "keys/monitor"),
+        "keys",
+        Level.FAIL,
+        "another machine's folder",
+    ),
+    "tilted camera": (
+        lambda t: t.replace("0.34", "0.44"),
+        "camera mount",
+        Level.WARN,
+        "tilt it up by 6.1°",
+    ),
+    "unmeasured camera": (
+        lambda t: t.replace("{mount: {pitch_rad: 0.34, height_m: 0.11}}", "{}"),
+        "camera mount",
+        Level.WARN,
+        "calibrate camera",
+    ),
+    "replayed camera": (
+        lambda t: t.replace("{mount", "{kind: replay, path: nowhere, mount"),
+        "camera",
+        Level.FAIL,
+        "nowhere: expected a folder of pictures or a video",
+    ),
+}
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_each_wrong_setting_is_found(patient: Patient, config: Path, setting: str) -> None:
+    change, name, level, says = SETTINGS[setting]
+    config.write_text(change(config.read_text()))
+    finding = diagnose(patient, config)[name]
+    assert finding.level is level
+    assert says in finding.line
+
+
+def test_keys_that_others_can_read_and_a_navigator_without_a_map_fail(
+    patient: Patient, config: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "keys" / "robot" / "secret.key").chmod(0o644)
+    assert "chmod 600" in diagnose(patient, config)["keys"].line
+    config.write_text(config.read_text().replace("map: town\n", ""))
+    assert "no map is set" in diagnose(patient, config)["policy"].line
+
+
+def test_a_stuck_bus_is_told_as_such(patient: Patient, config: Path) -> None:
+    patient.hats[1].inject(BusFault.STUCK, count=100)
+    finding = diagnose(patient, config)["motor HAT"]
+    assert finding.level is Level.FAIL
+    assert "cycle the power" in finding.remedy
+
+
+def test_looking_writes_to_no_chip(patient: Patient, config: Path) -> None:
+    diagnose(patient, config)
+    assert all(transaction.read_count for transaction in patient.hats[1].log)
+
+
+def test_a_robot_without_a_link_needs_none(patient: Patient, tmp_path: Path) -> None:
+    model = write_policy(tmp_path / "lane.onnx", lane_contract())
+    (tmp_path / "robot.yaml").write_text(f"model: {model}\n")
+    findings = diagnose(patient, tmp_path / "robot.yaml")
+    assert findings["link"].level is Level.OK
+    assert "localizer" not in findings
+
+
+def test_the_command_tells_of_this_computer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = write_policy(tmp_path / "lane.onnx", lane_contract())
+    config, out = tmp_path / "robot.yaml", tmp_path / "doctor.json"
+    config.write_text(f"model: {model}\nhat: {{bus: 250}}\ncamera: {{kind: v4l2, number: 977}}\n")
+    assert main(["doctor", "--config", str(config), "--json", str(out)]) == 1
+    told = {f["name"]: f for f in json.loads(out.read_text(encoding="utf-8"))["findings"]}
+    assert told["policy"]["level"] == "OK"
+    assert told["motor HAT"]["level"] == told["camera"]["level"] == "FAIL"
+    assert "/dev/video977" in told["camera"]["says"]
+    assert capsys.readouterr().out.count("->") == sum(bool(f["remedy"]) for f in told.values())
+
+
+def test_this_computer_can_be_looked_at(tmp_path: Path) -> None:
+    machine = ThisMachine()
+    assert machine.package("numpy")
+    assert machine.package("no-such-package") is None
+    assert machine.free_bytes(tmp_path) > 0
+    assert "refused" in machine.connects("127.0.0.1", 9)
+    assert all(math.isfinite(t) for t in machine.temperatures_c().values())
+    assert all(allowed > 0 for allowed, _ in machine.frequencies_khz())
