@@ -12,6 +12,7 @@ from robot.contract import Action, PolicyContract
 from robot.gates import Inputs
 from robot.geometry import Pose, WheelSpeeds
 from robot.safety import Answer, Command, Verdict
+from robot.wheel_limits import Drive
 
 Ask = Callable[[Command, Optional[WheelSpeeds]], Answer]
 
@@ -85,6 +86,7 @@ class Tick:
     guidance: Optional[Guidance]
     duration_s: float  # from its beginning to the wheels
     lag_s: float  # how late it began
+    drive: Optional[Drive] = None  # what the wheels were asked for; None at rest
 
 
 class Subscriber(Protocol):

@@ -15,15 +15,16 @@ import numpy as np
 
 from robot.camera.source import Camera, Frame
 from robot.contract import ACTION_WHEELS, CONTROL_DT_S, Action
+from robot.decision import best_action, values_of
 from robot.errors import ContractError
 from robot.gates import Inputs, Reason
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import Clock
 from robot.parts import Guidance, Motors, Navigator, Operator, Policy, Subscriber, Tick
-from robot.preprocess import check_frame, preprocess
+from robot.preprocess import check_frame
 from robot.rate import RateKeeper
 from robot.safety import COILS_OFF, MOVING, Answer, Command, Safety, State
-from robot.wheel_limits import STILL, limit_rate, limit_speed
+from robot.wheel_limits import STILL, Drive
 
 T = TypeVar("T")
 logger = logging.getLogger(__name__)
@@ -72,6 +73,7 @@ class Runtime:
         self._guard_motion = threading.RLock()  # safety, motors and what was last sent to them
         self._number = 0
         self._wheels = STILL
+        self._drove: Optional[Drive] = None  # in this turn
         self._sent_s = clock.now()
         self._resting: Optional[State] = None  # the state that the motors were last put to rest in
         self._manual: Optional[Tuple[WheelSpeeds, float]] = None
@@ -96,14 +98,13 @@ class Runtime:
         if self._navigator is not None:
             guidance = self._try(Reason.NAVIGATOR, self._navigator.look, began_s)
         values = self._try(Reason.POLICY, self._values, frame, guidance)
-        action = None
-        if values is not None and np.isfinite(values).all():
-            action = Action(int(values.argmax()))
+        action = best_action(values)
+        self._drove = None
         inputs = self._try(Reason.RUNTIME, self._act, frame, guidance, action, link_age_s)
         duration_s = self._clock.now() - began_s
         tick = Tick(
             *(self._number, began_s, frame, values, action, self._wheels, self.safety.verdict),
-            *(inputs or Inputs(math.inf), guidance, duration_s, lag_s),
+            *(inputs or Inputs(math.inf), guidance, duration_s, lag_s, self._drove),
         )
         self._number += 1
         for subscriber in self._subscribers:
@@ -145,18 +146,8 @@ class Runtime:
         return frame
 
     def _values(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[np.ndarray]:
-        """(actions,), perhaps not finite; None without a frame, or a path where one is due."""
-        contract = self._policy.contract
-        path = guidance.path if guidance is not None and contract.path_points else None
-        if frame is None or (contract.path_points and path is None):
-            return None
-        picture = preprocess(frame.image, contract.image)[None]
-        values = np.asarray(self._policy.values(picture, None if path is None else path[None]))
-        if values.shape != (1, len(ACTION_WHEELS)):
-            raise ContractError(
-                f"policy: expected values (1, {len(ACTION_WHEELS)}), got {values.shape}"
-            )
-        return values[0]
+        path = None if guidance is None else guidance.path
+        return values_of(self._policy, None if frame is None else frame.image, path)
 
     def _act(
         self,
@@ -227,9 +218,11 @@ class Runtime:
     def _drive(self, wanted: WheelSpeeds, now_s: float) -> None:
         limits = self.safety.limits
         dt_s = min(max(now_s - self._sent_s, 0.0), limits.loop_age_s)
-        wheels = limit_rate(limit_speed(wanted, limits.max_wheel_mps), self._wheels, dt_s)
+        drive = Drive(wanted, self._wheels, dt_s)
+        wheels = drive.limited(limits.max_wheel_mps)
         self._resting = None
         self._motors.set_wheels(wheels)
+        self._drove = drive
         self._wheels, self._sent_s = wheels, now_s
 
     def _rest_unless_moving(self) -> None:

@@ -7,6 +7,7 @@ simulation; they catch what no policy asks for.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.errors import ContractError
@@ -47,6 +48,22 @@ def limit_rate(
         raise ContractError(f"dt_s: expected a time step of 0 s or more, got {dt_s}")
     step_mps = most_mps2 * dt_s
     return WheelSpeeds(*(min(max(w, v - step_mps), v + step_mps) for w, v in zip(wanted, last)))
+
+
+class Drive(NamedTuple):
+    """What the wheels were asked for in one turn, and what limits it."""
+
+    wanted: WheelSpeeds  # of the policy or of a person [m/s]
+    before: WheelSpeeds  # as told in the turn before [m/s]
+    dt_s: float  # since then
+
+    def limited(self, max_wheel_mps: float) -> WheelSpeeds:
+        """What the motors are told [m/s].
+
+        Raises:
+            ContractError: a speed or the time step is not finite.
+        """
+        return limit_rate(limit_speed(self.wanted, max_wheel_mps), self.before, self.dt_s)
 
 
 def _check_finite(wheels: WheelSpeeds) -> None:

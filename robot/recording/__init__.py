@@ -1,0 +1,1 @@
+"""Drives as MCAP files: written while driving, opened in Foxglove, replayed bit for bit."""

@@ -1,0 +1,144 @@
+"""Reads recordings, whole or cut off."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple, Union
+
+import numpy as np
+
+from robot.errors import ConfigError, ContractError
+from robot.recording import topics
+from robot.recording.drive_file import ABOUT, MASK
+from robot.recording.drive_log import picture
+from robot.recording.turn import Turn
+
+RECORD_LIMIT_BYTES = 1 << 28  # a damaged length must not ask for all memory
+
+PathLike = Union[str, Path]
+
+
+class Entry(NamedTuple):
+    """One message: its topic, time since 1970 [s], its publisher's number, and JSON bytes."""
+
+    topic: str
+    time_s: float
+    number: int
+    data: bytes
+
+    def message(self) -> Dict[str, Any]:
+        """The message itself."""
+        return dict(json.loads(self.data))
+
+
+def records(path: PathLike) -> Iterator[Any]:
+    """Every record (``mcap.records``) in the order of writing, up to the first damage.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+    """
+    from mcap.exceptions import InvalidMagic, McapError
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import MCAP0_MAGIC
+    from zstandard import ZstdError
+
+    try:
+        with Path(path).open("rb") as stream:
+            reader = StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT_BYTES)
+            try:
+                yield from reader.records
+            except InvalidMagic as error:
+                if stream.tell() <= len(MCAP0_MAGIC):
+                    raise ConfigError(f"{path}: expected an MCAP recording, got another") from error
+            except (McapError, ZstdError, ValueError, struct.error):
+                return  # cut off, or damaged from here on
+    except OSError as error:
+        raise ConfigError(f"{path}: expected a recording, got: {error.strerror}") from error
+
+
+def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
+    """The messages on these topics (all without any), in the order of writing.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+    """
+    from mcap.records import Channel, Message
+
+    names = {topic.name for topic in wanted}
+    channels: Dict[int, str] = {}
+    for record in records(path):
+        if isinstance(record, Channel):
+            channels[record.id] = record.topic
+        elif isinstance(record, Message):
+            topic = channels.get(record.channel_id, "")
+            if topic in names or not names:
+                time_s = record.log_time / topics.NS
+                yield Entry(topic, time_s, record.sequence, record.data)
+
+
+def read_about(path: PathLike, name: str = ABOUT) -> Dict[str, str]:
+    """Facts of a recording: robot, model and versions; {} where it has none of this name.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+    """
+    from mcap.records import Metadata
+
+    for record in records(path):
+        if isinstance(record, Metadata) and record.name == name:
+            return dict(record.metadata)
+    return {}
+
+
+def read_attachment(path: PathLike, name: str) -> Optional[bytes]:
+    """A file inside a recording; None where it has none of this name.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+    """
+    from mcap.records import Attachment
+
+    for record in records(path):
+        if isinstance(record, Attachment) and record.name == name:
+            return bytes(record.data)
+    return None
+
+
+def read_frames(path: PathLike) -> Iterator[Tuple[float, np.ndarray]]:
+    """What the camera saw: time since 1970 [s], frame (120, 160, 3) uint8 RGB without loss.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+        ContractError: a frame that is no picture.
+    """
+    for entry in entries(path, topics.CAMERA):
+        yield entry.time_s, _frame(entry)
+
+
+def read_turns(path: PathLike) -> Iterator[Tuple[Turn, Optional[np.ndarray]]]:
+    """Every turn with the frame that it saw; None where it saw none, or none was recorded.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+        ContractError: a turn of another version, or a frame that is no picture.
+    """
+    frame: Optional[Entry] = None
+    for entry in entries(path, topics.CAMERA, topics.TURN):
+        if entry.topic == topics.CAMERA.name:
+            frame = entry
+            continue
+        try:
+            turn = Turn.from_plain(entry.message())
+        except ValueError as error:
+            raise ContractError(f"{path}: expected turns of this version, got: {error}") from error
+        seen = frame is not None and turn.frame is not None and frame.number == turn.frame & MASK
+        yield turn, _frame(frame) if seen and frame is not None else None
+
+
+def _frame(entry: Entry) -> np.ndarray:
+    try:
+        return picture(topics.image_bytes(entry.message()))
+    except (ValueError, KeyError) as error:
+        raise ContractError(f"recorded frame {entry.number}: {error}") from error

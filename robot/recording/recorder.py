@@ -1,0 +1,138 @@
+"""Records every drive, beside the control loop and never in its way.
+
+The loop hands over each turn without waiting; a thread compresses and writes. A queue that is full
+loses turns, which are counted and told; a disk that is full ends the recording, never the drive.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Callable, Mapping, Optional, Tuple, Type
+
+from robot.geometry import Pose
+from robot.link.telemetry import Reading, Telemetry
+from robot.parts import Tick
+from robot.recording.config import RecordingConfig
+from robot.recording.drive_log import Heard
+from robot.recording.repair import recover_folder
+from robot.recording.scribe import Scribe
+from robot.safety import State
+
+QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two
+TAIL_S = 2.0  # after the robot has come to rest
+LONGEST_S = 600.0  # then the next file: the index of an open file grows
+WAIT_S = 0.25
+ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Who drives: facts for the file's head, the model's file, and what a tick does not tell."""
+
+    name: str
+    about: Mapping[str, str]
+    model: Optional[Path] = None
+    odometry: Optional[Callable[[], Pose]] = None
+    report: Optional[Callable[[], Optional[Telemetry]]] = None  # on the newest turn
+
+
+class Recorder:
+    """A ``Subscriber`` in a ``with`` block: one file from arming until two seconds after rest.
+
+    Args:
+        config: where to.
+        subject: who drives.
+        wall: time of day [s since 1970]; looked at once a file.
+    """
+
+    def __init__(
+        self, config: RecordingConfig, subject: Subject, wall: Callable[[], float] = time.time
+    ) -> None:
+        self.dropped = 0  # turns that the queue had no room for
+        self._folder = Path(config.folder)
+        self._subject = subject
+        self._scribe = Scribe(config, subject.name, subject.about, subject.model, wall)
+        self._queue: "queue.Queue[Optional[Tuple[int, Heard]]]" = queue.Queue(QUEUE_TURNS)
+        self._part = 0  # counts the files
+        self._began_s = self._until_s = -math.inf
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+
+    def __enter__(self) -> Recorder:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        """Write what is queued and complete the file."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+
+    def on_tick(self, tick: Tick) -> None:
+        """Hand over this turn; returns at once."""
+        now_s, resting = tick.time_s, tick.time_s > self._until_s
+        if tick.verdict.state in ARMED:
+            if resting or now_s - self._began_s > LONGEST_S:
+                self._part += 1
+                self._began_s = now_s
+            self._until_s = now_s + TAIL_S
+        elif resting:
+            return
+        odometry, report = self._subject.odometry, self._subject.report
+        heard = Heard(tick, odometry() if odometry else None, report() if report else None)
+        try:
+            self._queue.put_nowait((self._part, heard))
+        except queue.Full:
+            self.dropped += 1
+
+    def reading(self) -> Reading:
+        """For the robot's health: the size of the newest file, or why there is none."""
+        problem, written_mb = self._scribe.problem, round(self._scribe.written_mb, 1)
+        if not problem and not self._thread.is_alive():
+            problem = "no thread"
+        if problem:
+            return Reading(f"not recording: {problem}"[:24], written_mb, "MB", "bad")
+        if self.dropped:
+            return Reading("turns not recorded", self.dropped, "", "warn")
+        return Reading("recorded", written_mb, "MB")
+
+    def _run(self) -> None:
+        self._recover()
+        part, silent_s = 0, 0.0
+        while True:
+            try:
+                item = self._queue.get(timeout=WAIT_S)
+            except queue.Empty:
+                silent_s += WAIT_S
+                if silent_s >= TAIL_S:
+                    self._scribe.end(self.dropped)
+                continue
+            silent_s = 0.0
+            if item is None or item[0] != part:
+                self._scribe.end(self.dropped)
+            if item is None:
+                return
+            if item[0] != part:
+                part = item[0]
+                self._scribe.begin(item[1].tick.time_s)
+            self._scribe.write(item[1])
+
+    def _recover(self) -> None:
+        try:
+            for path in recover_folder(self._folder):
+                logger.warning("%s had been cut off; what is left of it is whole again", path)
+        except OSError as error:
+            logger.warning("recordings that were cut off stay so: %s", error)

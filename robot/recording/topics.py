@@ -1,0 +1,126 @@
+"""What lies in a recording: topics, their JSON schemas, and the messages on them.
+
+Pictures, poses and log lines follow Foxglove's well-known schemas, so that its panels show them
+(https://docs.foxglove.dev/docs/visualization/message-schemas).
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import math
+import typing
+from typing import Any, Dict, NamedTuple, Sequence, Tuple, Union
+
+from robot.geometry import Pose
+from robot.link.telemetry import Telemetry
+from robot.recording.turn import Turn
+
+NS = 10**9
+LOG_LEVELS = {"debug": 1, "info": 2, "warn": 3, "bad": 4}
+WORLD_FRAME = "map"
+WHEELS_FRAME = "odometry"  # where the wheels say the robot is, from wherever it began
+
+Json = Dict[str, Any]
+
+
+class Topic(NamedTuple):
+    """A channel of a recording and the JSON schema of what it carries."""
+
+    name: str
+    schema_name: str
+    schema: Json
+
+
+def _object(**properties: Json) -> Json:
+    return {"type": "object", "properties": properties}
+
+
+def _schema_of(kind: Any) -> Json:
+    """The JSON schema of a type that our dataclasses have."""
+    origin, members = typing.get_origin(kind), typing.get_args(kind)
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return _object(**{f.name: _schema_of(hints[f.name]) for f in dataclasses.fields(kind)})
+    if origin is Union:
+        return _schema_of(next(member for member in members if member is not type(None)))
+    if origin is tuple:
+        return {"type": "array", "items": _schema_of(members[0])}
+    names = {float: "number", int: "integer", bool: "boolean", str: "string"}
+    return {"type": names[kind]}
+
+
+_NUMBER: Json = {"type": "number"}
+_STRING: Json = {"type": "string"}
+_TIME = _object(
+    sec={"type": "integer", "minimum": 0},
+    nsec={"type": "integer", "minimum": 0, "maximum": NS - 1},
+)
+_POSE = _object(
+    position=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER),
+    orientation=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
+)
+_IMAGE = _object(
+    timestamp=_TIME,
+    frame_id=_STRING,
+    data={"type": "string", "contentEncoding": "base64"},
+    format=_STRING,
+)
+_POSE_IN_FRAME = _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)
+_POSES = _object(timestamp=_TIME, frame_id=_STRING, poses={"type": "array", "items": _POSE})
+_LOG = _object(timestamp=_TIME, level={"type": "integer"}, message=_STRING, name=_STRING)
+
+CAMERA = Topic("/camera", "foxglove.CompressedImage", _IMAGE)
+POSE = Topic("/pose", "foxglove.PoseInFrame", _POSE_IN_FRAME)
+OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _POSE_IN_FRAME)
+ODOMETRY = Topic("/odometry", "foxglove.PoseInFrame", _POSE_IN_FRAME)
+PATH = Topic("/path", "foxglove.PosesInFrame", _POSES)
+LOG = Topic("/log", "foxglove.Log", _LOG)
+TURN = Topic("/turn", "duckpilot.Turn", _schema_of(Turn))
+TELEMETRY = Topic("/telemetry", "duckpilot.Telemetry", _schema_of(Telemetry))
+
+
+def image_message(time_s: float, data: bytes, kind: str) -> Json:
+    """A picture as ``png`` or ``jpeg`` bytes."""
+    text = base64.b64encode(data).decode("ascii")
+    return {"timestamp": _stamp(time_s), "frame_id": "camera", "data": text, "format": kind}
+
+
+def image_bytes(message: Json) -> bytes:
+    """The bytes of ``image_message``."""
+    return base64.b64decode(message["data"])
+
+
+def pose_message(time_s: float, pose: Pose, frame: str = WORLD_FRAME) -> Json:
+    """A pose on the floor."""
+    return {"timestamp": _stamp(time_s), "frame_id": frame, "pose": _pose(pose)}
+
+
+def path_message(time_s: float, points_m: Sequence[Tuple[float, float]]) -> Json:
+    """A way through points x, y [m] of the world."""
+    poses = [_pose(Pose(x_m, y_m, 0.0)) for x_m, y_m in points_m]
+    return {"timestamp": _stamp(time_s), "frame_id": WORLD_FRAME, "poses": poses}
+
+
+def log_message(time_s: float, level: str, text: str) -> Json:
+    """A line of the log; ``level`` is one of ``LOG_LEVELS``."""
+    number = LOG_LEVELS[level]
+    return {"timestamp": _stamp(time_s), "level": number, "message": text, "name": "robot"}
+
+
+def to_ns(time_s: float) -> int:
+    """Seconds since 1970 as the nanoseconds of a recording."""
+    return max(0, round(time_s * NS))
+
+
+def _stamp(time_s: float) -> Json:
+    sec, nsec = divmod(to_ns(time_s), NS)
+    return {"sec": sec, "nsec": nsec}
+
+
+def _pose(pose: Pose) -> Json:
+    half_rad = pose.heading_rad / 2.0
+    return {
+        "position": {"x": float(pose.x_m), "y": float(pose.y_m), "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(half_rad), "w": math.cos(half_rad)},
+    }

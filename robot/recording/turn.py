@@ -1,0 +1,118 @@
+"""``Turn``: one turn of the loop as it is recorded, with all that decided it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Dict, Optional, Tuple
+
+import numpy as np
+
+from robot.geometry import WheelSpeeds
+from robot.parts import Tick
+from robot.typed_config import from_plain, to_plain
+from robot.wheel_limits import Drive
+
+Numbers = Tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What the wheels were asked for (left, right) [m/s] and what limits it; see ``Drive``."""
+
+    wanted: Tuple[float, float]
+    before: Tuple[float, float]
+    dt_s: float
+
+    def drive(self) -> Drive:
+        """As the runtime had it."""
+        return Drive(WheelSpeeds(*self.wanted), WheelSpeeds(*self.before), self.dt_s)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One turn. Every number is exact: JSON carries the shortest decimals that read back the same.
+
+    Times are of the robot's monotonic clock. Ages are None where an input never came or is not
+    used.
+    """
+
+    number: int
+    time_s: float
+    duration_s: float
+    lag_s: float
+    state: str
+    reason: str
+    sentence: str
+    wheels: Tuple[float, float]  # as sent to the motors (left, right) [m/s]
+    frame: Optional[int] = None  # number of the frame it saw
+    frame_time_s: Optional[float] = None
+    path: Optional[Numbers] = None  # (path_points,) float32, what the policy was told of the way
+    values: Optional[Numbers] = None  # (actions,) float32, what it answered
+    margin: Optional[float] = None  # of the best value over the second
+    action: Optional[int] = None
+    driven: Optional[Driven] = None
+    frame_age_s: Optional[float] = None
+    pose_age_s: Optional[float] = None
+    operator_age_s: Optional[float] = None
+
+    @property
+    def decided(self) -> bool:
+        """Whether the policy answered."""
+        return self.values is not None and self.frame is not None
+
+    def plain(self) -> Dict[str, Any]:
+        """As JSON has it."""
+        return {key: value for key, value in to_plain(self).items() if value is not None}
+
+    @classmethod
+    def from_plain(cls, plain: Dict[str, Any]) -> Turn:
+        """Read ``plain``; ConfigError for anything else."""
+        return from_plain(cls, plain)
+
+    @classmethod
+    def of(cls, tick: Tick) -> Turn:
+        """What a tick tells."""
+        values, guidance, inputs = tick.values, tick.guidance, tick.inputs
+        finite = values is not None and bool(np.isfinite(values).all())
+        return cls(
+            number=tick.number,
+            time_s=tick.time_s,
+            duration_s=tick.duration_s,
+            lag_s=tick.lag_s,
+            state=tick.verdict.state.value,
+            reason=tick.verdict.reason.value,
+            sentence=tick.verdict.sentence,
+            wheels=_pair(tick.wheels),
+            frame=None if tick.frame is None else tick.frame.sequence,
+            frame_time_s=None if tick.frame is None else tick.frame.time_s,
+            path=None if guidance is None else _numbers(guidance.path),
+            values=_numbers(values) if finite else None,
+            margin=_margin(values) if finite and values is not None else None,
+            action=None if tick.action is None else int(tick.action),
+            driven=_driven(tick.drive),
+            frame_age_s=_age(inputs.frame_age_s),
+            pose_age_s=_age(inputs.pose_age_s),
+            operator_age_s=_age(inputs.link_age_s),
+        )
+
+
+def _driven(drive: Optional[Drive]) -> Optional[Driven]:
+    return None if drive is None else Driven(_pair(drive.wanted), _pair(drive.before), drive.dt_s)
+
+
+def _pair(wheels: WheelSpeeds) -> Tuple[float, float]:
+    return (float(wheels.left_mps), float(wheels.right_mps))
+
+
+def _numbers(values: Optional[np.ndarray]) -> Optional[Numbers]:
+    return None if values is None else tuple(float(value) for value in values)
+
+
+def _margin(values: np.ndarray) -> float:
+    second, best = np.sort(values)[-2:]
+    return float(best - second)
+
+
+def _age(age_s: Optional[float]) -> Optional[float]:
+    return age_s if age_s is not None and math.isfinite(age_s) else None
