@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
-from typing import ContextManager, Iterator, List, Optional, Protocol, Tuple
+from typing import Callable, ContextManager, Iterator, List, Optional, Protocol, Tuple
 
 from robot.camera.gstreamer import GstStream, csi_command
 from robot.camera.newest import NewestFrame, Stream
@@ -16,13 +17,16 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.thread import real_motors
+from robot.health import Health
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PoseMessage
 from robot.link.sockets import Link
-from robot.link.telemetry import Telemetry
+from robot.link.telemetry import Reading, Telemetry
 from robot.navigator import MissionNavigator
 from robot.parts import Ask, Motors, Operator, Policy, Subscriber
 from robot.policy import OnnxPolicy
+from robot.recording.recorder import Recorder
+from robot.recording.subject import describe
 from robot.remote import RemoteOperator
 from robot.road_map import load_map
 from robot.runtime import Runtime
@@ -82,7 +86,7 @@ def open_robot(
                 navigator = open_navigator(config, config.link, link, wheels)
                 audience.append(navigator)
             everybody.append(RemoteOperator(config.link.command_server(link), navigator))
-            audience.append(open_feed(config, config.link, link, navigator))
+        audience += open_reports(config, link, navigator, wheels, stack)
         runtime = Runtime(
             eye,
             policy,
@@ -141,15 +145,41 @@ def open_navigator(
     return MissionNavigator(road_map, poses.receive, lambda: motors.pose, config.name)
 
 
+def open_reports(
+    config: RobotConfig,
+    link: Optional[Link],
+    navigator: Optional[MissionNavigator],
+    motors: DrivenMotors,
+    stack: ExitStack,
+) -> List[Subscriber]:
+    """What tells of each turn: reports and pictures for the monitor, and the recording."""
+    others: List[Callable[[], Reading]] = []
+    recorders: List[Subscriber] = []
+    if config.recording is not None:
+        subject = describe(config, lambda: motors.pose, lambda: feed.newest)
+        recorder = stack.enter_context(Recorder(config.recording, subject))
+        recorders.append(recorder)
+        others.append(recorder.reading)
+    health = Health(time.monotonic, tuple(others))
+    feed = open_feed(config, link, navigator, health)
+    return [feed, *recorders]
+
+
 def open_feed(
-    config: RobotConfig, streams: LinkConfig, link: Link, navigator: Optional[MissionNavigator]
+    config: RobotConfig,
+    link: Optional[Link],
+    navigator: Optional[MissionNavigator],
+    health: Health,
 ) -> TelemetryFeed:
-    """Publishes reports and pictures."""
+    """Makes reports of each turn, and publishes them with their pictures where there is a link."""
     about = Telemetry(
         config.name, State.DISARMED.value, model=Path(config.model).stem, map=config.map
     )
-    reports, frames = streams.publisher(link, Telemetry), streams.publisher(link, FrameMessage)
-    return TelemetryFeed(reports.send, frames.send, about, config.safety, navigator)
+    publish, show = None, None
+    if link is not None and config.link is not None:
+        publish = config.link.publisher(link, Telemetry).send
+        show = config.link.publisher(link, FrameMessage).send
+    return TelemetryFeed(publish, show, about, config.safety, navigator, health.readings)
 
 
 class Operators:

@@ -11,6 +11,7 @@ from robot.gates import SafetyLimits
 from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
+from robot.recording.config import RecordingConfig
 
 CAMERAS = ("csi", "v4l2", "replay")
 
@@ -63,6 +64,7 @@ class RobotConfig:
     camera: CameraConfig = CameraConfig()
     hat: HatConfig = field(default_factory=HatConfig)
     safety: SafetyLimits = field(default_factory=SafetyLimits)
+    recording: Optional[RecordingConfig] = None  # of every drive, in MCAP; without: none
     link: Optional[LinkConfig] = None  # to localizer and monitor; without: the terminal alone
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from robot.camera.source import Frame
 from robot.gates import Inputs, SafetyLimits
 from robot.link.messages import FrameMessage
-from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Telemetry
+from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Reading, Telemetry
 from robot.link.wire import tidy_text
 from robot.navigator import MissionNavigator
 from robot.parts import Tick
@@ -25,32 +25,37 @@ class TelemetryFeed:
     """Publishes each turn and its picture; keeps ``robot.parts.Subscriber``.
 
     Args:
-        publish: sends a report.
-        show: sends a picture.
+        publish: sends a report; None without a link.
+        show: sends a picture; None without a link.
         about: what never changes: the robot's name, its model and its map.
         limits: told beside the ages of the inputs.
         navigator: knows the mission; None for a robot that keeps its lane.
+        health: how the robot's computer is.
     """
 
     def __init__(
         self,
-        publish: Callable[[Telemetry], object],
-        show: Callable[[FrameMessage], object],
+        publish: Optional[Callable[[Telemetry], object]],
+        show: Optional[Callable[[FrameMessage], object]],
         about: Telemetry,
         limits: SafetyLimits,
         navigator: Optional[MissionNavigator] = None,
+        health: Callable[[], Tuple[Reading, ...]] = tuple,
     ) -> None:
+        self.newest: Optional[Telemetry] = None
         self._publish, self._show = publish, show
         self._about, self._limits = about, limits
-        self._navigator = navigator
+        self._navigator, self._health = navigator, health
         self._shown = -1
         self._last_s: Optional[float] = None
         self._period_s = 0.0
 
     def on_tick(self, tick: Tick) -> None:
         """Report this turn."""
-        self._publish(self._report(tick))
-        if tick.frame is not None and tick.frame.sequence != self._shown:
+        self.newest = self._report(tick)
+        if self._publish is not None:
+            self._publish(self.newest)
+        if self._show is not None and tick.frame is not None and tick.frame.sequence != self._shown:
             self._shown = tick.frame.sequence
             self._show(_jpeg(tick.frame))
 
@@ -68,6 +73,7 @@ class TelemetryFeed:
             path=navigator.path_points if navigator else (),
             mission=navigator.status if navigator else None,
             inputs=_ages(tick.inputs, self._limits),
+            health=self._health(),
             fps=self._rate(tick.time_s),
             lag_s=_age(tick.inputs.frame_age_s) or 0.0,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple, Optional
+from typing import Mapping, NamedTuple, Optional
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from robot.recording.drive_file import DriveFile
 from robot.recording.turn import Turn
 from robot.safety import State, Verdict
 
-MODEL = "model.onnx"  # the attachment that replays the drive
 # Of zlib: a third smaller than raw, in a millisecond; the next levels gain 1 % for twice the time.
 PNG_LEVEL = 1
 LEVEL_OF_STATE = {State.HOLD: "warn", State.FAULT: "bad"}
@@ -37,16 +36,16 @@ class DriveLog:
     Args:
         file: an open one.
         wall_s: what to add to the robot's clock to get the time since 1970 [s].
-        model: of the policy, kept in the recording.
+        models: files by their names in the recording, which replay the drive.
 
     Raises:
         OSError: from every method, when the disk does not take it.
     """
 
-    def __init__(self, file: DriveFile, wall_s: float, model: Optional[Path] = None) -> None:
+    def __init__(self, file: DriveFile, wall_s: float, models: Mapping[str, Path]) -> None:
         self.file = file
         self._wall_s = wall_s
-        self._model = model
+        self._models = dict(models)
         self._frame: Optional[int] = None
         self._verdict: Optional[Verdict] = None
         self._report: Optional[Telemetry] = None
@@ -55,9 +54,9 @@ class DriveLog:
         """Add one turn."""
         tick, file = heard.tick, self.file
         time_s = tick.time_s + self._wall_s
-        if self._model is not None:
-            file.attach(MODEL, self._model.read_bytes(), time_s)
-            self._model = None
+        while self._models:
+            name, path = self._models.popitem()
+            file.attach(name, path.read_bytes(), time_s)
         if tick.frame is not None and tick.frame.sequence != self._frame:
             self._frame = tick.frame.sequence
             taken_s = tick.frame.time_s + self._wall_s

@@ -11,18 +11,17 @@ import math
 import queue
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Callable, Mapping, Optional, Tuple, Type
+from typing import Callable, Optional, Tuple, Type
 
-from robot.geometry import Pose
-from robot.link.telemetry import Reading, Telemetry
+from robot.link.telemetry import Reading
 from robot.parts import Tick
 from robot.recording.config import RecordingConfig
 from robot.recording.drive_log import Heard
 from robot.recording.repair import recover_folder
 from robot.recording.scribe import Scribe
+from robot.recording.subject import Subject
 from robot.safety import State
 
 QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two
@@ -32,17 +31,6 @@ WAIT_S = 0.25
 ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Subject:
-    """Who drives: facts for the file's head, the model's file, and what a tick does not tell."""
-
-    name: str
-    about: Mapping[str, str]
-    model: Optional[Path] = None
-    odometry: Optional[Callable[[], Pose]] = None
-    report: Optional[Callable[[], Optional[Telemetry]]] = None  # on the newest turn
 
 
 class Recorder:
@@ -60,7 +48,7 @@ class Recorder:
         self.dropped = 0  # turns that the queue had no room for
         self._folder = Path(config.folder)
         self._subject = subject
-        self._scribe = Scribe(config, subject.name, subject.about, subject.model, wall)
+        self._scribe = Scribe(config, subject, wall)
         self._queue: "queue.Queue[Optional[Tuple[int, Heard]]]" = queue.Queue(QUEUE_TURNS)
         self._part = 0  # counts the files
         self._began_s = self._until_s = -math.inf

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any, Dict, Iterator
 
+from robot.errors import ConfigError
 from robot.recording.drive_file import SUFFIX, UNFINISHED
 from robot.recording.reader import PathLike, records
 
@@ -20,7 +21,10 @@ def recover_folder(folder: PathLike) -> Iterator[Path]:
     """
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
-        recover(path, whole)
+        try:
+            recover(path, whole)
+        except ConfigError:
+            continue  # not ours, or not even a beginning
         path.unlink()
         yield whole
 
@@ -34,7 +38,8 @@ def recover(source: PathLike, target: PathLike) -> int:
     """
     from mcap.writer import Writer
 
-    hidden = Path(target).with_name(f".{Path(target).name}.partial")
+    next(records(source), None)  # refuses another kind of file before anything is written
+    hidden = Path(target).with_name(f".{Path(target).name}.tmp")
     with hidden.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="duckpilot")

@@ -8,11 +8,12 @@ import shutil
 import time
 from datetime import datetime
 from pathlib import Path
-from typing import Callable, Mapping, Optional
+from typing import Callable, Optional
 
 from robot.recording.config import RecordingConfig
 from robot.recording.drive_file import SUFFIX, UNFINISHED, DriveFile
 from robot.recording.drive_log import DriveLog, Heard
+from robot.recording.subject import Subject
 
 FLUSH_S = 0.5  # what a power cut can take
 MB = 1e6
@@ -26,24 +27,19 @@ class Scribe:
 
     Args:
         config: where to, and how much room to leave.
-        name: of the robot, for the files' names.
-        about: for the files' heads.
-        model: kept in each file.
+        subject: who drives.
         wall: time of day [s since 1970].
     """
 
     def __init__(
         self,
         config: RecordingConfig,
-        name: str,
-        about: Mapping[str, str],
-        model: Optional[Path],
+        subject: Subject,
         wall: Callable[[], float],
     ) -> None:
         self.problem = ""  # why the newest drive is not recorded
         self.written_mb = 0.0  # of the newest drive
-        self._config, self._name, self._about = config, name, about
-        self._model, self._wall = model, wall
+        self._config, self._subject, self._wall = config, subject, wall
         self._folder = Path(config.folder)
         self._log: Optional[DriveLog] = None
         self._flushed_s = 0.0
@@ -56,11 +52,11 @@ class Scribe:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._require_room()
-            file = DriveFile(self._free_path(wall_s), {**self._about, "began": began})
+            file = DriveFile(self._free_path(wall_s), {**self._subject.about, "began": began})
         except OSError as error:
             self._give_up(error)
             return
-        self._log = DriveLog(file, wall_s - time_s, self._model)
+        self._log = DriveLog(file, wall_s - time_s, self._subject.models)
         self._flushed_s = time.monotonic()
 
     def write(self, heard: Heard) -> None:
@@ -107,7 +103,7 @@ class Scribe:
 
     def _free_path(self, wall_s: float) -> Path:
         """A name that no recording has: a robot's clock may well have stood still."""
-        stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._name}"
+        stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._subject.name}"
         for number in range(1000):
             path = self._folder / f"{stem}{f'-{number}' if number else ''}{SUFFIX}"
             if not path.exists() and not path.with_suffix(UNFINISHED).exists():

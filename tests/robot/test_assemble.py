@@ -27,9 +27,12 @@ from robot.link.config import LinkConfig
 from robot.link.messages import PoseMessage
 from robot.link.telemetry import Telemetry
 from robot.planner import plan_path
+from robot.recording import topics
+from robot.recording.config import RecordingConfig
+from robot.recording.reader import entries
 from robot.road_map import load_map
 from robot.runtime import Runtime
-from robot.safety import State
+from robot.safety import Command, State
 from tests.robot.fakes import FakeOperator, FakeSubscriber
 from tests.robot.link.conftest import free_base_port
 from tests.robot.test_navigator import GRAPH
@@ -183,10 +186,17 @@ def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path
     operator, heard = FakeOperator(), FakeSubscriber()
     operator.silent_s = None
     parts = {"camera": nullcontext(BlackCamera()), "motors": nullcontext(motors)}
-    with open_robot(RobotConfig(str(model)), (operator,), (heard,), **parts) as runtime:
+    config = RobotConfig(str(model), recording=RecordingConfig(str(tmp_path / "drives"), 0.0))
+    with open_robot(config, (operator,), (heard,), **parts) as runtime:
         runtime.run(turns=2)
-    assert len(heard.ticks) == 2
+        operator.wishes = [(Command.ARM, None)]
+        runtime.run(turns=2)
+    assert len(heard.ticks) == 4
     assert heard.ticks[-1].inputs.link_age_s is None
+    (path,) = (tmp_path / "drives").iterdir()
+    reports = [entry.message() for entry in entries(path, topics.TELEMETRY)]
+    assert [report["state"] for report in reports] == ["READY", "READY"]
+    assert "recorded" in [reading["name"] for reading in reports[-1]["health"]]
 
 
 def test_what_is_missing_is_said_before_anything_moves(tmp_path: Path) -> None:

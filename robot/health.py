@@ -1,0 +1,79 @@
+"""How the robot's computer is: temperature, disk, memory, load; each judged ok, warn or bad."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Callable, Iterator, List, Optional, Tuple
+
+from robot.link.telemetry import Reading
+
+EVERY_S = 1.0
+ZONES = Path("/sys/class/thermal")
+MEMORY = Path("/proc/meminfo")
+WARM_C, HOT_C = 80.0, 95.0  # a Jetson Nano slows down at 97 °C, a Raspberry Pi at 80
+LOW_DISK_PERCENT = 5.0
+LOW_MEMORY_MB = 200.0
+
+
+class Health:
+    """Reads at most once a second.
+
+    Args:
+        clock: monotonic time [s].
+        others: further readings, made anew each time.
+    """
+
+    def __init__(
+        self, clock: Callable[[], float], others: Tuple[Callable[[], Reading], ...] = ()
+    ) -> None:
+        self._clock, self._others = clock, others
+        self._read_s: Optional[float] = None
+        self._readings: Tuple[Reading, ...] = ()
+
+    def readings(self) -> Tuple[Reading, ...]:
+        """The newest."""
+        now_s = self._clock()
+        if self._read_s is None or now_s - self._read_s >= EVERY_S:
+            self._read_s = now_s
+            self._readings = (*_computer(), *(read() for read in self._others))
+        return self._readings
+
+
+def _computer() -> Iterator[Reading]:
+    hottest_c = max(temperatures_c(), default=None)
+    if hottest_c is not None:
+        level = "bad" if hottest_c >= HOT_C else "warn" if hottest_c >= WARM_C else "ok"
+        yield Reading("temperature", round(hottest_c, 1), "°C", level)
+    disk = shutil.disk_usage("/")
+    free_percent = 100.0 * disk.free / disk.total
+    yield Reading(
+        "disk free", round(free_percent), "%", "ok" if free_percent > LOW_DISK_PERCENT else "warn"
+    )
+    free_mb = memory_free_mb()
+    if free_mb is not None:
+        level = "ok" if free_mb > LOW_MEMORY_MB else "warn"
+        yield Reading("memory free", round(free_mb), "MB", level)
+    yield Reading("load", round(os.getloadavg()[0], 2))
+
+
+def temperatures_c(zones: Path = ZONES) -> List[float]:
+    """Of every thermal zone that answers [°C]."""
+    found = []
+    for path in sorted(zones.glob("thermal_zone*/temp")):
+        try:
+            found.append(int(path.read_text(encoding="ascii")) / 1000.0)
+        except (OSError, ValueError):
+            continue  # a zone that is switched off
+    return [value for value in found if -40.0 < value < 200.0]
+
+
+def memory_free_mb(source: Path = MEMORY) -> Optional[float]:
+    """Memory that programs can still have [MB]; None where Linux does not tell."""
+    try:
+        lines = source.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    words = next((line.split() for line in lines if line.startswith("MemAvailable:")), None)
+    return int(words[1]) / 1024.0 if words else None

@@ -1,0 +1,146 @@
+"""Decides a recorded drive again, with the runtime's own functions, and compares.
+
+On the processor and the versions that drove, every value must come out bit for bit. Elsewhere the
+last bits of a network's sums differ (Higham, Accuracy and Stability of Numerical Algorithms,
+section 4.2), so there only the choices must agree, as far as they were no toss-up.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, List, NamedTuple, Optional
+
+import numpy as np
+
+from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS, Action
+from robot.decision import best_action, values_of
+from robot.errors import ContractError
+from robot.parts import Policy
+from robot.policy import OnnxPolicy
+from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
+from robot.recording.subject import MODEL, TRANSLATOR, arithmetic
+from robot.recording.turn import Turn
+from robot.translator import TranslatingPolicy, open_translator
+
+# Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
+TOLERANCE = 1e-3
+
+
+class Difference(NamedTuple):
+    """A turn that did not come out as it was."""
+
+    number: int
+    time_s: float
+    sentence: str
+
+
+@dataclass
+class Replayed:
+    """What a replay found."""
+
+    exact: bool  # same processor and versions: values are compared bit for bit
+    turns: int = 0
+    decisions: int = 0
+    close: int = 0  # decided otherwise where two actions were worth the same within rounding
+    worst: float = 0.0  # greatest deviation of a value
+    least_margin: float = float("inf")  # of the best action over the second
+    differences: List[Difference] = field(default_factory=list)
+
+
+def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
+    """Decide every turn of a recording again.
+
+    Args:
+        path: the recording, whole or cut off.
+        policy: instead of the one in the recording.
+
+    Raises:
+        ConfigError: no such file, or no MCAP.
+        ContractError: no policy in it, or one that this onnxruntime cannot load.
+    """
+    about = read_about(path)
+    there, here = {name: about.get(name) for name in arithmetic()}, arithmetic()
+    result = Replayed(exact=there == here and policy is None)
+    policy = policy or recorded_policy(path)
+    max_wheel_mps = float(about.get("max_wheel_mps", MAX_WHEEL_MPS))
+    for turn, image in read_turns(path):
+        result.turns += 1
+        problems = [*_decision(result, policy, turn, image), *_wheels(turn, max_wheel_mps)]
+        result.differences += [Difference(turn.number, turn.time_s, text) for text in problems]
+    return result
+
+
+def recorded_policy(path: PathLike) -> Policy:
+    """The policy that drove, out of its recording, behind its translator if it had one.
+
+    Raises:
+        ContractError: there is none, or one that this onnxruntime cannot load.
+    """
+    files: Dict[str, Path] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in (MODEL, TRANSLATOR):
+            data = read_attachment(path, name)
+            if data is not None:
+                files[name] = Path(folder) / name
+                files[name].write_bytes(data)
+        if MODEL not in files:
+            raise ContractError(
+                f"{path}: expected the policy in the recording, found none; name its file"
+            )
+        policy = OnnxPolicy(files[MODEL])
+        if TRANSLATOR not in files:
+            return policy
+        translator = open_translator(files[TRANSLATOR], policy.contract.image, "real-to-sim")
+        return TranslatingPolicy(policy, translator)
+
+
+def _decision(
+    result: Replayed, policy: Policy, turn: Turn, image: Optional[np.ndarray]
+) -> List[str]:
+    if not turn.decided or turn.values is None:
+        return []
+    if image is None:
+        return ["its frame was not recorded"]
+    path = None if turn.path is None else np.array(turn.path, np.float32)
+    values = values_of(policy, image, path)
+    if values is None:
+        return ["decided without the path that its policy follows"]
+    recorded, action = np.array(turn.values, np.float32), best_action(values)
+    off = float(np.abs(values - recorded).max())
+    margin = turn.margin or 0.0
+    result.decisions += 1
+    result.worst = max(result.worst, off)
+    result.least_margin = min(result.least_margin, margin)
+    if result.exact and values.tobytes() != recorded.tobytes():
+        return [f"values {list(turn.values)} came out as {values.tolist()}"]
+    allowed = TOLERANCE * max(1.0, float(np.abs(recorded).max()))
+    if off > allowed:
+        return [f"values {list(turn.values)} came out as {values.tolist()}"]
+    if action == turn.action:
+        return []
+    if margin <= 2.0 * allowed and not result.exact:
+        result.close += 1
+        return []
+    return [f"{_name(turn.action)} came out as {_name(action)}, by {margin:g}"]
+
+
+def _wheels(turn: Turn, max_wheel_mps: float) -> List[str]:
+    """Whether the wheels were told what the action and the limits make of it."""
+    if turn.driven is None:
+        return []
+    drive = turn.driven.drive()
+    problems = []
+    if turn.state == "AUTO" and turn.action is not None:
+        wanted = ACTION_WHEELS[turn.action]
+        if wanted != drive.wanted:
+            problems.append(f"wheels {tuple(drive.wanted)} are not those of {_name(turn.action)}")
+    limited = drive.limited(max_wheel_mps)
+    if turn.state in ("AUTO", "MANUAL") and tuple(limited) != turn.wheels:
+        problems.append(f"wheels {turn.wheels} came out as {tuple(limited)}")
+    return problems
+
+
+def _name(action: Optional[int]) -> str:
+    return "no action" if action is None else Action(action).name

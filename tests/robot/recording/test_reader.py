@@ -1,0 +1,79 @@
+"""A recording that was cut off anywhere gives what came before, and no error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import List, Tuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot.errors import ConfigError
+from robot.recording import topics
+from robot.recording.drive_file import DriveFile
+from robot.recording.reader import Entry, entries, read_about, read_attachment
+from robot.recording.repair import recover, recover_folder
+
+pytest.importorskip("mcap")
+
+FLUSHES, EACH = 6, 4
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Tuple[bytes, List[int], List[Entry]]:
+    """A whole file, its size at each flush, and what is in it."""
+    path = tmp_path_factory.mktemp("drives") / "a.mcap"
+    file, rng, sizes = DriveFile(path, {"robot": "daisy"}), np.random.default_rng(0), []
+    file.attach("model.onnx", rng.bytes(500), 0.0)
+    for flush in range(FLUSHES):
+        for number in range(EACH):
+            picture = topics.image_message(flush, rng.bytes(300), "png")
+            file.add(topics.CAMERA, float(flush), picture, number)
+        sizes.append(file.flush())
+    file.close()
+    return path.read_bytes(), sizes, list(entries(path))
+
+
+@settings(max_examples=60, deadline=None)
+@given(share=st.floats(0.0, 1.0), junk=st.binary(max_size=40))
+def test_a_cut_costs_only_what_lies_behind_it(
+    recording: Tuple[bytes, List[int], List[Entry]],
+    tmp_path_factory: pytest.TempPathFactory,
+    share: float,
+    junk: bytes,
+) -> None:
+    data, sizes, everything = recording
+    cut = 8 + int(share * (len(data) - 8))
+    path = tmp_path_factory.mktemp("cut") / "a.mcap"
+    path.write_bytes(data[:cut] + junk)
+    kept = list(entries(path))
+    assert kept == everything[: len(kept)]
+    assert len(kept) >= EACH * sum(size <= cut for size in sizes)
+    assert recover(path, path.with_name("b.mcap")) == len(kept)
+    assert list(entries(path.with_name("b.mcap"))) == kept
+    if cut > sizes[0]:
+        assert read_about(path.with_name("b.mcap")) == {"robot": "daisy"}
+        assert read_attachment(path.with_name("b.mcap"), "model.onnx") is not None
+
+
+def test_a_flipped_bit_is_noticed(
+    recording: Tuple[bytes, List[int], List[Entry]], tmp_path: Path
+) -> None:
+    data, sizes, everything = recording
+    damaged = bytearray(data)
+    damaged[(sizes[2] + sizes[3]) // 2] ^= 1
+    (tmp_path / "a.mcap").write_bytes(damaged)
+    assert list(entries(tmp_path / "a.mcap")) == everything[: 3 * EACH]
+
+
+@pytest.mark.parametrize("data", [b"no recording at all", b"\x89PNG\r\n\x1a\n" + bytes(50)])
+def test_other_files_are_refused(data: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap.partial").write_bytes(data)
+    with pytest.raises(ConfigError, match="expected an MCAP recording"):
+        list(entries(tmp_path / "a.mcap.partial"))
+    assert list(recover_folder(tmp_path)) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.partial"]
+    with pytest.raises(ConfigError, match="expected a recording"):
+        read_about(tmp_path / "nothing.mcap")

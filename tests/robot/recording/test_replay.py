@@ -1,0 +1,107 @@
+"""A recorded drive is decided again, bit for bit; what differs is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot.errors import ContractError
+from robot.geometry import WheelSpeeds
+from robot.parts import Tick
+from robot.policy import OnnxPolicy
+from robot.recording import replay as module
+from robot.recording.drive_file import DriveFile
+from robot.recording.drive_log import DriveLog, Heard
+from robot.recording.replay import replay
+from robot.recording.subject import MODEL
+from robot.safety import Command
+from tests.robot.recording.drives import Robot, record
+from tests.robot.tiny_onnx import lane_contract, write_policy
+
+pytest.importorskip("mcap")
+
+
+def test_every_decision_comes_out_bit_for_bit(tmp_path: Path) -> None:
+    robot = Robot(tmp_path / "robot")
+    ticks = robot.drive(40)
+    (path,) = record(robot, tmp_path / "drives", ticks)
+    found = replay(path)
+    assert found.exact
+    assert found.differences == []
+    assert found.decisions == len(ticks) - 3
+    assert found.worst == 0.0
+    assert len({tick.action for tick in ticks}) >= 3
+
+
+def written(tick: Tick, robot: Robot, folder: Path) -> Path:
+    file = DriveFile(folder / "a.mcap", robot.subject().about)
+    DriveLog(file, 0.0, {MODEL: robot.model}).write(Heard(tick))
+    file.close()
+    return file.path
+
+
+def auto(robot: Robot) -> Tick:
+    robot.turn()
+    robot.ask(Command.ARM)
+    robot.ask(Command.AUTO)
+    tick = robot.turns(2)[-1]
+    assert tick.values is not None
+    assert tick.action is not None
+    assert tick.frame is not None
+    return tick
+
+
+def test_what_differs_is_found(tmp_path: Path) -> None:
+    robot = Robot(tmp_path / "robot")
+    tick = auto(robot)
+    assert tick.values is not None
+    assert tick.frame is not None
+    assert tick.drive is not None
+    assert replay(written(tick, robot, tmp_path / "true")).differences == []
+    nudged = np.nextafter(tick.values, np.float32(9.0))
+    other = tick.frame._replace(image=255 - tick.frame.image)
+    tampered = {
+        "values": replace(tick, values=nudged),
+        "values ": replace(tick, frame=other),
+        "by": replace(tick, action=(tick.action or 0) - 1),
+        "wheels": replace(tick, wheels=tick.wheels._replace(left_mps=0.1)),
+        "are not those of": replace(tick, drive=tick.drive._replace(wanted=WheelSpeeds(0.1, 0.1))),
+    }
+    for words, false in tampered.items():
+        found = replay(written(false, robot, tmp_path / words)).differences
+        assert words in found[0].sentence
+
+
+def test_elsewhere_only_a_clear_choice_must_be_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = Robot(tmp_path / "robot")
+    tick = auto(robot)
+    assert tick.values is not None
+    nudged = replace(tick, values=np.nextafter(tick.values, np.float32(9.0)))
+    path = written(nudged, robot, tmp_path / "nudged")
+    assert replay(path).differences
+    monkeypatch.setattr(module, "arithmetic", lambda: {"onnxruntime": "another"})
+    found = replay(path)
+    assert not found.exact
+    assert found.differences == []
+    assert found.worst > 0.0
+    clear = replace(tick, action=(tick.action or 0) - 1)
+    assert replay(written(clear, robot, tmp_path / "clear")).differences
+
+
+def test_another_policy_can_be_asked(tmp_path: Path) -> None:
+    robot = Robot(tmp_path / "robot")
+    (path,) = record(robot, tmp_path / "drives", robot.drive(20))
+    lane = OnnxPolicy(write_policy(tmp_path / "lane.onnx", lane_contract()))
+    assert replay(path, lane).differences
+    assert replay(path, OnnxPolicy(robot.model)).differences == []
+
+
+def test_a_recording_without_its_policy_says_so(tmp_path: Path) -> None:
+    DriveFile(tmp_path / "a.mcap", {}).close()
+    with pytest.raises(ContractError, match="name its file"):
+        replay(tmp_path / "a.mcap")

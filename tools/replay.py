@@ -1,0 +1,61 @@
+"""``python -m tools.replay RECORDING``: decides a recorded drive again and compares.
+
+Exit status 0: every action came out as it was. 1: some did not; they are listed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from robot.errors import DuckpilotError
+from robot.policy import OnnxPolicy
+from robot.recording.replay import Replayed, replay
+
+SHOWN = 20
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.replay", description=__doc__)
+    parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
+    parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
+    parser.add_argument("--json", action="store_true", help="print everything, for programs")
+    return parser.parse_args(arguments)
+
+
+def tell(found: Replayed, recording: Path) -> None:
+    """Print what a person wants to know."""
+    for difference in found.differences[:SHOWN]:
+        print(f"turn {difference.number} at {difference.time_s:.2f} s: {difference.sentence}")
+    if len(found.differences) > SHOWN:
+        print(f"… and {len(found.differences) - SHOWN} more")
+    how = "bit for bit" if found.exact else f"values within {found.worst:.1e}"
+    close = f", {found.close} too close to call" if found.close else ""
+    print(
+        f"{recording.name}: {found.decisions} decisions of {found.turns} turns replayed ({how}), "
+        f"{len(found.differences)} differ{close}"
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """0: nothing differs; 1: something does, or nothing was decided; 2: wrong input."""
+    options = parse(arguments)
+    try:
+        policy = OnnxPolicy(options.model) if options.model else None
+        found = replay(options.recording, policy)
+    except DuckpilotError as error:
+        print(f"replay: {error}", file=sys.stderr)
+        return 2
+    if options.json:
+        print(json.dumps(asdict(found)))
+    else:
+        tell(found, options.recording)
+    return 1 if found.differences or not found.decisions else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
