@@ -121,11 +121,10 @@ def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(ki
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", ["two_colour", "tag"])
-def test_no_wrong_robot_in_ten_thousand_frames(kind):
+def test_no_wrong_robot_in_a_thousand_frames(kind):  # tools.overhead_drive looks at ten thousand
     score = Score()
-    for seed in range(10_000 // HANGING_FRAMES):
+    for seed in range(1_000 // HANGING_FRAMES):
         drive(ROBOTS[kind], HANGING_FRAMES, seed, score)
     assert score.wrong == 0
     assert score.position_rms_mm <= 10.0
