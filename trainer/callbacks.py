@@ -120,7 +120,7 @@ class Evaluator(BaseCallback):
 
     def evaluate(self) -> Evaluated:
         """One evaluation now, on starts that no earlier one has used."""
-        began = self._clock()
+        began, cpu_began = self._clock(), time.process_time()
         state, wanted = self._state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
         result = drive_greedily(GreedyNetwork(self.model.policy), self._env, seed, wanted.rounds)
@@ -132,6 +132,7 @@ class Evaluator(BaseCallback):
             float(result.success.mean()),
             float(result.rewards.mean()),
             float(result.steps.mean()),
+            state.cpu_seconds + time.process_time() - cpu_began,
         )
         state.evaluations.append(evaluated)
         if state.best is evaluated:

@@ -25,6 +25,7 @@ class Evaluated:
     success_rate: float
     mean_reward: float
     mean_steps: float  # decisions until the end of the episode
+    cpu_seconds: float = float("nan")  # of training until then, all threads
 
     @property
     def rank(self) -> tuple[float, float]:

@@ -183,9 +183,9 @@ def _navigation(run: RunConfig) -> RunConfig:
     learn = run.learn
     if isinstance(learn, QConfig):
         learn = replace(learn, action_gap=0.8, epsilon_steps=10_000)
-    steps = 80_000 if isinstance(learn, (PpoConfig, A2cConfig)) else 24_000
+    steps = 60_000 if isinstance(learn, (PpoConfig, A2cConfig)) else 24_000
     evaluation = EvaluationConfig(
-        episodes=100, rounds=5, every_steps=8_000, every_share=0.125, stop_after_perfect=0
+        episodes=60, rounds=3, every_steps=8_000, every_share=0.25, stop_after_perfect=0
     )
     return replace(run, learn=learn, steps=steps, evaluation=evaluation, rate_left=0.03)
 

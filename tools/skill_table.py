@@ -1,0 +1,133 @@
+"""``python -m tools.skill_table RUN...``: what runs needed to learn, and how well they then drive.
+
+Two Markdown tables of run folders: steps and seconds to skill beside those of paper A, and what
+`evaluate` and `endure` wrote into the folders as ``*.json``, by the metrics of the AI Driving
+Olympics. ``--into FILE --block NAME`` puts them between ``<!-- NAME -->`` and ``<!-- /NAME -->``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from robot.errors import ConfigError, DuckpilotError
+from trainer.run import RunFolder, atomically
+
+SKILLED = 0.99  # share of a greedy evaluation's episodes that succeed
+PAPER_STEPS: Mapping[tuple[str, str], str] = {  # paper A, sections 4.1 and 4.2
+    ("lane", "ddqn"): "10,000 to a first reward of 1200",
+    ("lane", "dueling"): "within 1,000,000",
+    ("lane", "a2c"): "never for good",
+    ("lane", "ppo"): "550,000",
+    ("navigation", "dueling"): "1,500,000 (96.4 % of 1,000)",
+    ("navigation", "ppo"): "3,000,000 (66 % of 1,000)",
+}
+
+
+def skill_table(runs: Sequence[Path]) -> str:
+    """A row for each run: when it first drove well, and what all of it took.
+
+    Raises:
+        ConfigError: a folder without ``config.yaml`` or ``metrics.json``.
+    """
+    rows = [_skill_row(run) for run in runs]
+    head = "task", "algorithm", "seed", "steps to skill", "wall s", "CPU s", "paper A's steps"
+    return _markdown((*head, "all steps", "wall s", "CPU s"), rows)
+
+
+def driving_table(runs: Sequence[Path]) -> str:
+    """A row for each evaluation that lies in the runs' folders."""
+    rows = []
+    for run in runs:
+        for path in sorted(run.glob("*.json")):
+            result = _read(path)
+            if path.name != "metrics.json" and "survival_time_s" in result:
+                rows.append((run.name, *_driving_row(result)))
+    head = "run", "maps", "look", "pose", "zeroed", "succeeded", "at least"
+    return _markdown((*head, "from path cm", "survival s", "driven m", "outside s"), rows)
+
+
+def _skill_row(run: Path) -> tuple[str, ...]:
+    config, metrics = RunFolder(run).load_config(), _read(run / "metrics.json")
+    skilled: dict[str, Any] = next(
+        (e for e in metrics["evaluations"] if e["success_rate"] >= SKILLED), {}
+    )
+    first = [_number(skilled.get(key)) for key in ("step", "seconds", "cpu_seconds")]
+    whole = [_number(metrics.get(key)) for key in ("train_steps", "train_seconds", "cpu_seconds")]
+    paper = PAPER_STEPS.get((config.task, config.algorithm), "-")
+    return (config.task, config.algorithm, str(config.seed), *first, paper, *whole)
+
+
+def _driving_row(result: Mapping[str, Any]) -> tuple[str, ...]:
+    inputs = result["inputs"]
+    succeeded = round(result["success_rate"] * result["episodes"])
+    return (
+        ", ".join(Path(name).stem for name in inputs["maps"]),
+        Path(inputs["look"]).stem,
+        inputs["pose_error"] or "of the look",
+        inputs["zero"] or "-",
+        f"{succeeded} of {result['episodes']}",
+        f"{100 * result['success_rate_low']:.1f} %",
+        f"{100 * result['mean_path_distance_m']:.1f}",
+        f"{result['survival_time_s']:.1f}",
+        f"{result['driven_lane_m']:.1f}",
+        f"{result['outside_lane_s']:.2f}",
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:,.0f}"
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise ConfigError(f"{path.parent}: expected the folder of a finished run, no {path.name}")
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def put(text: str, file: Path, block: str) -> None:
+    """Replace what stands between the marks of ``block`` in a file.
+
+    Raises:
+        ConfigError: the marks are not there.
+    """
+    begin, end = f"<!-- {block} -->\n", f"<!-- /{block} -->"
+    before, found, rest = file.read_text(encoding="utf-8").partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found and found_end):
+        raise ConfigError(f"{file}: expected a line {begin.strip()} and later {end}, found none")
+    with atomically(file) as temporary:
+        temporary.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit status 0 done, 2 wrong input."""
+    parser = argparse.ArgumentParser(prog="python -m tools.skill_table", description=__doc__)
+    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("--into", type=Path, help="a Markdown file; else standard output")
+    parser.add_argument("--block", default="tables", help="the name in its marks")
+    options = parser.parse_args(arguments)
+    try:
+        text = skill_table(options.runs) + "\n" + driving_table(options.runs)
+        if options.into is None:
+            sys.stdout.write(text)
+        else:
+            put(text, options.into, options.block)
+    except DuckpilotError as error:
+        sys.stderr.write(f"skill_table: {error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
