@@ -138,6 +138,7 @@ class RunConfig:
     look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
+    start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
@@ -182,12 +183,14 @@ def _navigation(run: RunConfig) -> RunConfig:
     """A run uses all its steps, the last ones to settle: few failures are left to learn from."""
     learn = run.learn
     if isinstance(learn, QConfig):
-        learn = replace(learn, action_gap=0.8, epsilon_steps=10_000)
+        learn = replace(learn, gamma=0.9, action_gap=0.8, epsilon_steps=10_000)
     steps = 60_000 if isinstance(learn, (PpoConfig, A2cConfig)) else 24_000
     evaluation = EvaluationConfig(
         episodes=60, rounds=3, every_steps=8_000, every_share=0.25, stop_after_perfect=0
     )
-    return replace(run, learn=learn, steps=steps, evaluation=evaluation, rate_left=0.03)
+    return replace(
+        run, learn=learn, steps=steps, evaluation=evaluation, start_spread=2.5, rate_left=0.03
+    )
 
 
 def _paper(run: RunConfig) -> RunConfig:

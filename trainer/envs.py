@@ -47,7 +47,10 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
     """
     translator = open_translator(config.translate, config.image) if config.translate else None
     road_maps = [load_map(name) for name in config.maps]
-    task = build_task(config.task, road_maps, robots)
+    if config.task == "navigation":
+        task: Task = Navigation(road_maps, robots, config.start_spread)
+    else:
+        task = build_task(config.task, road_maps, robots)
     looks = load_look_sampler(config.look, config.pose_error)
     pool_size = max(_PAINTED // len(road_maps), _FEWEST_LOOKS)
     world = BatchWorld(task, looks, config.image, seed, pool_size, translator=translator)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -98,7 +98,8 @@ class _Session:
         robots = make_env(config, config.learn.robots, config.seed)
         self.env = ScaledReward(robots, config.reward_scale)
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
-        self.evaluation_env = make_env(config, drivers, config.seed)
+        usual = replace(config, start_spread=1.0)
+        self.evaluation_env = make_env(usual, drivers, config.seed)
         if not folder.config.exists():
             folder.create(config)
         self.model: BaseAlgorithm = build_model(config, self.env, folder.replay)

@@ -46,6 +46,8 @@ class Navigation:
     Args:
         road_maps: each episode is on one of them.
         n_robots: N.
+        start_spread: how many times as far off the path and its direction robots start, for
+            training. Good drivers hardly ever see the edge of the lane; there they learn to return.
 
     Raises:
         ConfigError: no maps or no robots.
@@ -56,7 +58,9 @@ class Navigation:
     term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("remaining_m",)
 
-    def __init__(self, road_maps: Sequence[RoadMap], n_robots: int) -> None:
+    def __init__(
+        self, road_maps: Sequence[RoadMap], n_robots: int, start_spread: float = 1.0
+    ) -> None:
         if not road_maps or n_robots < 1:
             raise ConfigError(
                 "Navigation: expected at least one map and one robot, got "
@@ -64,6 +68,10 @@ class Navigation:
             )
         self.road_maps = tuple(road_maps)
         self.n_robots = n_robots
+        self._most_off, self._most_rad = (
+            start_spread * START_OFFSET,
+            start_spread * START_HEADING_RAD,
+        )
         self._routes = [RandomRoutes(road_map) for road_map in road_maps]
         examples = [routes.draw(np.random.default_rng(0)) for routes in self._routes]
         self._tile_sizes_m = np.array([road_map.tile_size_m for road_map in road_maps])
@@ -93,9 +101,9 @@ class Navigation:
         poses = np.zeros((len(robots), 3))
         for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
             path = self._mission(i, m, rng)
-            most_m = START_OFFSET * HALF_LANE_TILES * self._tile_sizes_m[m]
+            most_m = self._most_off * HALF_LANE_TILES * self._tile_sizes_m[m]
             offset_m = rng.uniform(-most_m, most_m)
-            heading_rad = rng.uniform(-START_HEADING_RAD, START_HEADING_RAD)
+            heading_rad = rng.uniform(-self._most_rad, self._most_rad)
             poses[k] = self._follower.start(i, path, 0.0, offset_m, heading_rad)
             self._lengths_m[i] = path.length_m
         self._maps[robots], self._steps[robots] = maps, 0

@@ -53,6 +53,16 @@ def test_starts_are_at_the_beginnings_of_long_enough_paths() -> None:
     assert np.abs(at.offset_m).max() < 0.25 * 0.19 * sizes_m.max() + 2e-3
 
 
+def test_training_starts_farther_off_and_still_in_the_lane() -> None:
+    def offsets(spread: float) -> np.ndarray:
+        task = Navigation([ARENA], 100, spread)
+        starts = task.reset(np.arange(100), np.random.default_rng(1))
+        return task.paths.project(starts.poses[:, :2], np.zeros(100, dtype=int)).offset_m
+
+    assert np.abs(offsets(1.0)).max() < 0.25 * HALF_LANE_M + 2e-3
+    assert 0.5 * HALF_LANE_M < np.abs(offsets(2.5)).max() < HALF_LANE_M
+
+
 def test_starts_and_destinations_cover_all_tiles() -> None:
     routes, rng = RandomRoutes(ARENA), np.random.default_rng(0)
     paths = [routes.draw(rng) for _ in range(400)]
