@@ -16,6 +16,8 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {  # id -> maker and its a
     "duckpilot/LaneKeepingRandomised-v0": ("make_lane_keeping", {"look": "randomised"}),
     "duckpilot/Navigation-v0": ("make_navigation", {}),
     "duckpilot/NavigationArenaPose-v0": ("make_navigation", {"pose_error": "arena"}),
+    "duckpilot/TrackRacing-v0": ("make_track_racing", {}),
+    "duckpilot/TrackRacingLooks-v0": ("make_track_racing", {"look": "tracks"}),
 }
 
 if importlib.util.find_spec("gymnasium"):

@@ -6,29 +6,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, ImageSpec
+from robot.contract import ImageSpec
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.translator import Translator
 from sim_pybullet.camera import BatchCamera
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
-from sim_pybullet.expert import expert_actions
 from sim_pybullet.feed import CameraFeed
+from sim_pybullet.frame_stack import FrameStack
 from sim_pybullet.guidance_feed import GuidanceFeed
-from sim_pybullet.motors import PHYSICS_STEPS, MotorModel
+from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.pool import LookPool, Looks
 from sim_pybullet.ray_camera import RayCamera
 from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import Course
 from sim_pybullet.town import Drive, Town
 
-ACTION_TABLE = np.array(ACTION_WHEELS)  # (5, 2) left and right rim speed [m/s]
-
 
 class Observation(NamedTuple):
     """What the policies of M robots get."""
 
-    image: np.ndarray  # (M, H, W, 3) uint8 RGB
+    image: np.ndarray  # (M, H, W, 3 F) uint8 RGB, the task's F last frames, the newest last
     path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.guidance
 
 
@@ -52,7 +50,7 @@ class BatchStep(NamedTuple):
 
 
 class BatchWorld:
-    """Bodies, motors, cameras and a task, for N robots at once.
+    """Bodies, vehicles, cameras and a task, for N robots at once.
 
     The same arguments, seed and actions give the same pictures, bit for bit.
 
@@ -82,13 +80,13 @@ class BatchWorld:
         self.n_robots = n = task.n_robots
         self._pool = LookPool(task.road_maps, looks, np.random.default_rng(seed), pool_size)
         self._town = Town([world.scene.solids for world in self._pool.worlds], n, drive)
-        self._motors = MotorModel(n)
         image = image or ImageSpec()
         camera = camera or RayCamera(image, n)
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
         self._guidance = GuidanceFeed(n) if task.guided else None
         self._recorder = DriveRecorder(n)
-        self.image_shape = self._feed.shape
+        self._stack = FrameStack(n, task.frames, self._feed.shape)
+        self.image_shape = self._stack.shape
         self.seed(seed)
 
     def close(self) -> None:
@@ -107,8 +105,9 @@ class BatchWorld:
         return self._town.poses
 
     def expert_actions(self) -> np.ndarray:
-        """(N,) what `sim_pybullet.expert` would do now, who knows the true poses."""
-        return expert_actions(self.task.paths, self._town.poses, self.task.course.arc_m)
+        """(N,) what the vehicle's expert would do now, who knows the true poses."""
+        task = self.task
+        return task.vehicle.expert(task.paths, self._town.poses, task.course.arc_m)
 
     def reset(self) -> Observation:
         """Begin an episode of every robot."""
@@ -120,9 +119,9 @@ class BatchWorld:
         """Let every robot carry out its action for `robot.contract.CONTROL_DT_S`.
 
         Raises:
-            ContractError: not one action of the contract per robot.
+            ContractError: not one action of the vehicle per robot.
         """
-        collided = self._drive(_checked(actions, self.n_robots))
+        collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
         judged = self.task.step(self._town.poses, collided)
         course = self.task.course
         if self._guidance is not None:
@@ -141,12 +140,12 @@ class BatchWorld:
         return BatchStep(observation, judged.reward, judged, course, collided, finished)
 
     def _drive(self, actions: np.ndarray) -> np.ndarray:
-        wheels, collided = ACTION_TABLE[actions], np.zeros(self.n_robots, dtype=bool)
+        vehicle, collided = self.task.vehicle, np.zeros(self.n_robots, dtype=bool)
         for _ in range(PHYSICS_STEPS):
-            self._town.step(self._motors.step(wheels, self._motor_rng))
+            self._town.step(vehicle.step(actions, self._motor_rng))
             self._feed.record(self._town.poses)
             if self._guidance is not None:
-                self._guidance.record(self._motors.counted)
+                self._guidance.record(vehicle.counted)
             collided |= self._town.collided
         return collided
 
@@ -155,7 +154,7 @@ class BatchWorld:
         for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
             world, look = self._pool.draw(int(road_map), self._look_rng)
             self._town.place(i, Pose(*pose), world)
-            self._motors.reset(i, look.drive)
+            self.task.vehicle.reset(i, look.drive)
             self._feed.begin(i, self._pool.worlds[world].scene, look, pose)
             looks.append(look.pose)
         if self._guidance is not None:
@@ -165,18 +164,19 @@ class BatchWorld:
 
     def _observe(self, robots: np.ndarray | None = None) -> Observation:
         image = self._feed.pictures(self._camera_rng, robots)
+        image = self._stack.push(image) if robots is None else self._stack.restart(robots, image)
         if self._guidance is None:
             return Observation(image, None)
         path = self._guidance.path_inputs(self.task.paths)
         return Observation(image, path if robots is None else path[robots])
 
 
-def _checked(actions: np.ndarray, n_robots: int) -> np.ndarray:
+def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
     actions = np.asarray(actions)
     valid = actions.shape == (n_robots,) and np.issubdtype(actions.dtype, np.integer)
-    if not valid or not np.all((actions >= 0) & (actions < len(ACTION_TABLE))):
+    if not valid or not np.all((actions >= 0) & (actions < choices)):
         raise ContractError(
-            f"actions: expected ({n_robots},) whole numbers from 0 to {len(ACTION_TABLE) - 1}, "
+            f"actions: expected ({n_robots},) whole numbers from 0 to {choices - 1}, "
             f"got {actions!r}"
         )
     return actions

@@ -7,16 +7,17 @@ from typing import Any, Literal
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 
 from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError
 from robot.road_map import load_map
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.faces import ACTION_SPACE_SIZE, observation_space, one_of, step_infos
-from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.faces import action_space, newest_picture, observation_space, one_of, step_infos
+from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation
+from sim_pybullet.tasks.track_racing import TrackRacing
+from sim_pybullet.track import load_track
 
 _SEEDS = 2**31
 
@@ -27,7 +28,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     Ids: ``duckpilot/LaneKeeping-v0`` (outer lane of the map ``loop``), ``LaneKeepingInner-v0``
     (inner lane), ``LaneKeepingRandomised-v0`` (another look in every episode);
     ``duckpilot/Navigation-v0`` (random missions on the map ``arena``), ``NavigationArenaPose-v0``
-    (the robot's pose is wrong and late).
+    (the robot's pose is wrong and late); ``duckpilot/TrackRacing-v0`` (a lap of the race track
+    ``forest``) and ``TrackRacingLooks-v0`` (in one of ten looks), which are a little different:
+    see below.
 
     Actions: Discrete(5), `robot.contract.Action`, each a pair of wheel speeds held for 0.1 s.
 
@@ -57,6 +60,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
     (`sim_pybullet.drive_metrics.DriveMetrics`).
 
+    Track racing: Discrete(9), `sim_pybullet.racing_cars.RacingAction`; pictures are (H, W, 12), the
+    last four frames; reward, start and ends as `sim_pybullet.tasks.track_racing.TrackRacing` says.
+
     Args:
         world: of one robot; it ends with the environment.
         render_mode: ``rgb_array`` lets ``render`` give the picture that the robot saw last.
@@ -71,8 +77,8 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         self.world = world
         self.render_mode = render_mode
         self.observation_space = observation_space(world)
-        self.action_space = spaces.Discrete(ACTION_SPACE_SIZE)
-        self._seen = np.zeros(world.image_shape, np.uint8)
+        self.action_space = action_space(world)
+        self._seen = np.zeros((*world.image_shape[:2], 3), np.uint8)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -111,7 +117,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         self.world.close()
 
     def _show(self, observation: Observation, i: int) -> Any:
-        self._seen = observation.image[i]
+        self._seen = newest_picture(observation.image[i])
         return one_of(observation, i)
 
 
@@ -174,3 +180,32 @@ def make_navigation(
     task = Navigation([load_map(name) for name in names], 1)
     looks = load_look_sampler(look, pose_error)
     return DriveEnv(BatchWorld(task, looks, image, world_seed, pool_size), render_mode)
+
+
+def make_track_racing(
+    track: str | Sequence[str] = "forest",
+    laps: float = 1.0,
+    look: str = "nominal",
+    image: ImageSpec | None = None,
+    world_seed: int = 0,
+    pool_size: int = 10,
+    render_mode: Literal["rgb_array"] | None = None,
+) -> DriveEnv:
+    """The racing environment, as the registered ids make it.
+
+    Args:
+        track: one or more files, or names of shipped tracks; each episode is on one of them.
+        laps: of an episode.
+        look: a file or folder, or the name of a shipped one.
+        image: the picture of the policy, of which it sees the last four.
+        world_seed: of the painted worlds; episodes follow the seed of ``reset``.
+        pool_size: how many worlds are painted of each track.
+        render_mode: see ``DriveEnv``.
+
+    Raises:
+        MapError: no such track, or not closed.
+        ConfigError: no such look.
+    """
+    names = [track] if isinstance(track, str) else track
+    task = TrackRacing([load_track(name) for name in names], 1, laps)
+    return DriveEnv(BatchWorld(task, load_looks(look), image, world_seed, pool_size), render_mode)

@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from robot.contract import PATH_POINTS, Action
+from robot.contract import PATH_POINTS
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 
-ACTION_SPACE_SIZE = len(Action)
+
+def action_space(world: BatchWorld) -> spaces.Discrete:
+    """One number per action of the task's vehicle."""
+    return spaces.Discrete(len(world.task.vehicle.actions))
 
 
 def observation_space(world: BatchWorld) -> spaces.Space[Any]:
-    """The picture, with ``path`` beside it in a Dict where the task guides."""
+    """The picture or stacked pictures, with ``path`` beside it in a Dict where the task guides."""
     image = spaces.Box(0, 255, world.image_shape, np.uint8)
     if not world.task.guided:
         return image
@@ -27,6 +30,11 @@ def as_space_member(observation: Observation) -> Any:
     if observation.path is None:
         return observation.image
     return {"image": observation.image, "path": observation.path}
+
+
+def newest_picture(image: np.ndarray) -> np.ndarray:
+    """The last frame (..., H, W, 3) of stacked ones (..., H, W, 3 F)."""
+    return image[..., -3:]
 
 
 def one_of(observation: Observation, i: int) -> Any:

@@ -24,7 +24,7 @@ MATS = (*ROAD_SIDES, "asphalt", "calibration_tile")  # kinds made of dark foam m
 
 
 @dataclass(frozen=True)
-class _Noise:
+class Noise:
     """Fields that wrap around: unit-variance grain and wear ranks in [0, 1], float32."""
 
     grain: np.ndarray
@@ -40,7 +40,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
         [np.rot90(tile_paint(kind, size, look.line_width_scale), turns) for kind, turns in names]
     )
     index = np.array([[names.index(name) for name in row] for row in painted])
-    noise = _noise(look.texture_seed)
+    noise = surface_noise(look.texture_seed)
     rgb = compose(
         index,
         paints,
@@ -49,7 +49,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
         tile_seam(size) * np.float32(look.seam_depth),
         np.array([kind in MATS for kind, _ in names], np.float32),
         noise.grain * np.float32(look.grain),
-        _paint_left(noise, look),
+        paint_left(noise, look),
         _patches(index.shape, size, look),
     )
     base = np.array([SemanticClass.ROAD if k in MATS else SemanticClass.OUTSIDE for k, _ in names])
@@ -87,16 +87,18 @@ def _classes(paints: np.ndarray, base: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _noise(seed: int) -> _Noise:
+def surface_noise(seed: int) -> Noise:
+    """The surface noise of one ``texture_seed``."""
     rng = np.random.default_rng(seed)
     fine = rng.standard_normal((NOISE_SIZE_PX, NOISE_SIZE_PX), np.float32)
     grain = _unit(_blur(fine, 1.2)) + 0.5 * _unit(_blur(fine[::-1], 6.0))
     scuffs = _unit(_blur(fine[:, ::-1], 3.0)) + 0.7 * _unit(_blur(fine.T, 12.0))
     ranks = 0.5 + 0.5 * np.tanh(0.8 * _unit(scuffs))  # close to the normal distribution function
-    return _Noise(_unit(grain), ranks.astype(np.float32))
+    return Noise(_unit(grain), ranks.astype(np.float32))
 
 
-def _paint_left(noise: _Noise, look: GroundLook) -> np.ndarray:
+def paint_left(noise: Noise, look: GroundLook) -> np.ndarray:
+    """Share of the paint that wear has left, (NOISE_SIZE_PX, NOISE_SIZE_PX) float32."""
     if look.wear == 0.0:
         return np.ones_like(noise.wear)
     return np.clip((noise.wear - np.float32(0.5 * look.wear)) / np.float32(0.02), 0.0, 1.0)

@@ -35,6 +35,19 @@ class GroundLook:
 
 
 @dataclass(frozen=True)
+class TrackLook:
+    """What a race track has that a road of foam mats has not; the rest is in GroundLook."""
+
+    grass_rgb: Rgb = (82.0, 118.0, 62.0)  # beside the road; beyond the walls is outside_rgb
+    kerb_rgb: Rgb = (190.0, 36.0, 36.0)
+    kerb_2_rgb: Rgb = (228.0, 228.0, 224.0)
+    wall_rgb: Rgb = (172.0, 172.0, 176.0)
+    wall_2_rgb: Rgb = (150.0, 150.0, 156.0)
+    wall_height_m: float = 1.0  # in metres of the real track
+    centre_line: float = 0.0  # opacity of a dashed yellow line in the middle
+
+
+@dataclass(frozen=True)
 class SkyLook:
     """What is above the horizon."""
 
@@ -117,6 +130,7 @@ class Look:
     """One world as one robot meets it in one episode."""
 
     ground: GroundLook = GroundLook()
+    track: TrackLook = TrackLook()
     sky: SkyLook = SkyLook()
     light: LightLook = LightLook()
     camera: CameraLook = CameraLook()

@@ -9,10 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot.errors import ConfigError
-from robot.road_map import RoadMap
-from sim_pybullet.ground import paint_ground
-from sim_pybullet.look import GroundLook, Look
-from sim_pybullet.objects import standing_solids
+from sim_pybullet.look import GroundLook, Look, TrackLook
+from sim_pybullet.place import Place, paint_place, place_solids
 from sim_pybullet.randomise import Sampler
 from sim_pybullet.scene import Ground, Scene
 
@@ -35,7 +33,7 @@ class LookPool:
     everything else from a Look of its own.
 
     Args:
-        road_maps: M maps.
+        road_maps: M maps or tracks.
         looks: a list of Looks, or a sampler of them.
         rng: draws Looks and the optional objects of the maps.
         size: painted worlds per map, with a sampler.
@@ -45,7 +43,7 @@ class LookPool:
     """
 
     def __init__(
-        self, road_maps: Sequence[RoadMap], looks: Looks, rng: np.random.Generator, size: int = 16
+        self, road_maps: Sequence[Place], looks: Looks, rng: np.random.Generator, size: int = 16
     ) -> None:
         self._sample = looks if callable(looks) else None
         self._size = size if callable(looks) else len(looks)
@@ -53,13 +51,14 @@ class LookPool:
             raise ConfigError("LookPool: expected at least one Look and a size of 1 or more")
         worlds = []
         for road_map in road_maps:
-            floors: dict[GroundLook, Ground] = {}
+            floors: dict[tuple[GroundLook, TrackLook], Ground] = {}
             for k in range(self._size):
                 look = looks(rng) if callable(looks) else looks[k]
-                if look.ground not in floors:
-                    floors[look.ground] = paint_ground(road_map, look.ground)
-                solids = standing_solids(road_map, rng)
-                scene = Scene(floors[look.ground], solids, look.sky, look.light)
+                paint = (look.ground, look.track)
+                if paint not in floors:
+                    floors[paint] = paint_place(road_map, look)
+                solids = place_solids(road_map, look, rng)
+                scene = Scene(floors[paint], solids, look.sky, look.light)
                 worlds.append(PaintedWorld(scene, look))
         self.worlds = tuple(worlds)
 
@@ -73,6 +72,7 @@ class LookPool:
         return index, replace(
             look,
             ground=painted.ground,
+            track=painted.track,
             sky=painted.sky,
             light=painted.light,
             camera=painted.camera,

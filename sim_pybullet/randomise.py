@@ -31,28 +31,38 @@ Sampler = Callable[[np.random.Generator], Look]
 
 
 def shipped_looks() -> dict[str, Path]:
-    """The looks and distributions that come with the project, by name."""
-    return {path.stem: path for path in sorted(LOOKS_DIR.glob("*.yaml"))}
+    """The looks and distributions that come with the project, by name, and folders of looks.
+
+    A look in a folder is named with it, as ``tracks/dusk``.
+    """
+    files = {path.relative_to(LOOKS_DIR).with_suffix(""): path for path in _looks_in(LOOKS_DIR)}
+    folders = {path.parent.relative_to(LOOKS_DIR): path.parent for path in _looks_in(LOOKS_DIR)}
+    return {str(name): path for name, path in {**files, **folders}.items() if path != LOOKS_DIR}
+
+
+def load_looks(source: str | Path, pose_error: str | None = None) -> list[Look] | Sampler:
+    """As `load_look_sampler`; for a folder the list of its looks, each file drawn from once."""
+    path = _find(source)
+    if not path.is_dir():
+        return load_look_sampler(path, pose_error)
+    rng = np.random.default_rng(0)
+    return [load_look_sampler(file, pose_error)(rng) for file in _looks_in(path)]
 
 
 def load_look_sampler(source: str | Path, pose_error: str | None = None) -> Sampler:
     """A sampler of Looks from a YAML file, or from the name of a shipped one.
 
     Args:
-        source: file or name.
+        source: file or name; of a folder any of its files, all as likely.
         pose_error: a name in `sim_pybullet.look.POSE_ERRORS`; without it the Look's own.
 
     Raises:
         ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
     """
-    path = Path(source)
-    if not path.exists():
-        shipped = shipped_looks()
-        if str(source) not in shipped:
-            raise ConfigError(
-                f"look {str(source)!r}: no such file; {nearest(str(source), shipped)}"
-            )
-        path = shipped[str(source)]
+    path = _find(source)
+    if path.is_dir():
+        samplers = [load_look_sampler(file, pose_error) for file in _looks_in(path)]
+        return lambda rng: samplers[int(rng.integers(len(samplers)))](rng)
     sample = look_sampler(read_yaml(path), where=str(path))
     if pose_error is None:
         return sample
@@ -60,6 +70,20 @@ def load_look_sampler(source: str | Path, pose_error: str | None = None) -> Samp
         raise ConfigError(f"pose error: unknown {pose_error!r}; {nearest(pose_error, POSE_ERRORS)}")
     pose = POSE_ERRORS[pose_error]
     return lambda rng: replace(sample(rng), pose=pose)
+
+
+def _looks_in(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.yaml"))
+
+
+def _find(source: str | Path) -> Path:
+    path = Path(source)
+    if path.exists():
+        return path
+    shipped = shipped_looks()
+    if str(source) not in shipped:
+        raise ConfigError(f"look {str(source)!r}: no such file; {nearest(str(source), shipped)}")
+    return shipped[str(source)]
 
 
 def look_sampler(data: Any, where: str = "look") -> Sampler:

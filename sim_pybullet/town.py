@@ -21,7 +21,7 @@ Drive = Literal["planar", "wheels"]
 _WHEELS = ("left_wheel", "right_wheel")
 _WHEEL_TORQUE_NM = 0.5  # more than the tyres can pass on: wheels turn as they are told
 _SUBSTEPS = 4  # contact of a wheel with the floor needs about 1/120 s
-_APART_M = 100.0  # between the origins of two worlds in the client
+_APART_M = 100.0  # at least, between the origins of two worlds in the client
 
 
 class Town:
@@ -54,8 +54,10 @@ class Town:
         self._wheels = drive == "wheels"
         self._bullet = Bullet(dt_s, self._wheels, _SUBSTEPS if self._wheels else 1)
         self._floor = self._bullet.add_floor() if self._wheels else -1
+        reach_m = [abs(solid.x_m) for solids in worlds for solid in solids]
+        self._apart_m = max(_APART_M, 2.0 * max(reach_m, default=0.0))
         for world, solids in enumerate(worlds):
-            self._bullet.add_solids(solids, world * _APART_M, 0.0)
+            self._bullet.add_solids(solids, world * self._apart_m, 0.0)
         mask = STATIC | ROBOT if robots_collide else STATIC
         self._bodies = [self._build_robot(mask) for _ in range(n_robots)]
         self._origins = np.zeros((n_robots, 3))  # of each robot's world in the client
@@ -80,7 +82,7 @@ class Town:
 
     def place(self, i: int, pose: Pose, world: int = 0) -> None:
         """Put robot ``i`` down at rest in a world."""
-        self._origins[i, 0] = world * _APART_M
+        self._origins[i, 0] = world * self._apart_m
         self._poses[i] = pose
         self._collided[i] = False
         x_m, y_m, heading_rad = self._origins[i] + self._poses[i]

@@ -7,14 +7,14 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.faces import (
-    ACTION_SPACE_SIZE,
+    action_space,
     as_space_member,
+    newest_picture,
     observation_space,
     one_of,
     step_infos,
@@ -34,11 +34,9 @@ class DuckpilotVecEnv(VecEnv):
     def __init__(self, world: BatchWorld) -> None:
         self.world = world
         self._actions = np.zeros(world.n_robots, dtype=int)
-        self._seen = np.zeros((world.n_robots, *world.image_shape), np.uint8)
+        self._seen = np.zeros((world.n_robots, *world.image_shape[:2], 3), np.uint8)
         self.render_mode = "rgb_array"
-        super().__init__(
-            world.n_robots, observation_space(world), spaces.Discrete(ACTION_SPACE_SIZE)
-        )
+        super().__init__(world.n_robots, observation_space(world), action_space(world))
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""
@@ -51,7 +49,7 @@ class DuckpilotVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         observation = self.world.reset()
-        self._seen = observation.image
+        self._seen = newest_picture(observation.image)
         return as_space_member(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -67,7 +65,7 @@ class DuckpilotVecEnv(VecEnv):
         for k, i in enumerate(step.finished.robots):
             infos[i]["terminal_observation"] = one_of(step.finished.observation, k)
         done = step.task.terminated | step.task.truncated
-        self._seen = step.observation.image
+        self._seen = newest_picture(step.observation.image)
         return as_space_member(step.observation), step.reward.astype(np.float32), done, infos
 
     def close(self) -> None:

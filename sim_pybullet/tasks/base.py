@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from robot.path_batch import PathBatch
-from robot.road_map import RoadMap
+from sim_pybullet.place import Place
 from sim_pybullet.tasks.following import Course
+from sim_pybullet.vehicle import Vehicle
 
 
 class Starts(NamedTuple):
@@ -37,10 +39,18 @@ class Task(Protocol):
     """One task of N robots, each in an episode of its own."""
 
     n_robots: int
-    road_maps: tuple[RoadMap, ...]  # those that robots may be on
     term_names: tuple[str, ...]  # of the reward
     fact_names: tuple[str, ...]  # of what else is worth knowing of a robot's episode
     guided: bool  # whether the policy gets path_input beside the picture
+    frames: int  # how many of the last pictures the policy gets
+
+    @property
+    def road_maps(self) -> Sequence[Place]:
+        """The maps or tracks that robots may be on."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """What carries out the robots' actions."""
 
     @property
     def paths(self) -> PathBatch:

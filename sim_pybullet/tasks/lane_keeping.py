@@ -24,6 +24,7 @@ from sim_pybullet.tasks.following import (
     PathFollower,
     following_terms,
 )
+from sim_pybullet.vehicle import WheeledRobots
 
 
 class LaneKeeping:
@@ -47,6 +48,7 @@ class LaneKeeping:
     """
 
     guided = False
+    frames = 1
     term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("laps",)
 
@@ -64,6 +66,7 @@ class LaneKeeping:
             )
         self.road_maps = tuple(road_maps)
         self.n_robots = n_robots
+        self.vehicle = WheeledRobots(n_robots)
         self._loops = [lane_loop(road_map, outer=lane == "outer") for road_map in road_maps]
         self._half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
         self._lengths_m = np.array([loop.length_m for loop in self._loops])

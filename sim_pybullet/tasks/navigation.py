@@ -25,6 +25,7 @@ from sim_pybullet.tasks.following import (
     PathFollower,
     following_terms,
 )
+from sim_pybullet.vehicle import WheeledRobots
 
 SHORTEST_TILES = 3.0  # from start to destination, along the path
 _DRAWS = 500  # of start and destination, before a map is given up
@@ -55,6 +56,7 @@ class Navigation:
     """
 
     guided = True
+    frames = 1
     term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("remaining_m",)
 
@@ -72,6 +74,7 @@ class Navigation:
             start_spread * START_OFFSET,
             start_spread * START_HEADING_RAD,
         )
+        self.vehicle = WheeledRobots(n_robots)
         self._routes = [RandomRoutes(road_map) for road_map in road_maps]
         examples = [routes.draw(np.random.default_rng(0)) for routes in self._routes]
         self._tile_sizes_m = np.array([road_map.tile_size_m for road_map in road_maps])

@@ -17,11 +17,14 @@ from robot.contract import ACTION_TWISTS, Action, ImageSpec
 from robot.errors import ConfigError
 from robot.navigator import ARRIVAL_M
 from robot.road_map import load_map
-from sim_pybullet.batch import ACTION_TABLE, BatchWorld
+from sim_pybullet.batch import BatchWorld
 from sim_pybullet.env import DriveEnv
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.racing_cars import RACING_ACTIONS
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.track_racing import TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv
+from sim_pybullet.vehicle import ACTION_TABLE
 
 SMALL = ImageSpec(40, 30, 10)
 LAPS = 0.25  # two take too long for a test
@@ -30,7 +33,9 @@ IDS = sorted(sim_pybullet.ENVIRONMENTS)
 
 @pytest.fixture(scope="module", params=IDS)
 def env(request: pytest.FixtureRequest) -> Iterator[DriveEnv]:
-    short: dict[str, Any] = {"laps": LAPS} if "LaneKeeping" in request.param else {}
+    short: dict[str, Any] = {} if "Navigation" in request.param else {"laps": LAPS}
+    if "Track" in request.param:
+        short["track"] = "karting"
     made = gymnasium.make(request.param, image=SMALL, pool_size=2, render_mode="rgb_array", **short)
     yield made.unwrapped
     made.close()
@@ -126,7 +131,10 @@ def test_info_explains_the_reward(env: DriveEnv) -> None:
 
 
 def test_actions_are_those_of_the_contract(env: DriveEnv) -> None:
-    assert env.action_space == gymnasium.spaces.Discrete(len(Action))
+    assert env.action_space == gymnasium.spaces.Discrete(len(env.world.task.vehicle.actions))
+    if isinstance(env.world.task, TrackRacing):
+        assert env.world.task.vehicle.actions == RACING_ACTIONS
+        return
     turns = np.diff(ACTION_TABLE, axis=1)[:, 0] / 0.102
     np.testing.assert_allclose(turns, [twist.turn_radps for twist in ACTION_TWISTS])
     for name, twist in zip(Action, ACTION_TWISTS, strict=True):
@@ -138,7 +146,7 @@ def test_actions_are_those_of_the_contract(env: DriveEnv) -> None:
 
 def test_render_gives_the_last_picture(env: DriveEnv) -> None:
     picture = parts(drive(env, 0, [2, 2])[-1][0])[0]
-    np.testing.assert_array_equal(env.render(), picture)
+    np.testing.assert_array_equal(env.render(), picture[..., -3:])
 
 
 def test_options_are_refused(env: DriveEnv) -> None:

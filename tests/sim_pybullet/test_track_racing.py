@@ -1,0 +1,152 @@
+"""The racing task: paper B's reward, collisions, laps, and four stacked frames."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from robot.contract import CONTROL_DT_S, ImageSpec
+from robot.errors import ConfigError
+from robot.geometry import wrap_angle
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
+from sim_pybullet.racing_cars import RacingAction
+from sim_pybullet.tasks.track_racing import BETA, GAMMA, TrackRacing
+from sim_pybullet.track import SCALE, centre_line, load_track, shipped_tracks
+
+TRACK = load_track("karting")
+LINE = centre_line(TRACK)
+SMALL = ImageSpec(32, 24, 6)
+CALM = replace(NOMINAL, drive=replace(NOMINAL.drive, noise=0.0))
+STRAIGHT_M = 2.2  # of the world along the centre line, in the middle of a straight
+
+
+@pytest.fixture
+def world() -> Iterator[BatchWorld]:
+    made = BatchWorld(TrackRacing([TRACK], 4), [CALM], SMALL)
+    yield made
+    made.close()
+
+
+def place(task: TrackRacing, offset_m: float, turned_rad: float = 0.0) -> np.ndarray:
+    """Begin an episode of car 0 at a point of the straight; poses (1, 3)."""
+    pose = task._follower.start(0, LINE.path, STRAIGHT_M, offset_m, turned_rad)
+    task._poses = pose[None]
+    return pose[None]
+
+
+@pytest.mark.parametrize(("offset_m", "turned_rad"), [(0.0, 0.0), (0.1, 0.3), (-0.15, -0.5)])
+def test_the_reward_is_the_papers(offset_m: float, turned_rad: float) -> None:
+    task = TrackRacing([TRACK], 1)
+    before = place(task, offset_m, turned_rad)
+    speed_mps, heading = 12.0, before[0, 2]
+    way_m = speed_mps * CONTROL_DT_S * SCALE
+    after = before + np.array((way_m * np.cos(heading), way_m * np.sin(heading), 0.0))
+    step = task.step(after, np.array([False]))
+    away_m = abs(offset_m + way_m * np.sin(turned_rad)) / SCALE
+    wanted = (speed_mps * np.cos(turned_rad) - away_m) * BETA
+    assert step.reward[0] == pytest.approx(wanted, rel=1e-6)
+    assert step.facts[1, 0] == pytest.approx(speed_mps)
+    collision = task.step(after, np.array([True]))
+    assert collision.reward[0] == GAMMA
+    assert collision.terminated[0]
+
+
+def test_beyond_the_grass_and_backwards_are_collisions() -> None:
+    for offset_m, turned_rad in ((1.2 * (LINE.half_width_m + LINE.verge_m), 0.0), (0.0, 2.0)):
+        task = TrackRacing([TRACK], 1)
+        step = task.step(place(task, offset_m, turned_rad), np.array([False]))
+        assert step.terminated[0]
+        assert not step.truncated[0]
+        assert step.reward[0] == GAMMA
+
+
+def test_cars_on_grass_are_told_so() -> None:
+    task = TrackRacing([TRACK], 1)
+    for offset_m, grass in ((0.0, False), (LINE.half_width_m + 0.02, True)):
+        task.step(place(task, offset_m), np.array([False]))
+        assert task.vehicle.on_grass[0] == grass
+
+
+def test_driving_straight_on_ends_at_a_wall(world: BatchWorld) -> None:
+    world.reset()
+    for _ in range(200):
+        step = world.step(np.full(4, RacingAction.STRAIGHT_ACCELERATE))
+        if len(step.finished.robots):
+            break
+    first = step.finished.robots
+    assert step.task.terminated[first].all()
+    assert not step.task.success[first].any()
+
+
+def test_a_parked_car_runs_out_of_time() -> None:
+    task = TrackRacing([TRACK], 1)
+    poses, count, over = place(task, 0.1), 0, False
+    while not over:
+        step = task.step(poses, np.array([False]))
+        assert step.reward[0] < 0.0
+        count, over = count + 1, bool(step.truncated[0])
+    assert count == pytest.approx(TRACK.length_m / 4.0 / CONTROL_DT_S, abs=1)
+    assert not step.success[0]
+
+
+def advance(poses: np.ndarray, twists: np.ndarray) -> np.ndarray:
+    """Poses (N, 3) after a physics step, nothing in the way."""
+    forward, turn = twists.T * PHYSICS_DT_S
+    along = poses[:, 2] + 0.5 * turn
+    x, y = poses[:, 0] + forward * np.cos(along), poses[:, 1] + forward * np.sin(along)
+    return np.stack((x, y, np.asarray(wrap_angle(poses[:, 2] + turn))), axis=1)
+
+
+@pytest.mark.parametrize("name", shipped_tracks())
+def test_the_expert_drives_every_shipped_track(name: str) -> None:
+    cars, rng = 8, np.random.default_rng(0)
+    task = TrackRacing([load_track(name)], cars)
+    poses = task.reset(np.arange(cars), rng).poses
+    for i in range(cars):
+        task.vehicle.reset(i, CALM.drive)
+    over, speeds = np.zeros(cars, dtype=bool), []
+    while not over.all():
+        actions = task.vehicle.expert(task.paths, poses, task.course.arc_m)
+        for _ in range(PHYSICS_STEPS):
+            poses = advance(poses, task.vehicle.step(actions, rng))
+        step = task.step(poses, np.zeros(cars, dtype=bool))
+        over |= step.success
+        assert not (step.terminated | step.truncated & ~step.success)[~over].any()
+        speeds.append(step.facts[1].mean())
+    assert np.mean(speeds) > 6.0
+
+
+def test_the_policy_sees_the_last_four_pictures(world: BatchWorld) -> None:
+    height, width, _ = SMALL.shape
+    assert world.image_shape == (height, width, 12)
+    first = world.reset().image
+    for k in range(3):
+        np.testing.assert_array_equal(first[..., :3], first[..., 3 * k : 3 * k + 3])
+    seen = [first]
+    for _ in range(12):
+        seen.append(world.step(np.full(4, RacingAction.STRAIGHT_ACCELERATE)).observation.image)
+    for older, newer in pairwise(seen):
+        np.testing.assert_array_equal(older[..., 3:], newer[..., :-3])
+    assert not np.array_equal(seen[-1][..., -3:], seen[-1][..., :3])
+
+
+def test_a_new_episode_has_no_pictures_of_the_old_one(world: BatchWorld) -> None:
+    world.reset()
+    for _ in range(400):
+        step = world.step(np.full(4, RacingAction.LEFT_ACCELERATE))
+        if len(step.finished.robots):
+            break
+    i = int(step.finished.robots[0])
+    image = step.observation.image[i]
+    np.testing.assert_array_equal(image[..., :3], image[..., -3:])
+    assert not np.array_equal(step.finished.observation.image[0], image)
+
+
+def test_nonsense_is_refused() -> None:
+    for tracks, robots, laps in (([], 1, 1.0), ([TRACK], 0, 1.0), ([TRACK], 1, 0.0)):
+        with pytest.raises(ConfigError, match="at least one track"):
+            TrackRacing(tracks, robots, laps)
