@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import OrderedDict
 from typing import Callable, List, Optional, Tuple
@@ -15,6 +14,7 @@ from robot.link.commands import (
     Ack,
     Command,
 )
+from robot.link.helm import Helm
 from robot.link.sockets import Link
 from robot.link.streams import Clock, new_session
 from robot.link.wire import MESSAGE_LIMIT_BYTES, tidy_text
@@ -39,7 +39,7 @@ class CommandServer:
         self._link = link
         self._clock = clock
         self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
-        self._echo_s = -math.inf  # our clock, as somebody last told it back
+        self._helm = Helm()
         self._socket = link.bind(zmq.ROUTER, endpoint, MESSAGE_LIMIT_BYTES)
 
     def serve(self, handle: Handler) -> None:
@@ -57,12 +57,13 @@ class CommandServer:
                 self._socket.send_multipart([parts[0].bytes, ack.to_bytes()], zmq.NOBLOCK)
 
     def operator_age_s(self) -> float:
-        """How old [s] the newest word from the robot is that an operator has shown to know.
+        """How old [s] the newest word from the robot is that its operator has shown to know.
 
         By the robot's own clock; infinite when nobody did. Counted from the echo and not from the
-        arrival, so that beats held up on the way do not look alive.
+        arrival, so that beats held up on the way do not look alive. While somebody has the helm,
+        others who watch do not count.
         """
-        return self._clock() - self._echo_s
+        return self._helm.age_s(self._clock())
 
     def _answer(self, parts: List, handle: Handler) -> Optional[Ack]:
         try:
@@ -75,14 +76,16 @@ class CommandServer:
             return None
         sender = (_user(parts), command.session)
         if command.robot_session == self.session:
-            self._echo_s = max(self._echo_s, min(command.robot_time_s, self._clock()))
+            self._helm.heard(sender, min(command.robot_time_s, self._clock()))
         return self._answers.get((sender, command.id)) or self._do(command, handle, sender)
 
     def _do(self, command: Command, handle: Handler, sender: Sender) -> Ack:
         reason = self._staleness(command)
+        reason = reason or self._helm.problem(sender, command.kind, self._clock())
         if not reason and command.kind != "beat":
             try:
                 handle(command)
+                self._helm.done(sender, command.kind, min(command.robot_time_s, self._clock()))
             except DuckpilotError as error:
                 reason = tidy_text(str(error), REASON_LIMIT_BYTES) or "refused"
         ack = Ack(command.id, not reason, reason, self.session, self._clock())

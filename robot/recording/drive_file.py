@@ -17,6 +17,7 @@ from robot.recording.topics import Json, Topic, to_ns
 SUFFIX = ".mcap"
 UNFINISHED = ".mcap.partial"
 ABOUT = "duckpilot"  # the metadata record that says which robot, model and versions drove
+END = "end"  # the one that says how the drive ended
 CHUNK_BYTES = 1 << 20
 MASK = 0xFFFFFFFF  # MCAP numbers messages in 32 bits
 
@@ -63,10 +64,14 @@ class DriveFile:
         at = to_ns(time_s)
         self._writer.add_message(channel, at, data, at, number & MASK)
 
-    def flush(self) -> int:
-        """Bring everything so far to the disk; the size of the file [bytes]."""
+    def flush(self, sync: bool = True) -> int:
+        """Bring everything so far to the disk; the size of the file [bytes].
+
+        Without ``sync`` only to the operating system: safe from a kill, not from a power cut.
+        """
         self._writer.flush()
-        os.fsync(self._stream.fileno())
+        if sync:
+            os.fsync(self._stream.fileno())
         return self._stream.tell()
 
     def note(self, name: str, facts: Mapping[str, str]) -> None:

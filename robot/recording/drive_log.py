@@ -50,6 +50,14 @@ class DriveLog:
         self._verdict: Optional[Verdict] = None
         self._report: Optional[Telemetry] = None
 
+    @property
+    def phase(self) -> str:
+        """How the mission stands, or without one, the state that the robot is in."""
+        mission = self._report.mission if self._report is not None else None
+        if mission is not None:
+            return mission.phase
+        return self._verdict.state.value if self._verdict is not None else ""
+
     def write(self, heard: Heard) -> None:
         """Add one turn."""
         tick, file = heard.tick, self.file

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Callable, Optional
 
 from robot.recording.config import RecordingConfig
-from robot.recording.drive_file import SUFFIX, UNFINISHED, DriveFile
+from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile
 from robot.recording.drive_log import DriveLog, Heard
 from robot.recording.subject import Subject
 
@@ -79,7 +79,7 @@ class Scribe:
         if log is None:
             return
         try:
-            log.file.note("end", {"dropped": str(dropped)})
+            log.file.note(END, {"dropped": str(dropped), "phase": log.phase})
             self.written_mb = log.file.close() / MB
         except OSError as error:
             log.file.abandon()

@@ -200,6 +200,45 @@ def test_a_page_that_is_closed_stops_the_hand_at_once(page: Page, thread: RobotT
     assert until(lambda: thread.robot.safety.verdict.state is State.HOLD)
 
 
+def test_of_two_pages_one_drives_by_hand(
+    page: Page, thread: RobotThread, browser: TestClient
+) -> None:
+    drive_by_hand(page, thread)
+    with browser.websocket_connect(LIVE, headers=HEADERS) as socket:
+        other = Page(browser, socket)
+        for _ in range(5):
+            page.socket.send_text(json.dumps({"manual": 2}))
+            other.socket.send_text(json.dumps({"manual": 0}))
+            page.read()
+            other.read()
+        page.until(action=2)
+        assert other.ask("stop")["accepted"]
+    page.until(state="HOLD")
+
+
+def test_a_second_monitor_watches_and_stops(
+    page: Page, thread: RobotThread, config: LinkConfig, tmp_path: Path
+) -> None:
+    assert page.ask("mission", destination=ahead(thread, -0.1))["accepted"]
+    app = create_app(Monitor(config, tmp_path / "second"), load_map("loop"), "secret")
+    with TestClient(app, base_url=ORIGIN) as browser:
+        browser.get("/?token=secret")
+        with browser.websocket_connect(LIVE, headers=HEADERS) as socket:
+            second = Page(browser, socket)
+
+            def refused() -> bool:
+                page.read()
+                second.read()
+                answer = second.ask("mission", destination=ahead(thread, 0.3))
+                return "another operator" in answer["reason"]
+
+            assert until(refused)
+            assert thread.robot.safety.verdict.state is State.AUTO
+            assert second.ask("stop")["accepted"]
+            second.until(state="HOLD")
+    page.until(state="HOLD")
+
+
 def test_a_mission_stops_when_nobody_watches(page: Page, thread: RobotThread) -> None:
     page.ask("mission", destination=ahead(thread, -0.1))
     page.until(state="AUTO")

@@ -1,13 +1,18 @@
-"""A mission is recorded from its start to its end and comes back as it was."""
+"""A mission is recorded from its start to its end and comes back as it was, pictures and all."""
 
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robot.errors import ConfigError
+from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
-from tools.monitor.drives import DriveRecorder, list_drives, read_drive
+from robot.recording.drive_log import picture
+from robot.safety import Command
+from tests.robot.recording.drives import Robot, record
+from tools.monitor.drives import DriveRecorder, list_drives, read_drive, read_picture
 
 PATH = ((0.0, 0.0), (1.0, 0.0))
 
@@ -17,7 +22,11 @@ def report(t_s: float, phase: str = "driving", mission: str = "m1", **fields: ob
     return Telemetry("duck", "AUTO", mission=status, map="loop", t_sent_s=t_s, **fields)  # type: ignore[arg-type]
 
 
-def record(folder: Path, reports: list[Telemetry]) -> list[bool]:
+def jpeg(number: int) -> bytes:
+    return b"\xff\xd8" + bytes([number]) * 50 + b"\xff\xd9"
+
+
+def take(folder: Path, reports: list[Telemetry]) -> list[bool]:
     recorder = DriveRecorder(folder, lambda: 1.7e9)
     return [recorder.take(one) for one in reports]
 
@@ -25,50 +34,79 @@ def record(folder: Path, reports: list[Telemetry]) -> list[bool]:
 def test_a_drive_is_recorded_from_start_to_arrival(tmp_path: Path) -> None:
     still = Telemetry("duck", "READY")
     drive = [report(10.0 + 0.1 * i, path=PATH) for i in range(5)]
-    done = record(tmp_path, [still, *drive, report(10.6, "arrived"), report(10.7, "arrived")])
+    done = take(tmp_path, [still, *drive, report(10.6, "arrived"), report(10.7, "arrived")])
     assert done == [False] * 6 + [True, False]
     (summary,) = list_drives(tmp_path)
     assert (summary.map, summary.phase) == ("loop", "arrived")
     assert summary.duration_s == pytest.approx(0.6)
-    header, *reports = read_drive(tmp_path, summary.name)
-    assert header["destination"] == [1.0, 0.0]
+    reports = read_drive(tmp_path, summary.name)
+    assert reports[0]["mission"]["destination"] == [1.0, 0.0]
     assert [one["t_s"] for one in reports] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.6])
     assert [len(one["path"]) for one in reports] == [2, 0, 0, 0, 0, 0]
 
 
+def test_pictures_come_back_at_their_time(tmp_path: Path) -> None:
+    recorder = DriveRecorder(tmp_path, lambda: 1.7e9)
+    recorder.take_frame(FrameMessage(jpeg(0), 160, 120, 9.9))  # before the drive
+    for i in range(30):
+        recorder.take(report(10.0 + 0.1 * i))
+        recorder.take_frame(FrameMessage(jpeg(i), 160, 120, 10.02 + 0.1 * i, sequence=i))
+    recorder.take(report(15.0, "arrived"))
+    name = list_drives(tmp_path)[0].name
+    assert read_picture(tmp_path, name, 0.0) is None  # none yet
+    assert read_picture(tmp_path, name, 0.03) == (jpeg(0), "image/jpeg")
+    assert read_picture(tmp_path, name, 2.0) == (jpeg(19), "image/jpeg")
+    assert read_picture(tmp_path, name, 4.0) == (jpeg(29), "image/jpeg")
+    assert read_picture(tmp_path, name, 9.0) is None  # long gone
+    assert read_picture(tmp_path, name, -1e9) is None
+
+
+def test_the_robots_own_recordings_are_drives_too(tmp_path: Path) -> None:
+    robot = Robot(tmp_path / "robot")
+    robot.turn()
+    robot.ask(Command.ARM)
+    ticks = robot.turns(5)
+    telemetry = iter([Telemetry("daisy", "READY", t_sent_s=float(i)) for i in range(9)])
+    subject = replace(robot.subject(), report=lambda: next(telemetry))
+    robot.subject = lambda: subject  # type: ignore[method-assign]
+    record(robot, tmp_path / "drives", ticks)
+    (summary,) = list_drives(tmp_path / "drives")
+    assert summary.phase == "READY"
+    assert len(read_drive(tmp_path / "drives", summary.name)) == 5
+    found = read_picture(tmp_path / "drives", summary.name, 0.0)
+    assert found is not None
+    assert ticks[0].frame is not None
+    assert np.array_equal(picture(found[0]), ticks[0].frame.image)
+
+
 def test_a_new_mission_begins_a_new_drive(tmp_path: Path) -> None:
-    record(tmp_path, [report(1.0), report(2.0, mission="m2"), report(3.0, "stopped", "m2")])
-    assert [drive.phase for drive in list_drives(tmp_path)] == ["stopped", "driving"]
+    take(tmp_path, [report(1.0), report(2.0, mission="m2"), report(3.0, "stopped", "m2")])
+    assert [drive.phase for drive in list_drives(tmp_path)] == ["stopped", "stopped"]
 
 
 def test_a_drive_that_was_cut_off_is_kept(tmp_path: Path) -> None:
-    record(tmp_path, [report(1.0), report(2.0)])
+    take(tmp_path, [report(1.0), report(2.0), report(2.1)])
     assert list_drives(tmp_path) == []
     DriveRecorder(tmp_path, lambda: 0.0)
     (summary,) = list_drives(tmp_path)
-    path = tmp_path / f"{summary.name}.jsonl"
-    path.write_text(path.read_text()[:-40])
-    (again,) = list_drives(tmp_path)
-    assert again.duration_s == 0.0
-    assert len(read_drive(tmp_path, again.name)) == 2
+    assert len(read_drive(tmp_path, summary.name)) == 2
 
 
 def test_other_files_are_no_drives(tmp_path: Path) -> None:
-    (tmp_path / "notes.jsonl").write_text("hello\n")
-    (tmp_path / "empty.jsonl").write_text("")
-    (tmp_path / "later.jsonl").write_text('{"schema": 2}\n')
+    (tmp_path / "notes.mcap").write_text("hello\n")
+    (tmp_path / "empty.mcap").write_text("")
     assert list_drives(tmp_path) == []
 
 
 @pytest.mark.parametrize("name", ["../secret", "nothing", "", "a" * 200])
 def test_only_drives_of_the_folder_can_be_read(tmp_path: Path, name: str) -> None:
-    (tmp_path.parent / "secret.jsonl").write_text("{}\n")
+    (tmp_path.parent / "secret.mcap").write_text("{}\n")
     with pytest.raises(ConfigError, match="no drive"):
         read_drive(tmp_path, name)
 
 
 def test_the_recording_is_the_report(tmp_path: Path) -> None:
     sent = replace(report(5.0), reason="ü", pose=(1.0, 2.0, 0.5), action=2, values=(0.1, 0.2))
-    record(tmp_path, [sent, report(5.1, "failed")])
-    _, first, _ = read_drive(tmp_path, list_drives(tmp_path)[0].name)
+    take(tmp_path, [sent, report(5.1, "failed")])
+    first, _ = read_drive(tmp_path, list_drives(tmp_path)[0].name)
     assert (first["reason"], first["pose"], first["action"]) == ("ü", [1.0, 2.0, 0.5], 2)

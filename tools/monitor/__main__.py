@@ -26,6 +26,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--port", type=int, default=PORT)
     parser.add_argument("--map", default="town", help="a map file or the name of a shipped map")
     parser.add_argument("--drives", type=Path, default=Path("runs/drives"), help="recordings")
+    parser.add_argument("--model", type=Path, help="the robot's policy: shows where it looks")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--link", type=Path, help="YAML with keys, robot_host, localizer_host")
     source.add_argument("--demo", action="store_true", help="a simulated robot, no hardware")
@@ -58,7 +59,7 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     else:
         config = load_yaml(LinkConfig, arguments.link)
     token = secrets.token_urlsafe(16)
-    monitor = Monitor(config, arguments.drives)
+    monitor = Monitor(config, arguments.drives, arguments.model)
     app = create_app(monitor, road_map, token, arguments.host)
     shown = "localhost" if arguments.host in LOOPBACK_NAMES else arguments.host
     print(f"Open http://{shown}:{arguments.port}/?token={token}", flush=True)

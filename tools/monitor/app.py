@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
-from fastapi import FastAPI, HTTPException, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, HTTPException, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ConfigDict
@@ -22,7 +22,7 @@ from robot.link.commands import Mission
 from robot.link.wire import plain
 from robot.road_map import RoadMap
 from tools.monitor.access import AccessGate
-from tools.monitor.drives import list_drives, read_drive
+from tools.monitor.drives import list_drives, read_drive, read_picture
 from tools.monitor.map_drawing import draw_map
 from tools.monitor.monitor import Monitor
 
@@ -101,16 +101,27 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
     async def the_map() -> dict[str, Any]:
         return drawing
 
+    # Not async: these read the disk, in a thread of their own.
     @app.get("/api/drives")
-    async def drives() -> list[dict[str, Any]]:
+    def drives() -> list[dict[str, Any]]:
         return [asdict(drive) for drive in list_drives(monitor.drives)]
 
     @app.get("/api/drives/{name}")
-    async def drive(name: str) -> list[dict[str, Any]]:
+    def drive(name: str) -> list[dict[str, Any]]:
         try:
             return read_drive(monitor.drives, name)
         except ConfigError as error:
             raise HTTPException(404, str(error)) from error
+
+    @app.get("/api/drives/{name}/picture")
+    def drive_picture(name: str, t_s: float) -> Response:
+        try:
+            found = read_picture(monitor.drives, name, t_s)
+        except ConfigError as error:
+            raise HTTPException(404, str(error)) from error
+        return (
+            Response(status_code=204) if found is None else Response(found[0], media_type=found[1])
+        )
 
 
 def _add_control(app: FastAPI, monitor: Monitor) -> None:
@@ -144,6 +155,7 @@ class Page:
         self._socket = socket
         self._monitor = monitor
         self._driving = False
+        self._refused = False
 
     async def send(self) -> None:
         """Send until the page is gone; a slow page gets fewer, never older states."""
@@ -172,7 +184,7 @@ class Page:
         """The page is gone: whoever drove with it drives no longer."""
         self._monitor.page_closed(self)
         if self._driving:
-            self._monitor.drive_by_hand(None)
+            self._monitor.drive_by_hand(self, None)
 
     def _drive(self, text: str) -> None:
         try:
@@ -181,5 +193,8 @@ class Page:
                 raise ValueError(action)
         except (ValueError, KeyError, TypeError):
             return  # not ours: an old page after an update
-        self._driving = action is not None
-        self._monitor.drive_by_hand(action)
+        taken = self._monitor.drive_by_hand(self, action)
+        if not taken and not self._refused:
+            self._monitor.state.note("refused", "driving by hand: another page drives")
+        self._refused = not taken
+        self._driving = taken and action is not None

@@ -1,37 +1,35 @@
-"""Past drives: the robot's telemetry from the start of a mission to its end, one file each.
+"""Past drives: recorded by the monitor from the start of a mission to its end, and read again.
 
-A drive is JSON lines: a header, then one telemetry message per line with ``t_s`` since the start.
-A path or attention grid equal to the line before is left out.
+A drive is an MCAP file with the robot's reports and pictures as they came here. The robot's own
+recordings, copied into the folder, are listed and played alike.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
 
 from robot.errors import ConfigError, nearest
+from robot.link.messages import FrameMessage
 from robot.link.telemetry import Telemetry
-from robot.link.wire import MESSAGE_LIMIT_BYTES, plain
+from robot.link.wire import plain
+from robot.recording import topics
+from robot.recording.drive_file import ABOUT, END, SUFFIX, DriveFile
+from robot.recording.repair import recover_folder
 
-SCHEMA = 1
-TAIL_BYTES = 2 * MESSAGE_LIMIT_BYTES
+FLUSH_S = 0.5
+PICTURE_AGE_S = 2.0  # an older one is not what the robot saw then
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,80}")
-
-
-@dataclass(frozen=True)
-class DriveHeader:
-    """The first line of a drive."""
-
-    robot: str
-    map: str
-    began: str  # local time, ISO 8601
-    destination: tuple[float, float]  # world frame [m]
-    schema: int = SCHEMA
 
 
 @dataclass(frozen=True)
@@ -39,25 +37,28 @@ class DriveSummary:
     """One entry of the list of drives."""
 
     name: str
-    began: str
+    began: str  # local time, ISO 8601
     map: str
     duration_s: float
     phase: str  # how the mission ended
 
 
 class DriveRecorder:
-    """Writes a file per mission; a half-written one is kept when the program ends early."""
+    """Writes a file per mission; one that was cut off is made whole at the next start.
+
+    Raises:
+        OSError: from every method, when the disk does not take it.
+    """
 
     def __init__(self, folder: Path, wall: Callable[[], float]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob("*.jsonl.partial"):
-            left.rename(left.with_suffix(""))
+        list(recover_folder(folder))
         self._folder = folder
         self._wall = wall
-        self._file: TextIO | None = None
-        self._mission = ""
-        self._began_s = 0.0
-        self._before: Telemetry | None = None
+        self._file: DriveFile | None = None
+        self._mission = self._phase = ""
+        self._offset_s = 0.0  # from the robot's clock to the time since 1970
+        self._flushed_s = 0.0
 
     def take(self, telemetry: Telemetry) -> bool:
         """Record one report; True when a drive was completed by it."""
@@ -66,98 +67,127 @@ class DriveRecorder:
             return self.close()
         completed = mission.id != self._mission and self.close()
         if mission.phase == "driving" and self._file is None and mission.id != self._mission:
-            self._begin(telemetry)
+            self._begin(telemetry, mission.id)
         if self._file is not None:
-            self._write(telemetry)
+            self._phase = mission.phase
+            time_s = telemetry.t_sent_s + self._offset_s
+            self._file.add(topics.TELEMETRY, time_s, plain(telemetry), telemetry.sequence)
+            if telemetry.t_sent_s - self._flushed_s >= FLUSH_S:
+                self._flushed_s = telemetry.t_sent_s
+                self._file.flush(sync=False)  # a slow disk must not hold up a STOP
             if mission.phase != "driving":
                 return self.close()
         return completed
 
+    def take_frame(self, frame: FrameMessage) -> None:
+        """Record a picture, during a drive."""
+        if self._file is not None:
+            time_s = frame.t_capture_s + self._offset_s
+            message = topics.image_message(time_s, frame.jpeg, "jpeg")
+            self._file.add(topics.CAMERA, time_s, message, frame.sequence)
+
     def close(self) -> bool:
         """Complete the file of the drive at hand; whether there was one."""
-        if self._file is None:
+        file, self._file = self._file, None
+        if file is None:
             return False
-        path = Path(self._file.name)
-        self._file.close()
-        self._file = None
-        path.rename(path.with_suffix(""))
+        file.note(END, {"phase": self._phase if self._phase != "driving" else "stopped"})
+        file.close()
         return True
 
-    def _begin(self, telemetry: Telemetry) -> None:
-        assert telemetry.mission is not None
-        began = datetime.fromtimestamp(self._wall())
-        self._mission = telemetry.mission.id
-        self._began_s = telemetry.t_sent_s
-        self._before = None
-        name = f"{began:%Y-%m-%dT%H-%M-%S}_{self._mission[:8]}.jsonl.partial"
-        header = DriveHeader(
-            telemetry.robot,
-            telemetry.map,
-            began.isoformat(timespec="seconds"),
-            telemetry.mission.destination,
-        )
-        self._file = (self._folder / name).open("w", encoding="utf-8")
-        self._file.write(json.dumps(asdict(header)) + "\n")
-
-    def _write(self, telemetry: Telemetry) -> None:
-        assert self._file is not None
-        thin, before = telemetry, self._before
-        if before is not None and before.path == telemetry.path:
-            thin = replace(thin, path=())
-        if before is not None and before.attention == telemetry.attention:
-            thin = replace(thin, attention=None)
-        self._before = telemetry
-        line = {"t_s": round(telemetry.t_sent_s - self._began_s, 3), **plain(thin)}
-        self._file.write(json.dumps(line, separators=(",", ":"), ensure_ascii=False) + "\n")
-        self._file.flush()
+    def _begin(self, telemetry: Telemetry, mission: str) -> None:
+        wall_s = self._wall()
+        self._mission, self._offset_s = mission, wall_s - telemetry.t_sent_s
+        self._flushed_s = telemetry.t_sent_s
+        began = datetime.fromtimestamp(wall_s)
+        about = {
+            "robot": telemetry.robot,
+            "map": telemetry.map,
+            "began": began.isoformat(timespec="seconds"),
+            "model": telemetry.model,
+        }
+        name = f"{began:%Y%m%d-%H%M%S}-{mission[:8]}{SUFFIX}"
+        self._file = DriveFile(self._folder / name, about)
 
 
 def list_drives(folder: Path) -> list[DriveSummary]:
     """The complete drives in a folder, newest first; files that are none are left out."""
-    summaries = [_summary(path) for path in folder.glob("*.jsonl")]
-    found = [summary for summary in summaries if summary is not None]
-    return sorted(found, key=lambda drive: (drive.began, drive.name), reverse=True)
+    found = [_summary(path) for path in folder.glob(f"*{SUFFIX}")]
+    return sorted(
+        (drive for drive in found if drive is not None),
+        key=lambda drive: (drive.began, drive.name),
+        reverse=True,
+    )
 
 
 def read_drive(folder: Path, name: str) -> list[dict[str, Any]]:
-    """Header and reports of a drive, as the page replays them.
+    """The robot's reports, each with ``t_s`` since the first; a path equal to the last is left out.
 
     Raises:
         ConfigError: no such drive.
     """
-    known = [path.stem for path in folder.glob("*.jsonl")]
+    reports: list[dict[str, Any]] = []
+    path: Any = None
+    with _opened(folder, name) as reader:
+        began_ns = None
+        for _, _, message in reader.iter_messages([topics.TELEMETRY.name], log_time_order=False):
+            report = json.loads(message.data)
+            began_ns = message.log_time if began_ns is None else began_ns
+            report["t_s"] = round((message.log_time - began_ns) / topics.NS, 3)
+            path, report["path"] = report["path"], [] if report["path"] == path else report["path"]
+            reports.append(report)
+    return reports
+
+
+def read_picture(folder: Path, name: str, t_s: float) -> tuple[bytes, str] | None:
+    """The picture that was the newest ``t_s`` [s] into the drive, and its media type, if any.
+
+    Raises:
+        ConfigError: no such drive.
+    """
+    with _opened(folder, name) as reader:
+        times = reader.iter_messages([topics.TELEMETRY.name], log_time_order=False)
+        first = next(times, None)
+        if first is None:
+            return None
+        at = first[2].log_time + topics.to_ns(t_s)
+        pictures = reader.iter_messages(
+            [topics.CAMERA.name],
+            starting_at=max(0, at - topics.to_ns(PICTURE_AGE_S)),
+            ending_at=at,
+            reverse=True,
+        )
+        for _, _, message in pictures:
+            image = json.loads(message.data)
+            return topics.image_bytes(image), f"image/{image['format']}"
+    return None
+
+
+@contextmanager
+def _opened(folder: Path, name: str) -> Iterator[SeekingReader]:
+    known = [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")]
     if not _NAME.fullmatch(name) or name not in known:
         raise ConfigError(f"no drive {name!r}; {nearest(name, known)}")
-    with (folder / f"{name}.jsonl").open(encoding="utf-8") as file:
-        return [line for line in map(_parse, file) if line is not None]
+    with (folder / f"{name}{SUFFIX}").open("rb") as stream:
+        try:
+            yield SeekingReader(stream)
+        except (McapError, ValueError, KeyError, struct.error) as error:
+            raise ConfigError(f"drive {name!r} is damaged: {error}") from error
 
 
 def _summary(path: Path) -> DriveSummary | None:
-    first, last = _ends(path)
-    if first is None or first.get("schema") != SCHEMA:
-        return None
     try:
-        mission = (last or {}).get("mission") or {"phase": "stopped"}
-        duration_s = float((last or {}).get("t_s", 0.0))
-        return DriveSummary(path.stem, first["began"], first["map"], duration_s, mission["phase"])
-    except (KeyError, TypeError, ValueError):
+        with path.open("rb") as stream:
+            reader = SeekingReader(stream)
+            facts = {record.name: record.metadata for record in reader.iter_metadata()}
+            summary = reader.get_summary()
+    except (OSError, McapError, ValueError, struct.error):
         return None
-
-
-def _ends(path: Path) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
-    """The header and the last whole report, without reading what lies between."""
-    with path.open("rb") as file:
-        first = _parse(file.readline().decode("utf-8", "replace"))
-        file.seek(max(file.tell(), path.stat().st_size - TAIL_BYTES))
-        tail = file.read().decode("utf-8", "replace").splitlines()
-    reports = (_parse(line) for line in reversed(tail))
-    return first, next((report for report in reports if report is not None), None)
-
-
-def _parse(line: str) -> dict[str, Any] | None:
-    """One line; None when it was cut off."""
-    try:
-        value = json.loads(line)
-    except ValueError:
+    about, statistics = facts.get(ABOUT), summary.statistics if summary else None
+    if about is None or statistics is None:
         return None
-    return value if isinstance(value, dict) else None
+    duration_s = (statistics.message_end_time - statistics.message_start_time) / topics.NS
+    phase = facts.get(END, {}).get("phase", "stopped")
+    return DriveSummary(
+        path.name[: -len(SUFFIX)], about.get("began", ""), about.get("map", ""), duration_s, phase
+    )

@@ -6,6 +6,8 @@ import asyncio
 import math
 import time
 from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from robot.link.command_client import CommandClient
@@ -14,11 +16,13 @@ from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PoseMessage
 from robot.link.streams import Subscriber
 from robot.link.telemetry import Telemetry
+from tools.monitor.attention import AttentionThread
 from tools.monitor.drives import DriveRecorder
 from tools.monitor.state import MonitorState, Snapshot
 
 TURN_S = 0.02
 PATIENCE_S = 1.5
+HAND_S = 0.5  # after its last manual command a page drives no longer
 PAGE_ALIVE_S = 1.0  # a page that showed nothing new for so long is no watcher
 
 
@@ -27,11 +31,17 @@ class Monitor:
 
     It beats to the robot only while a page is open and showing what is sent: when the last page is
     closed or hangs, the robot learns that its operator is gone, and stops.
+
+    Args:
+        config: the links.
+        drives: folder of the recordings.
+        model: the robot's policy, for the attention overlay.
     """
 
-    def __init__(self, config: LinkConfig, drives: Path) -> None:
+    def __init__(self, config: LinkConfig, drives: Path, model: Path | None = None) -> None:
         self.state = MonitorState(time.monotonic, time.time)
         self.drives = drives
+        self._attention = AttentionThread(model) if model is not None else None
         self._link = config.open()
         self._telemetry: Subscriber[Telemetry] = config.subscriber(self._link, Telemetry)
         self._frames: Subscriber[FrameMessage] = config.subscriber(self._link, FrameMessage)
@@ -40,6 +50,7 @@ class Monitor:
         self._recorder: DriveRecorder | None = DriveRecorder(drives, time.time)
         self._waiting: dict[str, asyncio.Future[Ack]] = {}
         self._names: dict[str, str] = {}  # of the commands in self._waiting
+        self._hand: tuple[object, float] | None = None  # the page that drives, and until when
         self._by_hand: deque[str] = deque(maxlen=64)
         self._hand_refusal = ""
         self._seen_s: dict[object, float] = {}
@@ -53,11 +64,13 @@ class Monitor:
     def turn(self) -> None:
         """Read every stream and the answers to commands; never blocks."""
         telemetry = self._telemetry.receive()
-        if telemetry is not None and self.state.take_telemetry(telemetry):
-            self._record(telemetry)
+        if telemetry is not None:
+            report = self._explained(telemetry)
+            if self.state.take_telemetry(report):
+                self._record(lambda recorder: recorder.take(report))
         frame = self._frames.receive()
-        if frame is not None:
-            self.state.take_frame(frame)
+        if frame is not None and self.state.take_frame(frame):
+            self._take_frame(frame)
         pose = self._poses.receive()
         if pose is not None:
             self.state.take_pose(pose)
@@ -78,9 +91,17 @@ class Monitor:
         except TimeoutError:
             return Ack(command_id, False, "no answer yet; STOP is repeated until there is one")
 
-    def drive_by_hand(self, action: int | None) -> None:
-        """Pass on one manual command: it holds for ``MANUAL_EXPIRY_S`` and is never repeated."""
+    def drive_by_hand(self, page: object, action: int | None) -> bool:
+        """Pass on one manual command: it holds for ``MANUAL_EXPIRY_S`` and is never repeated.
+
+        False while another page drives.
+        """
+        now_s = time.monotonic()
+        if self._hand is not None and self._hand[0] is not page and now_s < self._hand[1]:
+            return False
+        self._hand = None if action is None else (page, now_s + HAND_S)
         self._by_hand.append(self._client.send("manual", action=action))
+        return True
 
     def snapshot(self) -> Snapshot:
         """What the page shows now."""
@@ -101,15 +122,27 @@ class Monitor:
 
     def close(self) -> None:
         """Complete the recording and close the links."""
-        if self._recorder is not None:
-            self._recorder.close()
+        if self._attention is not None:
+            self._attention.close()
+        self._record(DriveRecorder.close)
         self._link.close()
 
-    def _record(self, telemetry: Telemetry) -> None:
+    def _take_frame(self, frame: FrameMessage) -> None:
+        self._record(lambda recorder: recorder.take_frame(frame))
+        if self._attention is not None:
+            self._attention.offer(frame)
+
+    def _explained(self, telemetry: Telemetry) -> Telemetry:
+        """With the attention that this computer has worked out, if the robot sent none."""
+        if self._attention is None or telemetry.attention is not None:
+            return telemetry
+        return replace(telemetry, attention=self._attention.newest)
+
+    def _record(self, work: Callable[[DriveRecorder], bool | None]) -> None:
         if self._recorder is None:
             return
         try:
-            self.state.drives += self._recorder.take(telemetry)
+            self.state.drives += bool(work(self._recorder))
         except OSError as error:
             self.state.note("bad", f"drives are no longer recorded: {error.strerror}")
             self._recorder = None

@@ -242,6 +242,23 @@ def test_beats_held_up_on_the_way_do_not_look_alive(timed: tuple[Operator, Clock
     assert server.operator_age_s() >= 5.0
 
 
+def test_of_two_operators_one_drives_and_both_stop(configs: Configs, open_link: Open) -> None:
+    robot, monitor = configs["robot"], configs["monitor"]
+    body = Robot(robot.command_server(open_link(robot)))
+    first, second = (Operator(monitor.command_client(open_link(monitor)), body) for _ in range(2))
+    assert until(first.connected)
+    assert until(second.connected)
+    assert first.answer(first.client.send("arm")).accepted
+    for kind, mission in (("arm", None), ("mission", Mission((1.0, 1.0))), ("manual", None)):
+        first.client.poll()
+        refused = second.answer(second.client.send(kind, mission))
+        assert not refused.accepted
+        assert "another operator" in refused.reason
+    assert second.answer(second.client.send("stop")).accepted
+    assert second.answer(second.client.send("arm")).accepted
+    assert not first.answer(first.client.send("arm")).accepted
+
+
 def test_nobody_heard_is_infinitely_old(open_link: Open) -> None:
     config = LinkConfig(plaintext=True, base_port=free_base_port())
     assert config.command_server(open_link(config)).operator_age_s() == float("inf")

@@ -22,18 +22,19 @@ let drives = -1;
 const map = new MapView($("map"), choose);
 const picture = new Picture();
 const hand = new Hand((text) => { if (socket?.readyState === WebSocket.OPEN) socket.send(text); });
-const replay = new Replay(
-  (report) => showRobot(report, true, true),
-  () => map.clearTrail(),
-  () => { map.clearTrail(); if (state) showLive(); },
-);
+const replay = new Replay({
+  show: (report) => showRobot(report, true, true),
+  look: (blob) => picture.take(blob),
+  opened: () => map.clearTrail(),
+  closed: () => { map.clearTrail(); picture.take(null); if (state) showLive(); },
+});
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket.binaryType = "blob";
   socket.onmessage = ({ data }) => {
     heardAt = performance.now();
-    if (data instanceof Blob) { picture.take(data); return; }
+    if (data instanceof Blob) { if (!replay.on) picture.take(data); return; }
     socket.send("seen");
     take(JSON.parse(data));
   };

@@ -142,25 +142,27 @@ export class Picture {
     $("attention").addEventListener("change", () => this.paint());
   }
 
-  async take(jpeg) {
-    const bitmap = await createImageBitmap(jpeg);
+  // A picture as a blob; null where there is none.
+  async take(blob) {
+    const bitmap = blob && await createImageBitmap(blob);
     this.bitmap?.close();
     this.bitmap = bitmap;
     this.paint();
   }
 
   show(attention, age_s, replay) {
-    this.grid = attention && !replay ? overlay(attention) : null;
-    const stale = replay || age_s === null || age_s > 1;
+    this.grid = attention ? overlay(attention) : null;
+    const stale = replay ? !this.bitmap : age_s === null || age_s > 1;
     this.canvas.parentElement.classList.toggle("stale", stale);
     $("no-picture").hidden = !stale;
-    setText($("no-picture"), replay ? "drives are recorded without pictures"
+    setText($("no-picture"), replay ? "no picture was recorded"
       : age_s === null ? "no picture yet" : `no picture for ${seconds(age_s)}`);
+    $("attention").parentElement.hidden = !attention;
   }
 
   paint() {
-    if (!this.bitmap) return;
     const { canvas, bitmap } = this;
+    if (!bitmap) { canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height); return; }
     if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
       [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
     }

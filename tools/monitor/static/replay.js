@@ -1,15 +1,16 @@
-// Past drives: a list, and one of them played again on the map and the panels.
+// Past drives: a list, and one of them played again on the map, the camera and the panels.
 
 import { $, element, seconds } from "./panels.js";
 
 const TICK_MS = 100;
+const PICTURE_EVERY_S = 0.08;
+const ACTIONS = ["left", "slight left", "straight", "slight right", "right"];
 
 export class Replay {
-  // show(report) draws a recorded report; opened() and closed() clear what was drawn.
-  constructor(show, opened, closed) {
-    this.show = show;
-    this.opened = opened;
-    this.closed = closed;
+  // show(report) draws a recorded report, look(blob or null) its picture; opened() and closed()
+  // clear what was drawn.
+  constructor({ show, look, opened, closed }) {
+    Object.assign(this, { show, look, opened, closed });
     this.reports = null;
     $("replay-play").addEventListener("click", () => this.#play(!this.playing));
     $("replay-time").addEventListener("input", () => {
@@ -36,21 +37,23 @@ export class Replay {
   }
 
   async open(drive) {
-    const answer = await fetch(`/api/drives/${encodeURIComponent(drive.name)}`);
-    const [, ...reports] = await answer.json();
+    const address = `/api/drives/${encodeURIComponent(drive.name)}`;
+    const reports = await (await fetch(address)).json();
     if (!reports.length) return;
     let path = [];
-    let attention = null;
     for (const report of reports) {
       path = report.path.length ? report.path : path;
-      attention = report.attention ?? attention;
-      Object.assign(report, { path, attention });
+      report.path = path;
     }
     this.reports = reports;
+    this.address = address;
+    this.pictured = null;
     this.opened();
     this.name = new Date(drive.began).toLocaleTimeString([], { timeStyle: "short" });
     $("replay-time").max = reports.at(-1).t_s;
+    $("replay-states").replaceChildren(...this.#states());
     $("replay").hidden = false;
+    $("hint").hidden = true;
     this.#seek(0);
     this.#play(true);
   }
@@ -60,6 +63,22 @@ export class Replay {
     this.#play(false);
     $("replay").hidden = true;
     this.closed();
+  }
+
+  // A strip under the slider: one stretch for each state.
+  #states() {
+    const stretches = [];
+    const end = this.reports.at(-1).t_s;
+    this.reports.forEach(({ state, t_s }, i) => {
+      const lasts = (this.reports[i + 1]?.t_s ?? end) - t_s;
+      if (stretches.at(-1)?.state === state) stretches.at(-1).lasts += lasts;
+      else stretches.push({ state, lasts });
+    });
+    return stretches.map(({ state, lasts }) => {
+      const stretch = element("i", { title: state, "data-state": state });
+      stretch.style.flexGrow = lasts;
+      return stretch;
+    });
   }
 
   #play(on) {
@@ -77,8 +96,26 @@ export class Replay {
   #seek(t) {
     this.time = t;
     const report = this.reports.findLast((one) => one.t_s <= t) ?? this.reports[0];
+    const action = report.action === null ? "" : ` · ${ACTIONS[report.action]}`;
     $("replay-time").value = t;
-    $("replay-text").textContent = `Replay of ${this.name} · ${seconds(report.t_s)}`;
+    $("replay-text").textContent = `${this.name} · ${seconds(report.t_s)} · ${report.state}${action}`;
     this.show(report);
+    this.#picture();
+  }
+
+  // One request at a time, always for the newest moment.
+  async #picture() {
+    if (this.fetching) return;
+    this.fetching = true;
+    const { address } = this;
+    while (this.on && this.address === address && this.pictured !== this.time) {
+      const t = this.time;
+      const answer = await fetch(`${address}/picture?t_s=${t + PICTURE_EVERY_S}`).catch(() => null);
+      const blob = answer?.status === 200 ? await answer.blob() : null;
+      if (!this.on || this.address !== address) break;
+      this.pictured = t;
+      await this.look(blob);
+    }
+    this.fetching = false;
   }
 }

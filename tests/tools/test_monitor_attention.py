@@ -1,0 +1,63 @@
+"""Where the policy looks, worked out beside the page."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robot.link.config import LinkConfig
+from robot.link.messages import FrameMessage
+from robot.link.telemetry import Attention, Telemetry
+from tests.robot.link.conftest import free_base_port, until
+from tools.monitor.attention import AttentionThread
+from tools.monitor.monitor import Monitor
+
+MODEL = Path("robot/models/lane_dueling.onnx")
+
+
+def frame(sequence: int) -> FrameMessage:
+    rng = np.random.default_rng(sequence)
+    _, data = cv2.imencode(".jpg", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8))
+    return FrameMessage(data.tobytes(), 160, 120, 0.1 * sequence, "s", sequence, 0.1 * sequence)
+
+
+def cells(attention: Attention | None) -> np.ndarray:
+    import base64
+
+    assert attention is not None
+    data = np.frombuffer(base64.b64decode(attention.cells), np.uint8)
+    return data.reshape(attention.rows, attention.columns)
+
+
+def test_the_newest_picture_is_explained() -> None:
+    pytest.importorskip("onnx")
+    thread = AttentionThread(MODEL)
+    for sequence in range(30):
+        thread.offer(frame(sequence))
+    assert until(lambda: thread.newest is not None)
+    grid = cells(thread.newest)
+    assert grid.max() == 255
+    assert grid[:3].max() == 0  # the policy does not see the top third
+    thread.offer(FrameMessage(b"\xff\xd8no picture\xff\xd9", 160, 120, 9.0))
+    assert until(lambda: thread.newest is None)
+    thread.close()
+
+
+def test_the_robot_sends_none_and_the_page_gets_one(tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    config = LinkConfig(plaintext=True, base_port=free_base_port())
+    with config.open() as link:
+        reports = config.publisher(link, Telemetry)
+        frames = config.publisher(link, FrameMessage)
+        monitor = Monitor(config, tmp_path, MODEL)
+
+        def shown() -> bool:
+            reports.send(Telemetry("duck", "READY"))
+            frames.send(FrameMessage(frame(1).jpeg, 160, 120, 1.0))
+            monitor.turn()
+            robot = monitor.snapshot().robot
+            return robot is not None and robot.attention is not None
+
+        assert until(shown)
+        monitor.close()
