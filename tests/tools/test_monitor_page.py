@@ -113,6 +113,14 @@ def test_a_person_drives_stops_and_sees_silence(browser: Browser, programs: Prog
     browser.until(f"{STATE} === 'AUTO'")
     browser.until("document.querySelector('#mission-phase').textContent === 'arrived'")
 
+    browser.click_on("#tab-drives")
+    browser.until("!!document.querySelector('#drives button')")
+    browser.click_on("#drives button")
+    browser.until("document.querySelector('#replay-text').textContent.includes('AUTO')")
+    browser.until("document.querySelectorAll('#replay-states i').length >= 2")
+    assert text(browser, "#state") == "HOLD", "the state of now stays in sight"
+    browser.click_on("#replay-close")
+
     click_map(browser, *start[:2])  # behind the robot: once round the loop
     browser.click_on("#go")
     browser.until(f"{STATE} === 'AUTO'")
