@@ -45,6 +45,7 @@ class BatchStep(NamedTuple):
     reward: np.ndarray  # (N,) float64
     task: TaskStep
     course: Course  # before any next episode began
+    poses: np.ndarray  # (N, 3) true ones, before any next episode began
     collided: np.ndarray  # (N,) bool
     finished: Finished
 
@@ -85,6 +86,7 @@ class BatchWorld:
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
         self._guidance = GuidanceFeed(n) if task.guided else None
         self._recorder = DriveRecorder(n)
+        self._maps = np.zeros(n, dtype=int)
         self._stack = FrameStack(n, task.frames, self._feed.shape)
         self.image_shape = self._stack.shape
         self.seed(seed)
@@ -104,6 +106,11 @@ class BatchWorld:
         """(N, 3) true poses: x [m], y [m], heading [rad], each on the map of its robot."""
         return self._town.poses
 
+    @property
+    def maps(self) -> np.ndarray:
+        """(N,) int, the map that each robot is on: index into the task's road_maps."""
+        return self._maps.copy()
+
     def expert_actions(self) -> np.ndarray:
         """(N,) what the vehicle's expert would do now, who knows the true poses."""
         task = self.task
@@ -122,10 +129,11 @@ class BatchWorld:
             ContractError: not one action of the vehicle per robot.
         """
         collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
-        judged = self.task.step(self._town.poses, collided)
+        poses = self._town.poses
+        judged = self.task.step(poses, collided)
         course = self.task.course
         if self._guidance is not None:
-            self._guidance.update(self._town.poses, self._pose_rng)
+            self._guidance.update(poses, self._pose_rng)
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
@@ -137,7 +145,7 @@ class BatchWorld:
         if len(ended):
             self._begin(ended)
             observation = _replaced(observation, ended, self._observe(ended))
-        return BatchStep(observation, judged.reward, judged, course, collided, finished)
+        return BatchStep(observation, judged.reward, judged, course, poses, collided, finished)
 
     def _drive(self, actions: np.ndarray) -> np.ndarray:
         vehicle, collided = self.task.vehicle, np.zeros(self.n_robots, dtype=bool)
@@ -155,6 +163,7 @@ class BatchWorld:
             world, look = self._pool.draw(int(road_map), self._look_rng)
             self._town.place(i, Pose(*pose), world)
             self.task.vehicle.reset(i, look.drive)
+            self._maps[i] = road_map
             self._feed.begin(i, self._pool.worlds[world].scene, look, pose)
             looks.append(look.pose)
         if self._guidance is not None:

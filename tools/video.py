@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable
-from pathlib import Path
-
 import cv2
 import numpy as np
 
 from robot.geometry import Pose
+from trainer.mp4 import write_mp4 as write_mp4
 
 ROBOT_RGB = (255, 70, 160)
 TRAIL_RGB = (255, 150, 200)
@@ -63,26 +60,3 @@ def even(picture: np.ndarray) -> np.ndarray:
     """Cut to even sides, as H.264 with 4:2:0 colour wants."""
     height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
     return picture[:height, :width]
-
-
-def write_mp4(path: Path, frames: Iterable[np.ndarray], frames_per_s: float) -> None:
-    """Encode frames (H, W, 3) uint8 RGB as H.264; the file appears under its name when whole."""
-    import imageio_ffmpeg
-
-    partial = path.with_name(f".{path.stem}.partial.mp4")
-    writer = None
-    try:
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = imageio_ffmpeg.write_frames(
-                    str(partial), size, fps=frames_per_s, quality=7, macro_block_size=2
-                )
-                writer.send(None)
-            writer.send(np.ascontiguousarray(frame).tobytes())
-    finally:
-        if writer is not None:
-            writer.close()
-    if writer is None:
-        raise ValueError(f"{path}: expected at least one frame, got none")
-    os.replace(partial, path)

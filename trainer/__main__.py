@@ -1,4 +1,4 @@
-"""``python -m trainer {train,evaluate,export,report,summary}``."""
+"""``python -m trainer {train,evaluate,endure,export,report,explain,summary}``."""
 
 from __future__ import annotations
 

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress
+from rich.progress import Progress
 from rich.table import Table
 
 from robot.errors import ConfigError, DuckpilotError
 from robot.policy import OnnxPolicy
 from robot.road_map import load_map
-from robot.translator import TranslatingPolicy, open_translator
 from sim_pybullet.randomise import load_look_sampler
-from trainer.config import ALGORITHMS, TASKS, TESTS, RunConfig, choose, preset
+from trainer.config import ALGORITHMS, TASKS, preset
+from trainer.jobs import EvaluateJob, TrainJob, evaluate_jobs, train_jobs
+from trainer.options import EvaluateOptions, TrainOptions
 from trainer.run import RunFolder, write_json
+from trainer.sweep import SweepOptions, run_sweep
 
 EXPORT_ROBOTS = 32
+_TRAIN = TrainOptions()
+_EVALUATE = EvaluateOptions()
+_SWEEP = SweepOptions()
 
 app = tyro.extras.SubcommandApp()
 
@@ -29,114 +33,47 @@ app = tyro.extras.SubcommandApp()
 @app.command(name="train")
 def train_command(
     out: Path,
-    task: str = "lane",
-    algo: str = "dueling",
-    preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (),
-    steps: int | None = None,
-    seconds: float | None = None,
-    seed: int = 0,
-    look: str = "nominal",
-    pose_error: str | None = None,
-    translate: Path | None = None,
-    full: bool = False,
+    options: Annotated[TrainOptions, tyro.conf.arg(name="")] = _TRAIN,
     resume: bool = False,
+    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
 ) -> int:
     """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
 
     Args:
-        out: the run's folder; must not hold a run yet, unless --resume.
-        task: lane or navigation.
-        algo: ddqn, dueling, a2c, ppo or dagger.
-        preset_name: paper, fast or debug.
-        map_names: map files, or names of shipped maps; else loop for lane, arena for navigation.
-        steps: decisions of all robots together; else the preset's.
-        seconds: stop after so much wall-clock time.
-        seed: of everything random.
-        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
-        pose_error: none or arena, in place of the look's own.
-        translate: an ONNX translator that every picture passes through.
-        full: use all the steps, even when the task has been learned.
+        out: the run's folder; must not hold a run yet, unless --resume. With --seeds, --matrix
+            or --ray the folder of all runs; finished ones are skipped, others go on.
+        options: how.
         resume: go on with the run in --out, if there is one, with its own configuration.
+        many: several at once.
     """
-    folder = RunFolder(out)
-    if not resume:
-        folder.refuse_run()
-    if resume and folder.config.exists():
-        config = _extended(folder.load_config(), steps, seconds)
-    else:
-        config = _extended(preset(task, algo, preset_name), steps, seconds)
-        maps = map_names or config.maps
-        config = replace(config, maps=maps, seed=seed, look=look, pose_error=pose_error)
-        if translate is not None:
-            config = replace(config, translate=str(translate))
-        if full:
-            endless = replace(config.evaluation, stop_after_perfect=0)
-            config = replace(config, evaluation=endless)
-    from trainer.envs import make_env
-    from trainer.train import train
-
-    console = Console()
-    metrics = train(config, folder, make_env, console)
-    console.print(
-        f"{out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
-        f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
-    )
-    return 1 if metrics.stopped_by == "interrupted" else 0
+    if many.wanted:
+        return run_sweep(train_jobs(out, options, many), many, Console(soft_wrap=True))
+    return TrainJob(out, options, resume).run(Console())
 
 
 @app.command(name="evaluate")
 def evaluate_command(
-    model: Path,
+    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")] = _EVALUATE,
     json: Path | None = None,
-    task: str | None = None,
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (),
-    look: str = "nominal",
-    pose_error: str | None = None,
-    translate: Path | None = None,
-    zero: Literal["image", "path"] | None = None,
-    episodes: int = 100,
-    seed: int = 1000,
+    drives: bool = False,
+    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
 ) -> int:
     """Drive an exported policy greedily through whole frames, and count successes.
 
     Args:
-        model: a policy, .onnx.
-        json: write the figures there.
-        task: lane, navigation or manoeuvres; else what the policy was trained for.
-        map_names: map files, or names of shipped maps; else loop for lane, else arena.
-        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
-        pose_error: none or arena, in place of the look's own.
-        translate: an ONNX translator between the preprocessed picture and the policy.
-        zero: what the policy gets zeros for, to see what it is worth.
-        episodes: how many.
-        seed: of the first episode; the next ones have the next seeds.
+        options: what, where and how often.
+        json: write the figures there. With --seeds, --matrix or --ray what is its own is added to
+            each name; without --json the files are evaluation_*.json beside the models.
+        drives: keep where every robot drove and what the ten worst saw, beside --json, for report.
+        many: several at once.
     """
-    from trainer.evaluate import DrivingPolicy, Inputs, evaluate, summarise
-
-    if episodes < 1:
-        raise ConfigError(f"episodes: expected 1 or more, got {episodes}")
-    policy: DrivingPolicy = OnnxPolicy(model)
-    if translate is not None:
-        policy = TranslatingPolicy(policy, open_translator(translate, policy.contract.image))
-    task = task or policy.contract.task
-    map_names = map_names or (choose("task", task, TESTS),)
-    maps = [load_map(name) for name in map_names]
-    looks, seeds = load_look_sampler(look, pose_error), range(seed, seed + episodes)
-    with Progress(*Progress.get_default_columns(), MofNCompleteColumn()) as bar:
-        row = bar.add_task(f"{task} {model.name}", total=episodes)
-        drives = evaluate(policy, task, maps, looks, seeds, lambda _: bar.advance(row), zero)
-    through = str(translate) if translate is not None else None
-    inputs = Inputs(str(model), task, map_names, look, pose_error, zero, episodes, seed, through)
-    result = summarise(inputs, policy, drives)
-    if json is not None:
-        write_json(json, result)
-    Console(soft_wrap=True).print(
-        f"{model}: success {result.success_rate:.1%} of {episodes} (at least "
-        f"{result.success_rate_low:.1%} with 95 % confidence), "
-        f"{100 * result.mean_path_distance_m:.1f} cm from the path"
-    )
-    return 0
+    if many.wanted:
+        jobs = evaluate_jobs(json, options, drives, many)
+        return run_sweep(jobs, many, Console(soft_wrap=True))
+    if drives and json is None:
+        raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
+    options.check()
+    return EvaluateJob(json, options, drives).run(Console(soft_wrap=True))
 
 
 @app.command(name="endure")
@@ -200,20 +137,38 @@ def export_command(run: tyro.conf.Positional[Path]) -> int:
 
 
 @app.command(name="report")
-def report_command(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path | None = None) -> int:
-    """Draw the learning curves of runs again, and all of them side by side.
+def report_command(
+    runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("runs/report")
+) -> int:
+    """Write report.html and its pictures: curves, tables, drive maps and worst episodes of runs.
+
+    Runs that differ in nothing but the seed are shown together. Draws curve.png of each run again.
 
     Args:
-        runs: run folders.
-        out: the picture of all runs together; else none.
+        runs: run folders, or folders of run folders.
+        out: the report's folder.
     """
-    from trainer.report import draw_curve, draw_curves
+    from trainer.report.page import write_report
 
-    folders = [(RunFolder(run), RunFolder(run).load_config()) for run in runs]
-    for folder, config in folders:
-        draw_curve(folder, config)
-    if out is not None:
-        draw_curves(folders, out)
+    if not runs:
+        raise ConfigError("report: expected one run folder or more, got none")
+    Console(soft_wrap=True).print(str(write_report(runs, out)), markup=False)
+    return 0
+
+
+@app.command(name="explain")
+def explain_command(policy: tyro.conf.Positional[Path], images: Path, out: Path) -> int:
+    """Show what a policy looks at: its attention laid over pictures, the yellower the more.
+
+    Args:
+        policy: an ONNX file, a run folder, or a checkpoint in one.
+        images: a picture, a folder of pictures, or a video.
+        out: folder for the pictures, or the video, and sheet.png.
+    """
+    from trainer.explain import write_explained
+
+    count = write_explained(policy, images, out)
+    Console(soft_wrap=True).print(f"{out}: {count} pictures, some of them on sheet.png")
     return 0
 
 
@@ -243,11 +198,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DuckpilotError as error:
         Console(stderr=True, soft_wrap=True).print(f"trainer: {error}", markup=False)
         return 2
-
-
-def _extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:
-    return replace(
-        config,
-        steps=config.steps if steps is None else steps,
-        seconds=config.seconds if seconds is None else seconds,
-    )

@@ -23,6 +23,7 @@ from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
 from sim_pybullet.tasks import manoeuvres
 from trainer.config import choose
+from trainer.drive_log import DriveLog, Tracer
 from trainer.envs import build_task
 
 ROBOTS = 20  # at once
@@ -84,8 +85,9 @@ def evaluate(
     seeds: range,
     finished: Callable[[Drive], None],
     zero: str | None = None,
+    log: DriveLog | None = None,
 ) -> list[Drive]:
-    """One greedy episode for each seed; ``finished`` hears of each.
+    """One greedy episode for each seed; ``finished`` hears of each, ``log`` gets its track.
 
     In each world every robot drives the task's ROUNDS, one episode after the other, and these have
     the next seeds. All of its robots always drive along: so an episode is the same whichever seeds
@@ -106,8 +108,9 @@ def evaluate(
             seed=_FIRST_WORLD + group,
             pool_size=pool_size,
         )
+        tracer = None if log is None else Tracer(world, np.where(wanted, numbers, -1), log)
         try:
-            for episode, success, metrics in _drive(policy, world, wanted, zero):
+            for episode, success, metrics in _drive(policy, world, wanted, zero, tracer):
                 drives.append(Drive(int(numbers[episode]), success, metrics))
                 finished(drives[-1])
         finally:
@@ -144,13 +147,21 @@ def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
 
 
 def _drive(
-    policy: DrivingPolicy, world: BatchWorld, wanted: np.ndarray, zero: str | None
+    policy: DrivingPolicy,
+    world: BatchWorld,
+    wanted: np.ndarray,
+    zero: str | None,
+    tracer: Tracer | None,
 ) -> Iterator[tuple[tuple[int, int], bool, DriveMetrics]]:
     """The wanted (robots, rounds) episodes, as each ends: robot and round, success, figures."""
     observation = world.reset()
     rounds, missing = np.zeros(world.n_robots, dtype=int), wanted.copy()
     while missing.any():
+        if tracer is not None:
+            tracer.see(observation)
         step = world.step(_choose(policy, observation, zero))
+        if tracer is not None:
+            tracer.end(step)
         observation = step.observation
         for robot, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
             episode = (int(robot), int(rounds[robot]))

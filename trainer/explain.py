@@ -1,28 +1,41 @@
-"""What a policy looks at: the feature visualisation of paper A (its Figures 27 to 29 and 40).
+"""What a policy looks at.
 
-The channel mean of the last convolution is enlarged to the one before and multiplied with its
-channel mean, layer by layer down to the first; the product, normalised, is laid over the picture.
-Works on the ONNX file, so on every policy that can drive the robot.
+*Features* are the visualisation of paper A (its Figures 27 to 29 and 40): the channel mean of the
+last convolution is enlarged to the one before and multiplied with its channel mean, layer by layer
+down to the first; the product, normalised, is laid over the picture. *Influence* asks the policy
+itself: how much its values change when a patch of the picture is covered (occlusion sensitivity,
+Zeiler and Fergus 2014). Both need only the ONNX file, so every policy that can drive the robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
 import onnx
 from onnxruntime import InferenceSession, SessionOptions
+from tqdm import tqdm
 
-from robot.camera.replay import open_reel
+from robot.camera.replay import PICTURES, VIDEOS, open_reel, picture_files, read_picture
 from robot.camera.source import fit_to_frame
-from robot.contract import ImageSpec, PolicyContract
-from robot.errors import ContractError
+from robot.contract import PolicyContract
+from robot.errors import ConfigError, ContractError
 from robot.policy_file import read_contract
 from robot.preprocess import preprocess
+from trainer.export import export_checkpoint
+from trainer.mp4 import write_mp4
+from trainer.run import RunFolder, atomically
 
 ATTENTION_SHARE = 0.55  # of the overlay's colour that comes from the colour map
+SHEET = 16  # pictures on a sheet
+PATCHES = 20  # covered ones across a picture
+VIDEO_FPS = 10.0  # of an explained video: a decision's pace
+_SHEET_EVERY = 10  # frames of a video, so that a long one fits into memory
+_SHOWN_PX, _CELL_PX = (320, 240), (600, 150)
 
 
 class Explainer:
@@ -49,13 +62,37 @@ class Explainer:
 
     def attention(self, images: np.ndarray) -> np.ndarray:
         """(N, H, W) float32 in [0, 1] for policy pictures (N, H, W, 3) uint8, each map's peak 1."""
+        means = [
+            output.mean(axis=1) for output in self._run(self._layers, images)
+        ]  # (N, h, w) each, first layer first
+        shape = images.shape[1:3]
+        return np.stack([fuse(list(layers), shape) for layers in zip(*means, strict=True)])
+
+    def influence(self, image: np.ndarray) -> np.ndarray:
+        """(H, W) float32 in [0, 1] for one policy picture (H, W, 3) uint8, its peak 1.
+
+        Patches of a twentieth of the width are covered with the picture's median colour, one at a
+        time; what all values have in common does not count, since it changes no choice.
+        """
+        height, width = image.shape[:2]
+        side = max(1, width // PATCHES)
+        corners = [(y, x) for y in range(0, height, side) for x in range(0, width, side)]
+        covered = np.repeat(image[None], len(corners) + 1, axis=0)
+        colour = np.median(image.reshape(-1, 3), axis=0)
+        for picture, (y, x) in zip(covered[1:], corners, strict=True):
+            picture[y : y + side, x : x + side] = colour
+        values = self._run(["values"], covered)[0]
+        values = values - values.mean(axis=1, keepdims=True)
+        change = np.abs(values[1:] - values[0]).mean(axis=1)
+        patches = change.reshape(-(-height // side), -1).astype(np.float32)
+        whole = np.kron(patches, np.ones((side, side), np.float32))[:height, :width]
+        return whole / max(float(whole.max()), np.finfo(np.float32).tiny)
+
+    def _run(self, names: list[str], images: np.ndarray) -> list[np.ndarray]:
         feeds = {"image": images}
         if self.contract.path_points:
             feeds["path"] = np.zeros((len(images), self.contract.path_points), np.float32)
-        outputs = self._session.run(self._layers, feeds)
-        means = [output.mean(axis=1) for output in outputs]  # (N, h, w) each, first layer first
-        shape = images.shape[1:3]
-        return np.stack([fuse(list(layers), shape) for layers in zip(*means, strict=True)])
+        return [np.asarray(output) for output in self._session.run(names, feeds)]
 
 
 def fuse(means: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
@@ -82,26 +119,119 @@ def share_on(attention: np.ndarray, mask: np.ndarray) -> float:
     return float(attention[mask].sum()) / by_chance if by_chance > 0.0 else 0.0
 
 
-def pictures(source: Path) -> Iterator[np.ndarray]:
-    """Frames (120, 160, 3) of a folder of pictures or a video."""
-    reel, index = open_reel(source), 0
-    while (picture := reel.picture(index)) is not None:
-        yield fit_to_frame(picture)
-        index += 1
+def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
+    """Names and frames (120, 160, 3) of a picture, a folder of pictures or a video.
+
+    Raises:
+        ConfigError: none of these.
+    """
+    if source.suffix.lower() in VIDEOS:
+        reel, index = open_reel(source), 0
+        while (picture := reel.picture(index)) is not None:
+            yield f"{index:06d}", fit_to_frame(picture)
+            index += 1
+        if index == 0:
+            raise ConfigError(f"{source}: expected a video with pictures, got none")
+        return
+    single = source.is_file() and source.suffix.lower() in PICTURES
+    for file in [source] if single else picture_files(source):
+        yield file.stem, fit_to_frame(read_picture(file))
 
 
-def explain(model: Path, frames: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-    """For each frame (120, 160, 3): the policy's picture and its overlay, side by side."""
-    explainer = Explainer(model)
-    for frame in frames:
-        image = preprocess(frame, explainer.contract.image)
-        both = np.concatenate((image, overlay(image, explainer.attention(image[None])[0])), axis=1)
-        scale = _scale(explainer.contract.image)
-        yield cv2.resize(both, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+def explain(explainer: Explainer, frame: np.ndarray) -> np.ndarray:
+    """A frame (120, 160, 3), then features and influence laid over it, (240, 960, 3).
+
+    Rows that the policy does not see are darkened.
+    """
+    spec = explainer.contract.image
+    image = preprocess(frame, spec)
+    large = cv2.resize(frame, _SHOWN_PX, interpolation=cv2.INTER_CUBIC)
+    unseen = round(spec.crop_top_px / spec.height_px * len(large))
+    shown = [large]
+    for attention in (explainer.attention(image[None])[0], explainer.influence(image)):
+        above = np.zeros((spec.crop_top_px, spec.width_px), np.float32)
+        over = overlay(large, _enlarge(np.concatenate((above, attention)), large.shape))
+        over[:unseen] = large[:unseen] // 3
+        shown.append(over)
+    return np.concatenate(shown, axis=1)
 
 
-def _scale(spec: ImageSpec) -> int:
-    return max(1, round(320 / spec.width_px))
+def sheet(shown: Sequence[np.ndarray]) -> np.ndarray:
+    """Up to `SHEET` of the pictures that `explain` makes, evenly chosen, two in a row."""
+    chosen = np.unique(np.linspace(0, len(shown) - 1, min(SHEET, len(shown))).round().astype(int))
+    small = [cv2.resize(shown[i], _CELL_PX, interpolation=cv2.INTER_AREA) for i in chosen]
+    cells = [
+        cv2.copyMakeBorder(c, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=(255,) * 3) for c in small
+    ]
+    columns = min(2, len(cells))
+    cells += [np.full_like(cells[0], 255)] * (-len(cells) % columns)
+    rows = [np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    return np.vstack(rows)
+
+
+def write_explained(policy: Path, source: Path, out: Path) -> int:
+    """Write what ``policy`` looks at in each picture of ``source``, and a sheet of some of them.
+
+    Args:
+        policy: an ONNX file, a run folder, or a checkpoint in one.
+        source: a picture, a folder of pictures, or a video; a video is answered with a video.
+        out: a folder.
+
+    Returns:
+        How many pictures.
+
+    Raises:
+        DuckpilotError: the policy or the source is none.
+    """
+    with as_onnx(policy) as path:
+        explainer = Explainer(path)
+    video, kept, count = source.suffix.lower() in VIDEOS, [], 0
+
+    def shown() -> Iterator[tuple[str, np.ndarray]]:
+        nonlocal count
+        for name, frame in tqdm(pictures(source), desc="explain", unit="picture"):
+            picture = explain(explainer, frame)
+            if not video or count % _SHEET_EVERY == 0:
+                kept.append(picture)
+            count += 1
+            yield name, picture
+
+    out.mkdir(parents=True, exist_ok=True)
+    if video:
+        frames = (picture for _, picture in shown())
+        write_mp4(out / f"{source.stem}_explained.mp4", frames, VIDEO_FPS)
+    else:
+        for name, picture in shown():
+            _write_png(out / f"{name}_explained.png", picture)
+    _write_png(out / "sheet.png", sheet(kept))
+    return count
+
+
+@contextmanager
+def as_onnx(policy: Path) -> Iterator[Path]:
+    """The ONNX file of a policy: itself, that of a run folder, or one made of a checkpoint.
+
+    Raises:
+        ConfigError: a run folder without a policy, or a file that is no checkpoint.
+    """
+    if policy.is_dir():
+        folder = RunFolder(policy)
+        found = [path for path in (folder.onnx, folder.best, folder.checkpoint) if path.exists()]
+        if not found:
+            raise ConfigError(f"{policy}: expected a run with a policy, found none")
+        policy = found[0]
+    if policy.suffix != ".pt":
+        yield policy
+        return
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(temporary) / "policy.onnx"
+        export_checkpoint(policy, path)
+        yield path
+
+
+def _write_png(path: Path, picture: np.ndarray) -> None:
+    with atomically(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
 def _enlarge(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

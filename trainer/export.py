@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,8 +69,27 @@ def export_run(
     return Exported(frames, difference, agreement)
 
 
+def export_checkpoint(checkpoint: Path, out: Path) -> None:
+    """Write the policy of ``best.pt`` or ``checkpoint.pt`` in a run folder, unchecked, for study.
+
+    Raises:
+        ConfigError: it does not lie in a run folder, or holds no policy of that run.
+    """
+    folder = RunFolder(checkpoint.parent)
+    config = folder.load_config()
+    policy = build_policy(config)
+    try:
+        content = torch.load(checkpoint, map_location="cpu", weights_only=True)
+        policy.load_state_dict(content.get("policy", content))
+    except (OSError, KeyError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        raise ConfigError(
+            f"{checkpoint}: expected a policy of the run that it lies in, got: {error}"
+        ) from error
+    export_network(GreedyNetwork(policy), _contract(folder, config), out)
+
+
 def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
-    best = read_state(folder.checkpoint).best
+    best = read_state(folder.checkpoint).best if folder.checkpoint.exists() else None
     return PolicyContract(
         task=config.task,
         algorithm=config.algorithm,

@@ -18,6 +18,8 @@ from robot.errors import ConfigError
 from robot.typed_config import load_yaml, to_plain
 from trainer.config import RunConfig
 
+_TAIL_BYTES = 2_048  # of progress.csv: about fifty lines
+
 
 @contextmanager
 def atomically(path: Path) -> Iterator[Path]:
@@ -113,6 +115,18 @@ class RunFolder:
             return []
         with self.progress.open(newline="", encoding="utf-8") as file:
             return [_episode(row) for row in csv.DictReader(file) if None not in row.values()]
+
+    def recent_episodes(self) -> list[Episode]:
+        """The last ones of ``progress.csv``, some dozens, without reading all of it."""
+        if not self.progress.exists():
+            return []
+        with self.progress.open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL_BYTES))
+            lines = file.read().decode("ascii").splitlines()[1:]  # the first is a part or a header
+        names = [field.name for field in fields(Episode)]
+        rows = [line.split(",") for line in lines]
+        whole = [row for row in rows if len(row) == len(names) and row[-1]]
+        return [_episode(dict(zip(names, row, strict=True))) for row in whole]
 
 
 class EpisodeLog:

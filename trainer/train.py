@@ -29,7 +29,7 @@ from trainer.config import RunConfig
 from trainer.envs import ScaledReward
 from trainer.export import export_run
 from trainer.replay import MappedReplayBuffer
-from trainer.report import draw_curve
+from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 
 

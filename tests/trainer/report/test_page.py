@@ -1,0 +1,153 @@
+"""The page says what there is, and what is missing with the command for it."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+from robot.errors import ConfigError
+from tests.trainer.test_drive_log import track
+from tests.trainer.test_run import episode
+from trainer.checkpoint import Evaluated, TrainState
+from trainer.cli import main
+from trainer.config import preset
+from trainer.drive_log import DONE, DriveLog
+from trainer.evaluate import Evaluation, Inputs
+from trainer.report.page import write_report
+from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
+from trainer.report.tables import driving_rows, learning_row
+from trainer.run import EpisodeLog, RunFolder, write_json
+
+
+def make_run(path: Path, algorithm: str = "ppo", seed: int = 0, task: str = "lane") -> RunFolder:
+    folder = RunFolder(path)
+    folder.create(replace(preset(task, algorithm, "debug"), seed=seed))
+    log = EpisodeLog(folder)
+    for step in range(16, 640, 16):
+        log.add(episode(step))
+    log.close()
+    return folder
+
+
+def judge(folder: RunFolder, failures: tuple[int, ...] = (), zero: str | None = None) -> Path:
+    config = folder.load_config()
+    maps, episodes = config.maps, 20
+    inputs = Inputs(str(folder.onnx), config.task, maps, "nominal", None, zero, episodes, 7)
+    share = 1.0 - len(failures) / episodes
+    figures = (share, 0.5 * share, 0.02, 30.0, 9.0, 0.5)
+    result = Evaluation(inputs, episodes, *figures, failures, config.algorithm, folder.name)
+    path = folder.path / f"evaluation{zero or ''}.json"
+    write_json(path, result)
+    return path
+
+
+def page_of(paths: list[Path], out: Path) -> str:
+    return unescape(write_report(paths, out).read_text(encoding="utf-8"))
+
+
+def test_what_is_missing_is_said_with_its_command(tmp_path: Path) -> None:
+    make_run(tmp_path / "a")
+    RunFolder(tmp_path / "new").create(preset("navigation", "dueling", "debug"))
+    page = page_of([tmp_path], tmp_path / "out")
+    assert f"evaluate --model {tmp_path / 'a' / 'model.onnx'} --json" in page
+    assert f"{tmp_path / 'new'}: no episode has ended yet" in page
+    assert "No policy has been evaluated yet" in page
+    assert "No evaluation has kept its drives" in page
+
+
+def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "a", "dueling", task="navigation")
+    path = judge(folder, failures=(8,))
+    log = DriveLog([track(7, DONE, 0.01, strip=3), track(8, "collided", 0.2, strip=8)])
+    log.save(path.with_suffix(".npz"))
+    out = tmp_path / "out"
+    page = page_of([folder.path], out)
+    inside = {base64.b64decode(data) for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", page)}
+    beside = {file.name: file.read_bytes() for file in out.glob("*.png")}
+    assert set(beside) == {"curves_navigation.png", "drives_1.png", "worst_1.png"}
+    assert inside == set(beside.values())
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+    assert "96.4 % of 1000" in page
+    assert "95.0% (19 of 20" in page
+    assert "1 of 20 episodes failed" in page
+    assert folder.curve.exists()
+
+
+def test_where_none_failed_the_farthest_are_shown_and_said_to_be(tmp_path: Path) -> None:
+    path = judge(make_run(tmp_path / "a"))
+    DriveLog([track(k, DONE, 0.01 * k, strip=2) for k in range(3)]).save(path.with_suffix(".npz"))
+    assert "No episode failed; these 3 strayed farthest" in page_of([tmp_path], tmp_path / "out")
+
+
+def test_an_ablation_has_its_row_but_nothing_of_the_papers(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "a", "dueling", task="navigation")
+    judge(folder)
+    judge(folder, failures=(8, 9), zero="image")
+    rows = {row.inputs.zero: row for row in driving_rows(groups(tmp_path))}
+    assert rows[None].paper.driving == "96.4 % of 1000"
+    assert rows["image"].paper.driving == "–"
+    assert "image zeroed" in rows["image"].where
+
+
+def test_seeds_come_together_and_nothing_else_does(tmp_path: Path) -> None:
+    for seed, failures in ((0, ()), (1, (7, 8, 9, 10))):
+        judge(make_run(tmp_path / f"ppo{seed}", "ppo", seed), failures)
+    make_run(tmp_path / "ddqn", "ddqn")
+    found = groups(tmp_path)
+    assert [(g.config.algorithm, g.seeds) for g in found] == [("ddqn", [0]), ("ppo", [0, 1])]
+    (row,) = driving_rows(found)
+    assert (row.successes, row.episodes) == (36, 40)
+    assert row.by_run == "100.0%, 80.0%"
+
+
+def test_learned_is_the_first_good_evaluation(tmp_path: Path) -> None:
+    config = preset("lane", "ppo", "debug")
+    runs = []
+    for seed, shares in enumerate(((0.5, 1.0, 0.0), (1.0,), (0.9,))):
+        state = TrainState(evaluations=[
+            Evaluated(100 * (k + 1), 10.0 * (k + 1), share, 1.0, 1.0)
+            for k, share in enumerate(shares)
+        ])  # fmt: skip
+        folder = RunFolder(tmp_path / str(seed))
+        runs.append(Run(folder, replace(config, seed=seed), state, (episode(300),), ()))
+    row = learning_row(group_runs(runs)[0])
+    assert row.learned == "2 of 3"
+    assert row.steps == "150 (100 to 200)"
+    assert row.seconds == "15 (10 to 20)"
+    assert row.cpu_seconds == "–"
+    assert row.best == "100%, 100%, 90%"
+
+
+def test_a_broken_evaluation_is_told_and_the_rest_still_shown(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "a")
+    broken = json.loads(judge(folder).read_text())
+    del broken["episodes"]
+    write_json(folder.path / "old.json", broken)
+    (folder.path / "half.json").write_text("{")
+    (folder.path / "evaluation.npz").write_text("nothing")
+    page = page_of([tmp_path], tmp_path / "out")
+    assert "old.json: missing episodes" in page
+    assert "half.json: expected JSON" in page
+    assert "evaluation.npz: expected drives" in page
+    assert "100.0% (20 of 20" in page
+
+
+def test_a_folder_without_runs_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ConfigError, match=r"found no config\.yaml"):
+        find_runs([tmp_path])
+    assert main(["report", str(tmp_path / "none")]) == 2
+    assert main(["report"]) == 2
+    assert capsys.readouterr().err.count("\n") == 2
+
+
+def groups(path: Path) -> list[Group]:
+    problems: list[str] = []
+    found = group_runs([read_run(folder, problems) for folder in find_runs([path])])
+    assert not problems
+    return found

@@ -1,0 +1,209 @@
+"""Where evaluated robots drove, and what they saw when it went worst: what a report draws."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from robot.errors import ConfigError
+from sim_pybullet.batch import BatchStep, BatchWorld, Observation
+from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
+from trainer.run import atomically
+
+WORST = 10  # episodes whose frames are kept
+STRIP_FRAMES = 8
+STRIP_EVERY = 5  # decisions between two frames of a strip
+SETTLED = 20  # decisions after which a robot should have got over where it was put
+
+DONE = "done"
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One episode of one robot; row 0 is its start, and each decision led to one more."""
+
+    seed: int
+    map_index: int  # into the maps of the evaluation
+    end: str  # `DONE`, or why it failed
+    poses: np.ndarray  # (T, 3) float32: x [m], y [m], heading [rad], true ones
+    offset_m: np.ndarray  # (T,) float32, from the path, positive to the left
+    strip: np.ndarray  # (K, H, W, 3) uint8 up to the worst moment; K = 0 where none was kept
+
+    @property
+    def success(self) -> bool:
+        """Whether the task was done."""
+        return self.end == DONE
+
+    @property
+    def deviation_m(self) -> float:
+        """The greatest distance from the path, once the robot had got over its start."""
+        return float(np.abs(self.offset_m[min(SETTLED, len(self.offset_m) - 1) :]).max())
+
+    @property
+    def badness(self) -> tuple[bool, float]:
+        """Larger is worse: failures first, then by deviation."""
+        return (not self.success, self.deviation_m)
+
+
+class DriveLog:
+    """The tracks of an evaluation, with film strips of the worst."""
+
+    def __init__(self, tracks: Sequence[Track] = ()) -> None:
+        self._tracks = {track.seed: track for track in tracks}
+
+    @property
+    def tracks(self) -> list[Track]:
+        """By seed."""
+        return [self._tracks[seed] for seed in sorted(self._tracks)]
+
+    @property
+    def worst(self) -> list[Track]:
+        """Those with a strip, the worst one first."""
+        shown = [track for track in self._tracks.values() if len(track.strip)]
+        return sorted(shown, key=lambda track: track.badness, reverse=True)
+
+    def add(self, track: Track) -> None:
+        """One more; where more than `WORST` have strips, the best of them loses its own."""
+        self._tracks[track.seed] = track
+        for spared in self.worst[WORST:]:
+            self._tracks[spared.seed] = replace(spared, strip=spared.strip[:0])
+
+    def save(self, path: Path) -> None:
+        """Write a NumPy archive, atomically."""
+        tracks, worst = self.tracks, self.worst
+        size = max((track.strip.shape[1:] for track in worst), default=(0, 0, 3))
+        strips = np.zeros((len(worst), STRIP_FRAMES, *size), np.uint8)
+        for strip, track in zip(strips, worst, strict=True):
+            strip[: len(track.strip)] = track.strip
+        with atomically(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(
+                file,
+                seeds=[track.seed for track in tracks],
+                maps=[track.map_index for track in tracks],
+                ends=[track.end for track in tracks],
+                lengths=[len(track.poses) for track in tracks],
+                poses=np.concatenate([track.poses for track in tracks]),
+                offsets_m=np.concatenate([track.offset_m for track in tracks]),
+                strip_seeds=[track.seed for track in worst],
+                strip_lengths=[len(track.strip) for track in worst],
+                strips=strips,
+            )
+
+
+def drives_beside(evaluation: Path) -> Path:
+    """Where the drives of an evaluation, a JSON file, are kept."""
+    return evaluation.with_suffix(".npz")
+
+
+def load_drives(path: Path) -> DriveLog:
+    """Read what `DriveLog.save` wrote.
+
+    Raises:
+        ConfigError: the file holds no drives.
+    """
+    try:
+        with np.load(path) as file:
+            parts = {name: file[name] for name in file.files}
+        strips = dict(zip(parts["strip_seeds"].tolist(), parts["strips"], strict=True))
+        lengths = dict(zip(strips, parts["strip_lengths"].tolist(), strict=True))
+        bounds = np.cumsum(parts["lengths"])[:-1]
+        each = zip(
+            parts["seeds"].tolist(),
+            parts["maps"].tolist(),
+            parts["ends"].tolist(),
+            np.split(parts["poses"], bounds),
+            np.split(parts["offsets_m"], bounds),
+            strict=True,
+        )
+        none = np.zeros((0, 0, 0, 3), np.uint8)
+        return DriveLog(
+            [Track(*row, strips.get(row[0], none)[: lengths.get(row[0], 0)]) for row in each]
+        )
+    except (OSError, EOFError, KeyError, ValueError, BadZipFile) as error:
+        raise ConfigError(
+            f"{path}: expected drives that evaluate --drives wrote, got: {error}"
+        ) from error
+
+
+class Tracer:
+    """Follows the robots of one world, and tells a log of each episode that ends.
+
+    Args:
+        world: of N robots.
+        seeds: (N, R) of the first R episodes of each robot; below 0 for those not asked for.
+        log: gets the tracks.
+    """
+
+    def __init__(self, world: BatchWorld, seeds: np.ndarray, log: DriveLog) -> None:
+        self._world, self._log = world, log
+        self._seeds = [iter(row) for row in seeds.tolist()]
+        self._rides = [_Ride() for _ in self._seeds]
+
+    def see(self, observation: Observation) -> None:
+        """Before each decision: what the robots see, where they are."""
+        offset_m, maps = self._world.task.course.offset_m, self._world.maps
+        for i, (ride, pose) in enumerate(zip(self._rides, self._world.poses, strict=True)):
+            ride.map_index = int(maps[i])
+            ride.add(pose, float(offset_m[i]), observation.image[i, ..., -3:])
+
+    def end(self, step: BatchStep) -> None:
+        """After each decision: the episodes that ended with it."""
+        for k, robot in enumerate(step.finished.robots.tolist()):
+            ride, self._rides[robot] = self._rides[robot], _Ride()
+            seed, frame = next(self._seeds[robot], -1), step.finished.observation.image[k, ..., -3:]
+            if seed >= 0:
+                self._log.add(ride.end(seed, step, robot, frame))
+
+
+class _Ride:
+    """An episode that goes on."""
+
+    def __init__(self) -> None:
+        self.map_index = 0
+        self.poses: list[np.ndarray] = []
+        self.offsets_m: list[float] = []
+        self.worst: list[np.ndarray] = []  # frames up to the greatest deviation so far
+        self._greatest_m = -1.0
+        self._frames: deque[np.ndarray] = deque(maxlen=STRIP_FRAMES - 1)
+
+    def add(self, pose: np.ndarray, offset_m: float, frame: np.ndarray) -> None:
+        if len(self.poses) == SETTLED:
+            self._greatest_m = -1.0
+        if abs(offset_m) > self._greatest_m:
+            self._greatest_m, self.worst = abs(offset_m), self.film(frame)
+        if len(self.poses) % STRIP_EVERY == 0:
+            self._frames.append(frame.copy())
+        self.poses.append(pose)
+        self.offsets_m.append(offset_m)
+
+    def end(self, seed: int, step: BatchStep, robot: int, frame: np.ndarray) -> Track:
+        until_the_end, end = self.film(frame), _end(step, robot)
+        self.add(step.poses[robot], float(step.course.offset_m[robot]), frame)
+        return Track(
+            seed,
+            self.map_index,
+            end,
+            np.array(self.poses, dtype=np.float32),
+            np.array(self.offsets_m, dtype=np.float32),
+            np.stack(self.worst if end == DONE else until_the_end),
+        )
+
+    def film(self, frame: np.ndarray) -> list[np.ndarray]:
+        """The last frames, and this one."""
+        return [*self._frames, frame.copy()]
+
+
+def _end(step: BatchStep, robot: int) -> str:
+    if step.task.success[robot]:
+        return DONE
+    if step.collided[robot]:
+        return "collided"
+    if not step.task.terminated[robot]:
+        return "out of time"
+    turned = abs(step.course.heading_error_rad[robot]) > MAX_HEADING_ERROR_RAD
+    return "turned away" if turned else "left its path"

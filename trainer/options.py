@@ -1,0 +1,110 @@
+"""What the commands ``train`` and ``evaluate`` can be asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import tyro
+
+from robot.errors import ConfigError
+from robot.road_map import load_map
+from sim_pybullet.randomise import load_look_sampler
+from trainer.config import RunConfig, choose, preset
+
+ZEROS = {"image": None, "path": None}
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """How a policy is trained; every name is an option of ``train`` and a key of its matrix."""
+
+    task: str = "lane"
+    """lane or navigation."""
+    algo: str = "dueling"
+    """ddqn, dueling, a2c, ppo or dagger."""
+    preset: str = "fast"
+    """paper, fast or debug."""
+    map: tuple[str, ...] = ()
+    """Map files, or names of shipped maps; else loop for lane, arena for navigation."""
+    steps: int | None = None
+    """Decisions of all robots together; else the preset's."""
+    seconds: float | None = None
+    """Stop after so much wall-clock time."""
+    seed: int = 0
+    """Of everything random."""
+    look: str = "nominal"
+    """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
+    pose_error: str | None = None
+    """none or arena, in place of the look's own."""
+    translate: str | None = None
+    """An ONNX translator that every picture passes through."""
+    full: bool = False
+    """Use all the steps, even when the task has been learned."""
+
+    def config(self) -> RunConfig:
+        """The run that these ask for.
+
+        Raises:
+            DuckpilotError: an unknown name.
+        """
+        config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
+        config = replace(config, maps=self.map or config.maps, seed=self.seed)
+        config = replace(config, look=self.look, pose_error=self.pose_error)
+        config = replace(config, translate=self.translate)
+        load_look_sampler(self.look, self.pose_error)
+        for name in config.maps:
+            load_map(name)
+        if self.full:
+            endless = replace(config.evaluation, stop_after_perfect=0)
+            config = replace(config, evaluation=endless)
+        return config
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """How a policy is judged; every name is an option of ``evaluate`` and a key of its matrix."""
+
+    model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
+    """A policy, .onnx."""
+    task: str | None = None
+    """lane, navigation or manoeuvres; else what the policy was trained for."""
+    map: tuple[str, ...] = ()
+    """Map files, or names of shipped maps; else loop for lane, else arena."""
+    look: str = "nominal"
+    """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
+    pose_error: str | None = None
+    """none or arena, in place of the look's own."""
+    translate: str | None = None
+    """An ONNX translator between the preprocessed picture and the policy."""
+    zero: str | None = None
+    """image or path: what the policy gets zeros for, to see what it is worth."""
+    episodes: int = 100
+    """How many."""
+    seed: int = 1000
+    """Of the first episode; the next ones have the next seeds."""
+
+    def check(self) -> None:
+        """Make sure that these ask for something.
+
+        Raises:
+            DuckpilotError: they do not.
+        """
+        if not self.model:
+            raise ConfigError("model: expected a policy, .onnx, got none")
+        if self.episodes < 1:
+            raise ConfigError(f"episodes: expected 1 or more, got {self.episodes}")
+        if self.zero is not None:
+            choose("zero", self.zero, ZEROS)
+        load_look_sampler(self.look, self.pose_error)
+        for name in self.map:
+            load_map(name)
+
+
+def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:
+    """With other limits, where any are given."""
+    return replace(
+        config,
+        steps=config.steps if steps is None else steps,
+        seconds=config.seconds if seconds is None else seconds,
+    )

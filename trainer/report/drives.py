@@ -1,0 +1,122 @@
+"""Drive maps and film strips of evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+
+from robot.contract import CONTROL_DT_S
+from robot.road_map import RoadMap
+from sim_pybullet.ground import paint_ground
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.following import HALF_LANE_TILES
+from trainer.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
+from trainer.run import atomically
+
+MOST_TRACKS = 150  # drawn on one map, and every failure
+FLOOR_PX_PER_TILE = 64
+PALENESS = 0.6  # of the floor's colours, so that tracks stand out
+DEVIATION = LinearSegmentedColormap.from_list("deviation", ["#1f6fb4", "#f0a030", "#c01020"])
+
+
+def draw_drives(road_maps: Sequence[RoadMap], tracks: Sequence[Track], path: Path) -> None:
+    """Write the maps from above with tracks coloured by their distance from the path."""
+    columns = min(3, len(road_maps))
+    rows = -(-len(road_maps) // columns)
+    figure = Figure(figsize=(5.2 * columns, 4.6 * rows), layout="constrained")
+    axes = np.asarray(figure.subplots(rows, columns, squeeze=False)).ravel()
+    for index, (axis, road_map) in enumerate(zip(axes, road_maps, strict=False)):
+        _draw_map(axis, road_map, [t for t in tracks if t.map_index == index])
+    for axis in axes[len(road_maps) :]:
+        axis.set_visible(False)
+    with atomically(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
+
+
+def draw_strips(tracks: Sequence[Track], maps: Sequence[str], path: Path) -> None:
+    """Write the film strips of tracks, one below the other, each with its story."""
+    figure = Figure(figsize=(11.0, 1.42 * len(tracks)), layout="constrained")
+    axes = np.asarray(figure.subplots(len(tracks), 1, squeeze=False)).ravel()
+    for axis, track in zip(axes, tracks, strict=True):
+        axis.imshow(_film(track.strip))
+        axis.set_title(tell(track, maps), loc="left", fontsize=8.5)
+        axis.set_axis_off()
+    with atomically(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
+
+
+def tell(track: Track, maps: Sequence[str]) -> str:
+    """One line about an episode."""
+    seconds = (len(track.poses) - 1) * CONTROL_DT_S
+    end = "done" if track.success else track.end
+    return (
+        f"episode {track.seed} on {Path(maps[track.map_index]).stem}: {end} after {seconds:.1f} s, "
+        f"at most {100 * track.deviation_m:.1f} cm from its path"
+    )
+
+
+def strip_seconds() -> float:
+    """From the first frame of a strip to its last [s], about."""
+    return (STRIP_FRAMES - 1) * STRIP_EVERY * CONTROL_DT_S
+
+
+def _film(strip: np.ndarray) -> np.ndarray:
+    """Frames (K, H, W, 3) side by side, the last one at the right edge; white where none is."""
+    _, height, width, _ = strip.shape
+    gap, count = 4, STRIP_FRAMES
+    film = np.full((height, count * (width + gap) - gap, 3), 255, np.uint8)
+    for k, frame in enumerate(strip, start=count - len(strip)):
+        film[:, k * (width + gap) : k * (width + gap) + width] = frame
+    return film
+
+
+def _draw_map(axis: Axes, road_map: RoadMap, tracks: Sequence[Track]) -> None:
+    extent = (0.0, road_map.width_m, 0.0, road_map.height_m)
+    axis.imshow(_floor(road_map), extent=extent, interpolation="bilinear")
+    half_lane_cm = 100.0 * HALF_LANE_TILES * road_map.tile_size_m
+    shown = _chosen(tracks)
+    lines, offsets_cm = _segments(shown)
+    drawn = LineCollection(
+        list(lines), cmap=DEVIATION, norm=Normalize(0.0, half_lane_cm), linewidths=1.0
+    )
+    drawn.set_array(offsets_cm)
+    axis.add_collection(drawn)
+    failed = np.array([t.poses[-1, :2] for t in tracks if not t.success])
+    if len(failed):
+        axis.plot(*failed.T, "X", color="black", markeredgecolor="white", markersize=8)
+    axis.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    done = sum(track.success for track in tracks)
+    axis.set_title(f"{road_map.name}: {done} of {len(tracks)} {DONE}", fontsize=10)
+    bar = axis.figure.colorbar(drawn, ax=axis, shrink=0.75, pad=0.02)
+    bar.set_label("distance from the path [cm]; top: edge of the lane", fontsize=8)
+
+
+def _chosen(tracks: Sequence[Track]) -> list[Track]:
+    """Evenly some, and all that failed, so that the worst are drawn last."""
+    fine = [track for track in tracks if track.success]
+    some = np.unique(np.linspace(0, len(fine) - 1, min(MOST_TRACKS, len(fine))).round().astype(int))
+    failed = [track for track in tracks if not track.success]
+    return sorted([fine[i] for i in some] + failed, key=lambda track: track.badness)
+
+
+def _segments(tracks: Sequence[Track]) -> tuple[np.ndarray, np.ndarray]:
+    """(S, 2, 2) [m] and the greater distance from the path at their ends (S,) [cm]."""
+    if not tracks:
+        return np.zeros((0, 2, 2)), np.zeros(0)
+    lines = [np.stack((t.poses[:-1, :2], t.poses[1:, :2]), axis=1) for t in tracks]
+    worse = [np.maximum(np.abs(t.offset_m[:-1]), np.abs(t.offset_m[1:])) for t in tracks]
+    return np.concatenate(lines), 100.0 * np.concatenate(worse)
+
+
+def _floor(road_map: RoadMap) -> np.ndarray:
+    rgb = paint_ground(road_map, NOMINAL.ground).rgb
+    size = (FLOOR_PX_PER_TILE * road_map.columns, FLOOR_PX_PER_TILE * road_map.rows)
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA).astype(float)
+    return np.asarray((1.0 - PALENESS) * small + PALENESS * 255.0).round().astype(np.uint8)

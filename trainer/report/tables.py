@@ -1,0 +1,191 @@
+"""The figures of groups of runs, ready to be put into tables beside the paper's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+
+from trainer.drive_log import Track
+from trainer.evaluate import Inputs, wilson_low
+from trainer.report.paper import NAMES, NOTHING, PaperRow, paper_row
+from trainer.report.runs import Group, Judgement
+
+NONE = "–"
+_NAMED_MAPS = 2  # at most, where there is little room
+
+
+@dataclass(frozen=True)
+class LearningRow:
+    """How fast a group learned."""
+
+    name: str
+    paper: PaperRow
+    seeds: str
+    learned: str  # how many runs came to drive well
+    steps: str  # until then
+    seconds: str
+    cpu_seconds: str
+    used: str  # steps of the whole training
+    best: str  # success of the kept policies, in the evaluation during training
+
+
+@dataclass(frozen=True, eq=False)
+class DrivingRow:
+    """How the exported policies of a group drove under the same conditions."""
+
+    group: Group
+    judgements: tuple[Judgement, ...]
+
+    @property
+    def inputs(self) -> Inputs:
+        """Of the first; the others differ in model and seeds."""
+        return self.judgements[0].result.inputs
+
+    @property
+    def name(self) -> str:
+        """What drove."""
+        return describe(self.group)
+
+    @property
+    def where(self) -> str:
+        """On which maps, in which looks, with which pose error."""
+        asked = self.inputs
+        maps = ", ".join(Path(name).stem for name in asked.maps)
+        error = asked.pose_error or "the look's"
+        guided = f" · pose error: {error}" if asked.task == "navigation" else ""
+        without = f" · {asked.zero} zeroed" if asked.zero else ""
+        model = Path(asked.model).name
+        if asked.task != self.group.config.task:
+            maps = f"{asked.task} on {maps}"
+        if asked.translate:
+            without += f" · through {Path(asked.translate).stem}"
+        return f"{maps} · {Path(asked.look).stem}{guided}{without}" + (
+            "" if model == "model.onnx" else f" · {model}"
+        )
+
+    @property
+    def paper(self) -> PaperRow:
+        """Ours under their conditions: nothing of the paper's is like an input zeroed."""
+        asked, config = self.inputs, self.group.config
+        like = asked.zero is None and asked.task == config.task
+        return paper_row(asked.task, config.algorithm) if like else NOTHING
+
+    @property
+    def episodes(self) -> int:
+        """Of all seeds together."""
+        return sum(j.result.episodes for j in self.judgements)
+
+    @property
+    def successes(self) -> int:
+        """Of all seeds together."""
+        return sum(j.result.episodes - len(j.result.failures) for j in self.judgements)
+
+    @property
+    def success(self) -> str:
+        """Share of episodes, with the lower end of its 95 % interval."""
+        low = wilson_low(self.successes, self.episodes)
+        return (
+            f"{self.successes / self.episodes:.1%} ({self.successes} of {self.episodes}; "
+            f"at least {low:.1%})"
+        )
+
+    @property
+    def by_run(self) -> str:
+        """The success of each run."""
+        shares = [j.result.success_rate for j in self.judgements]
+        return ", ".join(f"{share:.1%}" for share in shares) if len(shares) > 1 else NONE
+
+    @property
+    def distance(self) -> str:
+        """Mean distance from the path, over all decisions."""
+        results = [j.result for j in self.judgements]
+        time_s = sum(r.survival_time_s * r.episodes for r in results)
+        each = (r.mean_path_distance_m * r.survival_time_s * r.episodes for r in results)
+        return f"{100 * sum(each) / time_s:.1f} cm"
+
+    @property
+    def olympics(self) -> tuple[str, str, str, str]:
+        """Driven in the lane, survival, deviation over time, time outside; means per episode."""
+        return (
+            f"{self._mean('driven_lane_m'):.1f} m",
+            f"{self._mean('survival_time_s'):.1f} s",
+            f"{self._deviation_m_s():.2f} m·s",
+            f"{self._mean('outside_lane_s'):.2f} s",
+        )
+
+    @property
+    def tracks(self) -> list[Track]:
+        """Of all seeds that kept theirs."""
+        return [t for j in self.judgements if j.drives is not None for t in j.drives.tracks]
+
+    @property
+    def worst(self) -> list[Track]:
+        """Those with film strips, the worst first."""
+        kept = [t for j in self.judgements if j.drives is not None for t in j.drives.worst]
+        return sorted(kept, key=lambda track: track.badness, reverse=True)
+
+    def _mean(self, field: str) -> float:
+        whole = sum(getattr(j.result, field) * j.result.episodes for j in self.judgements)
+        return float(whole) / self.episodes
+
+    def _deviation_m_s(self) -> float:
+        results = [j.result for j in self.judgements]
+        whole = sum(r.mean_path_distance_m * r.survival_time_s * r.episodes for r in results)
+        return whole / self.episodes
+
+
+def describe(group: Group) -> str:
+    """Algorithm, preset, and what of maps, look and pose error is not the default."""
+    config = group.config
+    parts = [NAMES[config.algorithm], config.preset]
+    maps = [Path(name).stem for name in config.maps]
+    parts.append(" + ".join(maps) if len(maps) <= _NAMED_MAPS else f"{len(maps)} maps")
+    if config.look != "nominal":
+        parts.append(Path(config.look).stem)
+    if config.pose_error is not None:
+        parts.append(f"pose error {config.pose_error}")
+    return " · ".join(parts)
+
+
+def learning_row(group: Group) -> LearningRow:
+    """The group's row."""
+    skilled = [run.skilled for run in group.runs if run.skilled is not None]
+    best = [run.state.best.success_rate for run in group.runs if run.state.best is not None]
+    return LearningRow(
+        name=describe(group),
+        paper=paper_row(group.config.task, group.config.algorithm),
+        seeds=", ".join(map(str, group.seeds)),
+        learned=f"{len(skilled)} of {len(group.runs)}",
+        steps=_spread([e.step for e in skilled]),
+        seconds=_spread([e.seconds for e in skilled]),
+        cpu_seconds=_spread([e.cpu_seconds for e in skilled]),
+        used=_spread([run.episodes[-1].step for run in group.runs if run.episodes]),
+        best=", ".join(f"{share:.0%}" for share in best) or NONE,
+    )
+
+
+def driving_rows(groups: Sequence[Group]) -> list[DrivingRow]:
+    """One for each group and conditions of evaluation."""
+    rows: list[DrivingRow] = []
+    for group in groups:
+        alike: dict[Inputs, list[Judgement]] = {}
+        for judgement in (j for run in group.runs for j in run.judgements):
+            asked = judgement.result.inputs
+            same = replace(asked, model=Path(asked.model).name, episodes=0, seed=0)
+            alike.setdefault(same, []).append(judgement)
+        rows += [DrivingRow(group, tuple(judgements)) for judgements in alike.values()]
+    return rows
+
+
+def _spread(values: Sequence[float]) -> str:
+    """Median, and lowest to highest where there are several."""
+    values = [value for value in values if not math.isnan(value)]
+    if not values:
+        return NONE
+    middle = f"{median(values):,.0f}"
+    if len(values) == 1:
+        return middle
+    return f"{middle} ({min(values):,.0f} to {max(values):,.0f})"
