@@ -17,8 +17,10 @@ from robot.policy import OnnxPolicy
 from robot.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from trainer.config import ALGORITHMS, TASKS, preset
+from trainer.experiments.cli import experiment_app
 from trainer.jobs import EvaluateJob, TrainJob, evaluate_jobs, train_jobs
 from trainer.options import EvaluateOptions, TrainOptions
+from trainer.parsing.cli import parse_app
 from trainer.run import RunFolder, write_json
 from trainer.sweep import SweepOptions, run_sweep
 
@@ -28,6 +30,8 @@ _EVALUATE = EvaluateOptions()
 _SWEEP = SweepOptions()
 
 app = tyro.extras.SubcommandApp()
+app.command(parse_app, name="parse")
+app.command(experiment_app, name="experiment")
 
 
 @app.command(name="train")

@@ -1,0 +1,101 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from trainer.experiments.driving_pictures import STACK, load_stacks, split_by_time
+from trainer.experiments.records import FULL_LOCK_DEG, Drive, Turn, load_drive, turns
+
+ANGLES = (-0.5, 0.0, 0.2, 0.9)
+IMAGE = ImageSpec(40, 30, 10)
+
+
+def write_pictures(folder: Path, names: list[str]) -> None:
+    for k, name in enumerate(names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), np.full((120, 160, 3), 2 * k, np.uint8))
+
+
+def write_layout(folder: Path, layout: str) -> None:
+    """The same drive as each program writes it."""
+    files = [f"{k}_cam.jpg" for k in range(len(ANGLES))]
+    inner = {"sully": "", "labels": "images", "tub2": "images", "tub1": ""}[layout]
+    write_pictures(folder / inner, files)
+    rows = [
+        {"_index": k, "cam/image_array": file, "user/angle": angle}
+        for k, (file, angle) in enumerate(zip(files, ANGLES, strict=True))
+    ]
+    if layout == "sully":
+        lines = [
+            f"{f} {a * FULL_LOCK_DEG:f},2018-07-01 17:09:44:912"
+            for f, a in zip(files, ANGLES, strict=True)
+        ]
+        (folder / "data.txt").write_text("\n".join(lines) + "\n")
+    elif layout == "labels":
+        lines = [f"dev/{f},{k},{a},0.5" for k, (f, a) in enumerate(zip(files, ANGLES, strict=True))]
+        (folder / "labels.csv").write_text("\n".join(["file,index,angle,throttle", *lines]))
+    elif layout == "tub1":
+        for k, row in enumerate(rows):
+            (folder / f"record_{k + 9}.json").write_text(json.dumps(row))
+    else:
+        thrown = {"_index": 77, "cam/image_array": "gone.jpg", "user/angle": 0.1}
+        first, rest = [*rows[:2], thrown], rows[2:]
+        for number, part in ((9, first), (10, rest)):
+            text = "\n".join(json.dumps(row) for row in part)
+            (folder / f"catalog_{number}.catalog").write_text(text + "\n")
+        (folder / "manifest.json").write_text('["a"]\n{}\n{"deleted_indexes": [77]}\n')
+
+
+@pytest.mark.parametrize("layout", ["sully", "labels", "tub1", "tub2"])
+def test_every_layout_gives_the_same_drive(tmp_path: Path, layout: str) -> None:
+    write_layout(tmp_path, layout)
+    drive = load_drive(tmp_path)
+    assert [path.name for path in drive.files] == [f"{k}_cam.jpg" for k in range(len(ANGLES))]
+    assert np.allclose(drive.steering_deg, np.array(ANGLES) * FULL_LOCK_DEG)
+    assert turns(drive.steering_deg).tolist() == [
+        Turn.LEFT,
+        Turn.STRAIGHT,
+        Turn.STRAIGHT,
+        Turn.RIGHT,
+    ]
+
+
+def test_what_is_no_drive_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"expected one of labels\.csv"):
+        load_drive(tmp_path)
+    (tmp_path / "data.txt").write_text("0.jpg left\n")
+    with pytest.raises(ConfigError, match=r"data\.txt:1: expected an angle, got 'left'"):
+        load_drive(tmp_path)
+    (tmp_path / "data.txt").write_text("0.jpg 3\n")
+    with pytest.raises(ConfigError, match=r"expected the picture 0\.jpg"):
+        load_drive(tmp_path)
+    (tmp_path / "data.txt").unlink()
+    (tmp_path / "labels.csv").write_text("file,angle\na.jpg,-17\n")
+    with pytest.raises(ConfigError, match=r"labels\.csv:2.*in \[-1, 1\]"):
+        load_drive(tmp_path)
+
+
+@given(st.floats(-720, 720), st.floats(-720, 720))
+def test_turns_follow_the_angle_and_mirror_with_it(a: float, b: float) -> None:
+    low, high, mirrored = turns(np.array([min(a, b), max(a, b), -a]))
+    assert low <= high
+    assert mirrored == Turn.RIGHT - turns(np.array([a]))[0]
+
+
+def test_training_and_test_share_no_picture(tmp_path: Path) -> None:
+    write_pictures(tmp_path, [f"{k:03d}.jpg" for k in range(100)])
+    drive = Drive(tuple(sorted(tmp_path.glob("*.jpg"))), np.linspace(-20, 20, 100))
+    stacks = load_stacks(drive, IMAGE)
+    assert stacks.stacked().shape == (97, 20, 40, 3 * STACK)
+    assert (np.diff(stacks.stacked()[5, 0, 0, ::3].astype(int)) >= 0).all()
+    training, test = split_by_time(stacks)
+    assert training.last.max() + 20 < test.last.min() - (STACK - 1) + 1
+    with pytest.raises(ConfigError, match="expected enough pictures"):
+        split_by_time(stacks._replace(pictures=stacks.pictures[:20], last=stacks.last[:17]))

@@ -1,0 +1,56 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from trainer.cli import main
+from trainer.experiments.records import Turn
+from trainer.experiments.table1 import compare, interval
+
+
+def write_drive(folder: Path, count: int) -> None:
+    """A drive in which a bright bar stands on the side that the person steers to."""
+    lines = []
+    for k in range(count):
+        turn = (k // 10) % 3
+        picture = np.full((120, 160, 3), 40, np.uint8)
+        picture[50:, 10 + 55 * turn : 35 + 55 * turn] = 220
+        cv2.imwrite(str(folder / f"{k}.jpg"), picture)
+        lines.append(f"{k}.jpg {25.0 * (turn - 1)}")
+    (folder / "data.txt").write_text("\n".join(lines))
+
+
+def test_a_plain_rule_is_learned_and_a_second_call_learns_no_more(tmp_path: Path) -> None:
+    write_drive(tmp_path, 150)
+    out = tmp_path / "out"
+    command = ["experiment", "table1", "--data", str(tmp_path), "--out", str(out)]
+    options = ["--seeds", "1", "--steps", "36"]
+    assert main([*command, *options]) == 0
+    first = json.loads((out / "table1.json").read_text())
+    rows = {row["driver"]: row for row in first["rows"]}
+    assert rows["supervised"]["accuracy"] > 0.8
+    assert rows["drawn by lot"]["accuracy"] < 0.6
+    assert (out / "table1.png").stat().st_size > 1000
+    written = (out / "supervised_0_36.pt").stat().st_mtime_ns
+    assert main([*command, *options]) == 0
+    assert (out / "supervised_0_36.pt").stat().st_mtime_ns == written
+    assert json.loads((out / "table1.json").read_text()) == first
+
+
+def test_the_interval_widens_where_mistakes_come_in_stretches() -> None:
+    scattered = np.arange(400) % 2 == 0
+    stretched = (np.arange(400) // 40) % 2 == 0
+    rng = np.random.default_rng(0)
+    narrow, wide = interval(scattered, rng), interval(stretched, rng)
+    assert wide[1] - wide[0] > 3 * (narrow[1] - narrow[0])
+    assert narrow[0] <= 0.5 <= narrow[1]
+    assert wide[0] <= 0.5 <= wide[1]
+
+
+def test_a_perfect_driver_and_one_that_knows_one_turn() -> None:
+    wanted = np.array([Turn.LEFT, Turn.RIGHT, Turn.STRAIGHT, Turn.RIGHT])
+    assert compare("x", 0, wanted, wanted).accuracy == 1.0
+    always = compare("x", 0, wanted, np.full(4, Turn.RIGHT))
+    assert (always.accuracy, always.balanced) == (0.5, 1 / 3)
+    assert always.guessed == (0.0, 0.0, 1.0)

@@ -1,0 +1,81 @@
+"""The command ``experiment table1``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from robot.contract import ImageSpec
+
+if TYPE_CHECKING:
+    from trainer.experiments.table1 import Table
+
+experiment_app = tyro.extras.SubcommandApp()
+
+IMAGE = ImageSpec(80, 60, 20)  # preset fast
+
+
+@experiment_app.command(name="table1")
+def table1_command(
+    data: Path,
+    out: Path,
+    seeds: int = 3,
+    steps: int = 400,
+) -> int:
+    """Foretell left, straight or right on a person's recorded drive: paper B, Table 1.
+
+    The supervised network learns from the first 60 % of the drive; all are tested on what comes
+    20 frames later. Called again, it goes on where it was cut off.
+
+    Args:
+        data: a Donkeycar tub, Sully Chen's folder, or pictures with labels.csv.
+        out: folder for table1.json, table1.png and the networks.
+        seeds: how many supervised networks.
+        steps: updates of each.
+    """
+    import numpy as np
+    import torch
+
+    from trainer.experiments.driving_pictures import load_stacks, split_by_time
+    from trainer.experiments.records import Turn, load_drive
+    from trainer.experiments.supervised import teach_turns
+    from trainer.experiments.table1 import Table, chance, compare, draw_table, shares
+    from trainer.run import write_json
+
+    torch.set_num_threads(1)
+    console = Console()
+    training, test = split_by_time(load_stacks(load_drive(data), IMAGE))
+    out.mkdir(parents=True, exist_ok=True)
+    common = int(np.bincount(training.turns, minlength=len(Turn)).argmax())
+    rows = chance(test.turns, common)
+    for seed in range(seeds):
+        checkpoint = out / f"supervised_{seed}_{steps}.pt"
+        network = teach_turns(training, steps, seed, checkpoint, console)
+        rows.append(compare("supervised", seed, test.turns, network.turns(test.stacked())))
+    counts = len(training.last), len(test.last)
+    table = Table(str(data), *counts, shares(test.turns), tuple(rows))
+    write_json(out / "table1.json", table)
+    draw_table(table, out / "table1.png")
+    _show(table, console)
+    return 0
+
+
+def _show(table: Table, console: Console) -> None:
+    from trainer.experiments.table1 import PAPER
+
+    left, straight, right = table.shares
+    title = (
+        f"{table.test_frames} test frames: {left:.0%} left, {straight:.0%} straight, "
+        f"{right:.0%} right"
+    )
+    columns = ("driver", "seed", "accuracy", "95 % interval", "mean of recalls", "paper B")
+    shown = RichTable(*columns, title=title)
+    for row in table.rows:
+        paper = f"{PAPER[row.driver]:.1%}" if row.driver in PAPER else ""
+        figures = f"{row.accuracy:.1%}", f"{row.low:.1%} to {row.high:.1%}", f"{row.balanced:.1%}"
+        shown.add_row(row.driver, str(row.seed), *figures, paper)
+    console.print(shown)

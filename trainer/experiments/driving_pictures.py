@@ -1,0 +1,64 @@
+"""A recorded drive as stacks of a policy's pictures, and its split by time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.camera.source import fit_to_frame
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.preprocess import preprocess
+from trainer.experiments.records import Drive, turns
+from trainer.parsing.labelled import read_rgb
+
+STACK = 4  # paper B: four consecutive frames
+TRAINING_SHARE = 0.6
+GAP_FRAMES = 20  # between training and test: neighbours look alike
+
+
+class Stacks(NamedTuple):
+    """Some moments of a drive."""
+
+    pictures: np.ndarray  # (M, H, W, 3) uint8 RGB, all pictures of the drive
+    last: np.ndarray  # (N,) index of each moment's newest picture
+    turns: np.ndarray  # (N,) int64 values of `Turn`: what the person did
+
+    def stacked(self, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(N, H, W, 3 * STACK) uint8 of the chosen moments, the oldest picture first."""
+        last = self.last[chosen]
+        parts = [self.pictures[last - back] for back in range(STACK - 1, -1, -1)]
+        return np.concatenate(parts, axis=-1)
+
+
+def load_stacks(drive: Drive, image: ImageSpec) -> Stacks:
+    """All moments of a drive that have three pictures before them.
+
+    Raises:
+        ConfigError: the drive is too short, or a file is no picture.
+    """
+    if len(drive) < STACK:
+        raise ConfigError(f"drive: expected at least {STACK} pictures, got {len(drive)}")
+    pictures = [preprocess(fit_to_frame(read_rgb(file)), image) for file in drive.files]
+    last = np.arange(STACK - 1, len(drive))
+    return Stacks(np.stack(pictures), last, turns(drive.steering_deg)[last])
+
+
+def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
+    """(training, test): the first 60 % of the drive, and what comes a gap of 20 frames later.
+
+    No picture is in both. A random split would test on the neighbours of what was trained on.
+
+    Raises:
+        ConfigError: nothing would be left to test on.
+    """
+    end = round(TRAINING_SHARE * len(stacks.pictures))
+    training = stacks.last < end
+    test = stacks.last - (STACK - 1) >= end + GAP_FRAMES
+    if not training.any() or not test.any():
+        raise ConfigError(
+            f"drive: expected enough pictures to train and to test on, got {len(stacks.pictures)}"
+        )
+    parts = [Stacks(stacks.pictures, stacks.last[m], stacks.turns[m]) for m in (training, test)]
+    return parts[0], parts[1]

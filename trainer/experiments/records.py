@@ -1,0 +1,167 @@
+"""Recorded drives of people: pictures with the steering angle of each.
+
+Three layouts are known by what lies in the folder::
+
+    data.txt                       Sully Chen: ``<file> <degrees>[,<date>]`` a line, steering wheel
+    manifest.json, *.catalog       Donkeycar tub, version 2: ``user/angle`` in [-1, 1]
+    record_<k>.json                Donkeycar tub, version 1: the same
+    labels.csv                     columns ``file`` and ``angle`` in [-1, 1]
+
+Angles are positive to the right in all of them, and here.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from robot.errors import ConfigError
+
+# Donkeycar records the share of full lock. The front wheels of such small cars turn by about 30
+# degrees, so the paper's 10 degrees are a third of full lock.
+FULL_LOCK_DEG = 30.0
+STRAIGHT_DEG = 10.0  # paper B, section 3.1: steering within (-10, 10) is "going straight"
+
+
+class Turn(IntEnum):
+    """What paper B predicts."""
+
+    LEFT = 0
+    STRAIGHT = 1
+    RIGHT = 2
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recorded drive, in the order of time."""
+
+    files: tuple[Path, ...]
+    steering_deg: np.ndarray  # (N,) positive to the right
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+
+class _Row(NamedTuple):
+    file: str
+    steering_deg: float
+
+
+def turns(steering_deg: np.ndarray) -> np.ndarray:
+    """(N,) steering angles [deg], positive to the right -> (N,) int64 values of `Turn`."""
+    right, left = steering_deg >= STRAIGHT_DEG, steering_deg <= -STRAIGHT_DEG
+    return np.where(right, Turn.RIGHT, np.where(left, Turn.LEFT, Turn.STRAIGHT)).astype(np.int64)
+
+
+def load_drive(folder: Path) -> Drive:
+    """A recorded drive, see the module.
+
+    Raises:
+        ConfigError: no known layout, a line that cannot be read, or a missing picture.
+    """
+    readers = {
+        "labels.csv": _labels_csv,
+        "data.txt": _sully_chen,
+        "manifest.json": _tub_2,
+        "record_*.json": _tub_1,
+    }
+    for pattern, read in readers.items():
+        if any(folder.glob(pattern)):
+            rows = list(read(folder))
+            break
+    else:
+        raise ConfigError(f"{folder}: expected one of {', '.join(readers)}, found none of them")
+    if not rows:
+        raise ConfigError(f"{folder}: expected a recorded drive, got one without a picture")
+    files = tuple(_picture(folder, row.file) for row in rows)
+    return Drive(files, np.array([row.steering_deg for row in rows]))
+
+
+def _labels_csv(folder: Path) -> Iterator[_Row]:
+    path = folder / "labels.csv"
+    with path.open(newline="", encoding="utf-8") as file:
+        for line, row in enumerate(csv.DictReader(file), start=2):
+            yield _normalised(row.get("file"), row.get("angle"), f"{path}:{line}")
+
+
+def _sully_chen(folder: Path) -> Iterator[_Row]:
+    path = folder / "data.txt"
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if not line.strip():
+            continue
+        name, _, rest = line.strip().partition(" ")
+        yield _Row(name, _number(rest.split(",")[0], f"{path}:{number}"))
+
+
+def _tub_2(folder: Path) -> Iterator[_Row]:
+    catalogs = sorted(folder.glob("*.catalog"), key=_by_number)
+    deleted = _deleted(folder / "manifest.json")
+    for path in catalogs:
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            where = f"{path}:{number}"
+            record = _record(line, where)
+            if record.get("_index") not in deleted:
+                yield _normalised(record.get("cam/image_array"), record.get("user/angle"), where)
+
+
+def _deleted(manifest: Path) -> set[int]:
+    """The indices that the last line of a manifest says were thrown away."""
+    lines = [line for line in manifest.read_text(encoding="utf-8").splitlines() if line.strip()]
+    last = json.loads(lines[-1]) if lines else {}
+    return set(last.get("deleted_indexes", ())) if isinstance(last, dict) else set()
+
+
+def _tub_1(folder: Path) -> Iterator[_Row]:
+    for path in sorted(folder.glob("record_*.json"), key=_by_number):
+        record = _record(path.read_text(encoding="utf-8"), str(path))
+        yield _normalised(record.get("cam/image_array"), record.get("user/angle"), str(path))
+
+
+def _record(text: str, where: str) -> dict[str, Any]:
+    try:
+        record = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ConfigError(f"{where}: expected a record of a drive, got: {error}") from error
+    return record if isinstance(record, dict) else {}
+
+
+def _normalised(file: Any, angle: Any, where: str) -> _Row:
+    if not isinstance(file, str) or angle is None:
+        raise ConfigError(f"{where}: expected a picture's name and its angle, got {file}, {angle}")
+    share = _number(angle, where)
+    if abs(share) > 1.5:
+        raise ConfigError(
+            f"{where}: expected an angle in [-1, 1], got {share}; degrees go in data.txt"
+        )
+    return _Row(file, FULL_LOCK_DEG * share)
+
+
+def _number(text: Any, where: str) -> float:
+    try:
+        value = float(text)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{where}: expected an angle, got {text!r}") from error
+    if not np.isfinite(value):
+        raise ConfigError(f"{where}: expected a finite angle, got {value}")
+    return value
+
+
+def _picture(folder: Path, name: str) -> Path:
+    base = Path(name).name
+    places = (folder / name, folder / "images" / base, folder / "data" / base, folder / base)
+    for path in places:
+        if path.is_file():
+            return path
+    raise ConfigError(f"{folder}: expected the picture {name}, found it in no usual place")
+
+
+def _by_number(path: Path) -> tuple[int, ...]:
+    return tuple(int(digits) for digits in re.findall(r"\d+", path.stem))

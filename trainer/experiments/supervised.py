@@ -1,0 +1,100 @@
+"""The supervised network of paper B: the policy's architecture, taught with what a person did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import nn
+
+from trainer.experiments.driving_pictures import STACK, Stacks
+from trainer.experiments.records import Turn
+from trainer.parsing.augment import relit
+from trainer.resumable import Loop
+
+BATCH = 32
+LEARNING_RATE = 1e-3
+WEIGHT_DECAY = 1e-3
+CHANNELS = (16, 32, 32, 32)
+KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (3, 1))
+HIDDEN = 128
+MIRRORED = np.array([Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT])
+_AT_ONCE = 256
+
+
+class TurnNetwork(nn.Module):
+    """Four convolutions and two fully connected layers: stacks -> logits of `Turn`.
+
+    Takes (N, H, W, 3 * STACK) uint8.
+    """
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        """``shape``: (H, W, 3) of one picture."""
+        super().__init__()
+        layers: list[nn.Module] = []
+        inputs = 3 * STACK
+        for outputs, (kernel, stride) in zip(CHANNELS, KERNELS_AND_STRIDES, strict=True):
+            layers += [nn.Conv2d(inputs, outputs, kernel, stride, kernel // 4), nn.ReLU()]
+            inputs = outputs
+        self.convolutions = nn.Sequential(*layers)
+        with torch.no_grad():
+            flat = self.convolutions(torch.zeros(1, 3 * STACK, *shape[:2])).numel()
+        self.head = nn.Sequential(
+            nn.Linear(flat, HIDDEN), nn.ReLU(), nn.Dropout(), nn.Linear(HIDDEN, len(Turn))
+        )
+
+    def forward(self, stacks: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        x = stacks.permute(0, 3, 1, 2).float() / 127.5 - 1.0
+        return self.head(self.convolutions(x).flatten(1))
+
+    @torch.no_grad()
+    def turns(self, stacks: np.ndarray) -> np.ndarray:
+        """(N, H, W, 3 * STACK) uint8 -> (N,) the likeliest turns."""
+        self.eval()
+        parts = np.array_split(stacks, -(-len(stacks) // _AT_ONCE))
+        return np.concatenate([self(torch.from_numpy(p)).argmax(1).numpy() for p in parts])
+
+
+def teach_turns(
+    training: Stacks, steps: int, seed: int, checkpoint: Path, console: Console
+) -> TurnNetwork:
+    """Train on what the person did, from where ``checkpoint`` left off."""
+    torch.manual_seed(seed)
+    network = TurnNetwork(training.pictures.shape[1:])
+    optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    loss_of = nn.CrossEntropyLoss()
+
+    def step(rng: np.random.Generator, _: int) -> str:
+        stacks, wanted = draw_stacks(training, BATCH, rng)
+        loss = loss_of(network(torch.from_numpy(stacks)), torch.from_numpy(wanted))
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        return f"loss {float(loss.detach()):.3f}"
+
+    network.train()
+    parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
+    Loop(checkpoint, parts, steps, seed).run(step, f"supervised, seed {seed}", console)
+    return network.eval()
+
+
+def draw_stacks(
+    training: Stacks, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """``count`` moments, relit, half of them in the mirror with their turns exchanged."""
+    chosen = rng.integers(len(training.last), size=count)
+    stacks, wanted = training.stacked(chosen), training.turns[chosen]
+    for i in range(count):
+        pictures = stacks[i].reshape(*stacks.shape[1:3], STACK, 3)
+        side_by_side = np.concatenate([pictures[:, :, k] for k in range(STACK)], axis=1)
+        lit = relit(side_by_side, rng)
+        pictures = np.concatenate(np.split(lit, STACK, axis=1), axis=-1)
+        if rng.random() < 0.5:
+            pictures, wanted[i] = pictures[:, ::-1], MIRRORED[wanted[i]]
+        stacks[i] = pictures
+    return stacks, wanted

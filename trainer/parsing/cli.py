@@ -1,0 +1,119 @@
+"""The commands ``parse train`` and ``parse evaluate``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from trainer.parsing.folder import Split
+
+parse_app = tyro.extras.SubcommandApp()
+
+Pairs = Annotated[tuple[Path, ...], tyro.conf.arg(name="pairs")]
+
+
+@parse_app.command(name="train")
+def train_command(
+    out: Path,
+    labels: str = "road",
+    pairs: Pairs = (),
+    annotations: str = "",
+    photos: Path | None = None,
+    net: str = "small",
+    size: tuple[int, int] = (120, 160),
+    steps: int | None = None,
+    batch: int | None = None,
+    seed: int = 0,
+    resume: bool = False,
+) -> int:
+    """Teach SegNet to label frames; leaves parser.pt, scores.json and sheet.png of held-out frames.
+
+    Args:
+        out: the run's folder; must not hold a run yet, unless --resume.
+        labels: camvid (11 classes of full-size roads) or road (6 classes of a robot's road).
+        pairs: folders with image/ and label/: CamVid's, or collections from the simulator.
+        annotations: a file of labels drawn on photographs, or the name of a shipped one.
+        photos: the folder of these photographs.
+        net: small or paper.
+        size: height and width of what the network sees [px].
+        steps: updates.
+        batch: frames in an update.
+        seed: of everything random.
+        resume: go on with the run in --out, if there is one, with its own configuration.
+    """
+    import torch
+
+    from trainer.parsing.folder import ParseFolder, ParseRun, Sources
+    from trainer.parsing.sheet import draw_sheet
+    from trainer.parsing.train import ParseConfig, save_parser, teach
+
+    torch.set_num_threads(1)
+    folder = ParseFolder(out)
+    if not (resume and folder.config.exists()):
+        config = ParseConfig(labels, net, *size, seed=seed)
+        wanted = {"steps": steps, "batch": batch}
+        changes = {name: value for name, value in wanted.items() if value is not None}
+        sources = Sources(tuple(map(str, pairs)), annotations, str(photos or ""))
+        run = ParseRun(replace(config, **changes), sources)
+        run.sources.load(run.parse)  # refuse what does not fit before anything is written
+        folder.begin(run)
+    run = folder.load()
+    splits = run.sources.load(run.parse)
+    console = Console()
+    sources_of_training = [split.training for split in splits]
+    parser = teach(run.parse, sources_of_training, folder.checkpoint, console)
+    save_parser(parser, folder.parser)
+    draw_sheet(parser, splits[-1].held_out, folder.sheet)
+    _report(folder.parser, splits, folder.scores, console)
+    return 0
+
+
+@parse_app.command(name="evaluate")
+def evaluate_command(
+    model: Path,
+    pairs: Pairs = (),
+    annotations: str = "",
+    photos: Path | None = None,
+    json: Path | None = None,
+) -> int:
+    """Score a parser on the held-out frames of each source, class by class.
+
+    Args:
+        model: a parser, .pt.
+        pairs: as of train.
+        annotations: as of train.
+        photos: as of train.
+        json: write the figures there.
+    """
+    from trainer.parsing.folder import Sources
+    from trainer.parsing.train import load_parser
+
+    sources = Sources(tuple(map(str, pairs)), annotations, str(photos or ""))
+    _report(model, sources.load(load_parser(model).config), json, Console())
+    return 0
+
+
+def _report(model: Path, splits: list[Split], json: Path | None, console: Console) -> None:
+    from trainer.parsing.train import evaluate, load_parser
+    from trainer.run import write_json
+
+    parser = load_parser(model)
+    scores = [evaluate(parser, split.held_out, split.name) for split in splits]
+    for score in scores:
+        title = (
+            f"{score.source}: mean IoU {score.mean_iou:.1%}, pixels {score.pixel_accuracy:.1%} "
+            f"({score.frames} held-out frames)"
+        )
+        table = Table("class", "share of pixels", "accuracy", "IoU", title=title)
+        for row in score.classes:
+            figures = (f"{x:.1%}" for x in (row.pixels, row.accuracy, row.iou))
+            table.add_row(row.name, *figures)
+        console.print(table)
+    if json is not None:
+        write_json(json, scores)

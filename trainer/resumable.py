@@ -1,0 +1,85 @@
+"""A training loop that may be killed at any moment and goes on as if it had not been.
+
+What happens in step k depends on the seed and k alone (`step_rng`), so a run that was resumed is
+the same as one that was not.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, TextColumn
+
+from trainer.run import atomically
+
+SAVE_EVERY_S = 20.0
+
+
+class Stateful(Protocol):
+    """A network or an optimiser."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """What must be kept."""
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> Any:
+        """Take it up again."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Runs ``steps`` steps, keeping ``parts`` in the file ``path``."""
+
+    path: Path
+    parts: Mapping[str, Stateful]
+    steps: int
+    seed: int
+    clock: Callable[[], float] = time.monotonic
+
+    def done(self) -> int:
+        """Load the file, if there is one; how many steps were done when it was written."""
+        if not self.path.exists():
+            return 0
+        content = torch.load(self.path, map_location="cpu", weights_only=True)
+        for name, part in self.parts.items():
+            part.load_state_dict(content["parts"][name])
+        return int(content["step"])
+
+    def save(self, step: int) -> None:
+        """Write the file, whole or not at all."""
+        content = {"step": step, "parts": {n: p.state_dict() for n, p in self.parts.items()}}
+        with atomically(self.path) as temporary:
+            torch.save(content, temporary)
+
+    def run(
+        self, step: Callable[[np.random.Generator, int], str], name: str, console: Console
+    ) -> None:
+        """Call ``step(rng, k)`` for each step not done yet; what it returns stands beside the bar.
+
+        Whoever stops it loses at most `SAVE_EVERY_S` of work.
+        """
+        first, saved = self.done(), self.clock()
+        note = TextColumn("{task.fields[note]}")
+        columns = (*Progress.get_default_columns(), MofNCompleteColumn(), note)
+        with Progress(*columns, console=console) as bar:
+            row = bar.add_task(name, total=self.steps, completed=first, note="")
+            for k in range(first, self.steps):
+                bar.update(row, note=step(step_rng(self.seed, k), k), advance=1)
+                if self.clock() - saved > SAVE_EVERY_S:
+                    self.save(k + 1)
+                    saved = self.clock()
+        if first < self.steps:
+            self.save(self.steps)
+
+
+def step_rng(seed: int, step: int) -> np.random.Generator:
+    """The generator of one step; torch's own (dropout) is seeded from it, too."""
+    rng = np.random.default_rng((seed, step))
+    torch.manual_seed(int(rng.integers(2**31)))
+    return rng
