@@ -12,7 +12,7 @@ from torch import nn
 from trainer.experiments.driving_pictures import STACK, Stacks
 from trainer.experiments.records import Turn
 from trainer.parsing.augment import relit
-from trainer.resumable import Loop
+from trainer.resumable import Loop, Stateful
 
 BATCH = 32
 LEARNING_RATE = 1e-3
@@ -78,7 +78,7 @@ def teach_turns(
         return f"loss {float(loss.detach()):.3f}"
 
     network.train()
-    parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
+    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
     Loop(checkpoint, parts, steps, seed).run(step, f"supervised, seed {seed}", console)
     return network.eval()
 

@@ -34,8 +34,10 @@ def draw_batch(
 
 def relit(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """The frame (H, W, 3) under another light: gain, colour cast and gamma, uint8."""
-    gain = np.exp(rng.uniform(*np.log(GAINS)) + 0.5 * rng.uniform(*np.log(GAINS), size=3))
-    gamma = np.exp(rng.uniform(*np.log(GAMMAS)))
+    low, high = np.log(GAINS)
+    gain = np.exp(rng.uniform(low, high) + 0.5 * rng.uniform(low, high, size=3))
+    low, high = np.log(GAMMAS)
+    gamma = np.exp(rng.uniform(low, high))
     levels = np.linspace(0.0, 1.0, 256)[:, None] ** gamma * gain
     table = np.clip(255.0 * levels, 0.0, 255.0).astype(np.uint8)
     return np.stack([table[frame[..., c], c] for c in range(3)], axis=-1)

@@ -57,10 +57,9 @@ def train_command(
     folder = ParseFolder(out)
     if not (resume and folder.config.exists()):
         config = ParseConfig(labels, net, *size, seed=seed)
-        wanted = {"steps": steps, "batch": batch}
-        changes = {name: value for name, value in wanted.items() if value is not None}
+        config = replace(config, steps=steps or config.steps, batch=batch or config.batch)
         sources = Sources(tuple(map(str, pairs)), annotations, str(photos or ""))
-        run = ParseRun(replace(config, **changes), sources)
+        run = ParseRun(config, sources)
         run.sources.load(run.parse)  # refuse what does not fit before anything is written
         folder.begin(run)
     run = folder.load()

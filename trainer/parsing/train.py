@@ -17,7 +17,7 @@ from trainer.parsing.classes import VOID, label_set
 from trainer.parsing.labelled import Labelled
 from trainer.parsing.scores import ParsingScore, confusion, score
 from trainer.parsing.segnet import SEGNETS, SegNet
-from trainer.resumable import Loop
+from trainer.resumable import Loop, Stateful
 from trainer.run import atomically
 
 BATCH_OF_USE = 16
@@ -89,7 +89,7 @@ def teach(
         schedule.step()
         return f"loss {float(loss.detach()):.3f}"
 
-    parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
+    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
     Loop(checkpoint, parts, config.steps, config.seed).run(step, "SegNet", console)
     return Parser(config, network)
 
