@@ -156,7 +156,12 @@ def open_reports(
     others: List[Callable[[], Reading]] = []
     recorders: List[Subscriber] = []
     if config.recording is not None:
-        subject = describe(config, lambda: motors.pose, lambda: feed.newest)
+        subject = describe(
+            config,
+            odometry=lambda: motors.pose,
+            report=lambda: feed.newest,
+            overhead=lambda: navigator.overhead if navigator is not None else None,
+        )
         recorder = stack.enter_context(Recorder(config.recording, subject))
         recorders.append(recorder)
         others.append(recorder.reading)

@@ -59,6 +59,7 @@ class MissionNavigator:
         bounds = (-margin, -margin, width + margin, height + margin)
         self.status: Optional[MissionStatus] = None
         self.path_points: Tuple[XY, ...] = ()  # of the mission, for the monitor
+        self.overhead: Optional[PoseMessage] = None  # the newest that came, believed or not
         self._road_map = road_map
         self._graph = LaneGraph(road_map)
         self._receive, self._odometry = receive, odometry
@@ -158,6 +159,7 @@ class MissionNavigator:
         message = self._receive()
         if message is None:
             return
+        self.overhead = message
         jumps = self._unbelievable
         if self._gate.take(message, now_s):
             heading_rad = math.nan if message.heading_rad is None else message.heading_rad

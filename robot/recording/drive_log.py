@@ -9,6 +9,7 @@ import numpy as np
 
 from robot.errors import HardwareError
 from robot.geometry import Pose
+from robot.link.messages import PoseMessage
 from robot.link.telemetry import Telemetry
 from robot.link.wire import plain
 from robot.parts import Tick
@@ -28,6 +29,7 @@ class Heard(NamedTuple):
     tick: Tick
     odometry: Optional[Pose] = None
     report: Optional[Telemetry] = None
+    overhead: Optional[PoseMessage] = None
 
 
 class DriveLog:
@@ -49,6 +51,7 @@ class DriveLog:
         self._frame: Optional[int] = None
         self._verdict: Optional[Verdict] = None
         self._report: Optional[Telemetry] = None
+        self._overhead: Optional[PoseMessage] = None
 
     @property
     def phase(self) -> str:
@@ -76,6 +79,10 @@ class DriveLog:
         if heard.odometry is not None:
             pose = topics.pose_message(time_s, heard.odometry, topics.WHEELS_FRAME)
             file.add(topics.ODOMETRY, time_s, pose)
+        if heard.overhead is not None and heard.overhead is not self._overhead:
+            self._overhead = heard.overhead
+            pose = topics.overhead_message(time_s, heard.overhead)
+            file.add(topics.OVERHEAD, time_s, pose, heard.overhead.sequence)
         self._write_changes(time_s, tick.verdict, heard.report)
 
     def _write_changes(self, time_s: float, verdict: Verdict, report: Optional[Telemetry]) -> None:

@@ -79,8 +79,13 @@ class Recorder:
             self._until_s = now_s + TAIL_S
         elif resting:
             return
-        odometry, report = self._subject.odometry, self._subject.report
-        heard = Heard(tick, odometry() if odometry else None, report() if report else None)
+        subject = self._subject
+        heard = Heard(
+            tick,
+            subject.odometry() if subject.odometry else None,
+            subject.report() if subject.report else None,
+            subject.overhead() if subject.overhead else None,
+        )
         try:
             self._queue.put_nowait((self._part, heard))
         except queue.Full:

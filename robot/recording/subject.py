@@ -11,6 +11,7 @@ from typing import Callable, Dict, Mapping, Optional
 
 from robot.config import RobotConfig
 from robot.geometry import Pose
+from robot.link.messages import PoseMessage
 from robot.link.telemetry import Telemetry
 from robot.typed_config import to_plain
 
@@ -26,12 +27,14 @@ class Subject:
     models: Mapping[str, Path] = field(default_factory=dict)
     odometry: Optional[Callable[[], Pose]] = None
     report: Optional[Callable[[], Optional[Telemetry]]] = None  # on the newest turn
+    overhead: Optional[Callable[[], Optional[PoseMessage]]] = None  # the localizer's newest
 
 
 def describe(
     config: RobotConfig,
     odometry: Optional[Callable[[], Pose]] = None,
     report: Optional[Callable[[], Optional[Telemetry]]] = None,
+    overhead: Optional[Callable[[], Optional[PoseMessage]]] = None,
 ) -> Subject:
     """A configured robot. Its models' files are read again while the recording is written."""
     models = {MODEL: Path(config.model)}
@@ -46,7 +49,7 @@ def describe(
         **{f"sha256 {name}": sha256(path.read_bytes()) for name, path in models.items()},
         **arithmetic(),
     }
-    return Subject(config.name, about, models, odometry, report)
+    return Subject(config.name, about, models, odometry, report, overhead)
 
 
 def arithmetic() -> Dict[str, str]:

@@ -13,6 +13,7 @@ import typing
 from typing import Any, Dict, NamedTuple, Sequence, Tuple, Union
 
 from robot.geometry import Pose
+from robot.link.messages import PoseMessage
 from robot.link.telemetry import Telemetry
 from robot.recording.turn import Turn
 
@@ -67,12 +68,15 @@ _IMAGE = _object(
     format=_STRING,
 )
 _POSE_IN_FRAME = _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)
+_OVERHEAD = _object(
+    **_POSE_IN_FRAME["properties"], heading_known={"type": "boolean"}, confidence=_NUMBER
+)
 _POSES = _object(timestamp=_TIME, frame_id=_STRING, poses={"type": "array", "items": _POSE})
 _LOG = _object(timestamp=_TIME, level={"type": "integer"}, message=_STRING, name=_STRING)
 
 CAMERA = Topic("/camera", "foxglove.CompressedImage", _IMAGE)
 POSE = Topic("/pose", "foxglove.PoseInFrame", _POSE_IN_FRAME)
-OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _POSE_IN_FRAME)
+OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _OVERHEAD)
 ODOMETRY = Topic("/odometry", "foxglove.PoseInFrame", _POSE_IN_FRAME)
 PATH = Topic("/path", "foxglove.PosesInFrame", _POSES)
 LOG = Topic("/log", "foxglove.Log", _LOG)
@@ -94,6 +98,13 @@ def image_bytes(message: Json) -> bytes:
 def pose_message(time_s: float, pose: Pose, frame: str = WORLD_FRAME) -> Json:
     """A pose on the floor."""
     return {"timestamp": _stamp(time_s), "frame_id": frame, "pose": _pose(pose)}
+
+
+def overhead_message(time_s: float, seen: PoseMessage) -> Json:
+    """What the localizer told; ``heading_known`` where it saw more than a place."""
+    pose = Pose(seen.x_m, seen.y_m, seen.heading_rad or 0.0)
+    known = seen.heading_rad is not None
+    return {**pose_message(time_s, pose), "heading_known": known, "confidence": seen.confidence}
 
 
 def path_message(time_s: float, points_m: Sequence[Tuple[float, float]]) -> Json:

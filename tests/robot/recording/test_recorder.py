@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError
+from robot.link.messages import PoseMessage
 from robot.recording import topics
 from robot.recording.config import RecordingConfig
 from robot.recording.drive_file import UNFINISHED
@@ -52,9 +53,20 @@ def test_a_drive_comes_back_exactly(tmp_path: Path) -> None:
 
 def test_foxglove_finds_what_it_knows(tmp_path: Path) -> None:
     robot = Robot(tmp_path / "robot")
+    seen = PoseMessage("daisy", 1.1, 2.1, None, 0.9, 5.0)
+    subject = replace(robot.subject(), overhead=lambda: seen)
+    robot.subject = lambda: subject  # type: ignore[method-assign]
     (path,) = record(robot, tmp_path / "drives", robot.drive(5))
+    assert [entry.topic for entry in entries(path)].count("/overhead") == 1
     found = {entry.topic: entry for entry in entries(path)}
-    for topic in (topics.CAMERA, topics.POSE, topics.ODOMETRY, topics.LOG, topics.TURN):
+    for topic in (
+        topics.CAMERA,
+        topics.POSE,
+        topics.OVERHEAD,
+        topics.ODOMETRY,
+        topics.LOG,
+        topics.TURN,
+    ):
         message = found[topic.name].message()
         assert set(message) <= set(topic.schema["properties"]), topic.name
     message = found["/pose"].message()
