@@ -2,6 +2,7 @@
 # The robot's tests on an emulated 64-bit Arm computer, as a Cortex-A57 (that of a Jetson Nano).
 #   sudo tools/test_arm64.sh [pytest arguments]
 # Needs debootstrap and qemu-user-static of Debian or Ubuntu, and 2 GB; made once, kept in ROOT.
+# Property tests try few examples here: emulation takes ten to twenty times as long.
 # The packages are unpacked, not configured: hours of emulated dpkg, and Python runs without it.
 set -euo pipefail
 ROOT=${ROOT:-/var/tmp/duckpilot-arm64}
@@ -30,11 +31,12 @@ if [ ! -e "$ROOT/opt/.installed" ] || [ constraints-nano.txt -nt "$ROOT/opt/.ins
   say "installing the Nano's versions of the wheels"
   rm -rf "$ROOT/opt/packages"
   platforms=$(printf -- '--platform manylinux_2_%s_aarch64 ' 17 27 28)
-  # shellcheck disable=SC2086
-  "$PYTHON" -m pip install --quiet --target "$ROOT/opt/packages" $platforms --platform manylinux2014_aarch64 \
+  # shellcheck disable=SC2086  # Every package by name: pip resolves for the computer it runs on.
+  "$PYTHON" -m pip install --quiet --no-deps --target "$ROOT/opt/packages" $platforms --platform manylinux2014_aarch64 \
     --python-version 3.11 --implementation cp --abi cp311 --abi abi3 --abi none --only-binary=:all: \
     --constraint constraints-nano.txt \
-    numpy opencv-python-headless onnxruntime pyyaml smbus2 pyzmq mcap pytest pytest-timeout hypothesis
+    numpy opencv-python-headless onnxruntime flatbuffers protobuf packaging pyyaml smbus2 pyzmq \
+    mcap lz4 zstandard pytest pytest-timeout pluggy iniconfig pygments hypothesis sortedcontainers
   touch "$ROOT/opt/.installed"
 fi
 
@@ -46,6 +48,6 @@ export ROOT QEMU_CPU=${QEMU_CPU:-cortex-a57}
 exec unshare --mount --propagation private bash -c '
   mount -t proc proc "$ROOT/proc" && mount --rbind /dev "$ROOT/dev"
   exec chroot "$ROOT" env -i PATH=/usr/bin:/bin HOME=/tmp LANG=C.UTF-8 QEMU_CPU="$QEMU_CPU" \
-    PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=/work:/opt/packages \
+    PYTHONDONTWRITEBYTECODE=1 HYPOTHESIS_PROFILE=quick PYTHONPATH=/work:/opt/packages \
     sh -c "cd /work && exec python3 -m pytest -p no:cacheprovider -q \"\$@\"" pytest "$@"' test_arm64 \
   "${@:-tests/robot}"
