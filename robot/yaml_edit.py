@@ -32,7 +32,7 @@ def edit_yaml(kind: Type[T], path: Path, values: Dict[Keys, Any]) -> List[Edit]:
     differ in these values alone.
 
     Returns:
-        What changed, defaults counted as old values.
+        What changed; where the file said nothing, from the default.
 
     Raises:
         ConfigError: the file does not fit ``kind`` before, or would not afterwards.
@@ -49,7 +49,8 @@ def edit_yaml(kind: Type[T], path: Path, values: Dict[Keys, Any]) -> List[Edit]:
     after = from_plain(kind, expected, where=str(path))
     write_bytes(path, text.encode("utf-8"))
     old, new = to_plain(before), to_plain(after)
-    return [Edit(".".join(keys), _get(old, keys), _get(new, keys)) for keys in values]
+    edits = [Edit(".".join(keys), _get(old, keys), _get(new, keys)) for keys in values]
+    return [edit for edit in edits if edit.old != edit.new]
 
 
 def set_value(text: str, keys: Sequence[str], value: Any) -> str:

@@ -19,6 +19,8 @@ COMMANDS = {
     "infer": "run a policy over pictures",
     "bench": "measure decisions, memory and the loop's punctuality",
     "doctor": "look at everything the robot needs, and say what to do",
+    "selftest": "test the motors, guided, with the wheels off the floor",
+    "calibrate": "measure wheels, camera and lens, and write the configuration",
     "off": "switch every output of the motor HAT off",
     "keygen": "make the keys of robot, localizer and monitor",
     "install": "make this computer the robot's: environment, user, permissions, service",

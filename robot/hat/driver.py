@@ -13,7 +13,7 @@ from robot.hat.clock import Clock
 from robot.hat.config import HatConfig
 from robot.hat.odometry import StepOdometry
 from robot.hat.stepper_hat import StepperHat
-from robot.hat.stepping import StepPlanner
+from robot.hat.stepping import StepPlanner, Steps
 
 STILL = WheelSpeeds(0.0, 0.0)
 SETTLE_S = 0.3  # a rotor swings to the field's direction when its coils come on
@@ -85,6 +85,11 @@ class MotorDriver:
     @pose.setter
     def pose(self, pose: Pose) -> None:
         self._odometry.pose = pose
+
+    @property
+    def counts(self) -> Steps:
+        """Microsteps of each wheel so far."""
+        return self._planner.counts
 
     @property
     def speeds(self) -> WheelSpeeds:

@@ -13,6 +13,7 @@ from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
+from robot.hat.stepping import Steps
 
 MIN_WAIT_S = 50e-6
 
@@ -84,6 +85,12 @@ class MotorThread:
     def pose(self, pose: Pose) -> None:
         with self._changed:
             self._driver.pose = pose
+
+    @property
+    def counts(self) -> Steps:
+        """Microsteps of each wheel so far."""
+        with self._changed:
+            return self._driver.counts
 
     @property
     def healthy(self) -> bool:

@@ -1,0 +1,98 @@
+"""Rolling by counted steps, for somebody who watches."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+from robot.errors import HardwareError
+from robot.geometry import WheelSpeeds
+from robot.hat.clock import Clock
+from robot.hat.config import HatConfig
+from robot.hat.stepping import Steps
+from robot.parts import Motors
+
+REFRESH_S = 0.05
+REST_S = 0.4  # standing so long, it has come to rest
+PATIENCE = 3.0  # a roll may take so many times as long as planned, and as many seconds more
+CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
+
+
+class CountedMotors(Motors, Protocol):
+    """Motors that count their steps; `robot.hat.thread.MotorThread` on the robot."""
+
+    @property
+    def counts(self) -> Steps:
+        """Microsteps of each wheel so far."""
+
+
+class Rolled(NamedTuple):
+    """How far each wheel went by its steps [m]."""
+
+    left_m: float
+    right_m: float
+
+
+class Roller:
+    """Rolls each wheel a given way and stops there, within a step or two.
+
+    Args:
+        motors: in a ``with`` block of the caller's, who so makes sure that they are off in the end.
+        config: of the motors.
+        clock: monotonic.
+    """
+
+    def __init__(self, motors: CountedMotors, config: HatConfig, clock: Clock) -> None:
+        self.motors = motors
+        self.config = config
+        self.clock = clock
+
+    def roll(self, left_m: float, right_m: float, speed_mps: float) -> Rolled:
+        """Both wheels arrive together; the farther one goes at ``speed_mps`` at most.
+
+        Raises:
+            HardwareError: the steps do not come.
+        """
+        began = self.motors.counts
+        longest_m = max(abs(left_m), abs(right_m))
+        lead = 0 if abs(left_m) == longest_m else 1
+        if longest_m == 0.0:
+            return Rolled(0.0, 0.0)
+        give_up_s = self.clock.now() + PATIENCE * (1.0 + longest_m / speed_mps)
+        while True:
+            done = self._since(began)
+            rest_m = longest_m - abs(done[lead])
+            if rest_m < self.config.step_m:
+                break
+            if self.clock.now() > give_up_s:
+                raise HardwareError(
+                    f"the wheels went {done.left_m:.3f} and {done.right_m:.3f} m instead of "
+                    f"{left_m:.3f} and {right_m:.3f} m; do the motors get their commands?"
+                )
+            share = self._speed(rest_m, speed_mps) / longest_m
+            self.motors.set_wheels(WheelSpeeds(share * left_m, share * right_m))
+            self.clock.sleep(REFRESH_S)
+        self.come_to_rest()
+        return self._since(began)
+
+    def come_to_rest(self) -> None:
+        """Ramp down without losing a step, and wait until both wheels stand."""
+        self.motors.set_wheels(WheelSpeeds(0.0, 0.0))
+        last, since_s = self.motors.counts, self.clock.now()
+        while self.clock.now() < since_s + REST_S:
+            self.clock.sleep(REFRESH_S)
+            if self.motors.counts != last:
+                last, since_s = self.motors.counts, self.clock.now()
+
+    def _speed(self, rest_m: float, most_mps: float) -> float:
+        """Fast enough to arrive, slow enough to stop: half of the way is kept for the ramp."""
+        ramp_mps = math.sqrt(self.config.acceleration_mps2 * rest_m)
+        creep_mps = CREEP_SHARE * self.config.start_stop_mps
+        return min(most_mps, max(creep_mps, ramp_mps))
+
+    def _since(self, began: Steps) -> Rolled:
+        ways = (
+            (now - start) * step_m
+            for now, start, step_m in zip(self.motors.counts, began, self.config.wheel_steps_m)
+        )
+        return Rolled(*ways)

@@ -1,0 +1,111 @@
+"""The printed chessboard: drawing it, and finding it in a picture."""
+
+from __future__ import annotations
+
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+COLUMNS, ROWS = 8, 5  # squares; one even and one odd number, so that it has one way up only
+SQUARE_M = 0.03
+CORNERS = (COLUMNS - 1, ROWS - 1)  # inner ones, across and along
+SHEET_M = (0.297, 0.210)  # A4, landscape; the board fits on US Letter too
+MARGIN_M = ((SHEET_M[0] - COLUMNS * SQUARE_M) / 2.0, (SHEET_M[1] - ROWS * SQUARE_M) / 2.0)
+RULER_M = 0.1
+POINTS_PER_M = 72.0 / 0.0254
+_TEXT = "This edge towards the robot. Print at 100 %: the line below is 100 mm long."
+
+
+def board_points_m(near_edge_m: float, square_m: float = SQUARE_M) -> np.ndarray:
+    """(28, 3) inner corners on the floor, robot frame: far row first, each from left to right.
+
+    Args:
+        near_edge_m: from the axle to the near edge of the sheet's board (its squares).
+        square_m: side of a square as printed.
+    """
+    rows = near_edge_m + square_m * np.arange(CORNERS[1], 0, -1)
+    columns = square_m * (COLUMNS / 2.0 - np.arange(1, COLUMNS))
+    grid = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack((grid, np.zeros(len(grid))))
+
+
+def find_board(picture: np.ndarray) -> Optional[np.ndarray]:
+    """(28, 2) pixels of the inner corners in the order of ``board_points_m``; None without a board.
+
+    The row that lies lower in the picture is taken for the near one.
+    """
+    import cv2
+
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCornersSB(grey, CORNERS, flags=flags)
+    if not found:
+        return None
+    grid = np.asarray(corners, dtype=np.float64).reshape(CORNERS[1], CORNERS[0], 2)
+    if grid[0, :, 1].mean() > grid[-1, :, 1].mean():
+        grid = grid[::-1, ::-1]
+    return np.ascontiguousarray(grid).reshape(-1, 2)
+
+
+def board_squares_m() -> List[Tuple[float, float]]:
+    """Lower left corners of the black squares on the sheet, from its lower left corner [m]."""
+    return [
+        (MARGIN_M[0] + column * SQUARE_M, MARGIN_M[1] + row * SQUARE_M)
+        for row in range(ROWS)
+        for column in range(COLUMNS)
+        if (row + column) % 2 == 0
+    ]
+
+
+def sheet_svg() -> str:
+    """The sheet as SVG in true millimetres."""
+    width, height = (1e3 * length for length in SHEET_M)
+    side = 1e3 * SQUARE_M
+    size = f'width="{side:g}" height="{side:g}"'
+    squares = "\n".join(
+        f'<rect x="{1e3 * x:g}" y="{height - 1e3 * y - side:g}" {size}/>'
+        for x, y in board_squares_m()
+    )
+    left, low = 1e3 * MARGIN_M[0], height - 8.0
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}mm" height="{height:g}mm" '
+        f'viewBox="0 0 {width:g} {height:g}">\n'
+        f'<rect width="{width:g}" height="{height:g}" fill="white"/>\n{squares}\n'
+        f'<text x="{left:g}" y="{low - 5:g}" font-family="sans-serif" font-size="5">'
+        f"{_TEXT}</text>\n"
+        f'<path d="M {left:g} {low:g} h {1e3 * RULER_M:g}" stroke="black" stroke-width="0.5"/>\n'
+        "</svg>\n"
+    )
+
+
+def sheet_pdf() -> bytes:
+    """The sheet as PDF 1.4, one page in true size."""
+    width, height = (POINTS_PER_M * side for side in SHEET_M)
+    side = POINTS_PER_M * SQUARE_M
+    squares = "\n".join(
+        f"{POINTS_PER_M * x:.3f} {POINTS_PER_M * y:.3f} {side:.3f} {side:.3f} re"
+        for x, y in board_squares_m()
+    )
+    left, low = POINTS_PER_M * MARGIN_M[0], POINTS_PER_M * 0.008
+    drawn = (
+        f"{squares}\nf\n{left:.3f} {low:.3f} m {left + POINTS_PER_M * RULER_M:.3f} {low:.3f} l S\n"
+        f"BT /F1 12 Tf {left:.3f} {low + 14.0:.3f} Td ({_TEXT}) Tj ET\n"
+    )
+    objects = (
+        "<< /Type /Catalog /Pages 2 0 R >>",
+        "<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+        f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.3f} {height:.3f}] /Contents 4 0 R "
+        "/Resources << /Font << /F1 5 0 R >> >> >>",
+        f"<< /Length {len(drawn)} >>\nstream\n{drawn}endstream",
+        "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
+    )
+    text, offsets = "%PDF-1.4\n", []
+    for number, body in enumerate(objects, 1):
+        offsets.append(len(text))
+        text += f"{number} 0 obj\n{body}\nendobj\n"
+    table = "".join(f"{offset:010d} 00000 n \n" for offset in offsets)
+    trailer = (
+        f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(text)}\n%%EOF\n"
+    )
+    head = f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n"
+    return (text + head + table + trailer).encode("latin-1")

@@ -1,0 +1,156 @@
+"""Measure this robot and write what was found into its configuration.
+
+steps, trim and baseline move the robot while a person watches; camera and lens look at a printed
+chessboard, which target draws. What is implausible is refused, and nothing written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import ContextManager, Tuple
+
+from robot.bringup import pictures, target
+from robot.bringup.guides import GUIDES, Guide
+from robot.bringup.lens_fit import fit_lens
+from robot.bringup.mount_fit import check_mount_fit, fit_mount
+from robot.bringup.person import AtTerminal, Person
+from robot.bringup.roll import CountedMotors, Roller
+from robot.bringup.wheels import Values
+from robot.camera.replay import read_picture
+from robot.cli.output import write_bytes
+from robot.config import RobotConfig
+from robot.errors import ConfigError
+from robot.hat.clock import Clock, MonotonicClock
+from robot.hat.config import HatConfig
+from robot.hat.thread import real_motors
+from robot.typed_config import load_yaml, to_plain
+from robot.yaml_edit import edit_yaml
+
+PURPOSES = {
+    "steps": "full steps per turn of a wheel; wheels off the floor",
+    "trim": "difference of the wheels, and their radius: a straight drive",
+    "baseline": "distance of the wheels: turns on the spot",
+}
+NEAR_EDGE_M = 0.18
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's options."""
+    kinds = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    sheet = kinds.add_parser("target", help="draw the chessboard to print")
+    sheet.add_argument("--out", type=Path, required=True, help="a .pdf or .svg file to write")
+    for name, purpose in PURPOSES.items():
+        _add_config(kinds.add_parser(name, help=purpose))
+    camera = kinds.add_parser("camera", help="pitch, roll and height of the camera: board on floor")
+    _add_config(camera)
+    camera.add_argument("--image", type=Path, help="a picture; without it one is taken now")
+    camera.add_argument(
+        "--ahead-m",
+        type=float,
+        default=NEAR_EDGE_M,
+        help="from the wheels' axle to the nearest row of squares (default %(default)s)",
+    )
+    camera.add_argument(
+        "--square-m", type=float, default=target.SQUARE_M, help="side of a square as printed"
+    )
+    lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
+    _add_config(lens)
+    lens.add_argument(
+        "--images", type=Path, required=True, help="folder of pictures; taken now when it is empty"
+    )
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do it; ConfigError for what is implausible, HardwareError when a device fails."""
+    if options.what == "target":
+        write_target(options.out)
+        return
+    config = load_yaml(RobotConfig, options.config)
+    person = AtTerminal()
+    if options.what == "camera":
+        values = measure_camera(config, options.image, options.ahead_m, options.square_m, person)
+    elif options.what == "lens":
+        values = measure_lens(config, options.images, person)
+    else:
+        motors, guide = real_motors(config.hat), GUIDES[options.what]
+        values = measure_motion(guide, config.hat, motors, person, MonotonicClock())
+    keep(options.config, values, person)
+
+
+def keep(path: Path, values: Values, person: Person) -> None:
+    """Write the values, and show what changed; ConfigError when the robot would refuse them."""
+    for edit in edit_yaml(RobotConfig, path, values):
+        person.tell(str(edit))
+
+
+def write_target(path: Path) -> None:
+    """Draw the chessboard; ConfigError for another ending than .pdf and .svg."""
+    drawings = {".pdf": target.sheet_pdf, ".svg": lambda: target.sheet_svg().encode("utf-8")}
+    if path.suffix not in drawings:
+        raise ConfigError(f"--out: expected a name that ends in .pdf or .svg, got {path}")
+    write_bytes(path, drawings[path.suffix]())
+    print(f"{path}: print it on A4 or Letter at 100 %, and check the 100 mm line with a ruler")
+
+
+def measure_motion(
+    guide: Guide,
+    hat: HatConfig,
+    motors: ContextManager[CountedMotors],
+    person: Person,
+    clock: Clock,
+) -> Values:
+    """One of the guided measurements, with any motors, which are off afterwards."""
+    with motors as opened:
+        return guide(Roller(opened, hat, clock), person)
+
+
+def measure_camera(
+    config: RobotConfig, image: Path, near_edge_m: float, square_m: float, person: Person
+) -> Values:
+    """Pitch, roll and height of the camera over the board on the floor."""
+    picture = read_picture(image) if image else pictures.take_picture(config.camera)
+    corners = target.find_board(picture)
+    if corners is None:
+        raise ConfigError(
+            f"camera: expected the board with all its {target.COLUMNS} by {target.ROWS} squares in "
+            "the picture, found none; lay it before the robot, in even light, and see that nothing "
+            "covers it"
+        )
+    size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
+    lens, before = config.camera.lens.scaled(*size), config.camera.mount
+    fit = fit_mount(corners, lens, near_edge_m, square_m)
+    check_mount_fit(fit, before, size[0])
+    mount = fit.mount
+    person.tell(
+        f"pitch {math.degrees(mount.pitch_rad):.2f}° (±{math.degrees(fit.pitch_sigma_rad):.2f}), "
+        f"roll {math.degrees(mount.roll_rad):.2f}°, height {1e3 * mount.height_m:.1f} mm "
+        f"(±{1e3 * fit.height_sigma_m:.1f}); residual {fit.residual_px:.2f} px"
+    )
+    names = ("pitch_rad", "roll_rad", "height_m")
+    return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}
+
+
+def measure_lens(config: RobotConfig, folder: Path, person: Person) -> Values:
+    """The lens, from a folder of pictures that is filled first when it is empty or absent."""
+    if not folder.is_dir() or not any(folder.iterdir()):
+        pictures.collect_boards(config.camera, folder, person)
+    boards, size = pictures.boards_from_files(folder)
+    fit = fit_lens(boards, size)
+    person.tell(
+        f"{len(boards)} pictures; residual {fit.residual_px:.2f} px; the boards cover "
+        f"{100 * fit.coverage[0]:.0f} % of the width, {100 * fit.coverage[1]:.0f} % of the height"
+    )
+    plain = to_plain(fit.lens)
+    return {("camera", "lens", name): _rounded(value) for name, value in plain.items()}
+
+
+def _rounded(value: object) -> object:
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return round(value, 6) if isinstance(value, float) else value

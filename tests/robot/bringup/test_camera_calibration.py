@@ -1,0 +1,188 @@
+"""The camera's mount and lens, found again from drawn pictures of the printed board."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Callable, Dict, List, Tuple
+
+import numpy as np
+import pytest
+
+from robot.bringup import pictures
+from robot.bringup.lens_fit import fit_lens
+from robot.bringup.mount_fit import check_mount_fit, fit_mount
+from robot.bringup.target import (
+    SQUARE_M,
+    board_points_m,
+    board_squares_m,
+    find_board,
+    sheet_pdf,
+    sheet_svg,
+)
+from robot.cli import main
+from robot.cli.output import write_png
+from robot.config import CameraConfig, RobotConfig
+from robot.errors import ConfigError, HardwareError
+from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
+from robot.typed_config import load_yaml
+from tests.robot.bringup.boards import floor_picture, held_boards
+
+NEAR_M = 0.18
+FISHEYE = Lens("fisheye", 640, 480, 310.0, 312.0, 322.0, 236.0, (-0.02, 0.004, -0.001, 0.0))
+MOUNTS: Dict[str, Mount] = {
+    "nominal": Mount(),
+    "tilted": Mount(0.115, 0.07, 0.004, math.radians(23.7), math.radians(2.0), math.radians(-1.5)),
+    "low and level": Mount(0.092, 0.06, -0.003, math.radians(15.0), math.radians(-1.0), 0.02),
+}
+
+
+@pytest.mark.parametrize("name", MOUNTS)
+def test_pitch_and_height_are_found_again(name: str) -> None:
+    lens = DUCKIEBOT_LENS if name == "nominal" else FISHEYE
+    mount, rng = MOUNTS[name], np.random.default_rng(len(name))
+    corners = find_board(floor_picture(CameraRig(lens, mount), NEAR_M, rng))
+    assert corners is not None
+    fit = fit_mount(corners, lens, NEAR_M, SQUARE_M)
+    check_mount_fit(fit, mount, lens.width_px)
+    assert fit.mount.pitch_rad == pytest.approx(mount.pitch_rad, abs=math.radians(0.2))
+    assert fit.mount.roll_rad == pytest.approx(mount.roll_rad, abs=math.radians(0.4))
+    assert fit.mount.height_m == pytest.approx(mount.height_m, abs=0.002)
+    assert abs(fit.mount.pitch_rad - mount.pitch_rad) < 4.0 * fit.pitch_sigma_rad
+    assert fit.residual_px < 0.6
+
+
+def test_exact_corners_give_the_exact_mount_wherever_the_board_lies() -> None:
+    mount = MOUNTS["tilted"]
+    pixels = CameraRig(FISHEYE, mount).to_pixels(board_points_m(0.2))
+    fit = fit_mount(pixels, FISHEYE, 0.18, SQUARE_M)  # it lies 2 cm farther than told
+    assert fit.residual_px < 1e-6
+    expected = replace(mount, forward_m=mount.forward_m - 0.02)
+    assert vars(fit.mount) == pytest.approx(vars(expected), abs=1e-7)
+
+
+WRONG: Dict[str, Tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "bent sheet": (
+        lambda c: c + 4.0 * np.sin(np.arange(len(c)))[:, None],
+        r"miss the fitted board by .* px, expected at most 1\.00",
+    ),
+    "picture upside down": (lambda c: (640.0, 480.0) - c[::-1], r"expected"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_cannot_be_is_refused_with_the_residual(wrong: str) -> None:
+    change, message = WRONG[wrong]
+    corners = change(CameraRig(FISHEYE, Mount()).to_pixels(board_points_m(NEAR_M)))
+    with pytest.raises(ConfigError, match=message):
+        check_mount_fit(fit_mount(corners, FISHEYE, NEAR_M, SQUARE_M), Mount(), 640)
+
+
+def test_a_board_told_at_the_wrong_distance_is_noticed() -> None:
+    pixels = CameraRig(FISHEYE, Mount()).to_pixels(board_points_m(0.30))
+    with pytest.raises(ConfigError, match="the board lies 120 mm farther"):
+        check_mount_fit(fit_mount(pixels, FISHEYE, NEAR_M, SQUARE_M), Mount(), 640)
+
+
+def test_the_command_writes_pitch_and_height_and_nothing_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mount, config, shot = MOUNTS["tilted"], tmp_path / "robot.yaml", tmp_path / "shot.png"
+    text = "model: m.onnx # mine\ncamera: {kind: v4l2}\n"
+    config.write_text(text)
+    rig = CameraRig(DUCKIEBOT_LENS, mount)
+    write_png(shot, floor_picture(rig, NEAR_M, np.random.default_rng(1)))
+    arguments = ["calibrate", "camera", "--config", str(config), "--image", str(shot)]
+    assert main(arguments) == 0
+    told = capsys.readouterr().out
+    assert "residual" in told
+    assert "camera.mount.height_m: 0.108 -> 0.1" in told
+    found = load_yaml(RobotConfig, config).camera
+    assert found.mount.pitch_rad == pytest.approx(mount.pitch_rad, abs=math.radians(0.2))
+    assert found.kind == "v4l2"
+    assert config.read_text().startswith("model: m.onnx # mine\n")
+    write_png(shot, np.full((480, 640, 3), 128, np.uint8))
+    config.write_text(text)
+    assert main(arguments) == 2
+    assert "expected the board with all its 8 by 5 squares" in capsys.readouterr().err
+    assert config.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("truth", "most_px"), [(FISHEYE, 1.0), (DUCKIEBOT_LENS, 3.0)], ids=["fisheye", "plumb bob"]
+)
+def test_a_lens_is_found_again(truth: Lens, most_px: float) -> None:
+    """A plumb-bob lens is only nearly equidistant; 3 px of 640 are half a degree."""
+    boards = held_boards(truth, 20, np.random.default_rng(3))
+    fit = fit_lens(boards, (640, 480))
+    assert fit.residual_px < 0.5
+    v, u = np.mgrid[40:440:9j, 60:580:9j]
+    rays = truth.unproject(np.stack((u, v), axis=-1))
+    misses_px = np.linalg.norm(fit.lens.project(rays) - np.stack((u, v), axis=-1), axis=-1)
+    assert misses_px.max() < most_px
+
+
+def test_a_lens_that_cannot_be_is_refused() -> None:
+    rng = np.random.default_rng(4)
+    boards = held_boards(FISHEYE, 12, rng)
+    with pytest.raises(ConfigError, match=r"expected 8 pictures or more.*got 5"):
+        fit_lens(boards[:5], (640, 480))
+    with pytest.raises(ConfigError, match="hold the board into every corner"):
+        fit_lens([0.3 * board for board in boards], (640, 480))
+    shaken = [board + rng.normal(0.0, 3.0, board.shape) for board in boards]
+    with pytest.raises(ConfigError, match=r"miss the fitted lens by|no lens fits"):
+        fit_lens(shaken, (640, 480))
+
+
+class BoardStream:
+    """A camera before which the board lies at three places in turn, and is then taken away."""
+
+    def __init__(self) -> None:
+        self.grabbed = 0
+
+    def grab(self) -> np.ndarray:
+        self.grabbed += 1
+        if self.grabbed > 7:
+            raise HardwareError("no picture")
+        if self.grabbed > 6:
+            return np.full((480, 640, 3), 128, np.uint8)
+        mount = Mount(pitch_rad=math.radians(19.0 + 3.0 * ((self.grabbed - 1) // 2)))
+        return floor_picture(CameraRig(FISHEYE, mount), NEAR_M, np.random.default_rng(self.grabbed))
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_picture_is_kept_only_when_the_board_has_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "FEWEST_NEW_PX", 10.0)
+    kept = []  # type: ignore[var-annotated]
+    with pytest.raises(HardwareError):
+        kept.extend(pictures.new_boards(BoardStream()))
+    assert len(kept) == 3
+
+
+def test_pictures_of_the_board_are_read_from_a_folder(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for name, mount in MOUNTS.items():
+        write_png(tmp_path / f"{name}.png", floor_picture(CameraRig(FISHEYE, mount), NEAR_M, rng))
+    write_png(tmp_path / "zz-no-board.png", np.full((480, 640, 3), 128, np.uint8))
+    boards, size = pictures.boards_from_files(tmp_path)
+    assert (len(boards), size) == (len(MOUNTS), (640, 480))
+    with pytest.raises(ConfigError, match="got a replay; give pictures"):
+        pictures.take_picture(CameraConfig("replay", path=str(tmp_path)))
+
+
+def test_the_sheet_is_drawn_in_true_size(tmp_path: Path) -> None:
+    squares = board_squares_m()
+    assert len(squares) == 20
+    assert sheet_svg().count("<rect") == len(squares) + 1
+    assert 'width="297mm" height="210mm"' in sheet_svg()
+    pdf = sheet_pdf()
+    start = int(pdf.split(b"startxref\n")[1].split(b"\n")[0])
+    assert pdf[start : start + 4] == b"xref"
+    offsets: List[int] = [int(line[:10]) for line in pdf[start:].split(b"\n")[3:8]]
+    assert [pdf[at : at + 7] for at in offsets] == [b"%d 0 obj" % n for n in range(1, 6)]
+    for name in ("target.pdf", "target.svg"):
+        assert main(["calibrate", "target", "--out", str(tmp_path / name)]) == 0
+    assert main(["calibrate", "target", "--out", str(tmp_path / "target.doc")]) == 2

@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import pytest
+
+from robot.bringup.person import AtTerminal
+from robot.bringup.selftest import MOTIONS
+from robot.cli.selftest import try_motors
+from robot.errors import ConfigError, HardwareError
+from robot.hat.config import HatConfig, MotorConfig
+from sim_pybullet.virtual.i2c import BusFault
+from tests.robot.bringup.bench import BenchMotors, Spectator
+from tests.robot.hat.rig import ALL_OFF
+
+STEPS = len(MOTIONS) + 3
+
+
+def test_a_robot_that_is_wired_right_passes_every_step_and_ends_with_its_coils_off() -> None:
+    motors = BenchMotors(HatConfig())
+    person = Spectator(motors)
+    assert try_motors(HatConfig(), motors, person, motors) == 0
+    assert person.told[-STEPS:] == [f"OK    {line[6:]}" for line in person.told[-STEPS:]]
+    assert motors.rig.last.data == ALL_OFF
+    assert motors.rig.hat.lost_steps == (0, 0)
+
+
+WRONG = {
+    "left reversed": HatConfig(left=MotorConfig("M1M2", reversed=True)),
+    "right not reversed": HatConfig(right=MotorConfig("M3M4", reversed=False)),
+    "plugs exchanged": HatConfig(
+        left=MotorConfig("M3M4", reversed=True), right=MotorConfig("M1M2")
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_robot_that_is_wired_wrong_is_found_with_what_to_do(wrong: str) -> None:
+    motors = BenchMotors(WRONG[wrong])
+    person = Spectator(motors)
+    assert try_motors(WRONG[wrong], motors, person, motors) == 1
+    failed = "right forward" if "right" in wrong else "left forward"
+    assert person.told[-1] == f"FAIL  {failed}"
+    assert any("`reversed`" in line and "exchange" in line for line in person.told)
+    assert not motors.coils_on
+
+
+@pytest.mark.parametrize("at", [0, 1, 7, STEPS])
+def test_an_interrupt_at_any_question_leaves_the_coils_off(at: int) -> None:
+    motors = BenchMotors(HatConfig())
+    person = Spectator(motors)
+
+    def interrupt(_question: str) -> None:
+        if len(person.asked) > at:
+            raise KeyboardInterrupt
+
+    person.interrupt = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        try_motors(HatConfig(), motors, person, motors)
+    assert not motors.coils_on
+    assert len(person.asked) == at + 1
+
+
+def test_an_interrupt_while_the_wheels_run_brakes_them_and_switches_off() -> None:
+    motors = BenchMotors(HatConfig())
+    person = Spectator(motors)
+    with pytest.raises(KeyboardInterrupt):
+        try_motors(HatConfig(), motors, person, Interrupting(motors, after_s=2.0))
+    assert not motors.coils_on
+    angles_rad = motors.angles_rad
+    motors.rig.clock.sleep(5.0)
+    assert motors.angles_rad == pytest.approx(angles_rad, abs=0.1)
+
+
+class Interrupting:
+    """A clock whose sleep is broken off by Ctrl-C."""
+
+    def __init__(self, motors: BenchMotors, after_s: float) -> None:
+        self._motors, self._until_s = motors, motors.now() + after_s
+
+    def now(self) -> float:
+        return self._motors.now()
+
+    def sleep(self, duration_s: float) -> None:
+        self._motors.sleep(duration_s)
+        if self.now() > self._until_s:
+            raise KeyboardInterrupt
+
+
+def test_wheels_on_the_floor_and_motors_that_fail_end_it() -> None:
+    motors = BenchMotors(HatConfig())
+    person = Spectator(motors)
+    person.agrees = lambda question: False  # type: ignore[method-assign]
+    with pytest.raises(ConfigError, match="put the robot on a box"):
+        try_motors(HatConfig(), motors, person, motors)
+    assert not motors.coils_on
+    broken = BenchMotors(HatConfig())
+    broken.rig.bus.inject(BusFault.NACK, after=200)
+    with pytest.raises(HardwareError, match="0x6F"):
+        try_motors(HatConfig(), broken, Spectator(broken), broken)
+    assert not broken.coils_on
+    dead = BenchMotors(HatConfig())
+    dead.dead = True
+    with pytest.raises(HardwareError, match="do the motors get their commands"):
+        try_motors(HatConfig(), dead, Spectator(dead), dead)
+
+
+def test_a_person_at_the_terminal_is_asked_until_the_answer_is_one() -> None:
+    answers = iter(["", "maybe", " Yes ", "ten", "nan", "9,75"])
+    shown = []  # type: ignore[var-annotated]
+    person = AtTerminal(lambda prompt: next(answers), lambda line, flush: shown.append(line))
+    assert person.agrees("Well?")
+    assert person.number("How many?") == 9.75
+    assert len(shown) == 4
+
+    def nobody(_prompt: str) -> str:
+        raise EOFError
+
+    with pytest.raises(ConfigError, match="a person who answers"):
+        AtTerminal(nobody).agrees("Anybody?")

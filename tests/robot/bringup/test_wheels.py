@@ -1,0 +1,114 @@
+"""The figures of the wheels, from robots that are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot.bringup.guides import GUIDES
+from robot.bringup.wheels import baseline_from_turns, steps_from_turns, trim_from_drive
+from robot.cli.calibrate import keep, measure_motion
+from robot.config import RobotConfig
+from robot.errors import ConfigError
+from robot.geometry import DifferentialDrive, Pose
+from robot.hat.config import HatConfig
+from robot.typed_config import load_yaml
+from tests.robot.bringup.bench import BenchMotors, Spectator
+
+
+def calibrated(what: str, hat: HatConfig, person: Spectator, path: Path) -> HatConfig:
+    """The motor settings after one guided measurement."""
+    drive = f"drive: {{baseline_m: {hat.drive.baseline_m}, wheel_radius_m: 0.0325}}"
+    path.write_text(f"model: m.onnx\nhat:\n  steps_per_rev: {hat.steps_per_rev}\n  {drive}\n")
+    keep(path, measure_motion(GUIDES[what], hat, person.motors, person, person.motors), person)
+    return load_yaml(RobotConfig, path).hat
+
+
+def test_steps_of_an_unknown_motor_are_found(tmp_path: Path) -> None:
+    believed = HatConfig(steps_per_rev=40.0)
+    person = Spectator(BenchMotors(believed, steps_per_rev=48.0))
+    found = calibrated("steps", believed, person, tmp_path / "robot.yaml")
+    assert found.steps_per_rev == 48.0
+    assert person.told[-1] == "hat.steps_per_rev: 40 -> 48"
+    assert not person.motors.coils_on
+
+
+def test_wheels_of_two_sizes_are_found_and_drive_straight_afterwards(tmp_path: Path) -> None:
+    radii_m, believed = (0.0318, 0.0327), HatConfig()
+    person = Spectator(BenchMotors(believed), radii_m)
+    found = calibrated("trim", believed, person, tmp_path / "robot.yaml")
+    gains = (found.left.gain, found.right.gain)
+    assert gains[1] / gains[0] == pytest.approx(radii_m[1] / radii_m[0], rel=0.002)
+    found_radii_m = [gain * found.drive.wheel_radius_m for gain in gains]
+    assert found_radii_m == pytest.approx(radii_m, rel=0.003)
+    again = Spectator(BenchMotors(found), radii_m)
+    second = calibrated("trim", found, again, tmp_path / "again.yaml")
+    assert second.left.gain == pytest.approx(found.left.gain, abs=0.002)
+
+
+def test_the_distance_of_the_wheels_is_found(tmp_path: Path) -> None:
+    believed = HatConfig(drive=DifferentialDrive(baseline_m=0.098))
+    person = Spectator(BenchMotors(believed), baseline_m=0.105)
+    found = calibrated("baseline", believed, person, tmp_path / "robot.yaml")
+    assert found.drive.baseline_m == pytest.approx(0.105, rel=0.003)
+
+
+@given(
+    left=st.floats(0.96, 1.04),
+    right=st.floats(0.96, 1.04),
+    gains=st.tuples(st.floats(0.98, 1.02), st.floats(0.98, 1.02)),
+)
+@settings(max_examples=50, deadline=None)
+def test_a_trimmed_robot_believes_where_it_truly_drives(
+    left: float, right: float, gains: tuple
+) -> None:
+    """The law behind trim: by the new figures, the same steps lead where the robot went."""
+    hat = HatConfig()
+    hat = replace(
+        hat, left=replace(hat.left, gain=gains[0]), right=replace(hat.right, gain=gains[1])
+    )
+    steps = [1.5 / step_m for step_m in hat.wheel_steps_m]
+    ways = [n * s * k for n, s, k in zip(steps, hat.wheel_steps_m, (left, right))]
+    end = Pose(0.0, 0.0, 0.0).moved(0.5 * sum(ways), (ways[1] - ways[0]) / hat.drive.baseline_m)
+    bend_rad = abs(ways[1] - ways[0]) / hat.drive.baseline_m
+    if bend_rad > 1.0:  # beyond what a drive that should be straight may bend
+        return
+    values = trim_from_drive(hat, 1.5, end.x_m, end.y_m)
+    radius_m = values[("hat", "drive", "wheel_radius_m")]
+    for side, way_m, count in zip(("left", "right"), ways, steps):
+        gain = values[("hat", side, "gain")]
+        believed_m = count * 2.0 * math.pi * radius_m * gain / hat.steps_per_rev / hat.microsteps
+        assert believed_m == pytest.approx(way_m, rel=3e-4)
+
+
+@given(common=st.sampled_from((48, 200, 2048)), error=st.floats(-0.01, 0.01))
+def test_a_count_near_a_common_motors_is_that_one(common: int, error: float) -> None:
+    values = steps_from_turns(HatConfig(), 10.0, 10.0 * 48.0 / common * (1.0 + error))
+    assert values[("hat", "steps_per_rev")] == common
+
+
+def test_what_no_robot_can_be_is_refused_with_what_was_seen() -> None:
+    hat = HatConfig()
+    with pytest.raises(ConfigError, match="expected a positive number, got 0"):
+        steps_from_turns(hat, 10.0, 0.0)
+    with pytest.raises(ConfigError, match="from 10000 turns instead of 10"):
+        steps_from_turns(hat, 10.0, 10_000.0)
+    with pytest.raises(ConfigError, match=r"drag or slip"):
+        trim_from_drive(hat, 1.5, 0.5, 0.9)
+    with pytest.raises(ConfigError, match=r"wheel radius.*1\.000 m instead of 1\.500 m"):
+        trim_from_drive(hat, 1.5, 1.0, 0.0)
+    with pytest.raises(ConfigError, match=r"baseline.*1\.333.*-450° beyond"):
+        baseline_from_turns(hat, 10.0 * math.pi, -2.5 * math.pi)
+
+
+def test_a_figure_that_the_bus_cannot_carry_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text("model: m.onnx\n")
+    with pytest.raises(ConfigError, match="updates per second"):
+        keep(path, {("hat", "steps_per_rev"): 200.0}, Spectator(BenchMotors(HatConfig())))
+    assert path.read_text() == "model: m.onnx\n"
