@@ -18,7 +18,11 @@ T = TypeVar("T")
 _WHOLE_FRAME = ImageSpec()
 
 TASKS = {"lane": "loop", "navigation": "arena"}  # and where each is learned by default
-TESTS = {**TASKS, "manoeuvres": "arena"}  # what can be evaluated, and where by default
+TESTS = {
+    **TASKS,
+    "four_laps": "loop",
+    "manoeuvres": "arena",
+}  # what can be evaluated, and where by default
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
@@ -21,6 +22,7 @@ from trainer.config import RunConfig, choose
 _TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {
     "lane": LaneKeeping,
     "navigation": Navigation,
+    "four_laps": partial(LaneKeeping, laps=4.0),
     "manoeuvres": Manoeuvres,
 }
 

@@ -29,7 +29,7 @@ from trainer.envs import build_task
 ROBOTS = 20  # at once
 # Episodes of each robot in one world. Missions differ in length: were each the only one of its
 # robot, most robots would wait most of the time.
-ROUNDS = {"lane": 1, "navigation": 5, "manoeuvres": manoeuvres.ROUNDS}
+ROUNDS = {"lane": 1, "four_laps": 1, "navigation": 5, "manoeuvres": manoeuvres.ROUNDS}
 _FEWEST_LOOKS = 4  # of each map in one world
 _FIRST_WORLD = 1_000_000_007  # seeds of worlds, away from those that runs are trained with
 

@@ -68,9 +68,9 @@ class EvaluateOptions:
     model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
     """A policy, .onnx."""
     task: str | None = None
-    """lane, navigation or manoeuvres; else what the policy was trained for."""
+    """lane, four_laps, navigation or manoeuvres; else what the policy was trained for."""
     map: tuple[str, ...] = ()
-    """Map files, or names of shipped maps; else loop for lane, else arena."""
+    """Map files, or names of shipped maps; else loop for lanes, else arena."""
     look: str = "nominal"
     """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
     pose_error: str | None = None

@@ -1,0 +1,72 @@
+import json
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+from trainer.experiments.six_models import (
+    DRIVES,
+    FIRST_SEED,
+    SixModelsOptions,
+    drives,
+    models,
+    trainings,
+)
+from trainer.experiments.transfer_tables import TransferRow, as_table, gather
+
+OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", repeats=2)
+
+
+def test_six_models_without_a_translator_are_four():
+    kinds = {(m.algorithm, m.variant) for m in models(OPTIONS)}
+    assert len(kinds) == 8  # the paper's six, and both ways together
+    without = {(m.algorithm, m.variant) for m in models(replace(OPTIONS, translator=None))}
+    assert without == {kind for kind in kinds if "cyclegan" not in kind[1]}
+
+
+def test_all_models_are_trained_alike_but_for_what_is_compared(tmp_path):
+    jobs = [job for job in trainings(tmp_path, OPTIONS) if job.options.task == "navigation"]
+    assert len({job.out for job in jobs}) == len(jobs) == 16
+    alike = {
+        replace(job.options, algo="", look="", translate=None, seed=0).__repr__() for job in jobs
+    }
+    assert len(alike) == 1
+    ways = Counter((job.options.look, job.options.translate) for job in jobs)
+    assert ways == {
+        ("nominal", None): 4,
+        ("randomised", None): 4,
+        ("nominal", "gan.onnx"): 4,
+        ("randomised", "gan.onnx"): 4,
+    }
+    assert OPTIONS.test_map not in jobs[0].options.map
+
+
+def test_every_model_is_judged_by_its_own_run_untranslated(tmp_path):
+    runs = {job.out: job.options for job in trainings(tmp_path, OPTIONS)}
+    for job in drives(tmp_path, OPTIONS):
+        assert job.json.parent in runs
+        assert job.options.model == str(job.json.parent / "model.onnx")
+        assert job.options.translate is None
+        laps = job.options.task == "four_laps"
+        assert runs[job.json.parent].task == ("lane" if laps else "navigation")
+    assert FIRST_SEED % 160 == 0
+
+
+def test_the_tables_count_successes_and_judge_as_the_paper(tmp_path):
+    for k, model in enumerate(models(OPTIONS)):
+        for test, count in DRIVES.items():
+            file = model.judged(tmp_path, test)
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(json.dumps({"episodes": count, "failures": list(range(k))}))
+    transfer = gather(tmp_path, OPTIONS)
+    assert [row.paths for row in transfer.rows[:2]] == [(32, 31), (30, 29)]
+    assert transfer.rows[-1].tasks == (36, 35)
+    assert as_table(transfer).row_count == 8
+
+
+@pytest.mark.parametrize(
+    ("paths", "verdict"),
+    [((21, 32, 30), "success"), ((20, 20, 32), "neither"), ((9, 0, 32), "failure")],
+)
+def test_the_verdict_is_of_the_median_model(paths, verdict):
+    assert TransferRow("ppo", "dr", (), paths, ()).verdict == verdict

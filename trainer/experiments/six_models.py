@@ -1,0 +1,141 @@
+"""Paper A's comparison of ways from simulation to reality (section 4.4): Tables 4 and 5.
+
+Every algorithm is trained in the nominal look, under domain randomisation, through a CycleGAN, and
+through both, with the same number of steps, maps and pose error. All are judged in looks that no
+training saw: four laps of lane keeping, each of a map's manoeuvres once, and random missions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from trainer.jobs import EvaluateJob, TrainJob
+from trainer.options import EvaluateOptions, TrainOptions
+from trainer.run import RunFolder
+
+ALGORITHMS = ("dueling", "ppo")
+MAPS = ("hamlet", "village", "suburb", "blocks")  # not the arena, where they are judged
+DRIVES = {"laps": 20, "paths": 32, "tasks": 50}  # episodes of each test
+FIRST_SEED = 160 * 32  # whole worlds of 160 episodes: 32 paths are then each path once
+
+
+class Variant(NamedTuple):
+    """How simulation is made to resemble reality in training."""
+
+    title: str
+    look: str
+    translated: bool
+
+
+VARIANTS = {
+    "none": Variant("nothing", "nominal", translated=False),
+    "dr": Variant("domain randomisation", "randomised", translated=False),
+    "cyclegan": Variant("CycleGAN", "nominal", translated=True),
+    "dr_cyclegan": Variant("both", "randomised", translated=True),
+}
+
+
+@dataclass(frozen=True)
+class SixModelsOptions:
+    """What is trained, and where it is judged."""
+
+    translator: str | None = None
+    """An ONNX translator from simulated pictures to photographs; else no CycleGAN model."""
+    preset: str = "fast"
+    """paper, fast or debug."""
+    map: tuple[str, ...] = MAPS
+    """Maps of the navigation trainings."""
+    test_map: str = "arena"
+    """Map of the paths and missions."""
+    look: str = "reality"
+    """Look or looks in which all are judged."""
+    pose_error: str = "arena"
+    """In training and test alike: none or arena."""
+    steps: int = 400_000
+    """Of each navigation training."""
+    lane_steps: int = 60_000
+    """Of each lane training."""
+    repeats: int = 3
+    """Models of each kind, with seeds 0, 1, 2 …"""
+
+
+class Model(NamedTuple):
+    """One of the models that are compared: a navigator, and a lane keeper trained alike."""
+
+    algorithm: str
+    variant: str
+    seed: int
+
+    def run(self, out: Path, task: str) -> Path:
+        """The run folder of one of its trainings: lane or navigation."""
+        return out / f"{task}_{self.algorithm}_{self.variant}_{self.seed}"
+
+    def judged(self, out: Path, test: str) -> Path:
+        """The figures of one of its tests: laps, paths or tasks."""
+        return self.run(out, "lane" if test == "laps" else "navigation") / f"{test}.json"
+
+
+def models(options: SixModelsOptions) -> list[Model]:
+    """All that can be trained, in the order of the paper's tables."""
+    return [
+        Model(algorithm, name, seed)
+        for name, variant in VARIANTS.items()
+        if options.translator is not None or not variant.translated
+        for algorithm in ALGORITHMS
+        for seed in range(options.repeats)
+    ]
+
+
+def trainings(out: Path, options: SixModelsOptions) -> list[TrainJob]:
+    """Two for each model."""
+    jobs = []
+    for model in models(options):
+        variant = VARIANTS[model.variant]
+        for task in ("navigation", "lane"):
+            guided = task == "navigation"
+            job = TrainOptions(
+                task=task,
+                algo=model.algorithm,
+                preset=options.preset,
+                map=options.map if guided else (),
+                steps=options.steps if guided else options.lane_steps,
+                seed=model.seed,
+                look=variant.look,
+                pose_error=options.pose_error if guided else None,
+                translate=options.translator if variant.translated else None,
+                full=True,
+            )
+            jobs.append(TrainJob(model.run(out, task), job, resume=True))
+    return jobs
+
+
+def drives(out: Path, options: SixModelsOptions) -> list[EvaluateJob]:
+    """The three tests of each model. The policy sees what is there: nothing is translated."""
+    places: dict[str, tuple[str, tuple[str, ...], str | None]] = {
+        "laps": ("four_laps", (), None),
+        "paths": ("manoeuvres", (options.test_map,), options.pose_error),
+        "tasks": ("navigation", (options.test_map,), options.pose_error),
+    }
+    jobs = []
+    for model in models(options):
+        for test, (task, maps, pose_error) in places.items():
+            file = model.judged(out, test)
+            job = EvaluateOptions(
+                model=str(RunFolder(file.parent).onnx),
+                task=task,
+                map=maps,
+                look=options.look,
+                pose_error=pose_error,
+                episodes=DRIVES[test],
+                seed=FIRST_SEED,
+            )
+            jobs.append(EvaluateJob(file, job, drives=True))
+    return jobs
+
+
+def of_kind(all_models: Sequence[Model], algorithm: str, variant: str) -> list[Model]:
+    """The models that differ by their seeds only."""
+    return [m for m in all_models if (m.algorithm, m.variant) == (algorithm, variant)]
