@@ -32,7 +32,9 @@ def _parser() -> argparse.ArgumentParser:
     run = actions.add_parser("run", help="follow the robots and publish their poses")
     run.add_argument("--calibration", required=True)
     run.add_argument(
-        "--source", default="0", help="camera number, csi, pipe:COMMAND, video, or picture folder"
+        "--source",
+        default="0",
+        help="camera number, csi, pipe:COMMAND, socket:PATH, video, or picture folder",
     )
     run.add_argument("--fps", type=int, default=30)
     run.add_argument("--link", help="YAML of the link; without it poses are printed as JSON lines")

@@ -12,6 +12,7 @@ import numpy as np
 from robot.camera.gstreamer import GstStream, csi_command
 from robot.camera.newest import Stream
 from robot.camera.replay import Reel, open_reel
+from robot.camera.socket_stream import SocketStream
 from robot.camera.v4l2 import V4l2Stream
 from robot.lens import Lens
 
@@ -31,7 +32,8 @@ def open_source(
     Args:
         source: a number N for /dev/videoN; ``csi`` or ``csi:N`` for a Jetson's CSI port;
             ``pipe:COMMAND`` for a program that writes raw BGRx pictures to its standard output
-            (a GStreamer pipeline that ends in fdsink, a simulator); or the path of a video file or
+            (a GStreamer pipeline that ends in fdsink, a simulator); ``socket:PATH`` for a
+            virtual camera; or the path of a video file or
             of a folder of pictures.
         lens: gives the picture size that a camera is set to.
         fps: of a camera; pictures of a file or folder are taken to be 1 / fps apart.
@@ -46,6 +48,8 @@ def open_source(
         return _live(V4l2Stream(int(source), size_px, fps), clock)
     if source.startswith("pipe:"):
         return _live(GstStream(shlex.split(source[len("pipe:") :]), size_px), clock)
+    if source.startswith("socket:"):
+        return _live(SocketStream(source[len("socket:") :], size_px), clock)
     csi = re.fullmatch(r"csi(?::(\d))?", source)
     if csi:
         command = csi_command(int(csi.group(1) or 0), 0, fps, size_px)

@@ -10,9 +10,11 @@ from typing import Callable, ContextManager, Iterator, List, Optional, Protocol,
 from robot.camera.gstreamer import GstStream, csi_command
 from robot.camera.newest import NewestFrame, Stream
 from robot.camera.replay import ReplayCamera
+from robot.camera.socket_stream import SocketStream
 from robot.camera.source import Camera
 from robot.camera.v4l2 import V4l2Stream
 from robot.config import CameraConfig, RobotConfig
+from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.hat.clock import Clock, MonotonicClock
@@ -35,6 +37,7 @@ from robot.telemetry_feed import TelemetryFeed
 from robot.translator import TranslatingPolicy, open_translator
 from robot.watchdog import Watchdog
 
+FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
 
 
@@ -133,6 +136,8 @@ def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
     """
     if config.kind == "v4l2":
         return V4l2Stream(config.number, size_px, config.fps)
+    if config.kind == "socket":
+        return SocketStream(config.path, FRAME_PX)
     return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)
 
 

@@ -13,7 +13,7 @@ from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 from robot.recording.config import RecordingConfig
 
-CAMERAS = ("csi", "v4l2", "replay")
+CAMERAS = ("csi", "v4l2", "replay", "socket")
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class CameraConfig:
     number: int = 0  # of the CSI port, or of /dev/video
     flip: int = 0  # csi only: nvvidconv's flip-method; 2 turns the picture upside down
     fps: int = 30
-    path: str = ""  # replay only: a folder of pictures or a video
+    path: str = ""  # of a replay's folder or video, or of a virtual camera's socket
     lens: Lens = DUCKIEBOT_LENS  # ``calibrate lens`` writes it
     mount: Mount = field(
         default_factory=Mount
@@ -37,8 +37,10 @@ class CameraConfig:
     def __post_init__(self) -> None:
         if self.kind not in CAMERAS:
             raise ConfigError(f"camera.kind: unknown {self.kind!r}; {nearest(self.kind, CAMERAS)}")
-        if (self.kind == "replay") != bool(self.path):
-            raise ConfigError("camera.path: expected a path with kind replay, and only with it")
+        if (self.kind in ("replay", "socket")) != bool(self.path):
+            raise ConfigError(
+                "camera.path: expected a path with kind replay or socket, and only with them"
+            )
         slowest = round(1.0 / CONTROL_DT_S)
         if not slowest <= self.fps <= 120:
             raise ConfigError(f"camera.fps: expected {slowest} to 120, got {self.fps}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from robot.hat.clock import Clock
 
+ROUNDING_S = 1e-6  # of sums of times
+
 
 class RateKeeper:
     """Deadlines every ``period_s`` [s] from the first ``wait`` on.
@@ -24,7 +26,7 @@ class RateKeeper:
         """Sleep until the next deadline; returns ``lag_s``."""
         now_s = self._clock.now()
         early_s = self._deadline_s - now_s
-        if early_s > self._period_s:  # the clock went back
+        if early_s > self._period_s + ROUNDING_S:  # the clock went back
             self._deadline_s, early_s = now_s, 0.0
         if early_s > 0.0:
             self._clock.sleep(early_s)

@@ -69,6 +69,7 @@ class HatConfig:
     """
 
     bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano
+    socket: str = ""  # of a virtual bus (python -m tools.loop), instead of /dev/i2c-<bus>
     bus_hz: int = 100_000  # as the kernel sets it; a Nano's bus 1 runs at 100 kHz
     addresses: Tuple[int, ...] = (0x6F, 0x60)  # tried in this order
     left: MotorConfig = MotorConfig("M1M2")

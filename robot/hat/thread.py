@@ -8,10 +8,11 @@ from typing import Optional, Type
 
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.bus import SmbusBus
+from robot.hat.bus import I2cBus, SmbusBus
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
+from robot.hat.socket_bus import SocketBus
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import Steps
 
@@ -120,11 +121,12 @@ class MotorThread:
 
 
 def real_motors(config: HatConfig) -> MotorThread:
-    """The motors on this computer's I2C bus; enter the result to find the HAT and start.
+    """The motors on the configured I2C bus; enter the result to find the HAT and start.
 
     Raises:
         HardwareError: there is no such bus, or this user may not use it.
     """
     clock = MonotonicClock()
-    hat = StepperHat(SmbusBus(config.bus), config, clock)
+    bus: I2cBus = SocketBus(config.socket) if config.socket else SmbusBus(config.bus)
+    hat = StepperHat(bus, config, clock)
     return MotorThread(MotorDriver(hat, config, clock), clock)

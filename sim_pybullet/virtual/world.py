@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from robot.contract import ImageSpec
 from robot.geometry import Pose
+from robot.hat.clock import Clock
 from robot.hat.driver import MotorDriver
 from robot.road_map import RoadMap
 from sim_pybullet.look import Look
@@ -23,7 +26,9 @@ PHYSICS_DT_S = 1.0 / 60.0
 
 
 class VirtualWorld:
-    """A town with one robot whose wheels are the rotors of a ``VirtualHat``; lock-step time.
+    """A town with one robot whose wheels are the rotors of a ``VirtualHat``.
+
+    In lock-step somebody calls ``advance``; otherwise ``follow``, some sixty times a second.
 
     Attributes:
         scene: what there is to see.
@@ -35,7 +40,7 @@ class VirtualWorld:
         road_map: RoadMap,
         look: Look,
         hat: VirtualHat,
-        clock: VirtualClock,
+        clock: Clock,
         rng: np.random.Generator,
     ) -> None:
         self.scene: Scene = build_scene(road_map, look, rng)
@@ -64,11 +69,28 @@ class VirtualWorld:
 
     def advance(self, driver: MotorDriver, time_s: float) -> None:
         """Run motors and physics side by side until the clock reads ``time_s`` [s]."""
-        while self._stepped_s + PHYSICS_DT_S <= time_s + 1e-9:
-            self._stepped_s += PHYSICS_DT_S
-            run_until(driver, self._clock, self._stepped_s)
-            self._step()
+        assert isinstance(self._clock, VirtualClock)
+        while self.due_s <= time_s + 1e-9:
+            run_until(driver, self._clock, self.due_s)
+            self.follow()
         run_until(driver, self._clock, time_s)
+
+    @property
+    def due_s(self) -> float:
+        """When physics must next be looked after [s]."""
+        return self._stepped_s + PHYSICS_DT_S
+
+    def follow(self) -> None:
+        """Let physics catch up with the clock, driven by what the wheels have rolled since."""
+        count = math.floor((self._clock.now() - self._stepped_s) / PHYSICS_DT_S + 1e-6)
+        if count <= 0:
+            return
+        self._stepped_s += count * PHYSICS_DT_S
+        twist = np.array([self._rolled.since_last()])
+        for _ in range(count):
+            before = self._town.poses[0, :2]
+            self._town.step(twist)
+            self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))
 
     def see(self) -> np.ndarray:
         """A camera frame (120, 160, 3) uint8 RGB of this moment."""
@@ -78,8 +100,3 @@ class VirtualWorld:
     def close(self) -> None:
         """Free the physics client."""
         self._town.close()
-
-    def _step(self) -> None:
-        before = self._town.poses[0, :2]
-        self._town.step(np.array([self._rolled.since_last()]))
-        self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))

@@ -1,0 +1,39 @@
+"""Unix sockets to virtual hardware in another process."""
+
+from __future__ import annotations
+
+import errno
+import socket
+
+from robot.errors import HardwareError
+
+
+def connect_local(path: str, what: str, silence_s: float) -> socket.socket:
+    """Connect to ``what`` at ``path``; reads and writes give up after ``silence_s`` [s].
+
+    Raises:
+        HardwareError: nobody listens there.
+    """
+    connection = socket.socket(socket.AF_UNIX)
+    connection.settimeout(silence_s)
+    try:
+        connection.connect(path)
+    except OSError as error:
+        connection.close()
+        raise HardwareError(
+            f"{path}: expected {what}, got: {error.strerror or error}; "
+            "start the virtual hardware first (python -m tools.loop)"
+        ) from error
+    return connection
+
+
+def receive_exactly(source: socket.socket, count: int) -> bytes:
+    """``count`` bytes; OSError when they do not come."""
+    data = bytearray(count)
+    rest = memoryview(data)
+    while rest:
+        got = source.recv_into(rest)
+        if not got:
+            raise OSError(errno.EPIPE, "the other side has hung up")
+        rest = rest[got:]
+    return bytes(data)

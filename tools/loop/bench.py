@@ -1,0 +1,227 @@
+"""``Bench``: the town, and robot, localizer and monitor as processes of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from localizer_node.calibration import save_calibration
+from robot.config import CameraConfig, RobotConfig
+from robot.gates import SafetyLimits
+from robot.hat.config import HatConfig
+from robot.link.config import BOUND_BY, LinkConfig
+from robot.link.keys import keygen
+from robot.road_map import load_map
+from robot.typed_config import to_plain
+from sim_pybullet.look import NOMINAL, Look
+from tools.loop.conductor import BenchError, Conductor
+from tools.loop.operator import Operator
+from tools.loop.real_time import RealTime
+from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
+
+START_S = 30.0  # until all have heard of each other
+END_S = 5.0
+PAUSE_S = 0.02  # real time for connections, while none is there yet
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What is benched."""
+
+    model: Path
+    map: str = "arena"
+    look: Look = NOMINAL
+    seed: int = 0
+    lockstep: bool = True
+    safety: SafetyLimits = SafetyLimits()
+    robot_python: str = sys.executable
+
+
+class Process:
+    """One program of the bench; what it says is in ``log``."""
+
+    def __init__(self, name: str, command: list[str], log: Path) -> None:
+        self.name, self.log = name, log
+        with log.open("ab") as output:
+            self.child = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONUNBUFFERED": "1", "OMP_NUM_THREADS": "1"},
+            )
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self.child.poll() is None
+
+    def said(self) -> str:
+        """Its output so far."""
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    def end(self) -> None:
+        """By force, whatever it is doing."""
+        if self.alive:
+            self.child.send_signal(signal.SIGCONT)
+            self.child.kill()
+        self.child.wait(END_S)
+
+
+class Bench:
+    """Use it in a ``with`` block: entering starts everything and logs in to the monitor."""
+
+    def __init__(self, options: BenchOptions, folder: Path) -> None:
+        self.options, self.folder = options, folder
+        self.road_map = load_map(options.map)
+        order = ("localizer", "robot", "monitor")
+        self.time = Conductor(folder, order) if options.lockstep else RealTime()
+        self.town = VirtualTown(self.road_map, options.look, self.time, folder, options.seed)
+        self.keys = keygen(folder / "keys")
+        self.base_port, self.page_port = free_ports(len(BOUND_BY)), free_ports(1)
+        self.processes: dict[str, Process] = {}
+        self.operator: Operator
+        self._stack = ExitStack()
+        self._write_configs()
+
+    def __enter__(self) -> Bench:
+        with ExitStack() as stack:
+            stack.callback(self.close)
+            for name in ("localizer", "robot", "monitor"):
+                self.start(name)
+            self.operator = self.log_in()
+            self.meet()
+            stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def now_s(self) -> float:
+        """The bench's time [s]."""
+        return self.time.clock.now()
+
+    def start(self, name: str) -> Process:
+        """Start a program, or start it again."""
+        python = self.options.robot_python if name == "robot" else sys.executable
+        command = [python, *self.time.prefix(name), *self._program(name)]
+        process = Process(name, command, self.folder / f"{name}.log")
+        self.processes[name] = process
+        self.time.joined(name, lambda: process.alive)
+        return process
+
+    def log_in(self) -> Operator:
+        """Open the monitor's page with the token that it printed."""
+        monitor = self.processes["monitor"]
+        found: list[str] = []
+
+        def printed() -> bool:
+            found[:] = re.findall(r"\?token=(\S+)", monitor.said())
+            return bool(found) and _listens(self.page_port)
+
+        self.until(printed, START_S, "the monitor's page", PAUSE_S)
+        return Operator(self.time, self.page_port, found[-1])
+
+    def meet(self) -> None:
+        """Until the robot knows where it is and the page shows it."""
+
+        def met() -> bool:
+            self.operator.look()
+            ages = {i["name"]: i["age_s"] for i in self.operator.robot.get("inputs", ())}
+            return bool(self.operator.robot.get("pose")) and (ages.get("operator") or 9.0) < 0.5
+
+        self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
+
+    def until(
+        self, holds: Callable[[], bool], patience_s: float, what: str, pause_s: float = 0.0
+    ) -> None:
+        """Let time go on until something holds.
+
+        Raises:
+            BenchError: it did not within ``patience_s`` [s].
+        """
+        deadline_s = self.now_s + patience_s
+        while not holds():
+            dead = [p.name for p in self.processes.values() if not p.alive]
+            if self.now_s > deadline_s or (dead and pause_s):
+                raise BenchError(f"expected {what}, waited in vain {dead or ''}; see {self.folder}")
+            self.time.run_until(self.now_s + 0.05)
+            time.sleep(pause_s)
+
+    def close(self) -> None:
+        """End all processes."""
+        for process in self.processes.values():
+            process.end()
+        self.time.close()
+        self.town.close()
+
+    def _program(self, name: str) -> list[str]:
+        folder, sockets = self.folder, self.town.sockets
+        if name == "robot":
+            return ["robot", "drive", "--config", str(folder / "robot.yaml")]
+        if name == "localizer":
+            source = ["--source", f"socket:{sockets.overhead}", "--fps", str(OVERHEAD_FPS)]
+            calibration = ["--calibration", str(folder / "arena.yaml")]
+            link = ["--link", str(folder / "localizer.yaml")]
+            return ["localizer_node", "run", *calibration, *source, *link]
+        page = ["--port", str(self.page_port), "--map", self.options.map]
+        link = ["--link", str(folder / "monitor.yaml"), "--drives", str(folder / "drives")]
+        return ["tools.monitor", *page, *link]
+
+    def _write_configs(self) -> None:
+        link = {name: LinkConfig(str(keys), base_port=self.base_port) for name, keys in self.keys.items()}
+        sockets = self.town.sockets
+        robot = RobotConfig(
+            str(self.options.model.resolve()),
+            name=ROBOT,
+            map=self.options.map,
+            camera=CameraConfig("socket", path=str(sockets.camera), fps=CAMERA_FPS),
+            hat=HatConfig(socket=str(sockets.bus)),
+            safety=self.options.safety,
+            link=link["robot"],
+        )
+        save_calibration(self.town.calibration, self.folder / "arena.yaml")
+        self._write("robot", to_plain(robot))
+        for name in ("localizer", "monitor"):
+            self._write(name, to_plain(link[name]))
+
+    def _write(self, name: str, plain: Any) -> None:
+        text = yaml.safe_dump(plain, sort_keys=False)
+        (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+
+
+def free_ports(count: int) -> int:
+    """The first of ``count`` free ports in a row."""
+    for _ in range(100):
+        with ExitStack() as stack:
+            first = stack.enter_context(socket.socket())
+            first.bind(("127.0.0.1", 0))
+            base = first.getsockname()[1]
+            if base + count > 65535:
+                continue
+            try:
+                for offset in range(1, count):
+                    other = stack.enter_context(socket.socket())
+                    other.bind(("127.0.0.1", base + offset))
+            except OSError:
+                continue
+            return int(base)
+    raise BenchError(f"expected {count} free ports in a row, found none")
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0

@@ -1,0 +1,128 @@
+"""The virtual hardware's side of the sockets that `robot.hat.socket_bus` and cameras use."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from robot.camera.socket_stream import HEADER, MAGIC, NEXT
+from robot.hat.socket_bus import ANSWER, REQUEST, WRITE
+from robot.local_socket import receive_exactly
+from sim_pybullet.virtual.i2c import VirtualI2cBus
+
+SILENCE_S = 5.0  # who does not read for so long is dropped
+
+
+class Listener:
+    """A Unix socket and who is connected to it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: list[socket.socket] = []
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(str(path))
+        self._listener.listen()
+
+    def filenos(self) -> list[int]:
+        """What to wait for."""
+        return [self._listener.fileno(), *(c.fileno() for c in self.connections)]
+
+    def serve(self) -> None:
+        """Let in who knocks, and answer requests."""
+        while select.select([self._listener], [], [], 0.0)[0]:
+            connection = self._listener.accept()[0]
+            connection.settimeout(SILENCE_S)
+            self.connections.append(connection)
+        ready = select.select(self.connections, [], [], 0.0)[0] if self.connections else []
+        for connection in ready:
+            try:
+                self._answer(connection)
+            except OSError:
+                self._drop(connection)
+
+    def close(self) -> None:
+        """Hang up on everybody."""
+        for connection in [*self.connections]:
+            self._drop(connection)
+        self._listener.close()
+
+    def _answer(self, connection: socket.socket) -> None:
+        raise NotImplementedError
+
+    def _drop(self, connection: socket.socket) -> None:
+        self.connections.remove(connection)
+        connection.close()
+
+
+class BusServer(Listener):
+    """A virtual I2C bus for a driver in another process."""
+
+    def __init__(self, path: Path, bus: VirtualI2cBus) -> None:
+        super().__init__(path)
+        self._bus = bus
+
+    def _answer(self, connection: socket.socket) -> None:
+        kind, address, register, count = REQUEST.unpack(receive_exactly(connection, REQUEST.size))
+        code, data = 0, b""
+        try:
+            if kind == WRITE:
+                self._bus.write(address, receive_exactly(connection, count))
+            else:
+                data = self._bus.read(address, register, count)
+        except OSError as error:
+            code, data = error.errno or 5, b""
+        connection.sendall(ANSWER.pack(code, len(data)) + data)
+
+
+class PictureServer(Listener):
+    """A virtual camera: who asked gets the picture of the next moment.
+
+    Args:
+        path: of the socket.
+        see: the picture (H, W, 3) uint8 RGB of now.
+        answered: told after a picture went out.
+    """
+
+    def __init__(
+        self, path: Path, see: Callable[[], np.ndarray], answered: Callable[[], None]
+    ) -> None:
+        super().__init__(path)
+        self.see, self.answered = see, answered
+        self.fault = ""  # stop, freeze, size or garbage
+        self.picture: np.ndarray | None = None  # the last one
+        self._asking: list[socket.socket] = []
+
+    def moment(self) -> None:
+        """The camera's next moment has come."""
+        self.serve()
+        if self.fault == "stop" or not self._asking:
+            return
+        if self.fault != "freeze" or self.picture is None:
+            self.picture = self.see()
+        data = self._bytes(self.picture)
+        asking, self._asking = self._asking, []
+        for connection in asking:
+            with contextlib.suppress(OSError):
+                connection.sendall(data)
+                self.answered()
+
+    def _answer(self, connection: socket.socket) -> None:
+        if receive_exactly(connection, 1) == NEXT:
+            self._asking.append(connection)
+
+    def _drop(self, connection: socket.socket) -> None:
+        super()._drop(connection)
+        if connection in self._asking:
+            self._asking.remove(connection)
+
+    def _bytes(self, picture: np.ndarray) -> bytes:
+        if self.fault == "size":
+            picture = np.ascontiguousarray(picture[::2, ::2])
+        height, width = picture.shape[:2]
+        magic = b"\x00\xff\x17\x80" if self.fault == "garbage" else MAGIC
+        return HEADER.pack(magic, width, height) + picture.tobytes()

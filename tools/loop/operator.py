@@ -1,0 +1,148 @@
+"""The person at the monitor's page, as a program: logs in, watches, arms, sends on missions.
+
+Speaks HTTP and WebSocket to the monitor as a browser does. One thread and no timers: in lock-step
+everything that it sends is worked through before time goes on.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import select
+import socket
+from typing import Any
+
+from websockets.client import ClientProtocol
+from websockets.frames import Frame, Opcode
+from websockets.uri import parse_uri
+
+from tools.loop.conductor import BenchError
+from tools.loop.town import Timekeeper
+
+TURN_S = 0.05
+ANSWER_S = 5.0
+
+
+class Operator:
+    """One open page of the monitor that listens at ``port``."""
+
+    def __init__(self, time: Timekeeper, port: int, token: str, name: str = "monitor") -> None:
+        self.snapshot: dict[str, Any] = {}
+        self.log: list[str] = []
+        self.picture = b""
+        self.watching = True
+        self._time, self._port, self._name = time, port, name
+        reply = self._request("GET", f"/?token={token}")
+        cookie = re.match(r"[^;]+", reply.headers.get("Set-Cookie", ""))
+        if reply.status != 200 or cookie is None:
+            raise BenchError(f"monitor: expected to be let in, got status {reply.status}")
+        self._cookie = cookie.group()
+        self._socket = self._open_page()
+
+    @property
+    def robot(self) -> dict[str, Any]:
+        """The robot's newest report; empty before the first."""
+        return self.snapshot.get("robot") or {}
+
+    @property
+    def state(self) -> str:
+        """The robot's state, as the page shows it."""
+        return str(self.robot.get("state", ""))
+
+    @property
+    def reason(self) -> str:
+        """Why."""
+        return str(self.robot.get("reason", ""))
+
+    @property
+    def mission(self) -> dict[str, Any]:
+        """The mission's status; empty without one."""
+        return self.robot.get("mission") or {}
+
+    def turn(self) -> None:
+        """Let a moment pass, and look at the page."""
+        self._time.run_until(self._time.clock.now() + TURN_S)
+        self.look()
+
+    def look(self) -> None:
+        """Take in what the page was sent, and show that we watch."""
+        shown = False
+        while select.select([self._socket], [], [], 0.0)[0]:
+            data = self._socket.recv(1 << 20)
+            if not data:
+                raise BenchError("monitor: it closed the page")
+            self._protocol.receive_data(data)
+            for event in self._protocol.events_received():
+                shown |= self._take(event)
+        answer = b"".join(self._protocol.data_to_send())
+        if shown and self.watching:
+            self._protocol.send_text(b"seen")
+            answer += b"".join(self._protocol.data_to_send())
+        if answer:
+            self._send(self._socket, answer)
+
+    def ask(self, kind: str, destination: tuple[float, float] | None = None) -> tuple[bool, str]:
+        """Ask the robot, as a button of the page; whether it was accepted, and why not."""
+        body: dict[str, Any] = {"kind": kind}
+        if destination is not None:
+            body["destination"] = [round(v, 4) for v in destination]
+        reply = self._request("POST", "/api/command", json.dumps(body))
+        answer = json.loads(reply.read())
+        return bool(answer["accepted"]), str(answer["reason"])
+
+    def drive_by_hand(self, action: int | None) -> None:
+        """Press an arrow, or let go."""
+        self._protocol.send_text(json.dumps({"manual": action}).encode())
+        self._send(self._socket, b"".join(self._protocol.data_to_send()))
+
+    def close(self) -> None:
+        """Close the page."""
+        self._socket.close()
+
+    def _take(self, event: Any) -> bool:
+        if not isinstance(event, Frame):
+            return False
+        if event.opcode is Opcode.BINARY:
+            self.picture = bytes(event.data)
+            return False
+        if event.opcode is not Opcode.TEXT:
+            return False
+        message = json.loads(bytes(event.data))
+        self.snapshot = message["state"]
+        self.log += [f"{entry['level']}: {entry['text']}" for entry in message["log"]]
+        return True
+
+    def _open_page(self) -> socket.socket:
+        uri = f"ws://127.0.0.1:{self._port}/ws"
+        self._protocol = ClientProtocol(parse_uri(uri), max_size=None)
+        request = self._protocol.connect()
+        request.headers["Cookie"] = self._cookie
+        request.headers["Origin"] = f"http://127.0.0.1:{self._port}"
+        self._protocol.send_request(request)
+        page = socket.create_connection(("127.0.0.1", self._port))
+        self._send(page, b"".join(self._protocol.data_to_send()))
+        return page
+
+    def _request(self, method: str, path: str, body: str = "") -> http.client.HTTPResponse:
+        """One request in one piece, and the answer, while time goes on."""
+        host = f"127.0.0.1:{self._port}"
+        lines = [f"{method} {path} HTTP/1.1", f"Host: {host}", "Connection: close"]
+        if body:
+            lines += [f"Origin: http://{host}", f"Cookie: {self._cookie}"]
+            lines += ["Content-Type: application/json", f"Content-Length: {len(body)}"]
+        connection = socket.create_connection(("127.0.0.1", self._port))
+        self._send(connection, ("\r\n".join(lines) + "\r\n\r\n" + body).encode())
+        deadline_s = self._time.clock.now() + ANSWER_S
+        while not select.select([connection], [], [], 0.0)[0]:
+            if self._time.clock.now() > deadline_s:
+                raise BenchError(f"monitor: no answer to {method} {path}")
+            self._time.run_until(self._time.clock.now() + 0.01)
+        reply = http.client.HTTPResponse(connection, method=method)
+        reply.begin()
+        connection.close()
+        return reply
+
+    def _send(self, connection: socket.socket, data: bytes) -> None:
+        connection.sendall(data)
+        self._time.poked(self._name)

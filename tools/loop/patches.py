@@ -1,0 +1,106 @@
+"""Puts a `tools.loop.stepper.Stepper` in the place of time in this process. Python 3.8.
+
+To be called before the program is imported: many modules keep ``time.monotonic`` as they load.
+"""
+
+from __future__ import annotations
+
+import select
+import selectors
+import sys
+import threading
+import time
+from typing import Any, List, Optional
+
+from tools.loop.stepper import PipeWaiter, Stepper, Waiter
+
+PICTURE_S = 600.0  # real time; a camera's silence is seen by the age of its newest picture
+
+
+def install(stepper: Stepper) -> None:
+    """Replace clocks and timed waits, and count threads from now on."""
+    time.monotonic = stepper.now  # type: ignore[assignment]
+    time.sleep = stepper.sleep  # type: ignore[assignment]
+    threading._time = stepper.now  # type: ignore[attr-defined]  # what threading imported
+    sys.modules["uvloop"] = None  # type: ignore[assignment]  # its timers are not Python's
+    _count_threads(stepper)
+    _replace_condition_wait(stepper)
+    _replace_select(stepper)
+    _replace_camera_wait(stepper)
+
+
+def _count_threads(stepper: Stepper) -> None:
+    kind: Any = threading.Thread
+    start, join, bootstrap = kind.start, kind.join, kind._bootstrap_inner
+
+    def counted_start(thread: threading.Thread) -> None:
+        stepper.thread_begins()
+        start(thread)
+
+    def counted_life(thread: threading.Thread) -> None:
+        try:
+            bootstrap(thread)
+        finally:
+            stepper.thread_ends()
+
+    def outside_join(thread: threading.Thread, timeout: Optional[float] = None) -> None:
+        with stepper.elsewhere():
+            join(thread, timeout)
+
+    kind.start, kind.join, kind._bootstrap_inner = counted_start, outside_join, counted_life
+
+
+def _replace_condition_wait(stepper: Stepper) -> None:
+    def wait(condition: Any, timeout: Optional[float] = None) -> bool:
+        """As `threading.Condition.wait`, which this follows line by line."""
+        if not condition._is_owned():
+            raise RuntimeError("cannot wait on un-acquired lock")
+        waiter = Waiter(stepper, stepper.deadline(timeout))
+        condition._waiters.append(waiter)
+        saved = condition._release_save()
+        released = False
+        try:
+            released = waiter.block()
+            return released
+        finally:
+            condition._acquire_restore(saved)
+            if not released and waiter in condition._waiters:
+                condition._waiters.remove(waiter)
+
+    threading.Condition.wait = wait  # type: ignore[method-assign, assignment]
+
+
+def _replace_select(stepper: Stepper) -> None:
+    original = selectors.EpollSelector.select
+
+    def wait(selector: selectors.EpollSelector, timeout: Optional[float] = None) -> List[Any]:
+        """As ``select`` of an event loop; what has come is taken before any waiting."""
+        events = original(selector, 0)
+        if events or (timeout is not None and timeout <= 0.0):
+            return events
+        waiter = PipeWaiter(stepper, stepper.deadline(timeout))
+        poll = select.poll()
+        poll.register(waiter.fd, select.POLLIN)
+        poll.register(selector.fileno(), select.POLLIN)
+        try:
+            stepper.begin_wait(waiter)
+            poll.poll()
+        finally:
+            stepper.give_up(waiter)
+            waiter.close()
+        return original(selector, 0)
+
+    selectors.EpollSelector.select = wait  # type: ignore[method-assign, assignment]
+
+
+def _replace_camera_wait(stepper: Stepper) -> None:
+    from robot.camera.socket_stream import SocketStream
+
+    take: Any = SocketStream._take
+
+    def outside_take(stream: SocketStream) -> Any:
+        stream._socket.settimeout(PICTURE_S)
+        with stepper.elsewhere():
+            return take(stream)
+
+    SocketStream._take = outside_take  # type: ignore[method-assign]

@@ -1,0 +1,89 @@
+"""What the bench simulates: the town, the robot's HAT, wheels and camera, the overhead camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from localizer_node.calibration import Calibration, Marker
+from robot.geometry import Pose
+from robot.hat.clock import Clock
+from robot.lanes import Lane
+from robot.road_map import RoadMap
+from sim_pybullet.look import Look
+from sim_pybullet.overhead import (
+    OverheadCamera,
+    OverheadLook,
+    board_rgb,
+    known_calibration,
+    robot_sheets,
+)
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import VirtualI2cBus
+from sim_pybullet.virtual.world import PHYSICS_DT_S, VirtualWorld
+from tools.loop.conductor import Conductor
+from tools.loop.devices import BusServer, PictureServer
+from tools.loop.real_time import RealTime
+
+ROBOT = "robot"
+CAMERA_FPS, OVERHEAD_FPS = 20, 15
+Timekeeper = Conductor | RealTime
+
+
+@dataclass(frozen=True)
+class Sockets:
+    """Where the hardware is found."""
+
+    bus: Path
+    camera: Path
+    overhead: Path
+
+
+class VirtualTown:
+    """One robot in a town, with everything that a real one would have around it."""
+
+    def __init__(
+        self, road_map: RoadMap, look: Look, time: Timekeeper, folder: Path, seed: int
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        clock: Clock = time.clock
+        self.sockets = Sockets(folder / "i2c", folder / "camera", folder / "overhead")
+        self.bus = VirtualI2cBus()
+        self.hat = VirtualHat(self.bus, clock)
+        self.world = VirtualWorld(road_map, look, self.hat, clock, rng)
+        self._marker, self._rng = Marker(ROBOT), rng
+        self._board = board_rgb(self._marker)
+        ground = self.world.scene.ground
+        self._above = OverheadCamera(ground, look=OverheadLook())
+        size_m = (road_map.width_m, road_map.height_m)
+        self.calibration: Calibration = known_calibration(self._above, (self._marker,), size_m)
+        self.bus_server = BusServer(self.sockets.bus, self.bus)
+        self.camera = PictureServer(
+            self.sockets.camera, self.world.see, lambda: time.woken("robot")
+        )
+        self.overhead = PictureServer(
+            self.sockets.overhead, self.see_above, lambda: time.woken("localizer")
+        )
+        for service in (self.bus_server, self.camera, self.overhead):
+            time.add_service(service)
+        time.every(PHYSICS_DT_S, self.world.follow)
+        self.camera_event = time.every(1.0 / CAMERA_FPS, self.camera.moment)
+        self.overhead_event = time.every(1.0 / OVERHEAD_FPS, self.overhead.moment)
+
+    @property
+    def pose(self) -> Pose:
+        """Where the robot truly is."""
+        return self.world.pose
+
+    def see_above(self) -> np.ndarray:
+        """The overhead camera's picture (720, 1280, 3) of now."""
+        return self._above.render(robot_sheets(self._marker, self.pose, self._board), self._rng)
+
+    def close(self) -> None:
+        """Hang up, and free the physics."""
+        for service in (self.bus_server, self.camera, self.overhead):
+            service.close()
+        self.world.close()
