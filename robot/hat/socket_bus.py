@@ -1,7 +1,7 @@
 """An I2C bus on the other side of a Unix socket: virtual hardware in another process.
 
 One transaction is one request and one answer. A request is its kind (``w`` or ``r``), the address,
-the register (``r``), a count, and the data (``w``); an answer is an errno, 0 for done, and the data.
+the register (``r``), a count, and the data (``w``); an answer is an errno, 0 for done, and data.
 """
 
 from __future__ import annotations
@@ -53,4 +53,3 @@ class SocketBus:
         if code:
             raise OSError(code, os.strerror(code))
         return data
-

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,7 @@ class BenchOptions:
     look: Look = NOMINAL
     seed: int = 0
     lockstep: bool = True
-    safety: SafetyLimits = SafetyLimits()
+    safety: SafetyLimits = field(default_factory=SafetyLimits)
     robot_python: str = sys.executable
 
 
@@ -182,7 +182,10 @@ class Bench:
         return ["tools.monitor", *page, *link]
 
     def _write_configs(self) -> None:
-        link = {name: LinkConfig(str(keys), base_port=self.base_port) for name, keys in self.keys.items()}
+        link = {
+            name: LinkConfig(str(keys), base_port=self.base_port)
+            for name, keys in self.keys.items()
+        }
         sockets = self.town.sockets
         robot = RobotConfig(
             str(self.options.model.resolve()),

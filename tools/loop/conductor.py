@@ -19,7 +19,7 @@ from sim_pybullet.virtual.clock import VirtualClock
 from tools.loop.shared_time import SharedTime
 from tools.loop.stepper import GO, IDLE
 
-PATIENCE_S = 25.0  # real time that a process may work on one moment
+PATIENCE_S = 120.0  # real time that a process may work on one moment
 START_S = 1000.0  # no process may take the beginning of time for "never"
 
 

@@ -155,7 +155,3 @@ def main(arguments: list[str] | None = None) -> int:
         f"{figures['state']}: {figures['reason']}"
     )
     return 0 if figures["arrived"] else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,7 +10,7 @@ import selectors
 import sys
 import threading
 import time
-from typing import Any, List, Optional
+from typing import Any
 
 from tools.loop.stepper import PipeWaiter, Stepper, Waiter
 
@@ -43,7 +43,7 @@ def _count_threads(stepper: Stepper) -> None:
         finally:
             stepper.thread_ends()
 
-    def outside_join(thread: threading.Thread, timeout: Optional[float] = None) -> None:
+    def outside_join(thread: threading.Thread, timeout: float | None = None) -> None:
         with stepper.elsewhere():
             join(thread, timeout)
 
@@ -51,7 +51,7 @@ def _count_threads(stepper: Stepper) -> None:
 
 
 def _replace_condition_wait(stepper: Stepper) -> None:
-    def wait(condition: Any, timeout: Optional[float] = None) -> bool:
+    def wait(condition: Any, timeout: float | None = None) -> bool:
         """As `threading.Condition.wait`, which this follows line by line."""
         if not condition._is_owned():
             raise RuntimeError("cannot wait on un-acquired lock")
@@ -73,7 +73,7 @@ def _replace_condition_wait(stepper: Stepper) -> None:
 def _replace_select(stepper: Stepper) -> None:
     original = selectors.EpollSelector.select
 
-    def wait(selector: selectors.EpollSelector, timeout: Optional[float] = None) -> List[Any]:
+    def wait(selector: selectors.EpollSelector, timeout: float | None = None) -> list[Any]:
         """As ``select`` of an event loop; what has come is taken before any waiting."""
         events = original(selector, 0)
         if events or (timeout is not None and timeout <= 0.0):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import mmap
 import struct
 from pathlib import Path
-from typing import Union
 
 SLOTS = ("now", "pose", "telemetry", "frame", "command", "ack", "lossy")
 _NUMBER = struct.Struct("d")
@@ -22,7 +21,7 @@ class SharedTime:
     while the network may lose or delay messages, and nobody should wait for one.
     """
 
-    def __init__(self, path: Union[str, Path], create: bool = False) -> None:
+    def __init__(self, path: str | Path, create: bool = False) -> None:
         size = _NUMBER.size * len(SLOTS)
         if create:
             Path(path).write_bytes(bytes(size))

@@ -11,8 +11,8 @@ import math
 import os
 import socket
 import struct
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Iterator, List, Optional
 
 from tools.loop.shared_time import SharedTime
 
@@ -74,8 +74,8 @@ class Stepper:
         self._connection, self._shared = connection, shared
         self._lock = _thread.allocate_lock()
         self._running = 1
-        self._waiters: List[Waiter] = []
-        self._early: List[Waiter] = []  # released before they began to wait
+        self._waiters: list[Waiter] = []
+        self._early: list[Waiter] = []  # released before they began to wait
 
     def now(self) -> float:
         """The conductor's time [s]."""
@@ -85,7 +85,7 @@ class Stepper:
         """Listen to the conductor, in a thread that does not count."""
         _thread.start_new_thread(self._listen, ())
 
-    def deadline(self, timeout_s: Optional[float]) -> float:
+    def deadline(self, timeout_s: float | None) -> float:
         """When a wait of this length ends [s]."""
         return math.inf if timeout_s is None else self.now() + max(timeout_s, 0.0)
 

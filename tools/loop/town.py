@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
 from robot.geometry import Pose
 from robot.hat.clock import Clock
-from robot.lanes import Lane
 from robot.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import (
@@ -29,7 +27,7 @@ from tools.loop.devices import BusServer, PictureServer
 from tools.loop.real_time import RealTime
 
 ROBOT = "robot"
-CAMERA_FPS, OVERHEAD_FPS = 20, 15
+CAMERA_FPS, OVERHEAD_FPS = 15, 10
 Timekeeper = Conductor | RealTime
 
 

@@ -8,7 +8,8 @@ stands still. Publishers count what they send; a receiver looks until it has got
 from __future__ import annotations
 
 import time
-from typing import Any, Callable, List
+from collections.abc import Callable
+from typing import Any
 
 from tools.loop.shared_time import SharedTime
 
@@ -104,9 +105,9 @@ def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
         heard += 1.0
         return decode(data)
 
-    def patient(owner: Any, argument: Any) -> List[Any]:
+    def patient(owner: Any, argument: Any) -> list[Any]:
         nonlocal heard
-        found: List[Any] = []
+        found: list[Any] = []
 
         def there() -> bool:
             found.extend(read(owner, argument) or ())

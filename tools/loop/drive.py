@@ -1,0 +1,176 @@
+"""``python -m tools.loop --missions N``: the whole system drives missions on the bench.
+
+A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the programs
+as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from robot.errors import DuckpilotError
+from sim_pybullet.randomise import load_look_sampler
+from tools.loop.bench import Bench, BenchOptions
+from tools.loop.conductor import BenchError
+from tools.loop.film import Film
+from tools.loop.missions import Driver, MissionRecord
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
+    parser.add_argument("--missions", type=int, required=True, help="how many")
+    parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
+    parser.add_argument("--map", default="arena", help="map file, or the name of a shipped one")
+    parser.add_argument("--look", default="nominal", help="YAML file, or a shipped look")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--real-time", action="store_true", help="by the wall clock, not in step")
+    parser.add_argument("--robot-python", default=sys.executable, help="runs the robot's process")
+    parser.add_argument("--video", type=Path, help="write an MP4: both cameras and the map")
+    parser.add_argument("--json", type=Path, help="write the figures; goes on with what is there")
+    options = parser.parse_args(arguments)
+    if options.missions < 1:
+        parser.error(f"--missions: expected 1 or more, got {options.missions}")
+    return options
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status 0 when every mission arrived, 2 for wrong input, 1 otherwise."""
+    options = parse(arguments)
+    cv2.setNumThreads(1)
+    try:
+        with tempfile.TemporaryDirectory(prefix="duckpilot-loop-") as folder:
+            figures = run(options, Path(folder))
+    except (DuckpilotError, BenchError) as error:
+        print(f"loop: {error}", file=sys.stderr)
+        return 2 if isinstance(error, DuckpilotError) else 1
+    print(
+        f"{figures['arrived']} of {figures['missions']} missions arrived, "
+        f"{figures['driven_m']:.0f} m in {figures['seconds']:.0f} s, "
+        f"{figures['speed']:.2f} times as fast as real time"
+    )
+    return 0 if figures["arrived"] == options.missions else 1
+
+
+def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Drive the missions that ``--json`` does not hold yet; the figures of all."""
+    rows = _rows_so_far(options)
+    rng = np.random.default_rng((options.seed, len(rows)))
+    look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
+    bench = Bench(
+        BenchOptions(
+            options.model,
+            options.map,
+            look,
+            options.seed,
+            not options.real_time,
+            robot_python=options.robot_python,
+        ),
+        folder,
+    )
+    driver = Driver(bench, rng)
+    bench.town.world.place(driver.random_start())
+    began_s = time.monotonic()
+    with bench, tqdm(total=options.missions, initial=len(rows), desc="missions") as bar:
+        film = Film(bench) if options.video else None
+        driver = Driver(bench, rng, film.watch if film else lambda: None)
+        lived_s = bench.now_s
+        while len(rows) < options.missions:
+            record = driver.drive()
+            rows.append(row(record, time.monotonic() - began_s, bench.now_s - lived_s))
+            began_s, lived_s = time.monotonic(), bench.now_s
+            figures = summary(rows, options)
+            _write(options.json, figures)
+            bar.update()
+            if not record.arrived and len(rows) < options.missions:
+                driver.carry()
+        lost_steps = bench.town.hat.lost_steps
+    figures = {**summary(rows, options), "lost_steps": list(lost_steps)}
+    _write(options.json, figures)
+    if film is not None:
+        film.write(options.video)
+    return figures
+
+
+def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
+    """One mission's line in the JSON."""
+    errors = np.array(record.errors or [(math.nan, math.nan)])
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    offsets = np.array(record.offsets_m or [math.nan])
+    return {
+        "start": [round(float(v), 3) for v in record.start],
+        "destination": [round(v, 3) for v in record.destination],
+        "length_m": record.length_m,
+        "arrived": record.arrived,
+        "phase": record.phase,
+        "reason": record.reason,
+        "seconds": record.seconds,
+        "missed_m": record.missed_m,
+        "mean_path_distance_m": float(offsets.mean()),
+        "max_path_distance_m": float(offsets.max()),
+        "position_rms_m": float(rms[0]),
+        "heading_rms_rad": float(rms[1]),
+        "real_s": real_s,
+        "bench_s": bench_s,
+    }
+
+
+def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
+    """The JSON of all missions."""
+
+    def mean(key: str) -> float:
+        values = [r[key] for r in rows if math.isfinite(r[key])]
+        return float(np.mean(values)) if values else math.nan
+
+    return {
+        "schema": 1,
+        "inputs": inputs_of(options),
+        "missions": len(rows),
+        "arrived": sum(r["arrived"] for r in rows),
+        "driven_m": sum(r["length_m"] for r in rows if r["arrived"]),
+        "seconds": sum(r["seconds"] for r in rows),
+        "speed": sum(r["bench_s"] for r in rows) / max(sum(r["real_s"] for r in rows), 1e-9),
+        "mean_path_distance_m": mean("mean_path_distance_m"),
+        "max_path_distance_m": max(
+            (r["max_path_distance_m"] for r in rows if r["arrived"]), default=math.nan
+        ),
+        "position_rms_m": mean("position_rms_m"),
+        "heading_rms_rad": mean("heading_rms_rad"),
+        "stops": [r["reason"] for r in rows if not r["arrived"]],
+        "rows": rows,
+    }
+
+
+def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
+    if options.json is None or not options.json.exists():
+        return []
+    before = json.loads(options.json.read_text(encoding="utf-8"))
+    same = before["inputs"] == inputs_of(options)
+    return list(before["rows"])[: options.missions] if same else []
+
+
+def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
+    """What the figures depend on."""
+    names = ("map", "look", "seed", "real_time")
+    return {"model": str(options.model), **{n: getattr(options, n) for n in names}}
+
+
+def _write(path: Path | None, figures: dict[str, Any]) -> None:
+    if path is None:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    os.replace(partial, path)

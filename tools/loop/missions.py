@@ -1,0 +1,148 @@
+"""Random missions, one after the other, driven as a person at the monitor's page would."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot.errors import PlanError
+from robot.geometry import Pose, wrap_angle
+from robot.planner import LaneGraph, plan_path
+from tools.loop.bench import Bench
+from tools.loop.conductor import BenchError
+
+SHORTEST_M = 1.0  # a mission is at least so long
+DAWDLE_MPS = 0.1  # a mission slower than this on average is given up
+SETTLE_S = 3.0  # until a robot that was carried is found again
+ANSWER_S = 10.0
+
+
+@dataclass
+class MissionRecord:
+    """What became of one mission."""
+
+    start: Pose
+    destination: tuple[float, float]
+    length_m: float  # as planned from the true pose
+    phase: str = "refused"
+    reason: str = ""
+    seconds: float = 0.0
+    missed_m: float = math.nan  # true distance to the destination at the end
+    offsets_m: list[float] = field(default_factory=list)  # true distance from the planned path
+    errors: list[tuple[float, float]] = field(default_factory=list)  # of the robot's pose: m, rad
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot says so, and it is true."""
+        return self.phase == "arrived" and self.missed_m < 0.15
+
+
+class Driver:
+    """Sends the robot of a bench on missions.
+
+    Args:
+        bench: entered.
+        rng: draws places.
+        watch: called every turn of the page.
+    """
+
+    def __init__(
+        self, bench: Bench, rng: np.random.Generator, watch: Callable[[], None] = lambda: None
+    ) -> None:
+        self.bench, self._rng, self._watch = bench, rng, watch
+        self._graph = LaneGraph(bench.road_map)
+        self._truth_s: list[float] = []
+        self._truth: list[Pose] = []
+        self._judged = -1
+
+    def random_start(self) -> Pose:
+        """A place in the middle of some lane."""
+        lanes = self.bench.road_map.lanes
+        points = np.asarray(lanes[int(self._rng.integers(len(lanes)))].control_points_m)
+        share = float(self._rng.uniform(0.1, 0.9))
+        weights = [(1 - share) ** 3, 3 * share * (1 - share) ** 2, 3 * share**2 * (1 - share)]
+        middle = np.array([*weights, share**3]) @ points
+        ahead = (1 - share) ** 2 * (points[1] - points[0]) + share**2 * (points[3] - points[2])
+        ahead = ahead + 2 * share * (1 - share) * (points[2] - points[1])
+        return Pose(float(middle[0]), float(middle[1]), math.atan2(ahead[1], ahead[0]))
+
+    def carry(self) -> None:
+        """Put the robot down somewhere, and wait until it knows where it is."""
+        pose = self.random_start()
+        self.bench.town.world.place(pose)
+        self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
+
+    def drive(self) -> MissionRecord:
+        """One mission from where the robot is."""
+        record = self._draw()
+        operator = self.bench.operator
+        for kind, place in (("arm", None), ("mission", record.destination)):
+            accepted, record.reason = operator.ask(kind, place)
+            if not accepted:
+                operator.ask("disarm")
+                return record
+        began_s = self.bench.now_s
+        self.bench.until(lambda: self._look() == "driving", ANSWER_S, "the mission to begin")
+        path = plan_path(self._graph, record.start, record.destination)
+        while self._look() == "driving" and self._in_time(began_s, record):
+            at = path.project(*self.bench.town.pose[:2])
+            record.offsets_m.append(abs(at.offset_m))
+            self._judge(record)
+        record.phase = operator.mission.get("phase", "lost")
+        record.reason = "" if record.phase == "arrived" else operator.reason
+        record.seconds = self.bench.now_s - began_s
+        record.missed_m = math.dist(self.bench.town.pose[:2], record.destination)
+        if record.phase != "arrived":
+            operator.ask("stop")
+            operator.ask("clear" if operator.state == "FAULT" else "disarm")
+        return record
+
+    def _draw(self) -> MissionRecord:
+        start = self.bench.town.pose
+        for _ in range(1000):
+            goal = self.random_start()
+            place = (goal.x_m, goal.y_m)
+            try:
+                path = plan_path(self._graph, start, place)
+            except PlanError:
+                continue
+            if path.length_m >= SHORTEST_M:
+                return MissionRecord(start, place, path.length_m)
+        raise BenchError(f"expected a mission to be possible from {start}, found none")
+
+    def _look(self) -> str:
+        """A turn of the page; the phase of the mission."""
+        self._truth_s.append(self.bench.now_s)
+        self._truth.append(self.bench.town.pose)
+        self.bench.operator.turn()
+        self._watch()
+        return str(self.bench.operator.mission.get("phase", ""))
+
+    def _in_time(self, began_s: float, record: MissionRecord) -> bool:
+        return self.bench.now_s - began_s < record.length_m / DAWDLE_MPS
+
+    def _found(self) -> bool:
+        self._look()
+        believed = self.bench.operator.robot.get("pose")
+        return believed is not None and math.dist(believed[:2], self.bench.town.pose[:2]) < 0.08
+
+    def _judge(self, record: MissionRecord) -> None:
+        """Compare a new report's pose with where the robot was when it was sent."""
+        report = self.bench.operator.robot
+        pose, sent_s = report.get("pose"), report.get("t_sent_s", 0.0)
+        index = bisect_left(self._truth_s, sent_s)
+        if pose is None or report["sequence"] == self._judged or index == len(self._truth):
+            return
+        self._judged = report["sequence"]
+        later, earlier = self._truth[index], self._truth[max(index - 1, 0)]
+        span_s = max(self._truth_s[index] - self._truth_s[max(index - 1, 0)], 1e-9)
+        share = 1.0 - (self._truth_s[index] - sent_s) / span_s
+        x_m = earlier.x_m + share * (later.x_m - earlier.x_m)
+        y_m = earlier.y_m + share * (later.y_m - earlier.y_m)
+        turn = share * float(wrap_angle(later.heading_rad - earlier.heading_rad))
+        heading = float(wrap_angle(pose[2] - earlier.heading_rad - turn))
+        record.errors.append((math.dist((x_m, y_m), pose[:2]), heading))
