@@ -6,7 +6,7 @@ from typing import Tuple
 
 from localizer_node.track import RobotPose
 from robot.link.config import LinkConfig
-from robot.link.messages import PoseMessage
+from robot.link.messages import PosesMessage, Sighting
 
 
 class PosePublisher:
@@ -18,13 +18,13 @@ class PosePublisher:
 
     def __init__(self, config: LinkConfig) -> None:
         self._link = config.open()
-        self._publisher = config.publisher(self._link, PoseMessage)
+        self._publisher = config.publisher(self._link, PosesMessage)
 
     def __call__(self, poses: Tuple[RobotPose, ...]) -> None:
         """Send the poses of one picture; with none, only let new listeners in."""
         self._link.admit()
-        for pose in poses:
-            self._publisher.send(message_of(pose))
+        if poses:
+            self._publisher.send(message_of(poses))
 
     def __enter__(self) -> PosePublisher:
         return self
@@ -33,8 +33,7 @@ class PosePublisher:
         self._link.close()
 
 
-def message_of(pose: RobotPose) -> PoseMessage:
-    """The message that tells this pose."""
-    return PoseMessage(
-        pose.robot, pose.x_m, pose.y_m, pose.heading_rad, pose.confidence, pose.t_capture_s
-    )
+def message_of(poses: Tuple[RobotPose, ...]) -> PosesMessage:
+    """The message that tells the poses of one picture, of which there is at least one."""
+    seen = tuple(Sighting(p.robot, p.x_m, p.y_m, p.heading_rad, p.confidence) for p in poses)
+    return PosesMessage(seen, poses[0].t_capture_s)

@@ -21,7 +21,7 @@ from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.thread import real_motors
 from robot.health import Health
 from robot.link.config import LinkConfig
-from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
 from robot.navigator import MissionNavigator
@@ -145,9 +145,14 @@ def open_navigator(
     config: RobotConfig, streams: LinkConfig, link: Link, motors: DrivenMotors
 ) -> MissionNavigator:
     """Plans on the configured map, from the localizer's poses and the motors' steps."""
-    poses = streams.subscriber(link, PoseMessage)
+    poses = streams.subscriber(link, PosesMessage)
     road_map = load_map(config.map)
-    return MissionNavigator(road_map, poses.receive, lambda: motors.pose, config.name)
+
+    def receive() -> Optional[PoseMessage]:
+        seen = poses.receive()
+        return None if seen is None else seen.of(config.name)
+
+    return MissionNavigator(road_map, receive, lambda: motors.pose, config.name)
 
 
 def open_reports(

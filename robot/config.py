@@ -39,7 +39,7 @@ class CameraConfig:
             raise ConfigError(f"camera.kind: unknown {self.kind!r}; {nearest(self.kind, CAMERAS)}")
         if (self.kind in ("replay", "socket")) != bool(self.path):
             raise ConfigError(
-                "camera.path: expected a path with kind replay or socket, and only with them"
+                "camera.path: expected a path with kind replay or socket, and only with it"
             )
         slowest = round(1.0 / CONTROL_DT_S)
         if not slowest <= self.fps <= 120:

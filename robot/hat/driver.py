@@ -162,6 +162,9 @@ class MotorDriver:
                 self._moved_s = now_s
             elif self.energised:
                 self._look_after_standing_coils(now_s)
+            if self.energised and now_s >= self._checked_s + CHECK_PERIOD_S:
+                self._hat.check()
+                self._checked_s = now_s
             return self._deadline_s(now_s)
 
     def _let_go(self) -> None:
@@ -174,9 +177,6 @@ class MotorDriver:
         self._moved_s = self._checked_s = now_s
 
     def _look_after_standing_coils(self, now_s: float) -> None:
-        if now_s >= self._checked_s + CHECK_PERIOD_S:
-            self._hat.check()
-            self._checked_s = now_s
         if self._command != STILL or self._planner.deadline_s is not None:
             return
         if now_s >= self._moved_s + self.config.release_after_s:

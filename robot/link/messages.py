@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
-from typing import ClassVar, Optional
+from typing import ClassVar, Optional, Tuple
 
 from robot.errors import ContractError
 from robot.geometry import Pose
@@ -20,6 +20,7 @@ from robot.link.wire import (
     SCHEMA,
     decode,
     encode,
+    require_length,
     require_name,
     require_number,
     require_size,
@@ -29,6 +30,7 @@ FRAME_LIMIT_BYTES = 65536
 FAR_M = 1000.0  # no arena is larger
 MAX_TIME_S = 1e10
 MAX_SIDE_PX = 4096
+MAX_ROBOTS = 16
 UNSENT = "unsent"  # the session of a message that no publisher has stamped
 
 
@@ -40,8 +42,8 @@ def require_stamp(session: str, sequence: int, t_sent_s: float) -> None:
 
 
 @dataclass(frozen=True)
-class PoseMessage:
-    """Where the overhead camera saw a robot: world frame [m], [rad], capture time [s].
+class Sighting:
+    """One robot in a picture of the overhead camera: world frame [m], [rad].
 
     ``heading_rad`` is None when only a position was seen.
     """
@@ -51,12 +53,6 @@ class PoseMessage:
     y_m: float
     heading_rad: Optional[float]
     confidence: float  # 0 to 1
-    t_capture_s: float  # the sender's monotonic clock
-    session: str = UNSENT
-    sequence: int = 0
-    t_sent_s: float = 0.0
-
-    KIND: ClassVar[str] = "pose"
 
     def __post_init__(self) -> None:
         require_name("pose robot", self.robot)
@@ -64,8 +60,6 @@ class PoseMessage:
         require_number("pose y_m", self.y_m, -FAR_M, FAR_M)
         require_number("pose heading_rad", self.heading_rad, -math.pi - 1e-6, math.pi + 1e-6)
         require_number("pose confidence", self.confidence, 0.0, 1.0)
-        require_number("pose t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
-        require_stamp(self.session, self.sequence, self.t_sent_s)
 
     @property
     def pose(self) -> Optional[Pose]:
@@ -74,12 +68,51 @@ class PoseMessage:
             return None
         return Pose(self.x_m, self.y_m, self.heading_rad)
 
+
+@dataclass(frozen=True)
+class PoseMessage(Sighting):
+    """A sighting with its time [s], and with the stamp of the message it came in."""
+
+    t_capture_s: float  # the sender's monotonic clock
+    session: str = UNSENT
+    sequence: int = 0
+    t_sent_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class PosesMessage:
+    """All the robots seen in one picture: a stream keeps its newest message, and no robot's pose
+    may push out another's.
+    """
+
+    robots: Tuple[Sighting, ...]
+    t_capture_s: float  # the sender's monotonic clock
+    session: str = UNSENT
+    sequence: int = 0
+    t_sent_s: float = 0.0
+
+    KIND: ClassVar[str] = "pose"
+
+    def __post_init__(self) -> None:
+        require_length("pose robots", self.robots, MAX_ROBOTS)
+        require_number("pose t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
+        require_stamp(self.session, self.sequence, self.t_sent_s)
+
+    def of(self, robot: str) -> Optional[PoseMessage]:
+        """The pose of this robot; None where it was not seen."""
+        for seen in self.robots:
+            if seen.robot == robot:
+                stamp = (self.t_capture_s, self.session, self.sequence, self.t_sent_s)
+                place = (seen.x_m, seen.y_m, seen.heading_rad, seen.confidence)
+                return PoseMessage(robot, *place, *stamp)
+        return None
+
     def to_bytes(self) -> bytes:
         """One JSON part."""
         return encode(self)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> PoseMessage:
+    def from_bytes(cls, data: bytes) -> PosesMessage:
         """Read ``to_bytes``; ContractError for anything else."""
         return decode(cls, data)
 

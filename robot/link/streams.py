@@ -8,16 +8,16 @@ from dataclasses import replace
 from typing import Callable, Generic, Optional, Type, TypeVar, Union
 
 from robot.errors import ContractError
-from robot.link.messages import FRAME_LIMIT_BYTES, FrameMessage, PoseMessage
+from robot.link.messages import FRAME_LIMIT_BYTES, FrameMessage, PosesMessage
 from robot.link.sockets import DEAF_S, Link
 from robot.link.telemetry import Telemetry
 from robot.link.wire import MESSAGE_LIMIT_BYTES
 
 Clock = Callable[[], float]
-M = TypeVar("M", PoseMessage, FrameMessage, Telemetry)
+M = TypeVar("M", PosesMessage, FrameMessage, Telemetry)
 
 
-def limit_bytes(kind: Union[Type[PoseMessage], Type[FrameMessage], Type[Telemetry]]) -> int:
+def limit_bytes(kind: Union[Type[PosesMessage], Type[FrameMessage], Type[Telemetry]]) -> int:
     """The largest message [bytes] of a stream of this class."""
     return FRAME_LIMIT_BYTES if kind is FrameMessage else MESSAGE_LIMIT_BYTES
 

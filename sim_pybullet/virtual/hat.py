@@ -52,6 +52,11 @@ class VirtualHat:
         self._catch_up()
         return (self.rotors[0].lost_steps, self.rotors[1].lost_steps)
 
+    @property
+    def fields_rad(self) -> tuple[float | None, float | None]:
+        """Electrical angle to which each motor's coils pull; None while they are off."""
+        return (self.rotors[0].field_rad, self.rotors[1].field_rad)
+
     def _catch_up(self) -> None:
         with self._lock:
             now_s = self._clock.now()

@@ -73,6 +73,10 @@ class VirtualI2cBus:
         """Let ``count`` transactions fail, beginning after the next ``after`` good ones."""
         self._faults.extend([None] * after + [fault] * count)
 
+    def mend(self) -> None:
+        """No fault any more."""
+        self._faults.clear()
+
     def write(self, address: int, data: bytes) -> None:
         """One write message; OSError as Linux reports it."""
         if len(data) == 0:

@@ -52,6 +52,11 @@ class Rotor:
         return FULL_STEPS * round(behind / (2.0 * math.pi))
 
     @property
+    def field_rad(self) -> float | None:
+        """Electrical angle where the field wants the rotor [rad]; None with the coils off."""
+        return self._expected_rad
+
+    @property
     def field_error_rad(self) -> float:
         """Electrical angle by which the rotor is behind the field [rad]; 0 with the coils off."""
         if self._expected_rad is None:

@@ -1,4 +1,5 @@
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -6,28 +7,48 @@ from localizer_node.publish import PosePublisher, message_of
 from localizer_node.track import RobotPose
 from robot.errors import ConfigError
 from robot.link.config import LinkConfig
-from robot.link.messages import PoseMessage
+from robot.link.freshness import PoseGate
+from robot.link.messages import PosesMessage
 
 POSE = RobotPose("robot", 1.0, 2.0, 0.5, 0.3, 0.0, 0.1, 0.9, 42, 12.5)
+OTHER = RobotPose("other", 0.4, 0.6, None, 0.3, 0.0, 0.1, 0.8, 42, 12.5)
 
 
-def test_a_message_tells_the_pose():
-    message = message_of(POSE)
-    assert (message.robot, message.x_m, message.y_m, message.heading_rad) == (
-        "robot",
-        1.0,
-        2.0,
-        0.5,
-    )
-    assert (message.confidence, message.t_capture_s) == (0.9, 12.5)
-    assert PoseMessage.from_bytes(message.to_bytes()) == message
+def test_a_message_tells_the_poses_of_a_picture():
+    message = message_of((POSE, OTHER))
+    assert PosesMessage.from_bytes(message.to_bytes()) == message
+    told = message.of("robot")
+    assert (told.x_m, told.y_m, told.heading_rad, told.confidence) == (1.0, 2.0, 0.5, 0.9)
+    assert told.t_capture_s == 12.5
+    assert message.of("nobody") is None
+
+
+def test_each_of_two_robots_gets_its_pose_from_one_stream(configs):
+    """A stream keeps its newest message only: neither robot may push out the other."""
+    with ExitStack() as stack:
+        publish = stack.enter_context(PosePublisher(configs["localizer"]))
+        link = stack.enter_context(configs["robot"].open())
+        ears = [configs["robot"].subscriber(link, PosesMessage) for _ in range(2)]
+        gates = [PoseGate("robot"), PoseGate("other")]
+        taken = [0, 0]
+        deadline = time.monotonic() + 10.0
+        while min(taken) < 20 and time.monotonic() < deadline:
+            publish((POSE, OTHER))
+            time.sleep(0.02)
+            for i, name in enumerate(("robot", "other")):
+                message = ears[i].receive()
+                if message is not None:
+                    assert gates[i].take(message.of(name), time.monotonic())
+                    taken[i] += 1
+        assert min(taken) == 20
+        assert not any(gate.stream.refused for gate in gates)
 
 
 def test_poses_arrive_where_the_robot_listens(configs):
     """Over the encrypted link, from the localizer's keys to the robot's."""
     received = None
     with PosePublisher(configs["localizer"]) as publish, configs["robot"].open() as link:
-        subscriber = configs["robot"].subscriber(link, PoseMessage)
+        subscriber = configs["robot"].subscriber(link, PosesMessage)
         deadline = time.monotonic() + 5.0
         while received is None and time.monotonic() < deadline:
             publish(())
@@ -35,7 +56,7 @@ def test_poses_arrive_where_the_robot_listens(configs):
             time.sleep(0.02)
             received = subscriber.receive()
     assert received is not None
-    assert (received.robot, received.x_m, received.heading_rad) == ("robot", 1.0, 0.5)
+    assert [seen.robot for seen in received.robots] == ["robot"]
 
 
 def test_a_link_without_keys_must_say_so():

@@ -24,7 +24,7 @@ from robot.geometry import Pose, WheelSpeeds
 from robot.hat.clock import MonotonicClock
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
-from robot.link.messages import PoseMessage
+from robot.link.messages import PosesMessage, Sighting
 from robot.link.telemetry import Telemetry
 from robot.planner import plan_path
 from robot.recording import topics
@@ -89,7 +89,7 @@ class Overhead:
 
     def __init__(self, links: LinkConfig, motors: RollingMotors) -> None:
         self._link = links.open()
-        self._poses = links.publisher(self._link, PoseMessage)
+        self._poses = links.publisher(self._link, PosesMessage)
         self._client = links.command_client(self._link)
         self._reports = links.subscriber(self._link, Telemetry)
         self._motors = motors
@@ -107,7 +107,7 @@ class Overhead:
         while not holds():
             assert time.monotonic() < deadline_s, f"waited in vain; last report: {self.report}"
             pose, now_s = self._motors.pose, time.monotonic()
-            self._poses.send(PoseMessage("robot", *pose, 0.9, now_s))
+            self._poses.send(PosesMessage((Sighting("robot", *pose, 0.9),), now_s))
             self.acks += self._client.poll(self.beating)
             self.report = self._reports.receive() or self.report
             time.sleep(0.02)

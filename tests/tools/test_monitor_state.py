@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from robot.link.commands import Ack
-from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.telemetry import MissionStatus, Telemetry
 from tools.monitor.state import SILENT_S, MonitorState, Snapshot
 
@@ -92,10 +92,10 @@ def test_the_log_is_numbered_so_that_nothing_is_shown_twice() -> None:
 def test_every_stream_ages_by_itself() -> None:
     world = World()
     world.report()
-    pose = PoseMessage("duck", 1.0, 2.0, None, 0.5, 9.0, "cam", 1, 9.0)
+    poses = PosesMessage((Sighting("duck", 1.0, 2.0, None, 0.5),), 9.0, "cam", 1, 9.0)
     frame = FrameMessage(b"\xff\xd8\xff\xd9", 160, 120, 9.0, "eye", 7, 9.0)
     world.later(0.2)
-    assert world.state.take_pose(pose)
+    assert world.state.take_poses(poses)
     world.later(0.1)
     assert world.state.take_frame(frame)
     snapshot = world.later(0.1)

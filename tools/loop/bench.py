@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from localizer_node.calibration import save_calibration
@@ -28,8 +29,9 @@ from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.loop.conductor import BenchError, Conductor
 from tools.loop.operator import Operator
+from tools.loop.proxy import Proxy
 from tools.loop.real_time import RealTime
-from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
+from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, Timekeeper, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
 END_S = 5.0
@@ -90,8 +92,11 @@ class Bench:
         self.time = Conductor(folder, order) if options.lockstep else RealTime()
         self.town = VirtualTown(self.road_map, options.look, self.time, folder, options.seed)
         self.keys = keygen(folder / "keys")
-        self.base_port, self.page_port = free_ports(len(BOUND_BY)), free_ports(1)
+        self.page_port = free_ports(1)
+        self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
+        self.model = options.model
+        self._frozen: set[str] = set()
         self.operator: Operator
         self._stack = ExitStack()
         self._write_configs()
@@ -114,6 +119,34 @@ class Bench:
         """The bench's time [s]."""
         return self.time.clock.now()
 
+    def frozen(self, name: str) -> bool:
+        """Whether a program is stopped (SIGSTOP)."""
+        return name in self._frozen
+
+    def freeze(self, name: str, frozen: bool = True) -> None:
+        """Stop a program where it is, or let it go on."""
+        self.time.freeze(name, frozen)
+        self.processes[name].child.send_signal(signal.SIGSTOP if frozen else signal.SIGCONT)
+        (self._frozen.add if frozen else self._frozen.discard)(name)
+
+    def stop(self, name: str, how: int = signal.SIGKILL) -> None:
+        """End a program by a signal, and wait for its end while time goes on."""
+        process = self.processes[name]
+        process.child.send_signal(how)
+        self.until(lambda: not process.alive, END_S, f"{name} to end", PAUSE_S)
+
+    def revive(self) -> None:
+        """Let go on what is frozen, start again what has ended, and meet again."""
+        for name in list(self._frozen):
+            self.freeze(name, False)
+        ended = [name for name, process in self.processes.items() if not process.alive]
+        for name in ended:
+            self.start(name)
+        if "monitor" in ended:
+            self.operator = self.log_in()
+        if ended:
+            self.meet()
+
     def start(self, name: str) -> Process:
         """Start a program, or start it again."""
         python = self.options.robot_python if name == "robot" else sys.executable
@@ -121,6 +154,13 @@ class Bench:
         process = Process(name, command, self.folder / f"{name}.log")
         self.processes[name] = process
         self.time.joined(name, lambda: process.alive)
+        return process
+
+    def start_and_end(self, name: str) -> Process:
+        """Start a program that cannot work, and let it find out."""
+        self.start(name)
+        process = self.processes[name]
+        self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
         return process
 
     def log_in(self) -> Operator:
@@ -155,9 +195,10 @@ class Bench:
         """
         deadline_s = self.now_s + patience_s
         while not holds():
-            dead = [p.name for p in self.processes.values() if not p.alive]
-            if self.now_s > deadline_s or (dead and pause_s):
-                raise BenchError(f"expected {what}, waited in vain {dead or ''}; see {self.folder}")
+            if self.now_s > deadline_s:
+                ended = [p.name for p in self.processes.values() if not p.alive]
+                told = f"; ended: {', '.join(ended)}" if ended else ""
+                raise BenchError(f"expected {what}, waited in vain{told}; see {self.folder}")
             self.time.run_until(self.now_s + 0.05)
             time.sleep(pause_s)
 
@@ -165,6 +206,8 @@ class Bench:
         """End all processes."""
         for process in self.processes.values():
             process.end()
+        for network in self.networks.values():
+            network.close()
         self.time.close()
         self.town.close()
 
@@ -181,14 +224,16 @@ class Bench:
         link = ["--link", str(folder / "monitor.yaml"), "--drives", str(folder / "drives")]
         return ["tools.monitor", *page, *link]
 
+    def use_model(self, model: Path) -> None:
+        """The policy that the robot is started with from now on."""
+        self.model = model
+        self._write_configs()
+
     def _write_configs(self) -> None:
-        link = {
-            name: LinkConfig(str(keys), base_port=self.base_port)
-            for name, keys in self.keys.items()
-        }
+        link = self.link_configs
         sockets = self.town.sockets
         robot = RobotConfig(
-            str(self.options.model.resolve()),
+            str(self.model.resolve()),
             name=ROBOT,
             map=self.options.map,
             camera=CameraConfig("socket", path=str(sockets.camera), fps=CAMERA_FPS),
@@ -204,6 +249,25 @@ class Bench:
     def _write(self, name: str, plain: Any) -> None:
         text = yaml.safe_dump(plain, sort_keys=False)
         (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+
+
+def connect(
+    keys: dict[str, Path], time: Timekeeper, seed: int
+) -> tuple[dict[str, LinkConfig], dict[str, Proxy]]:
+    """How each program reaches the others: through networks that can be made bad.
+
+    Returns:
+        The links of each program, and the networks ``poses`` (localizer to robot) and ``monitor``.
+    """
+    ports = {name: free_ports(len(BOUND_BY)) for name in keys}
+    configs = {name: LinkConfig(str(keys[name]), base_port=ports[name]) for name in keys}
+    to_robot = {ports["robot"]: ports["localizer"]}
+    to_monitor = {ports["monitor"]: ports["localizer"]}
+    for offset in range(1, len(BOUND_BY)):
+        to_monitor[ports["monitor"] + offset] = ports["robot"] + offset
+    rng, now = np.random.default_rng(seed), time.clock.now
+    networks = {"poses": Proxy(to_robot, now, rng), "monitor": Proxy(to_monitor, now, rng)}
+    return configs, networks
 
 
 def free_ports(count: int) -> int:

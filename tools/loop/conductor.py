@@ -93,6 +93,10 @@ class Conductor:
         self._events.append(event)
         return event
 
+    def forget(self, event: Event) -> None:
+        """It happens no longer."""
+        self._events.remove(event)
+
     def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
         """Wait until a process that was started has joined.
 
@@ -128,6 +132,10 @@ class Conductor:
     def lossy(self, lossy: bool) -> None:
         """Whether messages may be lost or late, so that nobody waits for one."""
         self.shared.set("lossy", float(lossy))
+
+    def slow(self, decision_s: float) -> None:
+        """Let every decision of the robot take so long [s]."""
+        self.shared.set("slow", decision_s)
 
     def run_until(self, time_s: float) -> None:
         """Go on until the clock reads ``time_s`` [s]."""
@@ -168,7 +176,7 @@ class Conductor:
 
     def _happen(self) -> None:
         now_s = self.clock.now() + 1e-9
-        for event in self._events:
+        for event in list(self._events):
             if event.due_s <= now_s:
                 event.due_s += event.period_s
                 event.happen()

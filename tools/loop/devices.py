@@ -60,11 +60,17 @@ class Listener:
 
 
 class BusServer(Listener):
-    """A virtual I2C bus for a driver in another process."""
+    """A virtual I2C bus for a driver in another process.
 
-    def __init__(self, path: Path, bus: VirtualI2cBus) -> None:
+    Args:
+        path: of the socket.
+        bus: what answers.
+        answered: told after each transaction.
+    """
+
+    def __init__(self, path: Path, bus: VirtualI2cBus, answered: Callable[[], None]) -> None:
         super().__init__(path)
-        self._bus = bus
+        self._bus, self._answered = bus, answered
 
     def _answer(self, connection: socket.socket) -> None:
         kind, address, register, count = REQUEST.unpack(receive_exactly(connection, REQUEST.size))
@@ -76,6 +82,7 @@ class BusServer(Listener):
                 data = self._bus.read(address, register, count)
         except OSError as error:
             code, data = error.errno or 5, b""
+        self._answered()
         connection.sendall(ANSWER.pack(code, len(data)) + data)
 
 

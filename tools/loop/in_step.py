@@ -25,6 +25,7 @@ def main() -> None:
     shared = SharedTime(time_path)
     stepper = Stepper(connection, shared)
     patches.install(stepper)
+    patches.slow_down(stepper, shared)
     wire_watch.install(shared)
     stepper.start()
     sys.argv = [module, *arguments]

@@ -19,6 +19,7 @@ SHORTEST_M = 1.0  # a mission is at least so long
 DAWDLE_MPS = 0.1  # a mission slower than this on average is given up
 SETTLE_S = 3.0  # until a robot that was carried is found again
 ANSWER_S = 10.0
+PAUSE_S = 1.0  # a person looks before they arm again
 
 
 @dataclass
@@ -80,6 +81,9 @@ class Driver:
         """One mission from where the robot is."""
         record = self._draw()
         operator = self.bench.operator
+        pause_s = self.bench.now_s + PAUSE_S
+        while self.bench.now_s < pause_s:
+            self._look()
         for kind, place in (("arm", None), ("mission", record.destination)):
             accepted, record.reason = operator.ask(kind, place)
             if not accepted:

@@ -12,6 +12,7 @@ import threading
 import time
 from typing import Any
 
+from tools.loop.shared_time import SharedTime
 from tools.loop.stepper import PipeWaiter, Stepper, Waiter
 
 PICTURE_S = 600.0  # real time; a camera's silence is seen by the age of its newest picture
@@ -104,3 +105,18 @@ def _replace_camera_wait(stepper: Stepper) -> None:
             return take(stream)
 
     SocketStream._take = outside_take  # type: ignore[method-assign]
+
+
+def slow_down(stepper: Stepper, shared: SharedTime) -> None:
+    """A decision takes as long as the bench says, for faults; it takes no time in lock-step."""
+    from robot.runtime import Runtime
+
+    values: Any = Runtime._values
+
+    def slow_values(runtime: Any, frame: Any, guidance: Any) -> Any:
+        decision_s = shared.get("slow")
+        if decision_s:
+            stepper.sleep(decision_s)
+        return values(runtime, frame, guidance)
+
+    Runtime._values = slow_values  # type: ignore[method-assign]

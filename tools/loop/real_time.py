@@ -42,6 +42,10 @@ class RealTime:
         self._events.append(event)
         return event
 
+    def forget(self, event: Event) -> None:
+        """It happens no longer."""
+        self._events.remove(event)
+
     def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
         """Processes join by themselves; BenchError when one has ended already."""
         if not process_alive():
@@ -59,11 +63,20 @@ class RealTime:
     def lossy(self, lossy: bool) -> None:
         """The same."""
 
+    def slow(self, decision_s: float) -> None:
+        """Not possible: decisions take the time that they take.
+
+        Raises:
+            BenchError: always.
+        """
+        if decision_s:
+            raise BenchError("expected lock-step, to slow decisions down; got real time")
+
     def run_until(self, time_s: float) -> None:
         """Let things happen until the clock reads ``time_s`` [s]; what was missed is skipped."""
         while True:
             now_s = self.clock.now()
-            for event in self._events:
+            for event in list(self._events):
                 if event.due_s <= now_s:
                     event.due_s = max(event.due_s + event.period_s, now_s)
                     event.happen()

@@ -52,13 +52,15 @@ class VirtualTown:
         self.bus = VirtualI2cBus()
         self.hat = VirtualHat(self.bus, clock)
         self.world = VirtualWorld(road_map, look, self.hat, clock, rng)
-        self._marker, self._rng = Marker(ROBOT), rng
+        self._marker, self._rng, self._clock = Marker(ROBOT), rng, clock
+        self.moved_s = clock.now()  # when a motor last stepped
+        self._fields = self.hat.fields_rad
         self._board = board_rgb(self._marker)
         ground = self.world.scene.ground
         self._above = OverheadCamera(ground, look=OverheadLook())
         size_m = (road_map.width_m, road_map.height_m)
         self.calibration: Calibration = known_calibration(self._above, (self._marker,), size_m)
-        self.bus_server = BusServer(self.sockets.bus, self.bus)
+        self.bus_server = BusServer(self.sockets.bus, self.bus, self._note_step)
         self.camera = PictureServer(
             self.sockets.camera, self.world.see, lambda: time.woken("robot")
         )
@@ -70,6 +72,14 @@ class VirtualTown:
         time.every(PHYSICS_DT_S, self.world.follow)
         self.camera_event = time.every(1.0 / CAMERA_FPS, self.camera.moment)
         self.overhead_event = time.every(1.0 / OVERHEAD_FPS, self.overhead.moment)
+
+    def _note_step(self) -> None:
+        """Remember when a field last turned: that is a step of a motor."""
+        fields = self.hat.fields_rad
+        turned = zip(fields, self._fields, strict=True)
+        if any(a is not None and b is not None and a != b for a, b in turned):
+            self.moved_s = self._clock.now()
+        self._fields = fields
 
     @property
     def pose(self) -> Pose:

@@ -21,7 +21,7 @@ from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.link.commands import Command
 from robot.link.config import LinkConfig
-from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.streams import Publisher
 from robot.link.telemetry import (
     Attention,
@@ -67,7 +67,7 @@ class DemoRobot:
         self._link = config.open()
         self._telemetry: Publisher[Telemetry] = config.publisher(self._link, Telemetry)
         self._frames: Publisher[FrameMessage] = config.publisher(self._link, FrameMessage)
-        self._poses: Publisher[PoseMessage] = config.publisher(self._link, PoseMessage)
+        self._poses: Publisher[PosesMessage] = config.publisher(self._link, PosesMessage)
         self._commands = config.command_server(self._link)
         self._drive = Drive()
         self._manual: tuple[int | None, float] = (None, -math.inf)
@@ -174,7 +174,8 @@ class DemoRobot:
     def _publish_pose(self, now_s: float) -> None:
         x_m, y_m = self.pose[:2] + self._rng.normal(0.0, POSE_NOISE_M, 2)
         heading_rad = self.pose.heading_rad
-        self._poses.send(PoseMessage(NAME, float(x_m), float(y_m), heading_rad, 0.98, now_s))
+        seen = Sighting(NAME, float(x_m), float(y_m), heading_rad, 0.98)
+        self._poses.send(PosesMessage((seen,), now_s))
 
 
 def _health() -> tuple[Reading, ...]:

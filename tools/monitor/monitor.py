@@ -13,7 +13,7 @@ from pathlib import Path
 from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
-from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.streams import Subscriber
 from robot.link.telemetry import Telemetry
 from tools.monitor.attention import AttentionThread
@@ -45,7 +45,7 @@ class Monitor:
         self._link = config.open()
         self._telemetry: Subscriber[Telemetry] = config.subscriber(self._link, Telemetry)
         self._frames: Subscriber[FrameMessage] = config.subscriber(self._link, FrameMessage)
-        self._poses: Subscriber[PoseMessage] = config.subscriber(self._link, PoseMessage)
+        self._poses: Subscriber[PosesMessage] = config.subscriber(self._link, PosesMessage)
         self._client: CommandClient = config.command_client(self._link)
         self._recorder: DriveRecorder | None = DriveRecorder(drives, time.time)
         self._waiting: dict[str, asyncio.Future[Ack]] = {}
@@ -71,9 +71,9 @@ class Monitor:
         frame = self._frames.receive()
         if frame is not None and self.state.take_frame(frame):
             self._take_frame(frame)
-        pose = self._poses.receive()
-        if pose is not None:
-            self.state.take_pose(pose)
+        poses = self._poses.receive()
+        if poses is not None:
+            self.state.take_poses(poses)
         for ack in self._client.poll(beat=self.watched):
             self._answered(ack)
         self.state.look()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from robot.link.commands import Ack
 from robot.link.freshness import StreamGate
-from robot.link.messages import FrameMessage, PoseMessage
+from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
 from robot.link.telemetry import InputAge, Telemetry
 
 SILENT_S = 1.0
@@ -90,11 +90,12 @@ class MonitorState:
         self.frame = message
         return True
 
-    def take_pose(self, message: PoseMessage) -> bool:
-        """Whether the pose is new."""
-        if not self._passes("localizer", message):
+    def take_poses(self, message: PosesMessage) -> bool:
+        """Whether it is new, and tells of the robot that this monitor watches."""
+        told = message.of(self.telemetry.robot) if self.telemetry else None
+        if told is None or not self._passes("localizer", message):
             return False
-        self.pose = message
+        self.pose = told
         return True
 
     def look(self) -> None:
@@ -141,7 +142,7 @@ class MonitorState:
             drives=self.drives,
         )
 
-    def _passes(self, stream: str, message: Telemetry | FrameMessage | PoseMessage) -> bool:
+    def _passes(self, stream: str, message: Telemetry | FrameMessage | PosesMessage) -> bool:
         gate, now_s = self._gates[stream], self._clock()
         reason = gate.problem(message.session, message.sequence, now_s)
         if reason:

@@ -14,7 +14,14 @@ from hypothesis import strategies as st
 from robot.errors import ContractError
 from robot.link import telemetry as tm
 from robot.link.commands import KINDS, Ack, Command, Mission
-from robot.link.messages import FAR_M, FRAME_LIMIT_BYTES, FrameMessage, PoseMessage
+from robot.link.messages import (
+    FAR_M,
+    FRAME_LIMIT_BYTES,
+    MAX_ROBOTS,
+    FrameMessage,
+    PosesMessage,
+    Sighting,
+)
 from robot.link.telemetry import (
     Attention,
     InputAge,
@@ -35,13 +42,17 @@ stamps = {"session": names, "sequence": counts, "t_sent_s": times}
 texts = st.text(st.characters(exclude_categories=("C", "Z")), max_size=30)
 shares = st.floats(0, 1)
 
-poses = st.builds(
-    PoseMessage,
+sightings = st.builds(
+    Sighting,
     robot=names,
     x_m=metres,
     y_m=metres,
     heading_rad=st.none() | angles,
     confidence=shares,
+)
+poses = st.builds(
+    PosesMessage,
+    robots=st.lists(sightings, max_size=MAX_ROBOTS).map(tuple),
     t_capture_s=times,
     **stamps,
 )
@@ -95,9 +106,9 @@ commands = st.sampled_from(KINDS).flatmap(
     )
 )
 acks = st.builds(Ack, names, st.booleans(), texts, names, times)
-PARSERS = (PoseMessage, Telemetry, Command, Ack, FrameMessage)
+PARSERS = (PosesMessage, Telemetry, Command, Ack, FrameMessage)
 
-POSE = PoseMessage("duck", 1.0, 2.0, 0.5, 0.9, 10.0, "abcd", 7, 10.1)
+POSE = PosesMessage((Sighting("duck", 1.0, 2.0, 0.5, 0.9),), 10.0, "abcd", 7, 10.1)
 
 
 @given(poses | telemetries | commands | acks)
@@ -131,12 +142,12 @@ json_values = st.recursive(
 )
 
 
-@pytest.mark.parametrize("kind", [PoseMessage, Telemetry, Command, Ack])
+@pytest.mark.parametrize("kind", [PosesMessage, Telemetry, Command, Ack])
 @given(data=st.data())
 @settings(max_examples=100, deadline=None)
 def test_a_spoilt_message_is_read_or_refused_but_never_breaks(kind: Any, data: Any) -> None:
     """One field of a good message replaced by anything: equal kind out, or ContractError."""
-    source = {PoseMessage: poses, Telemetry: telemetries, Command: commands, Ack: acks}[kind]
+    source = {PosesMessage: poses, Telemetry: telemetries, Command: commands, Ack: acks}[kind]
     plain = json.loads(data.draw(source).to_bytes())
     plain[data.draw(st.sampled_from(sorted(plain)))] = data.draw(json_values)
     try:
@@ -147,7 +158,11 @@ def test_a_spoilt_message_is_read_or_refused_but_never_breaks(kind: Any, data: A
 
 
 def spoilt(**changes: Any) -> bytes:
-    return json.dumps({**json.loads(POSE.to_bytes()), **changes}).encode()
+    """POSE with other values, of the message or of its robot."""
+    plain = json.loads(POSE.to_bytes())
+    for key, value in changes.items():
+        (plain if key in plain else plain["robots"][0])[key] = value
+    return json.dumps(plain).encode()
 
 
 @pytest.mark.parametrize(
@@ -177,7 +192,7 @@ def spoilt(**changes: Any) -> bytes:
 )
 def test_the_refusal_says_what_was_wrong(data: bytes, says: str) -> None:
     with pytest.raises(ContractError, match=says):
-        PoseMessage.from_bytes(data)
+        PosesMessage.from_bytes(data)
 
 
 def test_a_frame_that_is_no_jpeg_or_too_large_is_refused() -> None:

@@ -13,7 +13,7 @@ from robot.errors import ConfigError
 from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
 from robot.link.keys import Keys, keygen, load_keys
-from robot.link.messages import PoseMessage
+from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link
 from robot.link.streams import Publisher, Subscriber
 from tests.robot.link.conftest import free_base_port, until
@@ -22,16 +22,16 @@ zmq = pytest.importorskip("zmq")
 
 Open = Callable[[LinkConfig], Link]
 Configs = Dict[str, LinkConfig]
-POSE = PoseMessage("duck", 1.0, 2.0, 0.5, 0.9, t_capture_s=time.monotonic())
+POSE = PosesMessage((Sighting("duck", 1.0, 2.0, 0.5, 0.9),), t_capture_s=time.monotonic())
 
 
 def pair(configs: Configs, open_link: Open, to: str = "robot") -> tuple[Publisher, Subscriber]:
     localizer, receiver = configs["localizer"], configs[to]
-    publisher = localizer.publisher(open_link(localizer), PoseMessage)
-    return publisher, receiver.subscriber(open_link(receiver), PoseMessage)
+    publisher = localizer.publisher(open_link(localizer), PosesMessage)
+    return publisher, receiver.subscriber(open_link(receiver), PosesMessage)
 
 
-def deliver(publisher: Publisher, subscriber: Subscriber, timeout_s: float = 3.0) -> PoseMessage:
+def deliver(publisher: Publisher, subscriber: Subscriber, timeout_s: float = 3.0) -> PosesMessage:
     """Publish until the subscriber has one."""
     got = []
 
@@ -51,7 +51,9 @@ def test_allowed_keys_receive(configs: Configs, open_link: Open, to: str) -> Non
     publisher, subscriber = pair(configs, open_link, to)
     message = deliver(publisher, subscriber)
     assert message.session == publisher.session
-    assert (message.x_m, message.y_m) == (1.0, 2.0)
+    pose = message.of("duck")
+    assert pose is not None
+    assert (pose.x_m, pose.y_m) == (1.0, 2.0)
 
 
 def strangers(configs: Configs, tmp_path: Path) -> dict[str, Link]:
@@ -69,7 +71,7 @@ def test_strangers_receive_nothing(configs: Configs, open_link: Open, tmp_path: 
     publisher, subscriber = pair(configs, open_link)
     endpoint = configs["robot"].connect_endpoint("pose")
     links = strangers(configs, tmp_path)
-    others = {n: Subscriber(k, endpoint, PoseMessage, "localizer") for n, k in links.items()}
+    others = {n: Subscriber(k, endpoint, PosesMessage, "localizer") for n, k in links.items()}
     deliver(publisher, subscriber)
     leaked = []
     deadline_s = time.monotonic() + 1.0
@@ -100,21 +102,21 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
     configs: Configs, open_link: Open
 ) -> None:
     localizer, robot = configs["localizer"], configs["robot"]
-    subscriber = robot.subscriber(open_link(robot), PoseMessage)
+    subscriber = robot.subscriber(open_link(robot), PosesMessage)
     gate = PoseGate("duck")
     with localizer.open() as link:
-        message = deliver(localizer.publisher(link, PoseMessage), subscriber)
-        assert gate.take(message, time.monotonic())
+        message = deliver(localizer.publisher(link, PosesMessage), subscriber)
+        assert gate.take(message.of("duck"), time.monotonic())
     time.sleep(0.1)
     subscriber.receive()
     time.sleep(0.5)
     assert subscriber.receive() is None
     assert gate.age_s(time.monotonic()) > 0.5
-    publisher = localizer.publisher(open_link(localizer), PoseMessage)
+    publisher = localizer.publisher(open_link(localizer), PosesMessage)
     began_s = time.monotonic()
     message = deliver(publisher, subscriber)
     assert time.monotonic() - began_s < 1.0
-    assert gate.take(message, time.monotonic())
+    assert gate.take(message.of("duck"), time.monotonic())
     assert gate.age_s(time.monotonic()) < 0.5
 
 
@@ -135,7 +137,7 @@ def test_garbage_is_refused_and_counted_and_the_next_good_message_gets_in(
 ) -> None:
     send = raw_publisher(configs["localizer"], open_link)
     robot = configs["robot"]
-    subscriber = robot.subscriber(open_link(robot), PoseMessage)
+    subscriber = robot.subscriber(open_link(robot), PosesMessage)
 
     def refused_one(data: bytes) -> bool:
         before = subscriber.refused
@@ -161,7 +163,7 @@ def test_garbage_is_refused_and_counted_and_the_next_good_message_gets_in(
 def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_link: Open) -> None:
     send = raw_publisher(configs["localizer"], open_link)
     robot = configs["robot"]
-    subscriber = robot.subscriber(open_link(robot), PoseMessage)
+    subscriber = robot.subscriber(open_link(robot), PosesMessage)
 
     def good() -> bool:
         send(POSE.to_bytes())
@@ -181,7 +183,7 @@ def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_l
 @pytest.mark.parametrize("endpoint", ["tcp://*:5999", "tcp://0.0.0.0:5999", "tcp://192.168.1.2:5"])
 def test_plaintext_is_for_loopback_only(endpoint: str) -> None:
     with Link(None, plaintext=True) as link, pytest.raises(ConfigError, match="keygen"):
-        Publisher(link, endpoint, PoseMessage)
+        Publisher(link, endpoint, PosesMessage)
 
 
 def test_plaintext_needs_its_flag_and_excludes_keys() -> None:
@@ -200,9 +202,9 @@ def test_waiting_lets_allowed_peers_in(configs: Configs, open_link: Open) -> Non
     """A program that only waits (no send, no serve) still answers at the door."""
     localizer, robot = configs["localizer"], configs["robot"]
     door = open_link(localizer)
-    publisher = localizer.publisher(door, PoseMessage)
+    publisher = localizer.publisher(door, PosesMessage)
     link = open_link(robot)
-    subscriber = robot.subscriber(link, PoseMessage)
+    subscriber = robot.subscriber(link, PosesMessage)
     for _ in range(10):
         door.wait(0.05)
     for _ in range(5):  # first messages are lost while the publisher takes note of who came in

@@ -1,0 +1,127 @@
+"""``python -m tools.faults``: every fault in the loop with the real processes; a table of the stops.
+
+In lock-step by default: the same on every machine, and times are those of the robot's own clock,
+without what a slow computer adds. ``--real-time`` measures by the wall clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+from tqdm import tqdm
+
+from robot.errors import DuckpilotError, nearest
+from tools.faults import camera, i2c, localizer, missions, models, network, programs, strangers
+from tools.faults.case import Case, Outcome
+from tools.faults.report import write_report
+from tools.faults.stage import Stage
+from tools.loop.bench import BenchOptions
+from tools.loop.conductor import BenchError
+
+FAMILIES: dict[str, tuple[Case, ...]] = {
+    "camera": camera.CASES,
+    "I2C": i2c.CASES,
+    "model": models.CASES,
+    "localizer": localizer.CASES,
+    "programs": programs.CASES,
+    "network": network.CASES,
+    "strangers": strangers.CASES,
+    "missions": missions.CASES,
+}
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.faults", description=__doc__)
+    parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
+    parser.add_argument("--family", action="append", choices=list(FAMILIES), help="only these")
+    parser.add_argument("--case", action="append", help="only these, by name")
+    parser.add_argument("--real-time", action="store_true", help="by the wall clock")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--json", type=Path, help="write the outcomes; cases that it holds are done"
+    )
+    parser.add_argument("--report", type=Path, help="write the table, such as docs/faults.md")
+    return parser.parse_args(arguments)
+
+
+def chosen(options: argparse.Namespace) -> list[tuple[str, Case]]:
+    """The cases asked for, with their families.
+
+    Raises:
+        DuckpilotError: no such case.
+    """
+    families = options.family or list(FAMILIES)
+    every = [(family, case) for family in families for case in FAMILIES[family]]
+    names = {case.name for _, case in every}
+    for wanted in options.case or ():
+        if wanted not in names:
+            raise DuckpilotError(f"no case {wanted!r}; {nearest(wanted, sorted(names))}")
+    return [row for row in every if not options.case or row[1].name in options.case]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status 0 when the robot did right in every case, 2 for wrong input, 1 otherwise."""
+    options = parse(arguments)
+    cv2.setNumThreads(1)
+    try:
+        cases = chosen(options)
+        outcomes = _done(options.json)
+        with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
+            _play(cases, outcomes, options, Path(folder))
+    except (DuckpilotError, BenchError) as error:
+        print(f"faults: {error}", file=sys.stderr)
+        return 2 if isinstance(error, DuckpilotError) else 1
+    if options.report:
+        write_report(outcomes, options.report)
+    failed = [outcome for outcome in outcomes if not outcome.passed]
+    for outcome in failed:
+        print(f"{outcome.family}, {outcome.name}: {outcome.problem}")
+    print(f"{len(outcomes) - len(failed)} of {len(outcomes)} faults met as they must be")
+    return 1 if failed else 0
+
+
+def _play(
+    cases: list[tuple[str, Case]],
+    outcomes: list[Outcome],
+    options: argparse.Namespace,
+    folder: Path,
+) -> None:
+    done = {(o.family, o.name) for o in outcomes}
+    todo = [(family, case) for family, case in cases if (family, case.name) not in done]
+    if not todo:
+        return
+    bench = BenchOptions(options.model, seed=options.seed, lockstep=not options.real_time)
+    with Stage(bench, folder) as stage, tqdm(total=len(cases), initial=len(done)) as bar:
+        for family, case in todo:
+            bar.set_description(f"{family}: {case.name}")
+            outcomes.append(stage.play(family, case))
+            _write(options.json, outcomes)
+            bar.update()
+
+
+def _done(path: Path | None) -> list[Outcome]:
+    if path is None or not path.exists():
+        return []
+    return [Outcome(**row) for row in json.loads(path.read_text(encoding="utf-8"))["outcomes"]]
+
+
+def _write(path: Path | None, outcomes: list[Outcome]) -> None:
+    if path is None:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.partial")
+    plain = {"schema": 1, "outcomes": [asdict(outcome) for outcome in outcomes]}
+    partial.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
+    os.replace(partial, path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""A fault as a row of a table, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tools.faults.stage import Stage
+
+Act = Callable[["Stage"], None]
+STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
+
+
+def nothing(_: Stage) -> None:
+    """Neither breaks nor mends."""
+
+
+def fine(_: Stage) -> str:
+    """No complaint."""
+    return ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault, met while the robot drives a mission (unless ``moving`` is False).
+
+    Attributes:
+        name: short, unique.
+        what: the fault in words.
+        inject: breaks something.
+        threshold_s: age at which the fault counts as one [s]; the wheels must have stopped
+            ``STOP_BUDGET_S`` later.
+        states: one of which the robot must show; empty where it must go on driving.
+        says: what the reason shown must contain.
+        before: prepares the bench, before the robot drives off.
+        heal: mends it; nothing may begin to move by that.
+        silent: the page must say that the robot is silent.
+        check: a last look before mending; what is wrong, or "".
+    """
+
+    name: str
+    what: str
+    inject: Act
+    threshold_s: float = 0.0
+    states: tuple[str, ...] = ("FAULT",)
+    says: str = ""
+    heal: Act = nothing
+    before: Act = nothing
+    moving: bool = True
+    silent: bool = False
+    check: Callable[[Stage], str] = fine
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the robot must not mind."""
+        return not self.states
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a case came to; times in seconds of the bench's clock, NaN where nothing had to stop."""
+
+    family: str
+    name: str
+    what: str
+    stopped_s: float  # from the fault to the last step of a motor
+    threshold_s: float
+    state: str
+    reason: str
+    problem: str  # "" when all was as it must be
+    lockstep: bool = True
+
+    @property
+    def passed(self) -> bool:
+        """Whether all was as it must be."""
+        return not self.problem

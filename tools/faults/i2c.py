@@ -1,0 +1,64 @@
+"""The motors' bus: not acknowledged, stuck, cut off half-way, the chip reset."""
+
+from __future__ import annotations
+
+from sim_pybullet.virtual.i2c import BusFault
+from tools.faults.case import Act, Case
+from tools.faults.stage import Stage
+
+LASTING = 100_000  # transactions
+
+
+def _faulty(fault: BusFault, count: int = LASTING) -> Act:
+    def inject(stage: Stage) -> None:
+        stage.bench.town.bus.inject(fault, count)
+
+    return inject
+
+
+def _heal(stage: Stage) -> None:
+    stage.bench.town.bus.mend()
+
+
+def _reset(stage: Stage) -> None:
+    stage.bench.town.hat.chip.power_cycle()
+
+
+def _move_away(stage: Stage) -> None:
+    stage.bench.town.hat.chip.address = 0x55
+    stage.bench.stop("robot")
+    stage.bench.start_and_end("robot")
+
+
+def _move_back(stage: Stage) -> None:
+    stage.bench.town.hat.chip.address = 0x6F
+
+
+def _says_where(stage: Stage) -> str:
+    said = stage.bench.processes["robot"].said()
+    return "" if "expected a PCA9685 at 0x6F" in said else "its log does not name the address"
+
+
+CASES = (
+    Case(
+        "NACK", "nobody acknowledges", _faulty(BusFault.NACK), says="not acknowledged", heal=_heal
+    ),
+    Case(
+        "one NACK", "a single one", _faulty(BusFault.NACK, 1), says="not acknowledged", heal=_heal
+    ),
+    Case("stuck", "SDA held low", _faulty(BusFault.STUCK), says="stuck", heal=_heal),
+    Case("partial write", "cut off half-way", _faulty(BusFault.PARTIAL), says="motors", heal=_heal),
+    Case(
+        *("chip reset", "its supply dipped", _reset),
+        threshold_s=1.0,  # it is looked at once a second
+        says="the chip was reset",
+        heal=_heal,
+    ),
+    Case(
+        *("wrong address", "the HAT answers at 0x55", _move_away),
+        moving=False,
+        silent=True,
+        check=_says_where,
+        heal=_move_back,
+    ),
+)

@@ -1,0 +1,54 @@
+"""``docs/faults.md``: what the robot did about every fault."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+from tools.faults.case import STOP_BUDGET_S, Outcome
+
+HEAD = f"""# Faults
+
+Each row is a fault, met by robot, localizer and monitor as they are, as processes of their own, on the loop bench ([loop](loop.md)), while
+the robot drives a mission at 0.3 m/s. *Counts after* is the age at which the fault is one; *last step* is when a motor last stepped, from the
+fault on; it may come {1000 * STOP_BUDGET_S:.0f} ms after the former at most. Then the fault is mended, and nothing may move, and nobody may be
+armed, until a person arms. *Shown* is what the monitor's page says (or the robot's terminal, where there is no page). A dash: the robot must
+drive on, or did not drive.
+
+"""
+
+
+def write_report(outcomes: list[Outcome], path: Path) -> None:
+    """Write the table, whole or not at all."""
+    lines = [HEAD, _how(outcomes)]
+    for family in dict.fromkeys(outcome.family for outcome in outcomes):
+        lines.append(f"\n## {family[0].upper()}{family[1:]}\n\n")
+        lines.append("| fault | | counts after [ms] | last step [ms] | shown | |\n")
+        lines.append("|---|---|---|---|---|---|\n")
+        lines += [_row(outcome) for outcome in outcomes if outcome.family == family]
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text("".join(lines), encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _how(outcomes: list[Outcome]) -> str:
+    passed = sum(outcome.passed for outcome in outcomes)
+    lockstep = all(outcome.lockstep for outcome in outcomes)
+    flag = "" if lockstep else " --real-time"
+    clock = "lock-step: times are the robot's own clock's" if lockstep else "real time"
+    return (
+        f"Made by `python -m tools.faults --model MODEL{flag} --report docs/faults.md`, {clock}. "
+        f"{passed} of {len(outcomes)} as they must be.\n"
+    )
+
+
+def _row(outcome: Outcome) -> str:
+    if math.isnan(outcome.stopped_s):
+        counts = stopped = "–"
+    else:
+        counts = f"{1000 * outcome.threshold_s:.0f}"
+        stopped = f"{1000 * outcome.stopped_s:.0f}"
+    shown = f"{outcome.state}: {outcome.reason}".replace("|", "\\|")
+    mark = "ok" if outcome.passed else f"**{outcome.problem}**".replace("|", "\\|")
+    return f"| {outcome.name} | {outcome.what} | {counts} | {stopped} | {shown} | {mark} |\n"

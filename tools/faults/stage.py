@@ -1,0 +1,188 @@
+"""The bench as the faults use it: drive, break, look, mend, look again."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from robot.geometry import Pose
+from tools.faults.case import STOP_BUDGET_S, Case, Outcome
+from tools.faults.stand_in import StandIn
+from tools.loop.bench import Bench, BenchOptions
+from tools.loop.conductor import BenchError
+
+DRIVE_S = 1.2  # until the fault comes: at full speed
+AFTER_S = 0.8  # looked at after the budget is over
+HEALED_S = 1.2  # looked at after mending
+SETTLE_S = 20.0
+MOVING = ("READY", "AUTO", "MANUAL")
+
+
+class Stage:
+    """Plays cases on one bench, one after the other. Use it in a ``with`` block."""
+
+    def __init__(self, options: BenchOptions, folder: Path) -> None:
+        self.bench = Bench(options, folder)
+        self.rng = np.random.default_rng(options.seed)
+        self.stand_in: StandIn | None = None
+        self.note = ""  # from a case's injection to its check
+        lane = max(self.bench.road_map.lanes, key=lambda lane: _straightness(lane.control_points_m))
+        a, b = np.asarray(lane.control_points_m)[[0, 3]]
+        at = a + 0.1 * (b - a)
+        self.start = Pose(float(at[0]), float(at[1]), math.atan2(b[1] - a[1], b[0] - a[0]))
+        self.goal = (float(b[0]), float(b[1]))
+        self.bench.town.world.place(self.start)
+
+    def __enter__(self) -> Stage:
+        self.bench.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.stand_in is not None:
+            self.stand_in.close()
+        self.bench.close()
+
+    def play(self, family: str, case: Case) -> Outcome:
+        """Meet one fault; whatever goes wrong with that is told in the outcome."""
+        bench = self.bench
+        try:
+            self.ready()
+            case.before(self)
+            if case.moving:
+                self.drive_off()
+            outcome = self._meet(family, case)
+        except (BenchError, OSError) as error:
+            where = (family, case.name, case.what, math.nan, case.threshold_s)
+            outcome = Outcome(*where, "", "", f"the bench: {error}", bench.options.lockstep)
+        self.recover(case)
+        return outcome
+
+    def ready(self) -> None:
+        """DISARMED at the start, all programs alive and in touch."""
+        bench, operator = self.bench, self.bench.operator
+        if operator.state == "FAULT":
+            operator.ask("clear")
+        operator.ask("disarm")
+        bench.town.world.place(self.start)
+
+        def there() -> bool:
+            operator.look()
+            pose = operator.robot.get("pose")
+            near = pose is not None and math.dist(pose[:2], self.start[:2]) < 0.05
+            return near and operator.state == "DISARMED"
+
+        bench.until(there, SETTLE_S, "the robot to be ready at the start")
+        bench.meet()
+
+    def drive_off(self) -> None:
+        """On a mission, at full speed."""
+        operator = self.bench.operator
+        for kind, place in (("arm", None), ("mission", self.goal)):
+            accepted, reason = operator.ask(kind, place)
+            if not accepted:
+                raise BenchError(f"expected {kind} to be accepted, got: {reason}")
+        self.run(DRIVE_S)
+        if operator.state != "AUTO":
+            raise BenchError(f"expected AUTO, got {operator.state}: {operator.reason}")
+
+    def run(self, duration_s: float) -> None:
+        """Let time go on, with the page watched as long as it lives."""
+        end_s = self.bench.now_s + duration_s
+        while self.bench.now_s < end_s - 1e-9:
+            if self.bench.processes["monitor"].alive and not self.bench.frozen("monitor"):
+                self.bench.operator.turn()
+            else:
+                self.bench.time.run_until(self.bench.now_s + 0.05)
+
+    def replace_localizer(self) -> None:
+        """Poses come from the stand-in from now on, true ones to begin with."""
+        bench = self.bench
+        bench.stop("localizer")
+        self.stand_in = StandIn(bench)
+        began_s = bench.now_s
+        bench.until(
+            lambda: bench.now_s > began_s + 1.5 and self._hears(), SETTLE_S, "stand-in poses"
+        )
+
+    def recover(self, case: Case) -> None:
+        """Everything as it was, with whatever programs must be started again."""
+        bench = self.bench
+        bench.time.lossy(False)
+        case.heal(self)
+        if self.stand_in is not None:
+            self.stand_in.close()
+            self.stand_in = None
+        bench.revive()
+
+    def _meet(self, family: str, case: Case) -> Outcome:
+        bench, town = self.bench, self.bench.town
+        began_s = bench.now_s
+        case.inject(self)
+        self.run(case.threshold_s + STOP_BUDGET_S + AFTER_S)
+        stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else math.nan
+        state, reason = self._shown()
+        problems = [self._stop_problem(case, stopped_s), self._shown_problem(case, state, reason)]
+        problems.append(case.check(self))
+        if not case.goes_on:
+            problems.append(self._resume_problem(case))
+        told = "; ".join(filter(None, problems))
+        where = (family, case.name, case.what, stopped_s, case.threshold_s)
+        return Outcome(*where, state, reason, told, bench.options.lockstep)
+
+    def _shown(self) -> tuple[str, str]:
+        """State and reason on the page, or at the robot's terminal where there is no page."""
+        bench = self.bench
+        if bench.processes["monitor"].alive and not bench.frozen("monitor"):
+            snapshot = bench.operator.snapshot
+            if snapshot.get("silent"):
+                return "silent", f"the robot is silent for {snapshot['silence_s']:.1f} s"
+            return bench.operator.state, bench.operator.reason
+        told = re.findall(r"^([A-Z]+): (.*)$", bench.processes["robot"].said(), re.MULTILINE)
+        return told[-1] if told else ("", "")
+
+    def _stop_problem(self, case: Case, stopped_s: float) -> str:
+        if case.goes_on:
+            moving = self.bench.now_s - self.bench.town.moved_s < 0.3
+            return "" if moving or not case.moving else "expected it to drive on, it stands"
+        if not case.moving or stopped_s <= case.threshold_s + STOP_BUDGET_S:
+            return ""
+        late_ms = 1000.0 * (stopped_s - case.threshold_s)
+        return f"the last step came {late_ms:.0f} ms after the threshold"
+
+    def _shown_problem(self, case: Case, state: str, reason: str) -> str:
+        if case.goes_on:
+            return "" if state == "AUTO" or not case.moving else f"expected AUTO, got {state}"
+        wanted = ("silent",) if case.silent else case.states
+        if state not in wanted:
+            return f"expected {' or '.join(wanted)}, shown is {state}: {reason}"
+        if case.says and not re.search(case.says, reason):
+            return f"expected a reason with {case.says!r}, shown is {reason!r}"
+        return ""
+
+    def _resume_problem(self, case: Case) -> str:
+        """Mended, nothing may move, and nobody may be armed."""
+        town, before_s = self.bench.town, self.bench.now_s
+        case.heal(self)
+        self.bench.time.lossy(False)
+        self.bench.revive()
+        self.run(HEALED_S)
+        if town.moved_s > before_s:
+            return f"a motor stepped {town.moved_s - before_s:.2f} s after mending"
+        state, _ = self._shown()
+        return f"it is {state} after mending" if state in MOVING else ""
+
+    def _hears(self) -> bool:
+        self.bench.operator.look()
+        heard = {i["name"]: i["age_s"] for i in self.bench.operator.robot.get("inputs", ())}
+        return (heard.get("pose") or 9.0) < 0.3
+
+
+def _straightness(points: np.ndarray) -> float:
+    """The chord [m] of a straight lane, 0 of a bent one."""
+    chord = points[3] - points[0]
+    inner = points[1:3] - points[0]
+    bent = np.abs(chord[0] * inner[:, 1] - chord[1] * inner[:, 0]).max() > 1e-6
+    return 0.0 if bent else float(np.hypot(*chord))

@@ -1,0 +1,65 @@
+"""A localizer that can do what a real one must not: be late, jump, contradict itself."""
+
+from __future__ import annotations
+
+import secrets
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import zmq
+
+from robot.link.messages import PosesMessage, Sighting
+from tools.loop.town import OVERHEAD_FPS, ROBOT
+
+if TYPE_CHECKING:
+    from tools.loop.bench import Bench
+
+
+class StandIn:
+    """Publishes the robot's true pose with the localizer's own keys, and lies when told to."""
+
+    def __init__(self, bench: Bench) -> None:
+        config = bench.link_configs["localizer"]
+        self.late_s = 0.0
+        self.jump_m = 0.0
+        self.clock_step_s = 0.0
+        self.backwards = False
+        self.twins = False  # two sessions at once
+        self.beside: Callable[[], bytes] | None = None  # makes bytes to send beside each pose
+        self.besides = 1  # how many
+        self._bench = bench
+        self._link = config.open()
+        self._socket = self._link.bind(zmq.PUB, config.bind_endpoint(PosesMessage.KIND), 2**21)
+        self._sessions = (secrets.token_hex(8), secrets.token_hex(8))
+        self._sequence = 0
+        self._waiting: deque[tuple[float, PosesMessage]] = deque()
+        self._event = bench.time.every(1.0 / OVERHEAD_FPS, self._tell)
+
+    def close(self) -> None:
+        """Fall silent."""
+        self._bench.time.forget(self._event)
+        self._link.close()
+
+    def send(self, data: bytes) -> None:
+        """Any bytes, on the stream of poses."""
+        self._link.admit()
+        self._socket.send(data)
+
+    def _now_s(self) -> float:
+        return self._bench.now_s + self.clock_step_s
+
+    def _tell(self) -> None:
+        self._sequence += 1
+        x_m, y_m, heading_rad = (float(v) for v in self._bench.town.pose)
+        seen = Sighting(ROBOT, x_m + self.jump_m, y_m, heading_rad, 0.95)
+        now_s = self._now_s()
+        session = self._sessions[self._sequence % 2 if self.twins else 0]
+        sequence = 10**6 - self._sequence if self.backwards else 10**6 + self._sequence
+        stamped = PosesMessage((seen,), now_s, session, sequence, now_s)
+        self._waiting.append((self._bench.now_s + self.late_s, stamped))
+        while self._waiting and self._waiting[0][0] <= self._bench.now_s:
+            self.send(self._waiting.popleft()[1].to_bytes())
+        for _ in range(self.besides if self.beside else 0):
+            assert self.beside is not None
+            self.send(self.beside())

@@ -1,0 +1,142 @@
+"""Who should not be heard, and what should not be said: keys, replays, floods, junk."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import zmq
+
+from robot.link.commands import Command, Mission
+from robot.link.keys import keygen, load_keys
+from robot.link.messages import UNSENT
+from robot.link.sockets import Link
+from tools.faults.case import Act, Case
+from tools.faults.stage import Stage
+
+MEGABYTE = 2**20
+FLOOD = 300  # messages at once, ten times a second
+
+
+def _stranger(stage: Stage) -> Link:
+    """Keys of its own that nobody has allowed; it knows the robot's."""
+    folder = stage.bench.folder / f"stranger-{secrets.token_hex(4)}"
+    own = load_keys(keygen(folder, ("monitor", "robot"))["monitor"])
+    peers = load_keys(stage.bench.keys["monitor"]).peers
+    return Link(replace(own, peers=peers))
+
+
+def _commands(open_link: Callable[[Stage], Link], data: Callable[[Stage], list[bytes]]) -> Act:
+    """Speak to the robot's ear for a second through a link of this kind."""
+
+    def inject(stage: Stage) -> None:
+        endpoint = stage.bench.link_configs["robot"].connect_endpoint("command")
+        with open_link(stage) as link:
+            socket = link.connect(zmq.DEALER, endpoint, 2 * MEGABYTE, peer="robot")
+            socket.immediate = False
+            socket.sndhwm = 10 * FLOOD
+            for _ in range(10):
+                for part in data(stage):
+                    try:
+                        socket.send(part, zmq.NOBLOCK)
+                    except zmq.Again:
+                        break
+                stage.run(0.1)
+
+    return inject
+
+
+def _plain(_: Stage) -> Link:
+    return Link(None, plaintext=True)
+
+
+def _second_monitor(stage: Stage) -> Link:
+    return stage.bench.link_configs["monitor"].open()
+
+
+def _stop(_: Stage) -> list[bytes]:
+    return [Command(secrets.token_hex(8), "stranger", "stop").to_bytes()]
+
+
+def _old_arm(stage: Stage) -> list[bytes]:
+    """What a recording of the morning's arming would hold."""
+    spoken = Command("arm0", "recorded", "arm", None, None, UNSENT, 0.0)
+    goal = Command("go0", "recorded", "mission", Mission(stage.goal), None, UNSENT, 0.0)
+    return [spoken.to_bytes(), goal.to_bytes()]
+
+
+def _junk(stage: Stage) -> list[bytes]:
+    rng: np.random.Generator = stage.rng
+    good = Command("a", "b", "arm").to_bytes()
+    spoilt = bytearray(good)
+    spoilt[int(rng.integers(len(good)))] = int(rng.integers(256))
+    return [rng.bytes(int(rng.integers(1, 300))), bytes(spoilt)]
+
+
+def _poses(data: Callable[[Stage], bytes], count: int = 1) -> Act:
+    def inject(stage: Stage) -> None:
+        assert stage.stand_in is not None
+        stage.bench.time.lossy(True)
+        stage.stand_in.beside = lambda: data(stage)
+        stage.stand_in.besides = count
+
+    return inject
+
+
+def _stand_in(stage: Stage) -> None:
+    stage.replace_localizer()
+
+
+def _stopped_then_replayed(stage: Stage) -> None:
+    stage.bench.operator.ask("stop")
+    _commands(_second_monitor, _old_arm)(stage)
+
+
+def _flood_of_commands(stage: Stage) -> list[bytes]:
+    return [b"\0" * 100] * FLOOD
+
+
+CASES = (
+    Case("wrong key", "a stranger's STOP", _commands(_stranger, _stop), states=()),
+    Case("no key", "a STOP without encryption", _commands(_plain, _stop), states=()),
+    Case(
+        *("replayed command", "STOP, then this morning's arm and mission", _stopped_then_replayed),
+        states=("HOLD",),
+        says="stop",
+    ),
+    Case(
+        *(
+            "flood of commands",
+            f"{10 * FLOOD} a second",
+            _commands(_second_monitor, _flood_of_commands),
+        ),
+        states=(),
+    ),
+    Case("1 MB command", "", _commands(_second_monitor, lambda _: [bytes(MEGABYTE)]), states=()),
+    Case("fuzzed commands", "", _commands(_second_monitor, _junk), states=()),
+    Case(
+        *(
+            "flood of poses",
+            f"{10 * FLOOD} junk messages a second",
+            _poses(lambda _: b"\0" * 99, FLOOD),
+        ),
+        threshold_s=1.0,
+        states=("HOLD",),
+        says="overhead pose",
+        before=_stand_in,
+    ),
+    Case(
+        *("1 MB pose", "ten a second", _poses(lambda _: bytes(MEGABYTE))),
+        threshold_s=1.0,
+        states=("HOLD", "AUTO"),
+        before=_stand_in,
+    ),
+    Case(
+        *("second monitor", "its STOP counts", _commands(_second_monitor, _stop)),
+        threshold_s=0.1,
+        states=("HOLD",),
+        says="stop",
+    ),
+)
