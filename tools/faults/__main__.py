@@ -1,4 +1,4 @@
-"""``python -m tools.faults``: every fault in the loop with the real processes; a table of the stops.
+"""``python -m tools.faults``: every fault in the loop with the real processes; a table.
 
 In lock-step by default: the same on every machine, and times are those of the robot's own clock,
 without what a slow computer adds. ``--real-time`` measures by the wall clock.
@@ -45,9 +45,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--case", action="append", help="only these, by name")
     parser.add_argument("--real-time", action="store_true", help="by the wall clock")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--json", type=Path, help="write the outcomes; cases that it holds are done"
-    )
+    parser.add_argument("--json", type=Path, help="write the outcomes; goes on from there")
     parser.add_argument("--report", type=Path, help="write the table, such as docs/faults.md")
     return parser.parse_args(arguments)
 

@@ -38,23 +38,16 @@ _OPERATOR_OLD: dict[str, object] = {
     "says": "operator",
 }
 
+_BOTH: dict[str, object] = {**_OPERATOR_OLD, "silent": True}
+_FINE: dict[str, object] = {"states": ()}
+
 CASES = (
     _case("poses", "poses cut", "no packet passes", {"cut": True}, **_POSES_OLD),
     _case("poses", "poses 2 s late", "each packet", {"delay_s": 2.0}, **_POSES_OLD),
-    _case("poses", "poses 0.15 s late", "each packet", {"delay_s": 0.15}, states=()),
-    _case("poses", "poses lossy", "a fifth is sent again", {"loss": 0.2}, states=()),
-    _case(
-        "monitor", "monitor cut", "no packet passes", {"cut": True}, **_OPERATOR_OLD, silent=True
-    ),
-    _case(
-        "monitor", "monitor 2 s late", "each packet", {"delay_s": 2.0}, **_OPERATOR_OLD, silent=True
-    ),
-    _case("monitor", "monitor 0.15 s late", "each packet", {"delay_s": 0.15}, states=()),
-    _case(
-        "monitor",
-        "monitor lossy",
-        "a fifth is sent again",
-        {"loss": 0.2, "again_s": 0.2},
-        states=(),
-    ),
+    _case("poses", "poses 0.15 s late", "each packet", {"delay_s": 0.15}, **_FINE),
+    _case("poses", "poses lossy", "a fifth is sent again", {"loss": 0.2}, **_FINE),
+    _case("monitor", "monitor cut", "no packet passes", {"cut": True}, **_BOTH),
+    _case("monitor", "monitor 2 s late", "each packet", {"delay_s": 2.0}, **_BOTH),
+    _case("monitor", "monitor 0.15 s late", "each packet", {"delay_s": 0.15}, **_FINE),
+    _case("monitor", "monitor lossy", "a fifth again", {"loss": 0.2, "again_s": 0.2}, **_FINE),
 )

@@ -10,11 +10,12 @@ from tools.faults.case import STOP_BUDGET_S, Outcome
 
 HEAD = f"""# Faults
 
-Each row is a fault, met by robot, localizer and monitor as they are, as processes of their own, on the loop bench ([loop](loop.md)), while
-the robot drives a mission at 0.3 m/s. *Counts after* is the age at which the fault is one; *last step* is when a motor last stepped, from the
-fault on; it may come {1000 * STOP_BUDGET_S:.0f} ms after the former at most. Then the fault is mended, and nothing may move, and nobody may be
-armed, until a person arms. *Shown* is what the monitor's page says (or the robot's terminal, where there is no page). A dash: the robot must
-drive on, or did not drive.
+Each row is a fault, met by robot, localizer and monitor as they are, as processes of their own, on
+the loop bench ([loop](loop.md)), while the robot drives a mission at 0.3 m/s. *Counts after* is the
+age at which the fault is one; *last step* is when a motor last stepped, from the fault on: at most
+{1000 * STOP_BUDGET_S:.0f} ms after the former. Then the fault is mended, and nothing may move and
+nobody may be armed by that. *Shown* is what the monitor's page says (or the robot's terminal, where
+there is no page). A dash: the robot must drive on, or did not drive.
 
 """
 

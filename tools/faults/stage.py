@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from pathlib import Path
 
 import numpy as np
 
+from robot.errors import PlanError
 from robot.geometry import Pose
+from robot.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
 from tools.loop.bench import Bench, BenchOptions
@@ -18,6 +21,7 @@ DRIVE_S = 1.2  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over
 HEALED_S = 1.2  # looked at after mending
 SETTLE_S = 20.0
+TAKEOVER_S = 1.5  # until an earlier session is forgotten
 MOVING = ("READY", "AUTO", "MANUAL")
 
 
@@ -33,7 +37,7 @@ class Stage:
         a, b = np.asarray(lane.control_points_m)[[0, 3]]
         at = a + 0.1 * (b - a)
         self.start = Pose(float(at[0]), float(at[1]), math.atan2(b[1] - a[1], b[0] - a[0]))
-        self.goal = (float(b[0]), float(b[1]))
+        self.goal = self._far_place()
         self.bench.town.world.place(self.start)
 
     def __enter__(self) -> Stage:
@@ -102,10 +106,8 @@ class Stage:
         bench = self.bench
         bench.stop("localizer")
         self.stand_in = StandIn(bench)
-        began_s = bench.now_s
-        bench.until(
-            lambda: bench.now_s > began_s + 1.5 and self._hears(), SETTLE_S, "stand-in poses"
-        )
+        known_s = bench.now_s + TAKEOVER_S
+        bench.until(lambda: bench.now_s > known_s and self._hears(), SETTLE_S, "stand-in poses")
 
     def recover(self, case: Case) -> None:
         """Everything as it was, with whatever programs must be started again."""
@@ -173,6 +175,15 @@ class Stage:
             return f"a motor stepped {town.moved_s - before_s:.2f} s after mending"
         state, _ = self._shown()
         return f"it is {state} after mending" if state in MOVING else ""
+
+    def _far_place(self) -> tuple[float, float]:
+        """The end of a lane to which the way is longest."""
+        graph, ways = LaneGraph(self.bench.road_map), {}
+        for lane in self.bench.road_map.lanes:
+            x_m, y_m = (float(v) for v in lane.control_points_m[3])
+            with contextlib.suppress(PlanError):
+                ways[(x_m, y_m)] = plan_path(graph, self.start, (x_m, y_m)).length_m
+        return max(ways, key=lambda place: ways[place])
 
     def _hears(self) -> bool:
         self.bench.operator.look()

@@ -94,7 +94,7 @@ def _stopped_then_replayed(stage: Stage) -> None:
     _commands(_second_monitor, _old_arm)(stage)
 
 
-def _flood_of_commands(stage: Stage) -> list[bytes]:
+def _flood_of_commands(_: Stage) -> list[bytes]:
     return [b"\0" * 100] * FLOOD
 
 
@@ -107,21 +107,17 @@ CASES = (
         says="stop",
     ),
     Case(
-        *(
-            "flood of commands",
-            f"{10 * FLOOD} a second",
-            _commands(_second_monitor, _flood_of_commands),
-        ),
+        "flood of commands",
+        f"{10 * FLOOD} a second",
+        _commands(_second_monitor, _flood_of_commands),
         states=(),
     ),
     Case("1 MB command", "", _commands(_second_monitor, lambda _: [bytes(MEGABYTE)]), states=()),
     Case("fuzzed commands", "", _commands(_second_monitor, _junk), states=()),
     Case(
-        *(
-            "flood of poses",
-            f"{10 * FLOOD} junk messages a second",
-            _poses(lambda _: b"\0" * 99, FLOOD),
-        ),
+        "flood of poses",
+        f"{10 * FLOOD} pieces of junk a second",
+        _poses(lambda _: b"\0" * 99, FLOOD),
         threshold_s=1.0,
         states=("HOLD",),
         says="overhead pose",

@@ -18,8 +18,8 @@ class SharedTime:
     """Named numbers in a mapped file; ``create`` makes it, with zeros.
 
     ``now`` is the time [s]; of the streams it is how many messages were sent; ``lossy`` is not zero
-    while the network may lose or delay messages, and nobody should wait for one; ``slow`` is how long
-    a decision takes [s], which is no time at all otherwise.
+    while the network may lose or delay messages, and nobody should wait for one; ``slow`` is how
+    long a decision takes [s], which is no time at all otherwise.
     """
 
     def __init__(self, path: str | Path, create: bool = False) -> None:
