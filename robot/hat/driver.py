@@ -19,6 +19,7 @@ STILL = WheelSpeeds(0.0, 0.0)
 SETTLE_S = 0.3  # a rotor swings to the field's direction when its coils come on
 HELD_S = 0.3  # from braking to coils off; without current a rolling robot would coast on
 CHECK_PERIOD_S = 1.0  # between two looks whether the chip was reset
+PAUSE_S = 0.2  # as long as the control loop may be late
 ALL_OFF_ATTEMPTS = 3
 
 
@@ -144,6 +145,7 @@ class MotorDriver:
         """Do what is due at ``now_s`` [s]; returns when to call again, None for never."""
         self._refuse_after_fault()
         with self._off_on_error():
+            self._rest_after_a_pause(now_s)
             if (
                 self._command != STILL
                 and now_s >= self._commanded_s + self.config.command_timeout_s
@@ -166,6 +168,14 @@ class MotorDriver:
                 self._hat.check()
                 self._checked_s = now_s
             return self._deadline_s(now_s)
+
+    def _rest_after_a_pause(self, now_s: float) -> None:
+        """Nobody stepped for so long that the wheels stand (the process was stopped, say): what was
+        commanded before counts no longer, nor does its ramp down.
+        """
+        due_s = self._planner.deadline_s
+        if due_s is not None and now_s > due_s + PAUSE_S:
+            self._rest()
 
     def _let_go(self) -> None:
         self._rest()

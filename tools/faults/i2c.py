@@ -40,13 +40,9 @@ def _says_where(stage: Stage) -> str:
 
 
 CASES = (
-    Case(
-        "NACK", "nobody acknowledges", _faulty(BusFault.NACK), says="not acknowledged", heal=_heal
-    ),
-    Case(
-        "one NACK", "a single one", _faulty(BusFault.NACK, 1), says="not acknowledged", heal=_heal
-    ),
-    Case("stuck", "SDA held low", _faulty(BusFault.STUCK), says="stuck", heal=_heal),
+    Case("NACK", "nobody acknowledges", _faulty(BusFault.NACK), says="Remote I/O", heal=_heal),
+    Case("one NACK", "a single one", _faulty(BusFault.NACK, 1), says="Remote I/O", heal=_heal),
+    Case("stuck", "SDA held low", _faulty(BusFault.STUCK), says="timed out", heal=_heal),
     Case("partial write", "cut off half-way", _faulty(BusFault.PARTIAL), says="motors", heal=_heal),
     Case(
         *("chip reset", "its supply dipped", _reset),

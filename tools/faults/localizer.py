@@ -15,7 +15,7 @@ HOLD = ("HOLD",)
 
 def _ended(how: int) -> Act:
     def inject(stage: Stage) -> None:
-        stage.bench.processes["localizer"].child.send_signal(how)
+        stage.bench.end("localizer", how)
 
     return inject
 

@@ -6,15 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper, numpy_helper
 
-from robot.contract import ACTION_WHEELS, PATH_POINTS, ImageSpec, PolicyContract
 from tools.faults.case import Act, Case
 from tools.faults.stage import Stage
+from tools.loop.pursuit import write_pursuit
 
 SLOW_S = 0.35
-IMAGE = ImageSpec(80, 60, 20)
 
 
 def _starts_with(make: Callable[[Stage], Path]) -> Act:
@@ -55,16 +52,13 @@ def _damaged(stage: Stage) -> Path:
 
 
 def _of_another_contract(stage: Stage) -> Path:
-    path = stage.bench.folder / "other.onnx"
-    write_policy(path, PolicyContract("navigation", "none", IMAGE, 7, score=0.0), 7)
-    return path
+    return write_pursuit(stage.bench.folder / "other.onnx", points=7)
 
 
 def _answers_nan(stage: Stage) -> None:
-    """Drives straight on; NaN as soon as the picture's first pixel is not black."""
+    """It drives, and answers NaN as soon as the picture's first pixel is not black."""
     bench = stage.bench
-    path = bench.folder / "nan.onnx"
-    write_policy(path, PolicyContract("navigation", "none", IMAGE, PATH_POINTS, score=0.0))
+    path = write_pursuit(bench.folder / "nan.onnx", nan_unless_black=True)
     see = bench.town.world.see
 
     def first_pixel_black() -> np.ndarray:
@@ -96,38 +90,6 @@ def _slow(stage: Stage) -> None:
 
 def _fast(stage: Stage) -> None:
     stage.bench.time.slow(0.0)
-
-
-def write_policy(path: Path, contract: PolicyContract, points: int = PATH_POINTS) -> None:
-    """A network that prefers straight on, and answers NaN unless the first pixel is black."""
-    height, width, colours = IMAGE.shape
-    image = helper.make_tensor_value_info("image", TensorProto.UINT8, ["n", height, width, colours])
-    way = helper.make_tensor_value_info("path", TensorProto.FLOAT, ["n", points])
-    values = helper.make_tensor_value_info("values", TensorProto.FLOAT, ["n", len(ACTION_WHEELS)])
-    weights = np.zeros((points, len(ACTION_WHEELS)), np.float32)
-    constants = {
-        "weights": weights,
-        "bias": np.eye(len(ACTION_WHEELS), dtype=np.float32)[2],
-        "zeros": np.zeros(3, np.int64),
-        "ones": np.ones(3, np.int64),
-        "axes": np.array([1, 2, 3], np.int64),
-        "flat": np.array([-1, 1], np.int64),
-    }
-    nodes = [
-        helper.make_node("Gemm", ["path", "weights", "bias"], ["straight"]),
-        helper.make_node("Slice", ["image", "zeros", "ones", "axes"], ["pixel"]),
-        helper.make_node("Cast", ["pixel"], ["number"], to=TensorProto.FLOAT),
-        helper.make_node("Neg", ["number"], ["negative"]),
-        helper.make_node("Sqrt", ["negative"], ["broken"]),  # NaN of what is below zero
-        helper.make_node("Reshape", ["broken", "flat"], ["column"]),
-        helper.make_node("Add", ["straight", "column"], ["values"]),
-    ]
-    held = [numpy_helper.from_array(array, name) for name, array in constants.items()]
-    graph = helper.make_graph(nodes, "policy", [image, way], [values], held)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    entry = model.metadata_props.add()
-    entry.key, entry.value = PolicyContract.METADATA_KEY, contract.to_json()
-    onnx.save(model, str(path))
 
 
 _START = {"moving": False, "silent": True, "heal": _own_model}

@@ -13,7 +13,7 @@ HOLD = ("HOLD",)
 
 def _ended(name: str, how: int) -> Act:
     def inject(stage: Stage) -> None:
-        stage.bench.processes[name].child.send_signal(how)
+        stage.bench.end(name, how)
 
     return inject
 

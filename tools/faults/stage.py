@@ -19,6 +19,7 @@ from tools.loop.conductor import BenchError
 
 DRIVE_S = 1.2  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over
+SILENT_S = 1.5  # the same, where the page must say that the robot is silent
 HEALED_S = 1.2  # looked at after mending
 SETTLE_S = 20.0
 TAKEOVER_S = 1.5  # until an earlier session is forgotten
@@ -96,7 +97,7 @@ class Stage:
         """Let time go on, with the page watched as long as it lives."""
         end_s = self.bench.now_s + duration_s
         while self.bench.now_s < end_s - 1e-9:
-            if self.bench.processes["monitor"].alive and not self.bench.frozen("monitor"):
+            if self.bench.page_lives:
                 self.bench.operator.turn()
             else:
                 self.bench.time.run_until(self.bench.now_s + 0.05)
@@ -123,7 +124,8 @@ class Stage:
         bench, town = self.bench, self.bench.town
         began_s = bench.now_s
         case.inject(self)
-        self.run(case.threshold_s + STOP_BUDGET_S + AFTER_S)
+        after_s = SILENT_S if case.silent else AFTER_S
+        self.run(case.threshold_s + STOP_BUDGET_S + after_s)
         stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else math.nan
         state, reason = self._shown()
         problems = [self._stop_problem(case, stopped_s), self._shown_problem(case, state, reason)]
@@ -137,7 +139,7 @@ class Stage:
     def _shown(self) -> tuple[str, str]:
         """State and reason on the page, or at the robot's terminal where there is no page."""
         bench = self.bench
-        if bench.processes["monitor"].alive and not bench.frozen("monitor"):
+        if bench.page_lives:
             snapshot = bench.operator.snapshot
             if snapshot.get("silent"):
                 return "silent", f"the robot is silent for {snapshot['silence_s']:.1f} s"

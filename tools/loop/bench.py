@@ -97,6 +97,7 @@ class Bench:
         self.processes: dict[str, Process] = {}
         self.model = options.model
         self._frozen: set[str] = set()
+        self._ending: set[str] = set()
         self.operator: Operator
         self._stack = ExitStack()
         self._write_configs()
@@ -119,9 +120,10 @@ class Bench:
         """The bench's time [s]."""
         return self.time.clock.now()
 
-    def frozen(self, name: str) -> bool:
-        """Whether a program is stopped (SIGSTOP)."""
-        return name in self._frozen
+    @property
+    def page_lives(self) -> bool:
+        """Whether the monitor's page can be looked at."""
+        return not self.operator.closed and not {"monitor"} & (self._frozen | self._ending)
 
     def freeze(self, name: str, frozen: bool = True) -> None:
         """Stop a program where it is, or let it go on."""
@@ -129,16 +131,21 @@ class Bench:
         self.processes[name].child.send_signal(signal.SIGSTOP if frozen else signal.SIGCONT)
         (self._frozen.add if frozen else self._frozen.discard)(name)
 
-    def stop(self, name: str, how: int = signal.SIGKILL) -> None:
-        """End a program by a signal, and wait for its end while time goes on."""
-        process = self.processes[name]
-        process.child.send_signal(how)
-        self.until(lambda: not process.alive, END_S, f"{name} to end", PAUSE_S)
+    def end(self, name: str, how: int = signal.SIGKILL) -> None:
+        """End a program by a signal; it may take its time."""
+        self.processes[name].child.send_signal(how)
+        self._ending.add(name)
+
+    def stop(self, name: str) -> None:
+        """Kill a program, and wait for its end while time goes on."""
+        self.end(name)
+        self._wait_for_ends()
 
     def revive(self) -> None:
         """Let go on what is frozen, start again what has ended, and meet again."""
         for name in list(self._frozen):
             self.freeze(name, False)
+        self._wait_for_ends()
         ended = [name for name, process in self.processes.items() if not process.alive]
         for name in ended:
             self.start(name)
@@ -210,6 +217,13 @@ class Bench:
             network.close()
         self.time.close()
         self.town.close()
+
+    def _wait_for_ends(self) -> None:
+        def ended() -> bool:
+            return not any(self.processes[name].alive for name in self._ending)
+
+        self.until(ended, END_S, f"{', '.join(self._ending)} to end", PAUSE_S)
+        self._ending.clear()
 
     def _program(self, name: str) -> list[str]:
         folder, sockets = self.folder, self.town.sockets

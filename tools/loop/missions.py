@@ -77,9 +77,9 @@ class Driver:
         self.bench.town.world.place(pose)
         self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
 
-    def drive(self) -> MissionRecord:
-        """One mission from where the robot is."""
-        record = self._draw()
+    def drive(self, destination: tuple[float, float] | None = None) -> MissionRecord:
+        """One mission from where the robot is; to a random place unless told."""
+        record = self._draw(destination)
         operator = self.bench.operator
         pause_s = self.bench.now_s + PAUSE_S
         while self.bench.now_s < pause_s:
@@ -105,8 +105,11 @@ class Driver:
             operator.ask("clear" if operator.state == "FAULT" else "disarm")
         return record
 
-    def _draw(self) -> MissionRecord:
+    def _draw(self, destination: tuple[float, float] | None) -> MissionRecord:
         start = self.bench.town.pose
+        if destination is not None:
+            length_m = plan_path(self._graph, start, destination).length_m
+            return MissionRecord(start, destination, length_m)
         for _ in range(1000):
             goal = self.random_start()
             place = (goal.x_m, goal.y_m)

@@ -32,6 +32,7 @@ class Operator:
         self.log: list[str] = []
         self.picture = b""
         self.watching = True
+        self.closed = False  # by the monitor
         self._time, self._port, self._name = time, port, name
         reply = self._request("GET", f"/?token={token}")
         cookie = re.match(r"[^;]+", reply.headers.get("Set-Cookie", ""))
@@ -68,10 +69,11 @@ class Operator:
     def look(self) -> None:
         """Take in what the page was sent, and show that we watch."""
         shown = False
-        while select.select([self._socket], [], [], 0.0)[0]:
+        while not self.closed and select.select([self._socket], [], [], 0.0)[0]:
             data = self._socket.recv(1 << 20)
             if not data:
-                raise BenchError("monitor: it closed the page")
+                self.closed = True
+                return
             self._protocol.receive_data(data)
             for event in self._protocol.events_received():
                 shown |= self._take(event)

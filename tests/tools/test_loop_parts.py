@@ -1,0 +1,151 @@
+"""The parts of the bench, one by one."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot.camera.socket_stream import SocketStream
+from robot.errors import HardwareError
+from robot.hat.clock import MonotonicClock
+from robot.hat.config import HatConfig
+from robot.hat.socket_bus import SocketBus
+from robot.hat.thread import real_motors
+from robot.policy import OnnxPolicy
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
+from tools.loop.bench import free_ports
+from tools.loop.devices import BusServer, Listener, PictureServer
+from tools.loop.proxy import Proxy
+from tools.loop.pursuit import write_pursuit
+from tools.loop.shared_time import SharedTime
+
+
+@contextmanager
+def served(server: Listener) -> Iterator[None]:
+    """The hardware answers in a thread, as in real time."""
+    ending = threading.Event()
+
+    def run() -> None:
+        while not ending.is_set():
+            server.serve()
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+        server.close()
+
+
+def test_a_bus_behind_a_socket_is_the_bus_with_its_errors(tmp_path: Path) -> None:
+    bus = VirtualI2cBus()
+    VirtualHat(bus, MonotonicClock())
+    transactions = []
+    server = BusServer(tmp_path / "i2c", bus, lambda: transactions.append(1))
+    with served(server), closing(SocketBus(str(server.path))) as there:
+        assert there.read(0x6F, 0x00, 1) == bus.read(0x6F, 0x00, 1)
+        there.write(0x6F, b"\xfd\x10")
+        with pytest.raises(OSError, match="I/O error") as nobody:
+            there.write(0x33, b"\x00\x00")
+        assert nobody.value.errno == errno.EREMOTEIO
+        bus.inject(BusFault.STUCK)
+        with pytest.raises(OSError, match="timed out"):
+            there.read(0x6F, 0x00, 1)
+    assert len(transactions) == 4
+
+
+def test_the_motors_of_a_configuration_are_found_behind_a_socket(tmp_path: Path) -> None:
+    bus = VirtualI2cBus()
+    hat = VirtualHat(bus, MonotonicClock())
+    server = BusServer(tmp_path / "i2c", bus, lambda: None)
+    with served(server), real_motors(HatConfig(socket=str(server.path))) as motors:
+        assert not hat.chip.asleep
+        assert motors.healthy
+    with pytest.raises(HardwareError, match="expected a virtual I2C bus"):
+        real_motors(HatConfig(socket=str(tmp_path / "none")))
+
+
+def test_a_camera_behind_a_socket_answers_at_its_own_moments(tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (120, 160, 3), dtype=np.uint8)
+    server = PictureServer(tmp_path / "camera", lambda: picture, lambda: None)
+    stream = SocketStream(str(server.path), (160, 120))
+    got: list[np.ndarray] = []
+    thread = threading.Thread(target=lambda: got.append(stream.grab()))
+    thread.start()
+    while thread.is_alive():
+        server.moment()
+        time.sleep(0.001)
+    assert np.array_equal(got[0], picture)
+    stream.close()
+    server.close()
+
+
+@pytest.mark.parametrize("fault", ["size", "garbage"])
+def test_a_picture_of_another_kind_is_refused(tmp_path: Path, fault: str) -> None:
+    server = PictureServer(
+        tmp_path / "camera", lambda: np.zeros((120, 160, 3), np.uint8), lambda: None
+    )
+    server.fault = fault
+    stream = SocketStream(str(server.path), (160, 120))
+    refused: list[str] = []
+
+    def grab() -> None:
+        with pytest.raises(HardwareError) as error:
+            stream.grab()
+        refused.append(str(error.value))
+
+    thread = threading.Thread(target=grab)
+    thread.start()
+    while thread.is_alive():
+        server.moment()
+        time.sleep(0.001)
+    stream.close()
+    server.close()
+    assert "expected 160 x 120 px" in refused[0]
+
+
+def test_a_network_delays_keeps_the_order_and_can_be_cut() -> None:
+    near, far = free_ports(1), free_ports(1)
+    with socket.create_server(("127.0.0.1", far)) as listener:
+        proxy = Proxy({near: far}, time.monotonic, np.random.default_rng(0))
+        with closing(proxy), socket.create_connection(("127.0.0.1", near)) as one:
+            other = listener.accept()[0]
+            with other:
+                proxy.delay_s = 0.1
+                began_s = time.monotonic()
+                one.sendall(b"first")
+                proxy.delay_s = 0.0
+                other.settimeout(5.0)
+                assert other.recv(5, socket.MSG_WAITALL) == b"first"
+                assert time.monotonic() - began_s < 5.0
+                proxy.cut = True
+                assert other.recv(1) == b"", "hung up"
+
+
+def test_moments_and_counts_are_shared(tmp_path: Path) -> None:
+    one = SharedTime(tmp_path / "time", create=True)
+    other = SharedTime(tmp_path / "time")
+    one.set("now", 12.5)
+    one.add("pose")
+    one.add("pose")
+    assert (other.now(), other.get("pose"), other.get("ack")) == (12.5, 2.0, 0.0)
+
+
+def test_pure_pursuit_turns_to_where_the_path_goes(tmp_path: Path) -> None:
+    policy = OnnxPolicy(write_pursuit(tmp_path / "pursuit.onnx"))
+    picture = np.full((1, *policy.contract.image.shape), 77, np.uint8)
+    angles = np.array([0.9, 0.25, 0.0, -0.25, -0.9], np.float32)
+    chosen = [int(policy.act(picture, np.full((1, 10), angle, np.float32))[0]) for angle in angles]
+    assert chosen == [0, 1, 2, 3, 4]
