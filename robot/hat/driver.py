@@ -116,6 +116,7 @@ class MotorDriver:
         limit = self.config.max_speed_mps
         if not all(math.isfinite(w) and abs(w) <= limit for w in wheels):
             raise ContractError(f"wheel speeds: expected -{limit:g} to {limit:g} m/s, got {wheels}")
+        self._rest_after_a_pause(self._clock.now())
         self._command = WheelSpeeds(float(wheels.left_mps), float(wheels.right_mps))
         if self._command != STILL:
             self._release_s = None
@@ -124,8 +125,10 @@ class MotorDriver:
 
     def stop(self) -> None:
         """Brake within ``stepping.BRAKE_S``; the coils hold."""
+        now_s = self._clock.now()
+        self._rest_after_a_pause(now_s)
         self._command = STILL
-        self._planner.brake(self._clock.now())
+        self._planner.brake(now_s)
 
     def release(self) -> None:
         """Switch every output off, so that the wheels turn freely; a rolling robot brakes first.
@@ -134,6 +137,7 @@ class MotorDriver:
         """
         self._refuse_after_fault()
         now_s = self._clock.now()
+        self._rest_after_a_pause(now_s)
         rolling = self._planner.deadline_s is not None or now_s < self._moved_s + HELD_S
         self.stop()
         if not (self.energised and rolling):
@@ -171,11 +175,12 @@ class MotorDriver:
 
     def _rest_after_a_pause(self, now_s: float) -> None:
         """Nobody stepped for so long that the wheels stand (the process was stopped, say): what was
-        commanded before counts no longer, nor does its ramp down.
+        commanded before counts no longer, nor does its ramp down, nor the steps that were missed.
         """
         due_s = self._planner.deadline_s
         if due_s is not None and now_s > due_s + PAUSE_S:
-            self._rest()
+            self._command = STILL
+            self._planner.stand(now_s)
 
     def _let_go(self) -> None:
         self._rest()

@@ -100,6 +100,12 @@ class WheelRamp:
         self.target = 0.0
         self._pieces = self._plan(self.limits, time_s, position, 0.0, 0.0)
 
+    def stand(self, time_s: float, position: float) -> None:
+        """The rotor has stood still at ``position`` for some time, whatever was planned."""
+        self._note_rest(time_s)
+        self.target = 0.0
+        self._pieces = self._plan(self.limits, time_s, position, 0.0, 0.0)
+
     def restart(self, time_s: float, position: float) -> None:
         """The rotor has stood still at ``position``: go on from there at a speed it can start."""
         _, speed = self.at(time_s)

@@ -65,6 +65,12 @@ class StepPlanner:
         for wheel in self._wheels:
             wheel.freeze(time_s)
 
+    def stand(self, time_s: float) -> None:
+        """Nobody asked for so long that the wheels stand: what was due by now is forgotten."""
+        self.stalls += 1
+        for wheel, count in zip(self._wheels, self._counts):
+            wheel.stand(time_s, count)
+
     def speeds(self, time_s: float) -> WheelSpeeds:
         """The speeds that the ramps have reached [m/s]."""
         steps_m = self._config.wheel_steps_m

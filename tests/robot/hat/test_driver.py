@@ -123,6 +123,26 @@ def test_a_long_stall_goes_on_slowly_and_the_rotors_follow_again() -> None:
         assert rig.hat.lost_steps == slipped
 
 
+@pytest.mark.parametrize("then", ["pump", "stop", "release", "set_wheels"])
+def test_after_a_pause_of_the_process_no_missed_step_is_made_up(then: str) -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.3, 0.3, 2.0)
+        before_m = rig.driver.pose.x_m
+        rig.clock.sleep(2.0)  # SIGSTOP, SIGCONT
+        if then == "pump":
+            rig.driver.pump(rig.clock.now())
+        elif then == "set_wheels":
+            rig.driver.set_wheels(WheelSpeeds(0.0, 0.0))
+        else:
+            getattr(rig.driver, then)()
+        rig.wait(1.0)
+        assert rig.driver.pose.x_m == before_m
+        rig.come_to_rest()
+        rig.drive(0.3, 0.3, 1.0)
+        assert rig.driver.pose.x_m - before_m < 0.3 + 0.01
+
+
 def test_the_rotor_does_lose_steps_without_ramps() -> None:
     rig = make_rig(HatConfig(start_stop_mps=0.4, acceleration_mps2=50.0))
     with rig.driver:
