@@ -32,6 +32,7 @@ ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
 OFF_PATH_TILES = 0.25
 MAX_HEADING_ERROR_RAD = math.radians(100.0)
 MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
+USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
 
@@ -67,6 +68,7 @@ class MissionNavigator:
         self._fusion = PoseFusion()
         self._odometer = odometry()
         self._jumps = 0
+        self._arrived_s = -math.inf  # when the last pose came that the fusion took
         self._driving = False
         self._path: Optional[Path] = None
         self._hint: Optional[int] = None
@@ -115,7 +117,7 @@ class MissionNavigator:
         pose = self.pose
         guidance = Guidance(
             pose=pose,
-            pose_age_s=float(self._fusion.age_s(now_s)[0]),
+            pose_age_s=self._pose_age_s(now_s),
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
             pose_jump=self._jumps >= JUMPS,
             duplicate_publisher=self._gate.stream.conflict(now_s),
@@ -162,12 +164,23 @@ class MissionNavigator:
         self.overhead = message
         jumps = self._unbelievable
         if self._gate.take(message, now_s):
+            age_s = float(self._fusion.age_s(now_s)[0])
             heading_rad = math.nan if message.heading_rad is None else message.heading_rad
             measured = np.array([[message.x_m, message.y_m, heading_rad]])
             self._fusion.measure(measured, np.array([now_s - self._gate.age_s(now_s)]))
             self._jumps = int(self._fusion.rejected[0])
+            if self._fusion.age_s(now_s)[0] < age_s:
+                self._arrived_s = now_s
         elif self._unbelievable > jumps:
             self._jumps += 1
+
+    def _pose_age_s(self, now_s: float) -> float:
+        """Time without a pose [s], and the delay of the last one beyond what is usual.
+
+        Steps bridge gaps, whatever the poses' steady delay: it is in the estimate already.
+        """
+        captured_ago_s = float(self._fusion.age_s(now_s)[0])
+        return max(now_s - self._arrived_s, captured_ago_s - USUAL_DELAY_S)
 
     @property
     def _unbelievable(self) -> int:

@@ -166,6 +166,24 @@ def test_poses_that_stay_away_grow_old_and_steps_carry_on() -> None:
     assert world.guidance.pose.x_m == pytest.approx(world.pose.x_m, abs=0.02)
 
 
+def late(world: World, delay_s: float) -> Guidance:
+    """A turn of a standing robot, with a pose whose picture is so old."""
+    world.sequence += 1
+    sent_s = world.now_s + CONTROL_DT_S
+    stamp = (sent_s - delay_s, world.session, world.sequence, sent_s)
+    world.messages = [PoseMessage("robot", *world.pose, 0.9, *stamp)]
+    return world.turn(seen=False)
+
+
+def test_age_counts_from_the_last_arrival_where_the_delay_is_usual() -> None:
+    world = driving()
+    for _ in range(3):
+        assert late(world, 0.2).pose_age_s == pytest.approx(0.0, abs=1e-6)
+    ages_s = [world.turn(seen=False).pose_age_s for _ in range(10)]
+    assert ages_s == pytest.approx(np.arange(1, 11) * CONTROL_DT_S)
+    assert late(world, 2.0).pose_age_s == pytest.approx(1.1), "an old picture is no news"
+
+
 def test_one_jump_is_refused_and_many_are_told() -> None:
     world = driving()
     far = Pose(world.pose.x_m + 1.0, world.pose.y_m, 0.0)
