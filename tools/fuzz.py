@@ -87,7 +87,7 @@ class Findings:
     refused: int = 0
     seconds: float = 0.0
     lines: set[Line] = field(default_factory=set)
-    refusals: set[str] = field(default_factory=set)  # the words of refusals, without the values
+    refusals: set[str] = field(default_factory=set)  # by decoder and lines
     failures: list[tuple[str, str]] = field(default_factory=list)  # input (hex), what happened
 
 
@@ -113,10 +113,10 @@ class Fuzzer:
         traced = self._rng.random(count) < TRACED
         for number in range(count):
             data, kind = self._mutated()
-            words = self._try(data, kind)
-            new = words not in self.found.refusals
+            where = self._try(data, kind)
+            new = where not in self.found.refusals
             if new or traced[number]:
-                self.found.refusals.add(words)
+                self.found.refusals.add(where)
                 if (self._traced(data) or new) and len(self.corpus) < CORPUS:
                     self.corpus.append(data)
                     self._kinds.append(kind)
@@ -127,14 +127,14 @@ class Fuzzer:
         self.found.seconds += time.monotonic() - began_s
 
     def _try(self, data: bytes, kind: Any) -> str:
-        """Decode; the words of the refusal, "" when it was read."""
+        """Decode; where it was refused, "" when it was read."""
         self.found.executions += 1
         try:
             message = kind.from_bytes(data)
             again = kind.from_bytes(message.to_bytes())
         except ContractError as error:
             self.found.refused += 1
-            return re.sub(r"[-+]?\d[\w.+-]*|'[^']*'|b'.*|\".*|…", "#", str(error))[:120]
+            return _where(kind, error)
         except Exception as error:  # noqa: BLE001  whatever it is, it is a finding
             self.found.failures.append((data.hex(), f"{kind.__name__}: {error!r}"))
             return ""
@@ -174,6 +174,15 @@ class Fuzzer:
         for _ in range(int(rng.geometric(0.6))):
             MUTATIONS[int(rng.integers(len(MUTATIONS)))](data, rng, self.corpus)
         return bytes(data), kind
+
+
+def _where(kind: Any, error: ContractError) -> str:
+    """The decoder, and the lines that it came by to the refusal."""
+    lines, trace = [], error.__traceback__
+    while trace is not None:
+        lines.append(str(trace.tb_lineno))
+        trace = trace.tb_next
+    return f"{kind.__name__}: {' '.join(lines)}"
 
 
 def _rounded(one: Any, other: Any) -> bool:
