@@ -42,7 +42,8 @@ class FastClock:
 def drive(model: Path, hours: float, tell: Callable[[dict[str, float]], None]) -> None:
     """Drive missions for some simulated hours; ``tell`` is called with the figures so far."""
     clock = FastClock()
-    time.monotonic, time.sleep = clock.now, clock.sleep  # before the robot is imported
+    clocks: Any = time
+    clocks.monotonic, clocks.sleep = clock.now, clock.sleep  # before the robot is imported
     from robot.assemble import open_robot
     from robot.config import RobotConfig
     from robot.link.config import LinkConfig

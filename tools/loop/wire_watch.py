@@ -37,8 +37,9 @@ def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
 def _watch_streams(shared: SharedTime) -> None:
     from robot.link.streams import Publisher, Subscriber
 
-    send: Any = Publisher.send
-    receive: Any = Subscriber.receive
+    publishers: Any = Publisher
+    subscribers: Any = Subscriber
+    send, receive = publishers.send, subscribers.receive
 
     def counted_send(publisher: Any, message: Any) -> Any:
         sent = send(publisher, message)
@@ -65,8 +66,7 @@ def _watch_streams(shared: SharedTime) -> None:
         subscriber.last_sequence = last
         return newest
 
-    Publisher.send = counted_send  # type: ignore[method-assign]
-    Subscriber.receive = patient_receive  # type: ignore[method-assign]
+    publishers.send, subscribers.receive = counted_send, patient_receive
 
 
 def _watch_commands(shared: SharedTime) -> None:
@@ -76,8 +76,10 @@ def _watch_commands(shared: SharedTime) -> None:
     from robot.link.command_server import CommandServer
     from robot.link.commands import Ack, Command
 
-    transmit: Any = CommandClient._transmit
-    send_ack: Any = Ack.to_bytes
+    clients: Any = CommandClient
+    servers: Any = CommandServer
+    acks: Any = Ack
+    transmit, send_ack = clients._transmit, acks.to_bytes
 
     def counted_transmit(client: Any, command: Any) -> None:
         connected = client._socket.getsockopt(zmq.EVENTS) & zmq.POLLOUT
@@ -89,10 +91,9 @@ def _watch_commands(shared: SharedTime) -> None:
         shared.add("ack")
         return bytes(send_ack(ack))
 
-    CommandClient._transmit = counted_transmit  # type: ignore[method-assign]
-    Ack.to_bytes = counted_ack  # type: ignore[method-assign]
-    CommandServer.serve = _patient(CommandServer.serve, Command, "command", shared)  # type: ignore
-    CommandClient._collect = _patient(CommandClient._collect, Ack, "ack", shared)  # type: ignore
+    clients._transmit, acks.to_bytes = counted_transmit, counted_ack
+    servers.serve = _patient(servers.serve, Command, "command", shared)
+    clients._collect = _patient(clients._collect, Ack, "ack", shared)
 
 
 def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
