@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 EVERY_S = 600.0  # simulated
 RECONNECT_S = 590.0
