@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Do it; 1 when something fails."""
     findings: List[Finding] = []
-    for finding in examine(ThisMachine(), options.config, options.place):
+    for finding in examine(ThisMachine(), options.config):
         findings.append(finding)
         print(finding.line, flush=True)
     counts = {level: sum(f.level is level for f in findings) for level in Level}

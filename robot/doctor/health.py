@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
+from typing import Optional
 
 from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import Machine
+from robot.recording.config import RecordingConfig
 
-ENOUGH_BYTES, LEAST_BYTES = 1_000_000_000, 200_000_000
+MB = 1e6
+LEAST_MB, ROOM_MB = 200.0, 500.0  # that a system needs; for some hours of recording
 WARM_C, HOT_C = 75.0, 90.0  # a Nano throttles from 97 on, and switches off at 103
 NO_THERMOMETER = "PMIC-Die"  # of a Nano always reads 100
 ALLOWED_SHARE = 0.9  # of the processor's highest frequency
 EARLIEST = datetime.datetime(2026, 1, 1, tzinfo=datetime.timezone.utc)
 
 
-def check_disk(machine: Machine, path: Path) -> Finding:
-    """Whether recordings have room."""
-    free = machine.free_bytes(path)
-    says = f"{free / 1e9:.1f} GB free at {path.resolve()}"
-    if free < LEAST_BYTES:
-        return fail("disk", says, "delete old recordings; a full disk stops a robot that records")
-    if free < ENOUGH_BYTES:
+def check_disk(machine: Machine, recording: Optional[RecordingConfig]) -> Finding:
+    """Whether there is room, and for recordings, where there are any."""
+    place = Path(recording.folder if recording else ".").resolve()
+    while not place.exists():
+        place = place.parent
+    free_mb = machine.free_bytes(place) / MB
+    says = f"{free_mb / 1e3:.1f} GB free at {place}"
+    least_mb = max(LEAST_MB, recording.keep_free_mb if recording else 0.0)
+    if free_mb < least_mb:
+        return fail("disk", says, "delete old recordings: nothing more can be recorded")
+    if free_mb < least_mb + ROOM_MB:
         return warn("disk", says, "delete old recordings soon")
     return ok("disk", says)
 

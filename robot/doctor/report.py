@@ -16,13 +16,12 @@ from robot.hat.config import HatConfig
 from robot.typed_config import load_yaml
 
 
-def examine(machine: Machine, config_path: Optional[Path], place: Path) -> Iterator[Finding]:
+def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
     """Each finding as soon as it is known.
 
     Args:
         machine: this computer.
         config_path: the robot's YAML file; without one the devices are looked for by default.
-        place: where recordings are written.
     """
     yield from check_python(machine)
     config: Optional[RobotConfig] = None
@@ -42,7 +41,7 @@ def examine(machine: Machine, config_path: Optional[Path], place: Path) -> Itera
         yield check_policy(config)
         yield check_map(config)
         yield from check_link(machine, config)
-    yield check_disk(machine, place)
+    yield check_disk(machine, config.recording if config else None)
     yield check_heat(machine)
     yield check_throttling(machine)
     yield check_clock(machine)

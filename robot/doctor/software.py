@@ -17,7 +17,7 @@ from robot.policy_timing import time_policy
 from robot.road_map import load_map
 
 OLDEST_PYTHON = (3, 8)
-PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "PyYAML", "smbus2", "pyzmq")
+PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "PyYAML", "smbus2", "pyzmq", "mcap")
 DECISIONS = 30
 SHARE = 0.5  # of the time between two decisions that one may take
 

@@ -71,7 +71,7 @@ def make_plan(source: Source) -> List[Change]:
         user(paths.USER, paths.STATE),
         *(membership(paths.USER, name) for name in paths.GROUPS),
         folder(paths.PREFIX),
-        folder(paths.ETC),
+        folder(paths.ETC, paths.USER),  # calibration replaces the configuration
         folder(paths.KEYS, paths.USER, 0o700),
         folder(paths.STATE, paths.USER),
         *_environment(source, str(pins)),

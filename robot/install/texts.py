@@ -63,6 +63,7 @@ name: robot
 camera: {{kind: csi}}
 hat: {{steps_per_rev: 48, left: {{port: M1M2}}, right: {{port: M3M4, reversed: true}}}}
 safety: {{max_wheel_mps: 0.2}}
+recording: {{folder: {STATE}/drives}}
 # For a monitor and a localizer, after `python -m robot keygen`:
 # map: town
 # link: {{keys: /etc/duckpilot/keys/robot, localizer_host: 192.168.1.11}}

@@ -107,12 +107,13 @@ def config(tmp_path: Path) -> Path:
     (tmp_path / "robot.yaml").write_text(
         f"model: {model}\nmap: town\nlink: {{keys: {keys}}}\n"
         "camera: {mount: {pitch_rad: 0.34, height_m: 0.11}}\n"
+        "recording: {folder: /no/such/folder/yet}\n"
     )
     return tmp_path / "robot.yaml"
 
 
 def diagnose(patient: Patient, config: Optional[Path]) -> Dict[str, Finding]:
-    return {finding.name: finding for finding in examine(patient, config, Path("."))}
+    return {finding.name: finding for finding in examine(patient, config)}
 
 
 def test_a_healthy_robot_is_well_in_every_respect(patient: Patient, config: Path) -> None:
@@ -158,8 +159,8 @@ AILMENTS: Dict[str, Tuple[Ail, str, Level, str]] = {
     "lens covered": (looks(brightness=3.0), "camera", Level.WARN, "cap"),
     "localizer away": (sets(unreachable="timed out"), "localizer", Level.WARN, "is it running"),
     "driving already": (sets(free_ports=False), "ports", Level.WARN, "systemctl status"),
-    "disk full": (sets(free=10_000_000), "disk", Level.FAIL, "delete"),
-    "disk filling": (sets(free=500_000_000), "disk", Level.WARN, "delete"),
+    "disk full": (sets(free=400_000_000), "disk", Level.FAIL, "delete"),
+    "disk filling": (sets(free=800_000_000), "disk", Level.WARN, "delete"),
     "hot": (sets(heat={"CPU-therm": 95.0}), "temperature", Level.FAIL, "fan"),
     "warm": (sets(heat={"CPU-therm": 80.0}), "temperature", Level.WARN, "fan"),
     "throttled": (

@@ -1,0 +1,67 @@
+"""The drive command, with a robot of made-up parts, as systemd starts it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+import time
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, Iterator, List
+
+import pytest
+
+from robot.assemble import open_robot
+from robot.cli import drive, main
+from robot.geometry import Pose
+from robot.runtime import Runtime
+from robot.safety import State
+from tests.robot.test_assemble import BlackCamera, RollingMotors
+from tests.robot.tiny_onnx import lane_contract, write_policy
+
+
+def test_systemd_hears_ready_the_state_the_heart_and_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runtimes: List[Runtime] = []
+
+    @contextmanager
+    def made_up(*arguments: Any) -> Iterator[Runtime]:
+        motors = RollingMotors(Pose(0.0, 0.0, 0.0))
+        parts = {"camera": nullcontext(BlackCamera()), "motors": nullcontext(motors)}
+        with open_robot(*arguments, **parts) as runtime:
+            runtimes.append(runtime)
+            yield runtime
+
+    model = write_policy(tmp_path / "lane.onnx", lane_contract())
+    (tmp_path / "robot.yaml").write_text(f"model: {model}\n")
+    monkeypatch.setattr(drive, "open_robot", made_up)
+    monkeypatch.setattr("sys.stdin", open(os.devnull))  # noqa: SIM115  as under systemd
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    heard: List[str] = []
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.settimeout(20.0)
+        systemd.bind(str(tmp_path / "notify"))
+
+        def listen_then_end() -> None:
+            while heard.count("WATCHDOG=1") < 3:
+                heard.append(systemd.recv(200).decode())
+            os.kill(os.getpid(), signal.SIGTERM)
+            while heard[-1] != "STOPPING=1":
+                heard.append(systemd.recv(200).decode())
+
+        thread = threading.Thread(target=listen_then_end)
+        thread.start()
+        began_s = time.monotonic()
+        before = signal.getsignal(signal.SIGTERM)
+        try:
+            assert main(["drive", "--config", str(tmp_path / "robot.yaml")]) == 0
+        finally:
+            signal.signal(signal.SIGTERM, before)
+            thread.join()
+    assert heard[0] == "READY=1"
+    assert any(line.startswith("STATUS=DISARMED") for line in heard)
+    assert time.monotonic() - began_s >= 1.0
+    assert runtimes[0].safety.verdict.state is State.DISARMED
