@@ -1,0 +1,225 @@
+"""The commands ``collect`` and ``translate``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from tqdm import tqdm
+
+from robot.camera.replay import open_reel
+from robot.errors import ConfigError
+from robot.road_map import load_map
+from sim_pybullet.randomise import load_look_sampler
+
+translate_app = tyro.extras.SubcommandApp()
+
+
+def collect_command(
+    out: Path,
+    pictures: Path | None = None,
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop", "town"),
+    look: str = "randomised",
+    frames: int = 2000,
+    every: int = 1,
+    seed: int = 0,
+) -> int:
+    """Gather frames with their labels from the simulator, or frames from pictures.
+
+    Args:
+        out: a folder that does not exist yet; gets image/, and from the simulator label/ and lane/.
+        pictures: a folder of pictures or a video; without it the simulator is asked.
+        map_names: simulator: map files, or names of shipped maps.
+        look: simulator: a look or a distribution of looks, a file or a shipped name.
+        frames: how many at most.
+        every: pictures: take one of so many.
+        seed: simulator: of everything random.
+    """
+    from trainer.translation.collect import Source, collect_pictures, collect_simulator
+
+    if frames < 1 or every < 1:
+        raise ConfigError(f"frames, every: expected 1 or more, got {frames}, {every}")
+    with tqdm(total=frames, unit="frame", dynamic_ncols=True) as bar:
+        if pictures is not None:
+            source = Source("pictures", (str(pictures),), frames, every=every)
+            frames = collect_pictures(out, open_reel(pictures), source, bar.update)
+        else:
+            source = Source("simulator", map_names, frames, look, seed)
+            road_maps = [load_map(name) for name in map_names]
+            collect_simulator(out, road_maps, load_look_sampler(look), source, bar.update)
+    Console(soft_wrap=True).print(f"{out}: {frames} frames")
+    return 0
+
+
+@translate_app.command(name="train")
+def train_command(
+    out: Path,
+    sim: tuple[Path, ...] = (),
+    real: tuple[Path, ...] = (),
+    preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
+    generator: str | None = None,
+    steps: int | None = None,
+    batch: int | None = None,
+    structure: float | None = None,
+    seed: int = 0,
+    resume: bool = False,
+) -> int:
+    """Train CycleGAN between simulated frames and photographs; leaves both translators as ONNX.
+
+    Args:
+        out: the run's folder; must not hold a run yet, unless --resume.
+        sim: collections from the simulator (python -m trainer collect).
+        real: folders of photographs; each is drawn from equally often.
+        preset_name: fast (80x40), paper (160x120) or debug.
+        generator: unet or resnet, in place of the preset's.
+        steps: updates, in place of the preset's.
+        batch: pictures of each kind in an update, in place of the preset's.
+        structure: weight of keeping painted lines in place; 0 is plain CycleGAN.
+        seed: of everything random.
+        resume: go on with the run in --out, if there is one, with its own configuration.
+    """
+    from trainer.translation.config import translation_preset
+    from trainer.translation.export import export_translators
+    from trainer.translation.folder import TranslationFolder
+    from trainer.translation.train import train_translation
+
+    folder = TranslationFolder(out)
+    if resume and folder.config.exists():
+        config = folder.load_config()
+    else:
+        if not sim or not real:
+            raise ConfigError("translate train: expected --sim and --real folders, got none")
+        config = translation_preset(preset_name, tuple(map(str, sim)), tuple(map(str, real)))
+        wanted = {"generator": generator, "steps": steps, "batch": batch, "structure": structure}
+        changes = {name: value for name, value in wanted.items() if value is not None}
+        config = replace(config, seed=seed, **changes)  # type: ignore[arg-type]
+        folder.create(config)
+    train_translation(folder, config)
+    for path in export_translators(folder):
+        Console(soft_wrap=True).print(str(path))
+    return 0
+
+
+@translate_app.command(name="export")
+def export_command(run: tyro.conf.Positional[Path]) -> int:
+    """Write sim_to_real.onnx and real_to_sim.onnx of a run's checkpoint, checked against torch.
+
+    Args:
+        run: its folder.
+    """
+    from trainer.translation.export import export_translators
+    from trainer.translation.folder import TranslationFolder
+
+    for path in export_translators(TranslationFolder(run)):
+        Console(soft_wrap=True).print(str(path))
+    return 0
+
+
+@translate_app.command(name="lanes")
+def lanes_command(
+    out: Path,
+    sim: tuple[Path, ...],
+    test: tuple[Path, ...] = (),
+    preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
+    steps: int = 1000,
+    seed: int = 0,
+) -> int:
+    """Train the network that finds painted lines, by which translations are judged.
+
+    Args:
+        out: file to write.
+        sim: collections from the simulator to learn from.
+        test: others, to test on.
+        preset_name: fast or paper, for the size of the pictures.
+        steps: updates.
+        seed: of everything random.
+    """
+    from trainer.config import preset
+    from trainer.translation.lanes import (
+        lane_masks,
+        overlap,
+        save_lane_finder,
+        train_lane_finder,
+        true_masks,
+    )
+    from trainer.translation.pictures import load_paint, load_pictures
+
+    image = preset("lane", "dueling", preset_name).image
+    finder = train_lane_finder(load_pictures(sim, image), image, steps, seed)
+    save_lane_finder(out, finder, image)
+    said = f"{out}"
+    if test:
+        pictures = load_pictures(test, image)
+        truth = true_masks(load_paint(pictures, image))
+        kept = overlap(lane_masks(finder, pictures.images), truth)
+        said += f": overlap with painted lines {kept:.3f}"
+    Console(soft_wrap=True).print(said)
+    return 0
+
+
+@translate_app.command(name="judge")
+def judge_command(
+    model: Path,
+    sim: tuple[Path, ...],
+    real: tuple[Path, ...],
+    lanes: Path,
+    json: Path | None = None,
+) -> int:
+    """KID, FID and how well a translator sim-to-real keeps painted lines in place.
+
+    Args:
+        model: a translator, .onnx.
+        sim: collections from the simulator, best none that it was trained with.
+        real: folders of photographs.
+        lanes: what translate lanes wrote.
+        json: write the figures there.
+    """
+    from robot.translator import OnnxTranslator
+    from trainer.run import write_json
+    from trainer.translation.judge import LANE_OVERLAP, judge
+    from trainer.translation.lanes import load_lane_finder
+
+    translator = OnnxTranslator(model)
+    found = judge(translator, sim, real, load_lane_finder(lanes, translator.image))
+    if json is not None:
+        write_json(json, found)
+    Console(soft_wrap=True).print(
+        f"{model}: lanes kept {found.lanes_kept:.3f} (at least {LANE_OVERLAP} is due), "
+        f"KID {found.before.kid:.3f} -> {found.after.kid:.3f} "
+        f"(photographs apart {found.photographs_apart.kid:.3f}), "
+        f"FID {found.before.fid:.1f} -> {found.after.fid:.1f} ({found.photographs_apart.fid:.1f})"
+    )
+    return 0
+
+
+@translate_app.command(name="sheet")
+def sheet_command(
+    run: tyro.conf.Positional[Path],
+    out: Path,
+    sim: tuple[Path, ...],
+    real: tuple[Path, ...] = (),
+    rows: int = 8,
+) -> int:
+    """Draw input, translation, cycle and, with --real, the nearest photograph.
+
+    Args:
+        run: the folder of a run whose translators were exported.
+        out: PNG file to write.
+        sim: collections from the simulator.
+        real: folders of photographs; without them the sheet shows none.
+        rows: how many pictures.
+    """
+    from robot.translator import DIRECTIONS, OnnxTranslator
+    from trainer.translation.folder import TranslationFolder
+    from trainer.translation.judge import draw_sheet, even_rows
+    from trainer.translation.pictures import load_pictures
+
+    folder = TranslationFolder(run)
+    there, back = (OnnxTranslator(folder.onnx(direction)) for direction in DIRECTIONS)
+    pictures = even_rows(load_pictures(sim, there.image), rows)
+    photographs = load_pictures(real, there.image) if real else None
+    draw_sheet(out, there, back, pictures, photographs)
+    return 0

@@ -1,0 +1,164 @@
+"""Gathering frames: from the simulator with their labels, from a folder, a video or a recording.
+
+A collection is a folder of 160x120 PNG files: ``image/``; from the simulator also ``label/`` (grey
+value: `sim_pybullet.classes.SemanticClass`) and ``lane/`` (255 on white and yellow lines), with the
+same names. ``collection.yaml`` says where it comes from.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from robot.camera.replay import Reel
+from robot.camera.source import fit_to_frame
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.geometry import bezier_points, bezier_tangents
+from robot.road_map import RoadMap
+from robot.typed_config import to_plain
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.pool import LookPool, Looks
+from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.sensor import apply_sensor
+
+Tick = Callable[[int], None]  # so many more frames are done
+
+LANE_LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE)
+_BATCH = 32
+_OFFSET_M = 0.04  # standard deviations of where a learning robot is in its lane
+_HEADING_RAD = 0.25
+_ASTRAY = 0.1  # share of frames with any heading: robots that have lost their lane see these
+
+
+@dataclass(frozen=True)
+class Source:
+    """``collection.yaml``."""
+
+    kind: str  # simulator, pictures
+    origin: tuple[str, ...]  # maps, or the path of the pictures
+    frames: int
+    look: str = ""  # of the simulator
+    seed: int = 0
+    every: int = 1  # of how many pictures one was taken
+
+
+def collect_simulator(
+    out: Path, road_maps: Sequence[RoadMap], looks: Looks, source: Source, tick: Tick
+) -> None:
+    """Frames of robots on random places of the lanes, in randomly drawn looks.
+
+    Args:
+        out: a folder that does not exist yet; appears when all frames are there.
+        road_maps: each frame is on one of them.
+        looks: see `sim_pybullet.pool.LookPool`.
+        source: how many frames, and the seed.
+        tick: hears of each frame.
+
+    Raises:
+        ConfigError: ``out`` exists, or a map has no lanes.
+    """
+    rng = np.random.default_rng(source.seed)
+    pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
+    with _appearing(out, source, ("image", "label", "lane")) as folder:
+        for first in range(0, source.frames, _BATCH):
+            count = min(_BATCH, source.frames - first)
+            frames, labels = _snapshots(road_maps, pool, count, rng)
+            lanes = np.where(np.isin(labels, LANE_LINES), 255, 0).astype(np.uint8)
+            for k in range(count):
+                name = f"{first + k:06d}.png"
+                _write(folder / "image" / name, frames[k, ..., ::-1])
+                _write(folder / "label" / name, labels[k])
+                _write(folder / "lane" / name, lanes[k])
+            tick(count)
+
+
+def collect_pictures(out: Path, reel: Reel, source: Source, tick: Tick) -> int:
+    """Every ``source.every``-th picture of a reel, fitted to the frame; returns how many.
+
+    Args:
+        out: a folder that does not exist yet.
+        reel: see `robot.camera.replay.open_reel`.
+        source: the most frames to take, and of how many pictures one.
+        tick: hears of each frame.
+
+    Raises:
+        ConfigError: ``out`` exists, or there was no picture.
+    """
+    taken = 0
+    with _appearing(out, source, ("image",)) as folder:
+        while taken < source.frames:
+            picture = reel.picture(taken * source.every)
+            if picture is None:
+                break
+            _write(folder / "image" / f"{taken:06d}.png", fit_to_frame(picture)[..., ::-1])
+            taken += 1
+            tick(1)
+        if not taken:
+            raise ConfigError(f"{', '.join(source.origin)}: expected pictures, got none")
+    return taken
+
+
+def lane_positions(road_map: RoadMap, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) poses near the middle of random lanes, some of them heading anywhere.
+
+    Raises:
+        ConfigError: the map has no lanes.
+    """
+    if not road_map.lanes:
+        raise ConfigError(f"{road_map.name}: expected a map with roads, got none; try --map town")
+    poses = np.empty((count, 3))
+    for pose, lane in zip(poses, rng.integers(len(road_map.lanes), size=count), strict=True):
+        control, t = road_map.lanes[lane].control_points_m, rng.uniform(0.0, 1.0, 1)
+        (x, y), (dx, dy) = bezier_points(control, t)[0], bezier_tangents(control, t)[0]
+        length, offset = float(np.hypot(dx, dy)), rng.normal(0.0, _OFFSET_M)
+        pose[:2] = x - offset * dy / length, y + offset * dx / length
+        pose[2] = np.arctan2(dy, dx) + rng.normal(0.0, _HEADING_RAD)
+        if rng.random() < _ASTRAY:
+            pose[2] = rng.uniform(-np.pi, np.pi)
+    return poses
+
+
+def _snapshots(
+    road_maps: Sequence[RoadMap], pool: LookPool, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """(count, 120, 160, 3) frames and (count, 120, 160) labels."""
+    camera = RayCamera(ImageSpec(), count)
+    poses, sensors = np.empty((count, 3)), []
+    for i, chosen in enumerate(rng.integers(len(road_maps), size=count).tolist()):
+        world, look = pool.draw(chosen, rng)
+        camera.set_robot(i, pool.worlds[world].scene, look.rig())
+        poses[i] = lane_positions(road_maps[chosen], 1, rng)[0]
+        sensors.append(look.sensor)
+    return apply_sensor(camera.render(poses), sensors, rng), camera.segment(poses)
+
+
+@contextmanager
+def _appearing(out: Path, source: Source, parts: Sequence[str]) -> Iterator[Path]:
+    """A folder that takes its name once all is in it."""
+    if out.exists():
+        raise ConfigError(f"{out}: expected no such folder yet, got one; choose another --out")
+    unfinished = out.with_name(f".{out.name}.unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    try:
+        for part in parts:
+            (unfinished / part).mkdir(parents=True)
+        (unfinished / "collection.yaml").write_text(
+            yaml.safe_dump(to_plain(source), sort_keys=False)
+        )
+        yield unfinished
+        unfinished.rename(out)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _write(path: Path, picture: np.ndarray) -> None:
+    if not cv2.imwrite(str(path), picture):
+        raise OSError(f"{path}: cannot be written")

@@ -1,0 +1,91 @@
+"""From torch to the ONNX files that `robot.translator` opens."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+
+from robot.errors import ContractError
+from robot.translator import DIRECTIONS, OnnxTranslator, TranslatorContract
+from trainer.export import IR_VERSION, OPSET
+from trainer.run import atomically
+from trainer.translation.folder import TranslationFolder
+from trainer.translation.networks import PictureTranslator
+from trainer.translation.train import load_model
+
+TOLERANCE = 1  # grey level, by which rounding may go the other way
+
+
+def export_translators(folder: TranslationFolder) -> list[Path]:
+    """Write both directions of a run's checkpoint; their paths.
+
+    Raises:
+        ConfigError: no run, or no checkpoint yet.
+        ContractError: torch and ONNX disagree.
+    """
+    model, written = load_model(folder), []
+    for direction, generator in zip(DIRECTIONS, (model.to_real, model.to_sim), strict=True):
+        contract = TranslatorContract(
+            "cyclegan", direction, model.config.image, folder.path.resolve().name, model.steps
+        )
+        path = folder.onnx(direction)
+        export_translator(PictureTranslator(generator), contract, path)
+        written.append(path)
+    return written
+
+
+def export_translator(network: torch.nn.Module, contract: TranslatorContract, path: Path) -> None:
+    """Write one translator and compare it with torch on noise.
+
+    Args:
+        network: (N, H, W, 3) uint8 -> (N, H, W, 3) uint8, whatever is between.
+        contract: goes into the file.
+        path: of the file.
+
+    Raises:
+        ContractError: they disagree by more than a grey level.
+    """
+    network = network.cpu().eval()
+    rng = np.random.default_rng(0)
+    pictures = rng.integers(0, 256, (3, *contract.image.shape), dtype=np.uint8)
+    axes = {name: {0: "n"} for name in ("image", "translation")}
+    with atomically(path) as temporary, warnings.catch_warnings():
+        # The tracer warns of sizes that it takes as fixed: here they are.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network,
+            (torch.from_numpy(pictures),),
+            str(temporary),
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=["image"],
+            output_names=["translation"],
+            dynamic_axes=axes,
+        )
+        model = onnx.load(str(temporary))
+        model.ir_version = IR_VERSION
+        onnx.helper.set_model_props(model, {TranslatorContract.METADATA_KEY: contract.to_json()})
+        for tensor in model.graph.output:
+            for axis, size in zip(
+                tensor.type.tensor_type.shape.dim, (0, *contract.image.shape), strict=True
+            ):
+                if size:
+                    axis.dim_value = size
+        onnx.checker.check_model(model)
+        onnx.save(model, str(temporary))
+        _check_equal(network, OnnxTranslator(temporary), pictures)
+
+
+def _check_equal(network: torch.nn.Module, exported: OnnxTranslator, pictures: np.ndarray) -> None:
+    with torch.no_grad():
+        ours = network(torch.from_numpy(pictures)).numpy()
+    difference = int(np.abs(exported(pictures).astype(int) - ours.astype(int)).max())
+    if difference > TOLERANCE:
+        raise ContractError(
+            f"{exported.path}: expected torch and ONNX to agree within {TOLERANCE} grey level, "
+            f"they differ by {difference}"
+        )
