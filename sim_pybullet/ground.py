@@ -16,6 +16,8 @@ from sim_pybullet.ground_kernel import compose
 from sim_pybullet.look import GroundLook
 from sim_pybullet.paint import tile_paint, tile_seam
 from sim_pybullet.scene import Ground
+from sim_pybullet.shadows import cast_shadows
+from sim_pybullet.strip_ground import paint_strips
 
 TEXEL_M = 0.0027  # aimed at; a tile is a whole number of texels, a multiple of 8
 NOISE_SIZE_PX = 512  # the surface noise repeats after this many texels (1.4 m)
@@ -33,6 +35,8 @@ class Noise:
 
 def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
     """The floor of ``road_map``; the same arguments paint the same floor."""
+    if look.painter == "strips":
+        return paint_strips(road_map, look)
     size = 8 * max(1, round(road_map.tile_size_m / TEXEL_M / 8))
     painted = [[_painted_as(tile, road_map.compat) for tile in row] for row in road_map.tiles]
     names = sorted({name for row in painted for name in row})
@@ -50,7 +54,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
         np.array([kind in MATS for kind, _ in names], np.float32),
         noise.grain * np.float32(look.grain),
         paint_left(noise, look),
-        _patches(index.shape, size, look),
+        _light(index.shape, size, look),
     )
     base = np.array([SemanticClass.ROAD if k in MATS else SemanticClass.OUTSIDE for k, _ in names])
     texel_m = road_map.tile_size_m / size
@@ -115,8 +119,17 @@ def _unit(field: np.ndarray) -> np.ndarray:
     return (field - field.mean()) / field.std()
 
 
+def _light(tiles: tuple[int, ...], size: int, look: GroundLook) -> np.ndarray:
+    """Brightness of the whole floor, (H, W) float32."""
+    light = _patches(tiles, size, look)
+    if look.shadows == 0.0:
+        return light
+    rng = np.random.default_rng((look.texture_seed, 2))
+    return light * cast_shadows(light.shape, TEXEL_M, look.shadows, rng)
+
+
 def _patches(tiles: tuple[int, ...], size: int, look: GroundLook) -> np.ndarray:
-    """Brightness of the whole floor with its large soft light and dark areas, (H, W) float32."""
+    """Brightness with its large soft light and dark areas, (H, W) float32."""
     rng = np.random.default_rng((look.texture_seed, 1))
     coarse = rng.uniform(-1.0, 1.0, (2 * tiles[0] + 1, 2 * tiles[1] + 1)).astype(np.float32)
     shape = (tiles[1] * size, tiles[0] * size)

@@ -10,10 +10,15 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from robot.contract import FRAME_WIDTH_PX
+from robot.errors import ConfigError, nearest
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
 from robot.typed_config import from_plain, load_yaml
 
 Rgb = tuple[float, float, float]
+
+# The second shares no code with the first: floors to judge policies on, see `docs/looks.md`.
+PAINTERS = ("tiles", "strips")
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,15 @@ class GroundLook:
     line_width_scale: float = 1.0
     brightness: float = 1.0  # multiplies the whole floor
     patchiness: float = 0.0  # strength of large soft light and dark areas, 0..1
+    shadows: float = 0.0  # how dark the shadows of window bars, furniture and people are, 0..1
     texture_seed: int = 0
+    painter: str = "tiles"  # one of PAINTERS
+
+    def __post_init__(self) -> None:
+        if self.painter not in PAINTERS:
+            raise ConfigError(
+                f"ground.painter: unknown {self.painter!r}; {nearest(self.painter, PAINTERS)}"
+            )
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,16 @@ class LightLook:
     elevation_rad: float = 1.2
     ambient: float = 0.6
     diffuse: float = 0.4
+    gloss: float = 0.0  # how much of the light the floor mirrors: a bright spot on the road, 0..1
+    gloss_width_rad: float = 0.15  # radius of that spot
+
+
+@dataclass(frozen=True)
+class ClutterLook:
+    """What stands around the road; nothing on it, and nothing that a robot could meet."""
+
+    boxes: int = 0
+    people: int = 0
 
 
 @dataclass(frozen=True)
@@ -77,13 +100,17 @@ class CameraLook:
     roll_rad: float = 0.0
     focal_scale: float = 1.0  # the fisheye's angle of view: below 1 sees more
     distortion_scale: float = 1.0
+    centre_right_px: float = 0.0  # the lens's axis from the nominal one, in a 160 px wide frame
+    centre_down_px: float = 0.0
 
 
 @dataclass(frozen=True)
 class SensorLook:
     """What happens to the light after the lens, in this order."""
 
+    shutter_s: float = 0.0  # exposure time: what turns meanwhile is smeared
     blur_px: float = 0.0  # standard deviation of focus blur, in pixels of a 160 px wide frame
+    infrared: float = 0.0  # share of the light that a sensor without filter takes for pale pink
     vignetting: float = 0.0  # darkening at the corners, 0..1
     exposure: float = 1.0
     white_balance: Rgb = (1.0, 1.0, 1.0)  # gains
@@ -133,6 +160,7 @@ class Look:
     track: TrackLook = TrackLook()
     sky: SkyLook = SkyLook()
     light: LightLook = LightLook()
+    clutter: ClutterLook = ClutterLook()
     camera: CameraLook = CameraLook()
     sensor: SensorLook = SensorLook()
     drive: DriveLook = DriveLook()
@@ -148,8 +176,8 @@ class Look:
             lens.height_px,
             lens.fx_px * c.focal_scale,
             lens.fy_px * c.focal_scale,
-            lens.cx_px,
-            lens.cy_px,
+            lens.cx_px + c.centre_right_px * lens.width_px / FRAME_WIDTH_PX,
+            lens.cy_px + c.centre_down_px * lens.width_px / FRAME_WIDTH_PX,
             tuple(k * c.distortion_scale for k in lens.distortion),
         )
         mount = Mount(c.height_m, c.forward_m, c.left_m, c.pitch_rad, c.yaw_rad, c.roll_rad)

@@ -10,6 +10,7 @@ from robot.errors import MapError, nearest
 from robot.map_objects import MapObject
 from robot.road_map import RoadMap
 from sim_pybullet.classes import SemanticClass
+from sim_pybullet.clutter import clutter_solids
 from sim_pybullet.ground import paint_ground
 from sim_pybullet.look import Look, Rgb
 from sim_pybullet.object_parts import CLASSES, COLOURS, PARTS, SIGN_FACES, Part, sign_parts
@@ -19,15 +20,17 @@ OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an e
 
 
 def build_scene(road_map: RoadMap, look: Look, rng: np.random.Generator) -> Scene:
-    """The floor, the objects, sky and light of a map.
+    """The floor, the objects, the clutter, sky and light of a map.
 
-    ``rng`` decides which optional objects are there; the rest follows from map and Look.
+    ``rng`` decides which optional objects are there and where the clutter is; the rest
+    follows from map and Look.
 
     Raises:
         MapError: an object of a kind that nobody can draw, with the nearest one.
     """
     ground = paint_ground(road_map, look.ground)
-    return Scene(ground, standing_solids(road_map, rng), look.sky, look.light)
+    solids = standing_solids(road_map, rng) + clutter_solids(road_map, look.clutter, rng)
+    return Scene(ground, solids, look.sky, look.light)
 
 
 def standing_solids(road_map: RoadMap, rng: np.random.Generator) -> tuple[Solid, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot.road_map import RoadMap
+from sim_pybullet.clutter import clutter_solids
 from sim_pybullet.ground import paint_ground
 from sim_pybullet.look import Look
 from sim_pybullet.objects import standing_solids
@@ -24,8 +25,10 @@ def paint_place(place: Place, look: Look) -> Ground:
 
 
 def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[Solid, ...]:
-    """What stands there in an episode; ``rng`` picks the optional objects of a map."""
-    return track_walls(place, look) if isinstance(place, Track) else standing_solids(place, rng)
+    """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter."""
+    if isinstance(place, Track):
+        return track_walls(place, look)
+    return standing_solids(place, rng) + clutter_solids(place, look.clutter, rng)
 
 
 def place_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:

@@ -29,8 +29,8 @@ class LookPool:
     """``size`` painted worlds of each map, drawn from at random when an episode begins.
 
     With a list of Looks every map is painted in each of them, and an episode has one Look of the
-    list. With a sampler an episode takes floor, sky, light and camera from a painted world and
-    everything else from a Look of its own.
+    list. With a sampler an episode takes floor, clutter, sky, light and camera from a painted world
+    and everything else from a Look of its own.
 
     Args:
         road_maps: M maps or tracks.
@@ -75,5 +75,6 @@ class LookPool:
             track=painted.track,
             sky=painted.sky,
             light=painted.light,
+            clutter=painted.clutter,
             camera=painted.camera,
         )

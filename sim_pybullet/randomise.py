@@ -14,7 +14,7 @@ Absent leaves are nominal. Every leaf can so be switched off by deleting its lin
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from robot.errors import ConfigError, nearest
-from robot.typed_config import read_yaml
-from sim_pybullet.look import POSE_ERRORS, Look, look_from_plain
+from robot.typed_config import read_yaml, to_plain
+from sim_pybullet.look import NOMINAL, POSE_ERRORS, Look, look_from_plain
 
 LOOKS_DIR = Path(__file__).parent / "looks"
 
@@ -49,27 +49,54 @@ def load_looks(source: str | Path, pose_error: str | None = None) -> list[Look] 
     return [load_look_sampler(file, pose_error)(rng) for file in _looks_in(path)]
 
 
-def load_look_sampler(source: str | Path, pose_error: str | None = None) -> Sampler:
-    """A sampler of Looks from a YAML file, or from the name of a shipped one.
+def load_look_sampler(
+    source: str | Path, pose_error: str | None = None, without: Sequence[str] = ()
+) -> Sampler:
+    """A sampler of Looks from YAML files, or from the names of shipped ones.
 
     Args:
         source: file or name; of a folder any of its files, all as likely.
         pose_error: a name in `sim_pybullet.look.POSE_ERRORS`; without it the Look's own.
+        without: what stays nominal, ``group`` or ``group.field``.
 
     Raises:
         ConfigError: no such file or name, an unknown key, or a distribution that cannot be drawn.
     """
     path = _find(source)
     if path.is_dir():
-        samplers = [load_look_sampler(file, pose_error) for file in _looks_in(path)]
+        samplers = [load_look_sampler(file, pose_error, without) for file in _looks_in(path)]
         return lambda rng: samplers[int(rng.integers(len(samplers)))](rng)
-    sample = look_sampler(read_yaml(path), where=str(path))
+    sample = look_sampler(_without(read_yaml(path), without), where=str(path))
     if pose_error is None:
         return sample
     if pose_error not in POSE_ERRORS:
         raise ConfigError(f"pose error: unknown {pose_error!r}; {nearest(pose_error, POSE_ERRORS)}")
     pose = POSE_ERRORS[pose_error]
     return lambda rng: replace(sample(rng), pose=pose)
+
+
+def is_reality(source: str | Path) -> bool:
+    """Whether this names a look, or the looks, kept for judging policies."""
+    return "reality" in Path(source).parts
+
+
+def look_fields() -> tuple[str, ...]:
+    """What ``without`` may name: every group of a Look, and every field as ``group.field``."""
+    groups = to_plain(NOMINAL)
+    leaves = [f"{group}.{leaf}" for group, inner in groups.items() for leaf in inner]
+    return (*groups, *leaves)
+
+
+def _without(data: Any, names: Sequence[str]) -> Any:
+    """Plain data of a Look less these groups and fields."""
+    for name in names:
+        if name not in look_fields():
+            raise ConfigError(f"without: unknown {name!r}; {nearest(name, look_fields())}")
+        group, _, leaf = name.partition(".")
+        inner = data.get(group, {})
+        kept = {key: value for key, value in inner.items() if leaf and key != leaf}
+        data = {**data, group: kept}
+    return data
 
 
 def _looks_in(folder: Path) -> list[Path]:

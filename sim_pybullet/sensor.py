@@ -11,6 +11,7 @@ import numpy as np
 
 from robot.contract import FRAME_WIDTH_PX
 from sim_pybullet.look import SensorLook
+from sim_pybullet.optics import PX_PER_RAD, smeared, with_infrared
 from sim_pybullet.sensor_kernel import blur, expose
 
 _NOISE_SIZE = 1 << 16  # values in the noise table; each row of a picture starts anywhere in it
@@ -22,8 +23,9 @@ def apply_sensor(
     looks: Sequence[SensorLook],
     rng: np.random.Generator,
     crop_top_px: int = 0,
+    turns_radps: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Blur, vignetting, exposure, white balance, noise and JPEG, in that order.
+    """Smear, blur, infrared, vignetting, exposure, white balance, noise, JPEG, in that order.
 
     Blur and noise are those of a frame 160 px wide. A picture of another width gets what area
     averaging would leave of them, so that small pictures may be drawn directly.
@@ -33,6 +35,7 @@ def apply_sensor(
         looks: one for each frame.
         rng: used only where a look has noise.
         crop_top_px: how many rows of the whole picture are missing above, for the vignette.
+        turns_radps: (N,) how fast each robot turns; without it nothing is smeared.
 
     Returns:
         (N, H, W, 3) uint8; ``frames`` itself when all looks are nominal.
@@ -44,7 +47,12 @@ def apply_sensor(
     if all(look == _NOMINAL for look in looks):
         return frames
     scale = frames.shape[2] / FRAME_WIDTH_PX
-    seen = _blurred(frames, [scale * look.blur_px for look in looks])
+    seen = frames
+    if turns_radps is not None:
+        shutters = np.array([look.shutter_s for look in looks])
+        seen = smeared(seen, scale * PX_PER_RAD * shutters * np.abs(turns_radps))
+    seen = _blurred(seen, [scale * look.blur_px for look in looks])
+    seen = with_infrared(seen, [look.infrared for look in looks])
     if any(_changes_values(look) for look in looks):
         gains = [look.exposure * np.array(look.white_balance) for look in looks]
         noise = [min(1.0, scale) * look.noise for look in looks]

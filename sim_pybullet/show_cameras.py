@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     large = cv2.resize(picture, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_NEAREST)
-    _write(options.out, large)
+    write_picture(options.out, large)
     return 0
 
 
@@ -109,7 +109,8 @@ def _captions(width: int, texts: tuple[str, ...]) -> np.ndarray:
     return np.hstack(strips)
 
 
-def _write(path: Path, rgb: np.ndarray) -> None:
+def write_picture(path: Path, rgb: np.ndarray) -> None:
+    """Write (H, W, 3) uint8 RGB as PNG, whole or not at all."""
     _, data = cv2.imencode(".png", rgb[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 9))
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")

@@ -23,7 +23,7 @@ from trainer.options import EvaluateOptions, TrainOptions
 from trainer.parsing.cli import parse_app
 from trainer.run import RunFolder, write_json
 from trainer.sweep import SweepOptions, run_sweep
-from trainer.translation.cli import collect_command, translate_app
+from trainer.translation.cli import collect_command, traits_command, translate_app
 
 EXPORT_ROBOTS = 32
 _TRAIN = TrainOptions()
@@ -34,6 +34,7 @@ app = tyro.extras.SubcommandApp()
 app.command(parse_app, name="parse")
 app.command(experiment_app, name="experiment")
 app.command(name="collect")(collect_command)
+app.command(name="traits")(traits_command)
 app.command(translate_app, name="translate")
 
 

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError, nearest
+from sim_pybullet.randomise import is_reality
 
 T = TypeVar("T")
 
@@ -140,6 +141,7 @@ class RunConfig:
     net: NetConfig = NetConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
+    without: tuple[str, ...] = ()  # groups and fields of the look that stay nominal
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
     start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
@@ -150,6 +152,11 @@ class RunConfig:
     def __post_init__(self) -> None:
         choose("task", self.task, TASKS)
         choose("algorithm", self.algorithm, ALGORITHMS)
+        if is_reality(self.look):
+            raise ConfigError(
+                f"look: expected one to train in, got {self.look!r}: those in reality/ are kept "
+                "for judging policies; evaluate in it, or train in randomised"
+            )
         if self.steps < 1 or (self.seconds is not None and self.seconds <= 0):
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {self}")
         if not 0.0 <= self.rate_left <= 1.0:

@@ -53,7 +53,7 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
         task: Task = Navigation(road_maps, robots, config.start_spread)
     else:
         task = build_task(config.task, road_maps, robots)
-    looks = load_look_sampler(config.look, config.pose_error)
+    looks = load_look_sampler(config.look, config.pose_error, config.without)
     pool_size = max(_PAINTED // len(road_maps), _FEWEST_LOOKS)
     world = BatchWorld(task, looks, config.image, seed, pool_size, translator=translator)
     return DuckpilotVecEnv(world)

@@ -35,6 +35,8 @@ class TrainOptions:
     """Of everything random."""
     look: str = "nominal"
     """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
+    without: tuple[str, ...] = ()
+    """What of the look stays nominal, GROUP or GROUP.FIELD."""
     pose_error: str | None = None
     """none or arena, in place of the look's own."""
     translate: str | None = None
@@ -51,8 +53,8 @@ class TrainOptions:
         config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
         config = replace(config, maps=self.map or config.maps, seed=self.seed)
         config = replace(config, look=self.look, pose_error=self.pose_error)
-        config = replace(config, translate=self.translate)
-        load_look_sampler(self.look, self.pose_error)
+        config = replace(config, translate=self.translate, without=self.without)
+        load_look_sampler(self.look, self.pose_error, self.without)
         for name in config.maps:
             load_map(name)
         if self.full:

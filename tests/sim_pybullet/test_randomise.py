@@ -3,13 +3,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look, load_look, look_from_plain
-from sim_pybullet.randomise import load_look_sampler, look_sampler, shipped_looks
+from sim_pybullet.randomise import (
+    is_reality,
+    load_look_sampler,
+    look_sampler,
+    shipped_looks,
+)
 
 
 @pytest.mark.parametrize("name", shipped_looks())
@@ -28,11 +33,12 @@ def test_nominal_is_nominal_and_randomised_varies_every_named_leaf() -> None:
             assert one[group][leaf] != two[group][leaf], f"{group}.{leaf} did not vary"
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_draws_stay_in_their_ranges(seed: int) -> None:
     look = load_look_sampler("randomised")(np.random.default_rng(seed))
     assert 0.6 <= look.ground.brightness <= 1.4
-    assert max(look.ground.asphalt_rgb) - min(look.ground.asphalt_rgb) <= 20, "asphalt is grey"
+    assert max(look.ground.asphalt_rgb) - min(look.ground.asphalt_rgb) <= 24, "asphalt is grey"
     assert abs(look.camera.roll_rad) <= 0.06
     assert 0 <= look.ground.texture_seed <= 1_000_000
 
@@ -71,3 +77,51 @@ def test_the_rig_of_the_nominal_look_is_the_calibrated_camera() -> None:
     assert look_from_plain({"camera": {"focal_scale": 2.0}}).rig().lens.fx_px == pytest.approx(
         2 * rig.lens.fx_px
     )
+
+
+def test_randomised_varies_everything_but_what_is_measured_elsewhere() -> None:
+    named = yaml.safe_load(shipped_looks()["randomised"].read_text())
+    left = {
+        f"{group}.{leaf}"
+        for group, inner in to_plain(NOMINAL).items()
+        for leaf in inner
+        if leaf not in named.get(group, {})
+    }
+    # The pose's errors are an option of their own, and tracks have looks of their own; the other
+    # painter is for judging; wheel noise is there already.
+    assert {name for name in left if not name.startswith(("pose.", "track."))} == {
+        "ground.painter",
+        "drive.noise",
+    }
+
+
+@pytest.mark.parametrize("name", ["camera", "ground.brightness", "timing.frame_skip"])
+def test_every_group_and_field_can_be_switched_off(name: str) -> None:
+    look = load_look_sampler("randomised", without=[name])(np.random.default_rng(0))
+    group, _, leaf = name.partition(".")
+    ours, nominal = getattr(look, group), getattr(NOMINAL, group)
+    if leaf:
+        assert getattr(ours, leaf) == getattr(nominal, leaf)
+        assert ours != nominal
+    else:
+        assert ours == nominal
+
+
+def test_an_unknown_field_to_switch_off_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"did you mean 'ground\.wear'"):
+        load_look_sampler("randomised", without=["ground.waer"])
+
+
+def test_a_folder_of_looks_gives_all_of_them() -> None:
+    sample, rng = load_look_sampler("reality"), np.random.default_rng(0)
+    looks = [sample(rng) for _ in range(60)]
+    assert all(look.ground.painter == "strips" for look in looks)
+    assert any(look.light.gloss for look in looks)
+    assert any(not look.light.gloss for look in looks)
+
+
+def test_reality_is_painted_by_nobody_who_paints_for_training() -> None:
+    for name, path in shipped_looks().items():
+        sample = load_look_sampler(path)
+        painters = {sample(np.random.default_rng(seed)).ground.painter for seed in range(5)}
+        assert painters == ({"strips"} if is_reality(name) else {"tiles"})

@@ -1,4 +1,4 @@
-"""The commands ``collect`` and ``translate``."""
+"""The commands ``collect``, ``traits`` and ``translate``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
+from rich.table import Table
 from tqdm import tqdm
 
 from robot.camera.replay import open_reel
 from robot.errors import ConfigError
 from robot.road_map import load_map
+from robot.typed_config import to_plain
 from sim_pybullet.randomise import load_look_sampler
 
 translate_app = tyro.extras.SubcommandApp()
@@ -222,4 +224,34 @@ def sheet_command(
     pictures = even_rows(load_pictures(sim, there.image), rows)
     photographs = load_pictures(real, there.image) if real else None
     draw_sheet(out, there, back, pictures, photographs)
+    return 0
+
+
+def traits_command(
+    pictures: tyro.conf.Positional[tuple[Path, ...]] = (),
+    look: tuple[str, ...] = (),
+    frames: int = 100,
+    json: Path | None = None,
+) -> int:
+    """Measure what photographs look like, and looks beside them: colours, noise, blur, light.
+
+    Args:
+        pictures: folders of photographs, or collections.
+        look: looks or distributions of looks, files or shipped names, drawn from the simulator.
+        frames: of each look, and the most of each folder.
+        json: write the figures there.
+    """
+    from trainer.run import write_json
+    from trainer.translation.traits import FIGURES, measure_folder, measure_look
+
+    if not pictures and not look:
+        raise ConfigError("traits: expected folders of pictures or --look, got neither")
+    found = {str(folder): measure_folder(folder, frames) for folder in pictures}
+    found.update({name: measure_look(name, frames) for name in look})
+    table = Table("", "n", *FIGURES)
+    for name, traits in found.items():
+        table.add_row(Path(name).name, str(traits.pictures), *traits.figures())
+    Console().print(table)
+    if json is not None:
+        write_json(json, {name: to_plain(traits) for name, traits in found.items()})
     return 0

@@ -25,7 +25,7 @@ from trainer.translation.pictures import Pictures, load_paint
 
 _WIDTH = 16
 _LANE_SHARE = 0.5  # of a pixel, from which it counts as line
-_BATCH = 16
+_BATCH = 8
 
 
 class LaneFinder(nn.Module):
@@ -47,7 +47,8 @@ class LaneFinder(nn.Module):
         up = functional.interpolate(self.coarse(middle), size=middle.shape[2:])
         up = self.up_middle(torch.cat((up, middle), 1))
         up = functional.interpolate(up, size=fine.shape[2:])
-        return self.up_fine(torch.cat((up, fine), 1))  # type: ignore[no-any-return]
+        logits: torch.Tensor = self.up_fine(torch.cat((up, fine), 1))
+        return logits
 
 
 def lane_masks(finder: LaneFinder, pictures: np.ndarray, batch: int = 64) -> np.ndarray:

@@ -86,7 +86,8 @@ class PatchCritic(nn.Module):
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         """The scores."""
-        return self.stack(pictures)  # type: ignore[no-any-return]
+        scores: torch.Tensor = self.stack(pictures)
+        return scores
 
 
 class PictureTranslator(nn.Module):

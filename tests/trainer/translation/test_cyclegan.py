@@ -60,8 +60,8 @@ def test_the_rate_falls_to_nothing() -> None:
     for k in range(4):
         model.step(batch(k))
         rates.append(model.generators.param_groups[0]["lr"])
-    assert rates[0] == rates[1] == rates[2] == pytest.approx(2e-4)
-    assert rates[3] == pytest.approx(1e-4)
+    assert rates[0] == rates[1] == rates[2] == pytest.approx(6e-4)
+    assert rates[3] == pytest.approx(3e-4)
 
 
 def test_the_pool_gives_back_earlier_pictures() -> None:
