@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -167,7 +168,7 @@ def judge_command(
     model: Path,
     sim: tuple[Path, ...],
     real: tuple[Path, ...],
-    lanes: Path,
+    lanes: Path | None = None,
     json: Path | None = None,
 ) -> int:
     """KID, FID and how well a translator sim-to-real keeps painted lines in place.
@@ -176,16 +177,20 @@ def judge_command(
         model: a translator, .onnx.
         sim: collections from the simulator, best none that it was trained with.
         real: folders of photographs.
-        lanes: what translate lanes wrote.
+        lanes: what translate lanes wrote, to find lines with; else they are found by brightness.
         json: write the figures there.
     """
     from robot.translator import OnnxTranslator
     from trainer.run import write_json
-    from trainer.translation.judge import LANE_OVERLAP, judge
-    from trainer.translation.lanes import load_lane_finder
+    from trainer.translation.bright_lines import bright_lines
+    from trainer.translation.judge import LANE_OVERLAP, FindLines, judge
+    from trainer.translation.lanes import lane_masks, load_lane_finder
 
     translator = OnnxTranslator(model)
-    found = judge(translator, sim, real, load_lane_finder(lanes, translator.image))
+    find: FindLines = bright_lines
+    if lanes is not None:
+        find = partial(lane_masks, load_lane_finder(lanes, translator.image))
+    found = judge(translator, sim, real, find)
     if json is not None:
         write_json(json, found)
     Console(soft_wrap=True).print(

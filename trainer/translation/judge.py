@@ -5,7 +5,7 @@ Works for any translator file, whatever made it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +15,12 @@ import numpy as np
 from robot.translator import OnnxTranslator
 from trainer.run import atomically
 from trainer.translation.distance import features, frechet_distance, kernel_distance
-from trainer.translation.lanes import LaneFinder, lane_masks, overlap, true_masks
+from trainer.translation.lanes import overlap, true_masks
 from trainer.translation.pictures import Pictures, load_paint, load_pictures
 
 LANE_OVERLAP = 0.85  # what a translation must keep
+# Pictures (N, H, W, 3) and their paint (N, 4, H, W) -> masks (N, H, W), not 0 on lines.
+FindLines = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _ENLARGED = 2
 _GAP = 4
 
@@ -48,17 +50,24 @@ class Judgement:
 
 
 def judge(
-    translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path], finder: LaneFinder
+    translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path], find: FindLines
 ) -> Judgement:
     """Measure a translator sim-to-real.
+
+    Args:
+        translator: the translator.
+        sim: collections from the simulator.
+        real: folders of photographs.
+        find: finds painted lines, in pictures and translations alike.
 
     Raises:
         ConfigError: a folder is absent, empty or without labels.
     """
     simulated, photographs = (load_pictures(paths, translator.image) for paths in (sim, real))
-    truth = true_masks(load_paint(simulated, translator.image))
+    paint = load_paint(simulated, translator.image)
+    truth = true_masks(paint)
     translated = in_parts(translator, simulated.images)
-    found, kept = lane_masks(finder, simulated.images), lane_masks(finder, translated)
+    found, kept = find(simulated.images, paint), find(translated, paint)
     real_features = features(photographs.images)
     lanes_kept = overlap(kept, found)
     return Judgement(

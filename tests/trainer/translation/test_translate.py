@@ -13,8 +13,10 @@ from robot.errors import ConfigError
 from robot.translator import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.config import preset
+from trainer.translation.bright_lines import bright_lines
 from trainer.translation.folder import TranslationFolder
-from trainer.translation.lanes import load_lane_finder, overlap
+from trainer.translation.lanes import load_lane_finder, overlap, true_masks
+from trainer.translation.pictures import load_paint, load_pictures
 
 FAST = preset("lane", "dueling", "fast").image
 
@@ -98,3 +100,16 @@ def test_training_without_folders_is_refused(
     assert main(["translate", "train", "--out", str(tmp_path / "new")]) == 2
     assert "expected --sim and --real folders" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+
+
+def test_lines_are_found_by_brightness_where_they_are_painted(sim: Path) -> None:
+    pictures = load_pictures([sim], FAST)
+    paint = load_paint(pictures, FAST)
+    truth = true_masks(paint)
+    found = bright_lines(pictures.images, paint)
+    assert overlap(found, truth) > 0.6  # at the edges pixels are half paint
+    dim = (pictures.images * (0.7, 0.6, 0.3)).astype(np.uint8)
+    assert overlap(bright_lines(dim, paint), found) > 0.9
+    moved = np.roll(pictures.images, 3, axis=2)
+    assert overlap(bright_lines(moved, paint), found) < 0.7
+    assert not bright_lines(np.full_like(dim, 90), paint).any()
