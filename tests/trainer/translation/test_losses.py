@@ -10,7 +10,7 @@ def scene() -> tuple[torch.Tensor, torch.Tensor]:
     paint[:, 0, :, 50:56] = 1.0
     paint[:, 1, :, 20:24] = 1.0
     paint[:, 3] = 1.0 - paint[:, 0] - paint[:, 1]
-    colours = torch.tensor([[0.9, 0.9, 0.9], [0.8, 0.6, -0.7], [0.0, 0.0, 0.0], [-0.6, -0.6, -0.5]])
+    colours = torch.tensor([[0.9, 0.9, 0.9], [0.8, 0.6, -0.7], [0.0, 0.0, 0.0], [-0.6, -0.6, -0.6]])
     return torch.einsum("npij,pc->ncij", paint, colours), paint
 
 
