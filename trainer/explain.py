@@ -9,6 +9,7 @@ Zeiler and Fergus 2014). Both need only the ONNX file, so every policy that can 
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -185,21 +186,23 @@ def write_explained(policy: Path, source: Path, out: Path) -> int:
     """
     with as_onnx(policy) as path:
         explainer = Explainer(path)
+    frames = pictures(source)
+    first = next(frames)  # nothing is written where there is none
+    out.mkdir(parents=True, exist_ok=True)
     video, kept, count = source.suffix.lower() in VIDEOS, [], 0
 
     def shown() -> Iterator[tuple[str, np.ndarray]]:
         nonlocal count
-        for name, frame in tqdm(pictures(source), desc="explain", unit="picture"):
+        for name, frame in tqdm(itertools.chain([first], frames), "explain", unit=" pictures"):
             picture = explain(explainer, frame)
             if not video or count % _SHEET_EVERY == 0:
                 kept.append(picture)
             count += 1
             yield name, picture
 
-    out.mkdir(parents=True, exist_ok=True)
     if video:
-        frames = (picture for _, picture in shown())
-        write_mp4(out / f"{source.stem}_explained.mp4", frames, VIDEO_FPS)
+        explained = (picture for _, picture in shown())
+        write_mp4(out / f"{source.stem}_explained.mp4", explained, VIDEO_FPS)
     else:
         for name, picture in shown():
             _write_png(out / f"{name}_explained.png", picture)
@@ -240,6 +243,12 @@ def _enlarge(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 def _convolution_outputs(graph: onnx.GraphProto) -> list[str]:
     """What the rectifier after each convolution gives, first layer first."""
-    rectified = {node.input[0]: node.output[0] for node in graph.node if node.op_type == "Relu"}
-    convolved = [node.output[0] for node in graph.node if node.op_type == "Conv"]
-    return [rectified.get(name, name) for name in convolved]
+    reader = {node.input[0]: node for node in graph.node if node.input}
+    names = []
+    for convolution in (node for node in graph.node if node.op_type == "Conv"):
+        node = reader.get(convolution.output[0])
+        while node is not None and node.op_type in ("QuantizeLinear", "DequantizeLinear"):
+            node = reader.get(node.output[0])
+        rectifier = node if node is not None and node.op_type == "Relu" else convolution
+        names.append(rectifier.output[0])
+    return names

@@ -30,7 +30,9 @@ def draw_drives(road_maps: Sequence[RoadMap], tracks: Sequence[Track], path: Pat
     """Write the maps from above with tracks coloured by their distance from the path."""
     columns = min(3, len(road_maps))
     rows = -(-len(road_maps) // columns)
-    figure = Figure(figsize=(5.2 * columns, 4.6 * rows), layout="constrained")
+    tallest = max(road_map.height_m / road_map.width_m for road_map in road_maps)
+    size = (5.4 * columns, (4.4 * tallest + 0.7) * rows)
+    figure = Figure(figsize=size, layout="constrained")
     axes = np.asarray(figure.subplots(rows, columns, squeeze=False)).ravel()
     for index, (axis, road_map) in enumerate(zip(axes, road_maps, strict=False)):
         _draw_map(axis, road_map, [t for t in tracks if t.map_index == index])

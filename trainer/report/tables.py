@@ -8,6 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
+from robot.errors import ConfigError
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.randomise import load_look_sampler
 from trainer.drive_log import Track
 from trainer.evaluate import Inputs, wilson_low
 from trainer.report.paper import NAMES, NOTHING, PaperRow, paper_row
@@ -54,8 +59,7 @@ class DrivingRow:
         """On which maps, in which looks, with which pose error."""
         asked = self.inputs
         maps = ", ".join(Path(name).stem for name in asked.maps)
-        error = asked.pose_error or "the look's"
-        guided = f" · pose error: {error}" if asked.task == "navigation" else ""
+        guided = "" if asked.task == "lane" else f" · {_pose(asked)}"
         without = f" · {asked.zero} zeroed" if asked.zero else ""
         model = Path(asked.model).name
         if asked.task != self.group.config.task:
@@ -88,15 +92,15 @@ class DrivingRow:
         """Share of episodes, with the lower end of its 95 % interval."""
         low = wilson_low(self.successes, self.episodes)
         return (
-            f"{self.successes / self.episodes:.1%} ({self.successes} of {self.episodes}; "
-            f"at least {low:.1%})"
+            f"{_percent(self.successes / self.episodes)} ({self.successes} of {self.episodes}; "
+            f"at least {_percent(low)})"
         )
 
     @property
     def by_run(self) -> str:
         """The success of each run."""
         shares = [j.result.success_rate for j in self.judgements]
-        return ", ".join(f"{share:.1%}" for share in shares) if len(shares) > 1 else NONE
+        return ", ".join(map(_percent, shares)) if len(shares) > 1 else NONE
 
     @property
     def distance(self) -> str:
@@ -163,7 +167,7 @@ def learning_row(group: Group) -> LearningRow:
         seconds=_spread([e.seconds for e in skilled]),
         cpu_seconds=_spread([e.cpu_seconds for e in skilled]),
         used=_spread([run.episodes[-1].step for run in group.runs if run.episodes]),
-        best=", ".join(f"{share:.0%}" for share in best) or NONE,
+        best=", ".join(f"{100 * share:.0f} %" for share in best) or NONE,
     )
 
 
@@ -178,6 +182,21 @@ def driving_rows(groups: Sequence[Group]) -> list[DrivingRow]:
             alike.setdefault(same, []).append(judgement)
         rows += [DrivingRow(group, tuple(judgements)) for judgements in alike.values()]
     return rows
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _pose(asked: Inputs) -> str:
+    """How wrong the overhead poses were."""
+    if asked.pose_error not in (None, "none"):
+        return f"pose error {asked.pose_error}"
+    try:
+        pose = load_look_sampler(asked.look, asked.pose_error)(np.random.default_rng(0)).pose
+    except ConfigError:  # its file is gone
+        return "pose error of the look"
+    return "true pose" if pose == NOMINAL.pose else "pose error of the look"
 
 
 def _spread(values: Sequence[float]) -> str:
