@@ -168,6 +168,7 @@ def test_a_mission_from_the_monitor_to_the_wheels(tmp_path: Path) -> None:
         assert overhead.ask("arm").accepted
         assert overhead.ask("stop").accepted
         assert overhead.ask("arm").accepted
+        overhead.until(lambda: overhead.state() == "READY")
         overhead.beating = False
         overhead.until(lambda: overhead.state() == "HOLD")
         assert runtime.safety.verdict.reason is Reason.LINK_LOST
