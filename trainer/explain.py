@@ -136,7 +136,8 @@ def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
         return
     single = source.is_file() and source.suffix.lower() in PICTURES
     for file in [source] if single else picture_files(source):
-        yield file.stem, fit_to_frame(read_picture(file))
+        name = file.stem if single else "_".join(file.relative_to(source).with_suffix("").parts)
+        yield name, fit_to_frame(read_picture(file))
 
 
 def explain(explainer: Explainer, frame: np.ndarray) -> np.ndarray:
