@@ -9,6 +9,7 @@ from typing import Union
 
 import numpy as np
 
+from robot.parts import Policy
 from robot.policy import OnnxPolicy
 from robot.preprocess import FRAME_SHAPE, preprocess
 
@@ -32,7 +33,11 @@ def time_policy(
     Raises:
         ContractError: the file keeps no contract.
     """
-    policy = OnnxPolicy(model, threads)
+    return time_decisions(OnnxPolicy(model, threads), decisions)
+
+
+def time_decisions(policy: Policy, decisions: int = DECISIONS) -> PolicyTiming:
+    """Time preprocessing and inference of an open policy, one frame at a time."""
     rng = np.random.default_rng(0)
     frame = rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
     path = np.zeros((1, policy.contract.path_points), np.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Iterator, List, Tuple
 
+from robot.assemble import open_policy
 from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import Finding, fail, ok, warn
@@ -12,8 +13,7 @@ from robot.doctor.machine import Machine
 from robot.errors import ConfigError, DuckpilotError
 from robot.link.config import BOUND_BY, LinkConfig
 from robot.link.keys import load_keys
-from robot.policy_file import read_contract
-from robot.policy_timing import time_policy
+from robot.policy_timing import time_decisions
 from robot.road_map import load_map
 
 OLDEST_PYTHON = (3, 8)
@@ -47,14 +47,15 @@ def check_python(machine: Machine) -> Iterator[Finding]:
 
 
 def check_policy(config: RobotConfig) -> Finding:
-    """Whether the policy keeps our contract, loads, and decides fast enough on this computer."""
+    """Whether the policy (with its translator) loads and decides fast enough on this computer."""
     name = "policy"
     try:
-        contract = read_contract(config.model)
-        timing = time_policy(config.model, decisions=DECISIONS)
+        policy = open_policy(config)
+        timing = time_decisions(policy, DECISIONS)
     except DuckpilotError as error:
         says, _, remedy = str(error).partition("; ")
         return fail(name, says, remedy or "set `model` to a policy of python -m trainer export")
+    contract = policy.contract
     seen = f"{contract.task}, {contract.algorithm}, decides in {timing.p50_ms:.1f} ms"
     if contract.path_points and not config.map:
         return fail(name, f"{seen}; it navigates, but no map is set", "set `map` and a `link`")

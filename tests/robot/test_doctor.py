@@ -190,6 +190,12 @@ def test_each_ailment_is_found_alone_with_what_to_do(
 SETTINGS: Dict[str, Tuple[Callable[[str], str], str, Level, str]] = {
     "unknown key": (lambda text: text + "modle: x\n", "config", Level.FAIL, "did you mean 'model'"),
     "no such model": (lambda t: t.replace("nav.onnx", "x.onnx"), "policy", Level.FAIL, "x.onnx"),
+    "no such translator": (
+        lambda text: text + "translator: x2.onnx\n",
+        "policy",
+        Level.FAIL,
+        "x2.onnx",
+    ),
     "no such map": (lambda t: t.replace("town", "twon"), "map", Level.FAIL, "did you mean 'town'"),
     "no such keys": (lambda t: t.replace("keys/robot", "keys/r"), "keys", Level.FAIL, "keygen"),
     "another's keys": (
