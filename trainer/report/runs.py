@@ -38,6 +38,12 @@ class Run:
     judgements: tuple[Judgement, ...]
 
     @property
+    def steps(self) -> int:
+        """Of the training so far."""
+        ended = [e.step for e in self.episodes[-1:]]
+        return max([0, *ended, *(e.step for e in self.state.evaluations)])
+
+    @property
     def skilled(self) -> Evaluated | None:
         """The first evaluation during training with at least `SKILLED` success."""
         return next((e for e in self.state.evaluations if e.success_rate >= SKILLED), None)

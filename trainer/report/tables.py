@@ -166,7 +166,7 @@ def learning_row(group: Group) -> LearningRow:
         steps=_spread([e.step for e in skilled]),
         seconds=_spread([e.seconds for e in skilled]),
         cpu_seconds=_spread([e.cpu_seconds for e in skilled]),
-        used=_spread([run.episodes[-1].step for run in group.runs if run.episodes]),
+        used=_spread([run.steps for run in group.runs]),
         best=", ".join(f"{100 * share:.0f} %" for share in best) or NONE,
     )
 

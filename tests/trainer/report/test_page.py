@@ -119,6 +119,7 @@ def test_learned_is_the_first_good_evaluation(tmp_path: Path) -> None:
     assert row.steps == "150 (100 to 200)"
     assert row.seconds == "15 (10 to 20)"
     assert row.cpu_seconds == "–"
+    assert row.used == "300 (300 to 300)"
     assert row.best == "100 %, 100 %, 90 %"
 
 
