@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import tyro
 from rich.console import Console
@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 
 from robot.contract import ImageSpec
 from trainer.experiments.six_models import SixModelsOptions
-from trainer.sweep import SweepOptions, run_sweep
+from trainer.sweep import SweepOptions
 
 if TYPE_CHECKING:
     from trainer.experiments.table1 import Table
@@ -27,6 +27,7 @@ _SWEEP = SweepOptions()
 def table1_command(
     data: Path,
     out: Path,
+    policy: tuple[str, ...] = (),
     seeds: int = 3,
     steps: int = 400,
 ) -> int:
@@ -38,6 +39,8 @@ def table1_command(
     Args:
         data: a Donkeycar tub, Sully Chen's folder, or pictures with labels.csv.
         out: folder for table1.json, table1.png and the networks.
+        policy: name=model.onnx of policies of the task track: ours=... (trained in translated
+            pictures), b-rl=... (trained in the simulator's own); a name again is another seed.
         seeds: how many supervised networks.
         steps: updates of each.
     """
@@ -45,6 +48,7 @@ def table1_command(
     import torch
 
     from trainer.experiments.driving_pictures import load_stacks, split_by_time
+    from trainer.experiments.racing_policy import named_policies
     from trainer.experiments.records import Turn, load_drive
     from trainer.experiments.supervised import teach_turns
     from trainer.experiments.table1 import Table, chance, compare, draw_table, shares
@@ -52,10 +56,15 @@ def table1_command(
 
     torch.set_num_threads(1)
     console = Console()
-    training, test = split_by_time(load_stacks(load_drive(data), IMAGE))
+    policies = named_policies(policy)
+    drive = load_drive(data)
+    training, test = split_by_time(load_stacks(drive, IMAGE))
     out.mkdir(parents=True, exist_ok=True)
     common = int(np.bincount(training.turns, minlength=len(Turn)).argmax())
     rows = chance(test.turns, common)
+    for name, seed, driver in policies:
+        seen = split_by_time(load_stacks(drive, driver.image))[1].stacked()
+        rows.append(compare(name, seed, test.turns, driver.turns(seen)))
     for seed in range(seeds):
         checkpoint = out / f"supervised_{seed}_{steps}.pt"
         network = teach_turns(training, steps, seed, checkpoint, console)
@@ -65,37 +74,6 @@ def table1_command(
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
     _show(table, console)
-    return 0
-
-
-@experiment_app.command(name="six-models")
-def six_models_command(
-    out: Path,
-    options: Annotated[SixModelsOptions, tyro.conf.arg(name="")] = _SIX,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
-) -> int:
-    """Compare Dueling DQN and PPO with nothing, randomisation, CycleGAN and both: paper A, 4.4.
-
-    Called again, it goes on where it was cut off; what is finished is not done again.
-
-    Args:
-        out: folder for the runs, six_models.json and six_models.png.
-        options: what is trained, and where it is judged.
-        many: processes at once, or a Ray cluster.
-    """
-    from trainer.experiments.six_models import drives, trainings
-    from trainer.experiments.transfer_tables import as_table, draw_transfer_curves, gather
-    from trainer.run import write_json
-
-    console = Console(soft_wrap=True)
-    for jobs in (trainings, drives):
-        status = run_sweep(jobs(out, options), many, console)
-        if status != 0:
-            return status
-    transfer = gather(out, options)
-    write_json(out / "six_models.json", transfer)
-    draw_transfer_curves(out, options, out / "six_models.png")
-    console.print(as_table(transfer))
     return 0
 
 

@@ -98,6 +98,42 @@ def evaluate_command(
     return 0
 
 
+@parse_app.command(name="translate")
+def translate_command(
+    out: Path,
+    sim: Path,
+    real: Path,
+    parser: Path,
+    preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
+    net: str = "small",
+    steps: int = 2000,
+    seed: int = 0,
+    resume: bool = False,
+) -> int:
+    """Teach virtual -> parsing -> real; leaves sim_to_real.onnx, a translator, and sheet.png.
+
+    Args:
+        out: the run's folder; must not hold a run yet, unless --resume.
+        sim: a collection from the simulator.
+        real: a folder of photographs.
+        parser: what labels them (python -m trainer parse train --labels road), .pt.
+        preset_name: the pictures are those of the policies of this preset.
+        net: small or paper.
+        steps: updates of each of the two networks.
+        seed: of everything random.
+        resume: go on with the run in --out, if there is one, with its own configuration.
+    """
+    import torch
+
+    from trainer.parsing.translation_run import TranslationRun, begin, finish
+
+    torch.set_num_threads(1)
+    run = TranslationRun(str(sim), str(real), str(parser), preset_name, net, steps, seed)
+    path = finish(out, begin(out, run, resume), Console())
+    Console(soft_wrap=True).print(str(path))
+    return 0
+
+
 def _report(model: Path, splits: list[Split], json: Path | None, console: Console) -> None:
     from trainer.parsing.train import evaluate, load_parser
     from trainer.run import write_json

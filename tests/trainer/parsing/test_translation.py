@@ -1,0 +1,117 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.translator import OnnxTranslator
+from trainer.cli import main
+from trainer.config import preset
+from trainer.parsing.classes import ROAD, RoadClass
+from trainer.parsing.pix2pix import PAPER, PIX2PIX, SMALL, PatchCritic, Pix2Pix, Pix2PixConfig, UNet
+from trainer.parsing.segnet import SegNet
+from trainer.parsing.through_parsing import Pairs, ThroughParsing
+from trainer.parsing.train import ParseConfig, Parser, save_parser
+
+TINY = Pix2PixConfig(16, 32, 8, 2, 2, batch=4)
+
+
+def test_the_papers_network_is_as_it_says() -> None:
+    network = UNet(PAPER)
+    convolutions = [m for m in network.modules() if isinstance(m, torch.nn.Conv2d)]
+    enlargements = [m for m in network.modules() if isinstance(m, torch.nn.ConvTranspose2d)]
+    assert (len(convolutions), len(enlargements)) == (8, 8)
+    for layer in (*convolutions, *enlargements):
+        assert (layer.kernel_size, layer.stride) == ((4, 4), (2, 2))
+    leaks = [m.negative_slope for m in network.modules() if isinstance(m, torch.nn.LeakyReLU)]
+    assert leaks == [0.2] * 8
+    assert (PAPER.learning_rate, PAPER.momentum, PAPER.batch) == (2e-4, 0.5, 16)
+    assert (PAPER.height_px, PAPER.width_px) == (256, 256)
+
+
+def test_a_patch_of_the_papers_critic_is_70_pixels_wide() -> None:
+    critic = PatchCritic(PAPER).eval()
+    given = torch.zeros(1, 3, 256, 256, requires_grad=True)
+    scores = critic(given, torch.zeros(1, 3, 256, 256))
+    scores[0, 0, scores.shape[2] // 2, scores.shape[3] // 2].backward()
+    assert given.grad is not None
+    seen = given.grad[0].abs().sum(0).nonzero()
+    assert (seen.max(0).values - seen.min(0).values + 1).tolist() == [70, 70]
+
+
+@pytest.mark.parametrize("config", [SMALL, TINY], ids=["small", "tiny"])
+def test_a_translation_is_as_large_as_the_picture(config: Pix2PixConfig) -> None:
+    network = UNet(config)
+    for size in ((40, 80), (24, 36)):
+        made = network(torch.zeros(2, 3, *size))
+        assert made.shape == (2, 3, *size)
+        assert made.abs().max() <= 1.0
+
+
+def stripes(count: int, rng: np.random.Generator) -> Pairs:
+    """A grey road with a bright stripe; what it should become: its classes, painted."""
+    truth = np.full((count, 16, 32), RoadClass.ROAD, np.uint8)
+    for k, column in enumerate(rng.integers(2, 26, count)):
+        truth[k, :, column : column + 4] = RoadClass.YELLOW_LINE
+    given = np.where(truth[..., None] == RoadClass.ROAD, (60, 60, 64), (180, 150, 60))
+    return Pairs(given.astype(np.uint8), ROAD.paint(truth))
+
+
+def test_a_stripe_is_parsed_where_it_is() -> None:
+    rng = np.random.default_rng(0)
+    model, training, test = Pix2Pix(TINY, 0), stripes(32, rng), stripes(8, rng)
+    for _ in range(40):
+        model.step(*training.draw(TINY.batch, rng))
+    network = ThroughParsing(model.generator.eval(), UNet(TINY).eval())
+    with torch.no_grad():
+        found = network.parsed(torch.from_numpy(test.given)).permute(0, 2, 3, 1).numpy()
+    painted = ((found + 1.0) * 127.5).round().astype(np.uint8)
+    assert set(np.unique(ROAD.read(painted))) <= set(range(len(ROAD.classes)))
+    assert np.mean(ROAD.read(painted) == ROAD.read(test.wanted)) > 0.9
+
+
+def write_inputs(folder: Path, image: ImageSpec) -> list[str]:
+    """A collection, photographs and a parser that has learned nothing."""
+    rng = np.random.default_rng(0)
+    for part, name in (("sim/image", "000000"), ("sim/image", "000001"), ("real", "a")):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+        picture = rng.integers(0, 256, (120, 160, 3), np.uint8)
+        cv2.imwrite(str(folder / part / f"{name}.png"), picture)
+    (folder / "sim" / "label").mkdir()
+    for name in ("000000", "000001"):
+        labels = rng.integers(0, 12, (120, 160), np.uint8)
+        cv2.imwrite(str(folder / "sim" / "label" / f"{name}.png"), labels)
+    (folder / "sim" / "collection.yaml").write_text("kind: simulator\n")
+    config = ParseConfig("road", height_px=image.height_px, width_px=image.width_px)
+    save_parser(Parser(config, SegNet(len(ROAD.classes))), folder / "parser.pt")
+    names = {"--sim": "sim", "--real": "real", "--parser": "parser.pt"}
+    return [text for flag, name in names.items() for text in (flag, str(folder / name))]
+
+
+def test_the_command_leaves_a_translator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = preset("lane", "dueling", "fast").image
+    inputs, out = write_inputs(tmp_path, image), tmp_path / "run"
+    command = ["parse", "translate", "--out", str(out), *inputs, "--steps", "1"]
+    assert main(command) == 0
+    translator = OnnxTranslator(out / "sim_to_real.onnx")
+    assert (translator.contract.method, translator.image) == ("pix2pix", image)
+    made = translator(np.zeros((3, *image.shape), np.uint8))
+    assert made.shape == (3, *image.shape)
+    assert (out / "sheet.png").exists()
+    capsys.readouterr()
+    assert main(command) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert main([*command, "--resume"]) == 0
+
+
+def test_an_unknown_net_is_refused() -> None:
+    from trainer.parsing.translation_run import TranslationRun
+
+    with pytest.raises(ConfigError, match="did you mean 'small'"):
+        TranslationRun("a", "b", "c", "fast", "smal", 1, 0)
+    assert set(PIX2PIX) == {"paper", "small"}

@@ -1,0 +1,128 @@
+"""Paper B's realistic translation network: virtual -> parsing -> real, two pix2pix in a row.
+
+The first learns from the simulator's frames and labels, the second from photographs and what a
+parser sees in them. Between the two the picture is read: each pixel becomes the nearest class's
+colour, as the second network learned to take it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import nn
+
+from robot.camera.replay import picture_files, read_picture
+from robot.camera.source import fit_to_frame
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.preprocess import preprocess
+from trainer.parsing.classes import ROAD, LabelSet
+from trainer.parsing.labelled import load_pairs
+from trainer.parsing.pix2pix import Pix2Pix, UNet
+from trainer.parsing.train import Parser
+from trainer.resumable import Loop, Stateful
+
+FRAME = (120, 160)  # height, width [px]
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pictures to translate and what they should become, both (N, H, W, 3) uint8."""
+
+    given: np.ndarray
+    wanted: np.ndarray
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """``count`` pairs (N, 3, H, W) in [-1, 1], half of them in the mirror."""
+        chosen = rng.integers(len(self.given), size=count)
+        mirrored = rng.random(count) < 0.5
+        parts = []
+        for pictures in (self.given[chosen], self.wanted[chosen]):
+            pictures = np.where(mirrored[:, None, None, None], pictures[:, :, ::-1], pictures)
+            parts.append(as_floats(torch.from_numpy(np.ascontiguousarray(pictures))))
+        return parts[0], parts[1]
+
+
+def virtual_pairs(collection: Path, image: ImageSpec) -> Pairs:
+    """A simulator's frames and their labels painted, as a policy's pictures.
+
+    Raises:
+        ConfigError: not a collection.
+    """
+    data = load_pairs(collection, ROAD, FRAME)
+    given = np.stack([preprocess(frame, image) for frame in data.frames])
+    # labels are made small as frames are, so that a thin line does not come and go
+    painted = np.stack([preprocess(ROAD.paint(truth), image) for truth in data.truth])
+    return Pairs(given, ROAD.paint(ROAD.read(painted)))
+
+
+def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
+    """What a parser sees in photographs, painted, and the photographs, as a policy's pictures.
+
+    Raises:
+        ConfigError: no photographs, or a parser with other labels or of another size.
+    """
+    expected = (image.height_px, image.width_px)
+    if parser.labels is not ROAD or parser.config.size != expected:
+        raise ConfigError(
+            f"parser: expected one of labels 'road' and size {expected}, got "
+            f"{parser.labels.name!r} and {parser.config.size}"
+        )
+    frames = [fit_to_frame(read_picture(path)) for path in picture_files(photographs)]
+    whole = ImageSpec(image.width_px, image.height_px)
+    seen = parser(np.stack([preprocess(frame, whole) for frame in frames]))
+    wanted = np.stack([preprocess(frame, image) for frame in frames])
+    return Pairs(ROAD.paint(seen)[:, image.crop_top_px :], wanted)
+
+
+def teach_pairs(
+    model: Pix2Pix, pairs: Pairs, steps: int, seed: int, checkpoint: Path, console: Console
+) -> UNet:
+    """Train one translation, from where ``checkpoint`` left off."""
+    parts: dict[str, Stateful] = {
+        "generator": model.generator,
+        "critic": model.critic,
+        "of_generator": model.of_generator,
+        "of_critic": model.of_critic,
+    }
+
+    def step(rng: np.random.Generator, _: int) -> str:
+        return f"L1 {model.step(*pairs.draw(model.config.batch, rng)):.3f}"
+
+    Loop(checkpoint, parts, steps, seed).run(step, checkpoint.stem, console)
+    return model.generator.eval()
+
+
+class ThroughParsing(nn.Module):
+    """Both networks as one: (N, H, W, 3) uint8 RGB -> the same; what is exported."""
+
+    def __init__(self, to_parsing: UNet, to_real: UNet, labels: LabelSet = ROAD) -> None:
+        super().__init__()
+        self.to_parsing, self.to_real = to_parsing, to_real
+        colours = torch.tensor(labels.colours, dtype=torch.float32)
+        self.register_buffer("colours", colours / 127.5 - 1.0)
+
+    def parsed(self, pictures: torch.Tensor) -> torch.Tensor:
+        """(N, H, W, 3) uint8 -> (N, 3, H, W), each pixel one class's colour in [-1, 1]."""
+        seen = self.to_parsing(as_floats(pictures)).permute(0, 2, 3, 1)
+        distance = (seen.unsqueeze(-2) - self.colours).square().sum(-1)
+        return self.colours[distance.argmin(-1)].permute(0, 3, 1, 2)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        return as_bytes(self.to_real(self.parsed(image)))
+
+
+def as_floats(pictures: torch.Tensor) -> torch.Tensor:
+    """(N, H, W, 3) uint8 -> (N, 3, H, W) float32 in [-1, 1]."""
+    return pictures.permute(0, 3, 1, 2).float() / 127.5 - 1.0
+
+
+def as_bytes(pictures: torch.Tensor) -> torch.Tensor:
+    """(N, 3, H, W) float32 in [-1, 1] -> (N, H, W, 3) uint8."""
+    scaled = ((pictures + 1.0) * 127.5 + 0.5).clamp(0.0, 255.0)
+    return scaled.to(torch.uint8).permute(0, 2, 3, 1)

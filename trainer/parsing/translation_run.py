@@ -1,0 +1,105 @@
+"""A run of the translation through parsing: its folder, both trainings, the exported file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import yaml
+from rich.console import Console
+
+from robot.errors import ConfigError, nearest
+from robot.translator import DIRECTIONS, TranslatorContract
+from robot.typed_config import load_yaml, to_plain
+from trainer.config import preset
+from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix
+from trainer.parsing.sheet import write_png
+from trainer.parsing.through_parsing import (
+    Pairs,
+    ThroughParsing,
+    as_bytes,
+    real_pairs,
+    teach_pairs,
+    virtual_pairs,
+)
+from trainer.parsing.train import load_parser
+from trainer.run import atomically
+from trainer.translation.export import export_translator
+
+ROWS = 6
+
+
+@dataclass(frozen=True)
+class TranslationRun:
+    """``config.yaml``."""
+
+    sim: str  # a collection
+    real: str  # a folder of photographs
+    parser: str  # its file
+    preset: str
+    net: str
+    steps: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        if self.net not in PIX2PIX:
+            raise ConfigError(f"net: unknown {self.net!r}; {nearest(self.net, PIX2PIX)}")
+
+
+def begin(out: Path, run: TranslationRun, resume: bool) -> TranslationRun:
+    """Write ``config.yaml``, or read that of the run to go on with.
+
+    Raises:
+        ConfigError: a run lies here and it is not to be resumed.
+    """
+    config = out / "config.yaml"
+    if config.exists() and resume:
+        return load_yaml(TranslationRun, config)
+    if config.exists():
+        raise ConfigError(
+            f"{out}: expected no run here yet, got one; add --resume to go on with it, or choose "
+            "another --out"
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    with atomically(config) as temporary:
+        temporary.write_text(yaml.safe_dump(to_plain(run), sort_keys=False))
+    return run
+
+
+def finish(out: Path, run: TranslationRun, console: Console) -> Path:
+    """Do what is left of a run; the translator's path.
+
+    Raises:
+        ConfigError: the simulator's frames, the photographs or the parser do not fit.
+        ContractError: torch and ONNX disagree.
+    """
+    image = preset("lane", "dueling", run.preset).image
+    net = PIX2PIX[run.net]
+    virtual = virtual_pairs(Path(run.sim), image)
+    real = real_pairs(Path(run.real), load_parser(Path(run.parser)), image)
+    generators = [
+        teach_pairs(Pix2Pix(net, run.seed), pairs, run.steps, run.seed, out / f"{name}.pt", console)
+        for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real))
+    ]
+    network = ThroughParsing(*generators)
+    contract = TranslatorContract(
+        "pix2pix", DIRECTIONS[0], image, out.resolve().name, run.steps, notes=("through parsing",)
+    )
+    path = out / "sim_to_real.onnx"
+    export_translator(network, contract, path)
+    write_png(out / "sheet.png", sheet(network, virtual, real))
+    return path
+
+
+@torch.no_grad()
+def sheet(network: ThroughParsing, virtual: Pairs, real: Pairs) -> np.ndarray:
+    """Rows of picture, its classes found, its true classes, translation, some photograph."""
+    chosen = np.linspace(0, len(virtual.given) - 1, ROWS).astype(int)
+    given = torch.from_numpy(virtual.given[chosen])
+    found = as_bytes(network.parsed(given)).numpy()
+    photographs = real.wanted[np.linspace(0, len(real.wanted) - 1, ROWS).astype(int)]
+    columns = (virtual.given[chosen], found, virtual.wanted[chosen], network(given).numpy())
+    rows = [np.hstack(row) for row in zip(*columns, photographs, strict=True)]
+    return np.repeat(np.repeat(np.vstack(rows), 2, axis=0), 2, axis=1)
