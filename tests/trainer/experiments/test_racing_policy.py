@@ -1,0 +1,82 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from robot.errors import ContractError
+from sim_pybullet.racing_cars import RACING_ACTIONS
+from trainer.cli import main
+from trainer.experiments.driving_pictures import STACK
+from trainer.experiments.racing_policy import RacingPolicy
+from trainer.experiments.records import Turn
+
+HEIGHT, WIDTH = 12, 24
+
+
+class SteerToLight(torch.nn.Module):
+    """Values of the nine actions: the light on the side that an action steers to, newest frame."""
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        newest = image[..., -3:].float().mean((1, 3))
+        sides = torch.stack([part.mean(1) for part in newest.chunk(3, dim=1)], dim=1)
+        side_of = [1 - int(steering) for steering, _ in RACING_ACTIONS]  # positive is to the left
+        return 0.1 * sides[:, side_of]
+
+
+def write_policy(path: Path, task: str = "track") -> None:
+    example = torch.zeros((2, HEIGHT, WIDTH, 3 * STACK), dtype=torch.uint8)
+    torch.onnx.export(
+        SteerToLight(),
+        (example,),
+        str(path),
+        dynamo=False,
+        opset_version=17,
+        input_names=["image"],
+        output_names=["values"],
+        dynamic_axes={"image": {0: "n"}, "values": {0: "n"}},
+    )
+    model = onnx.load(str(path))
+    model.ir_version = 9
+    contract = {
+        "schema": 1,
+        "task": task,
+        "algorithm": "a3c",
+        "frames": STACK,
+        "image": {"width_px": WIDTH, "height_px": HEIGHT + 4, "crop_top_px": 4},
+        "actions": RACING_ACTIONS,
+    }
+    onnx.helper.set_model_props(model, {"duckpilot": json.dumps(contract)})
+    onnx.save(model, str(path))
+
+
+@pytest.fixture(scope="module")
+def policy_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("policy") / "model.onnx"
+    write_policy(path)
+    return path
+
+
+def test_a_policy_turns_to_where_its_actions_steer(policy_file: Path) -> None:
+    policy = RacingPolicy(policy_file)
+    assert policy.image.shape == (HEIGHT, WIDTH, 3)
+    stacks = np.zeros((3, HEIGHT, WIDTH, 3 * STACK), np.uint8)
+    for turn in Turn:
+        stacks[turn, :, 8 * turn : 8 * turn + 8] = 200
+    assert policy.turns(stacks).tolist() == [Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT]
+
+
+def test_a_policy_of_another_task_is_refused(tmp_path: Path) -> None:
+    write_policy(tmp_path / "lane.onnx", task="lane")
+    with pytest.raises(ContractError, match="expected a policy of the task track"):
+        RacingPolicy(tmp_path / "lane.onnx")
+
+
+def test_a_policy_needs_a_name_of_the_table(
+    policy_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["experiment", "table1", "--data", str(tmp_path), "--out", str(tmp_path / "out")]
+    assert main([*command, "--policy", f"our={policy_file}"]) == 2
+    assert "did you mean 'ours'" in capsys.readouterr().err
