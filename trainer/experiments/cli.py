@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 
 from robot.contract import ImageSpec
 from trainer.experiments.six_models import SixModelsOptions
-from trainer.sweep import SweepOptions
+from trainer.sweep import SweepOptions, run_sweep
 
 if TYPE_CHECKING:
     from trainer.experiments.table1 import Table
@@ -74,6 +74,37 @@ def table1_command(
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
     _show(table, console)
+    return 0
+
+
+@experiment_app.command(name="six-models")
+def six_models_command(
+    out: Path,
+    options: Annotated[SixModelsOptions, tyro.conf.arg(name="")] = _SIX,
+    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
+) -> int:
+    """Compare Dueling DQN and PPO with nothing, randomisation, CycleGAN and both: paper A, 4.4.
+
+    Called again, it goes on where it was cut off; what is finished is not done again.
+
+    Args:
+        out: folder for the runs, six_models.json and six_models.png.
+        options: what is trained, and where it is judged.
+        many: processes at once, or a Ray cluster.
+    """
+    from trainer.experiments.six_models import drives, trainings
+    from trainer.experiments.transfer_tables import as_table, draw_transfer_curves, gather
+    from trainer.run import write_json
+
+    console = Console(soft_wrap=True)
+    for jobs in (trainings, drives):
+        status = run_sweep(jobs(out, options), many, console)
+        if status != 0:
+            return status
+    transfer = gather(out, options)
+    write_json(out / "six_models.json", transfer)
+    draw_transfer_curves(out, options, out / "six_models.png")
+    console.print(as_table(transfer))
     return 0
 
 
