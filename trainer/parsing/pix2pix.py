@@ -46,7 +46,7 @@ class UNet(nn.Module):
         self.down = nn.ModuleList(
             _halving(a, b) for a, b in zip([3, *widths[:-1]], widths, strict=True)
         )
-        up = []
+        up: list[nn.Module] = []
         for k in reversed(range(1, config.halvings)):
             below = widths[k] if k == config.halvings - 1 else 2 * widths[k]
             dropped = len(up) < DROPPED and config.halvings > DROPPED

@@ -100,6 +100,8 @@ def teach_pairs(
 class ThroughParsing(nn.Module):
     """Both networks as one: (N, H, W, 3) uint8 RGB -> the same; what is exported."""
 
+    colours: torch.Tensor  # (C, 3) in [-1, 1]
+
     def __init__(self, to_parsing: UNet, to_real: UNet, labels: LabelSet = ROAD) -> None:
         super().__init__()
         self.to_parsing, self.to_real = to_parsing, to_real

@@ -14,7 +14,7 @@ from robot.errors import ConfigError, nearest
 from robot.translator import DIRECTIONS, TranslatorContract
 from robot.typed_config import load_yaml, to_plain
 from trainer.config import preset
-from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix
+from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix, UNet
 from trainer.parsing.sheet import write_png
 from trainer.parsing.through_parsing import (
     Pairs,
@@ -79,11 +79,13 @@ def finish(out: Path, run: TranslationRun, console: Console) -> Path:
     net = PIX2PIX[run.net]
     virtual = virtual_pairs(Path(run.sim), image)
     real = real_pairs(Path(run.real), load_parser(Path(run.parser)), image)
-    generators = [
-        teach_pairs(Pix2Pix(net, run.seed), pairs, run.steps, run.seed, out / f"{name}.pt", console)
-        for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real))
-    ]
-    network = ThroughParsing(*generators)
+
+    def taught(name: str, pairs: Pairs) -> UNet:
+        model = Pix2Pix(net, run.seed)
+        return teach_pairs(model, pairs, run.steps, run.seed, out / f"{name}.pt", console)
+
+    to_parsing = taught("virtual_to_parsing", virtual)
+    network = ThroughParsing(to_parsing, taught("parsing_to_real", real))
     contract = TranslatorContract(
         "pix2pix", DIRECTIONS[0], image, out.resolve().name, run.steps, notes=("through parsing",)
     )
