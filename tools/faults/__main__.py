@@ -18,7 +18,17 @@ import cv2
 from tqdm import tqdm
 
 from robot.errors import DuckpilotError, nearest
-from tools.faults import camera, i2c, localizer, missions, models, network, programs, strangers
+from tools.faults import (
+    camera,
+    i2c,
+    localizer,
+    missions,
+    models,
+    network,
+    programs,
+    recording,
+    strangers,
+)
 from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
@@ -34,6 +44,7 @@ FAMILIES: dict[str, tuple[Case, ...]] = {
     "network": network.CASES,
     "strangers": strangers.CASES,
     "missions": missions.CASES,
+    "recording": recording.CASES,
 }
 
 
@@ -96,7 +107,9 @@ def _play(
     todo = [(family, case) for family, case in cases if (family, case.name) not in done]
     if not todo:
         return
-    bench = BenchOptions(options.model, seed=options.seed, lockstep=not options.real_time)
+    bench = BenchOptions(
+        options.model, seed=options.seed, lockstep=not options.real_time, record=True
+    )
     with Stage(bench, folder) as stage, tqdm(total=len(cases), initial=len(done)) as bar:
         for family, case in todo:
             bar.set_description(f"{family}: {case.name}")

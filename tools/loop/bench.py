@@ -24,6 +24,7 @@ from robot.gates import SafetyLimits
 from robot.hat.config import HatConfig
 from robot.link.config import BOUND_BY, LinkConfig
 from robot.link.keys import keygen
+from robot.recording.config import RecordingConfig
 from robot.road_map import load_map
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
@@ -49,6 +50,7 @@ class BenchOptions:
     lockstep: bool = True
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     robot_python: str = sys.executable
+    record: bool = False  # the robot's drives
 
 
 class Process:
@@ -69,6 +71,18 @@ class Process:
     def alive(self) -> bool:
         """Whether it still runs."""
         return self.child.poll() is None
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Resident memory [MB], threads and open files, now."""
+        folder = Path(f"/proc/{self.child.pid}")
+        status = (folder / "status").read_text(encoding="ascii")
+        resident = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
+        return {
+            "rss_mb": int(resident.split()[1]) / 1024.0,
+            "threads": len(list((folder / "task").iterdir())),
+            "files": len(list((folder / "fd").iterdir())),
+        }
 
     def said(self) -> str:
         """Its output so far."""
@@ -96,6 +110,7 @@ class Bench:
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
         self.model = options.model
+        self.recordings = folder / "recordings"
         self._frozen: set[str] = set()
         self._ending: set[str] = set()
         self.operator: Operator
@@ -246,6 +261,7 @@ class Bench:
     def _write_configs(self) -> None:
         link = self.link_configs
         sockets = self.town.sockets
+        recording = RecordingConfig(str(self.recordings), 0.0) if self.options.record else None
         robot = RobotConfig(
             str(self.model.resolve()),
             name=ROBOT,
@@ -254,6 +270,7 @@ class Bench:
             hat=HatConfig(socket=str(sockets.bus)),
             safety=self.options.safety,
             link=link["robot"],
+            recording=recording,
         )
         save_calibration(self.town.calibration, self.folder / "arena.yaml")
         self._write("robot", to_plain(robot))

@@ -96,8 +96,8 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
             bar.update()
             if not record.arrived and len(rows) < options.missions:
                 driver.carry()
-        lost_steps = bench.town.hat.lost_steps
-    figures = {**summary(rows, options), "lost_steps": list(lost_steps)}
+        robot = {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
+    figures = {**summary(rows, options), "robot": robot}
     _write(options.json, figures)
     if film is not None:
         film.write(options.video)
