@@ -1,4 +1,4 @@
-"""``python -m tools.long_drive MODEL HOURS``: hours of driving in minutes, watched for leaks.
+"""``python -m tools.long_drive MODEL HOURS [EVERY_S]``: hours of driving in minutes, for leaks.
 
 The robot as `robot.assemble` puts it together, with its links, on a camera and motors that are made
 up; time is simulated and as fast as this computer. A second pair of links in the same process plays
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 EVERY_S = 600.0  # simulated
-RECONNECT_S = 590.0
+RECONNECT_SHARE = 0.45  # of that: between two looks the others are started again
 PICTURES = 16
 
 
@@ -40,15 +40,19 @@ class FastClock:
         self.now_s += max(duration_s, 0.0)
 
 
-def drive(model: Path, hours: float, tell: Callable[[dict[str, float]], None]) -> None:
+def drive(
+    model: Path, hours: float, tell: Callable[[dict[str, float]], None], every_s: float = EVERY_S
+) -> None:
     """Drive missions for some simulated hours; ``tell`` is called with the figures so far."""
     clock = FastClock()
     clocks: Any = time
     clocks.monotonic, clocks.sleep = clock.now, clock.sleep  # before the robot is imported
     from robot.assemble import open_robot
     from robot.config import RobotConfig
+    from robot.contract import CONTROL_DT_S
     from robot.link.config import LinkConfig
     from robot.link.keys import keygen
+    from robot.rate import RateKeeper
     from tools.long_drive_parts import MadeUpCamera, MadeUpMotors, Others, start_of
 
     with tempfile.TemporaryDirectory() as folder:
@@ -60,6 +64,7 @@ def drive(model: Path, hours: float, tell: Callable[[dict[str, float]], None]) -
         others = Others(links["localizer"], links["monitor"], motors, clock.now)
         config = RobotConfig(str(model), map="arena", link=links["robot"])
         camera = MadeUpCamera(clock.now, PICTURES)
+        rate = RateKeeper(CONTROL_DT_S, clock)
         begun_s = told_s = reconnected_s = clock.now()
         with open_robot(
             config,
@@ -68,11 +73,11 @@ def drive(model: Path, hours: float, tell: Callable[[dict[str, float]], None]) -
             motors=nullcontext(motors),
         ) as runtime:
             while clock.now() - begun_s < 3600.0 * hours:
-                runtime.run(turns=50)
-                if clock.now() - reconnected_s > RECONNECT_S:
+                runtime.step(rate.wait())
+                if clock.now() - reconnected_s > RECONNECT_SHARE * every_s:
                     reconnected_s = clock.now()
                     others.reconnect()
-                if clock.now() - told_s >= EVERY_S:
+                if clock.now() - told_s >= every_s:
                     told_s = clock.now()
                     tell(figures((told_s - begun_s) / 3600.0, others.missions, others.stops))
         others.close()
@@ -107,12 +112,13 @@ def main(arguments: list | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     try:
         model, hours = Path(words[0]), float(words[1])
-        if not 0.0 < hours < math.inf:
-            raise ValueError(hours)
+        every_s = float(words[2]) if len(words) > 2 else EVERY_S
+        if not (0.0 < hours < math.inf and 0.0 < every_s < math.inf):
+            raise ValueError(words)
     except (IndexError, ValueError):
-        print("long_drive: expected MODEL and a positive number of HOURS", file=sys.stderr)
+        print("long_drive: expected MODEL HOURS [EVERY_S], positive numbers", file=sys.stderr)
         return 2
-    drive(model, hours, lambda row: print(json.dumps(row), flush=True))
+    drive(model, hours, lambda row: print(json.dumps(row), flush=True), every_s)
     return 0
 
 

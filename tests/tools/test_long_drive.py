@@ -1,0 +1,29 @@
+"""A minute of the long drive: the robot's own figures do not grow."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from tools.loop.pursuit import write_pursuit
+
+
+def test_neither_threads_nor_files_grow_while_the_others_come_and_go(tmp_path: Path) -> None:
+    model = write_pursuit(tmp_path / "pursuit.onnx")
+    command = [sys.executable, "-m", "tools.long_drive", str(model), "0.02", "12"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True, timeout=300)
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(rows) >= 5
+    assert rows[-1]["missions"] >= 1
+    for figure in ("threads", "python_threads", "fds"):
+        values = [row[figure] for row in rows[1:]]
+        assert max(values) - min(values) <= 2, (figure, values)  # a connection may be between two
+        assert values[-1] <= values[0] + 2
+    assert rows[-1]["rss_mb"] < 150.0
+
+
+def test_wrong_arguments_end_with_status_2() -> None:
+    command = [sys.executable, "-m", "tools.long_drive", "model.onnx", "-1"]
+    assert subprocess.run(command, stderr=subprocess.PIPE, check=False).returncode == 2
