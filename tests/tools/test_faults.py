@@ -1,0 +1,51 @@
+"""The table of faults itself: complete, told apart, reported."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from robot.safety import State
+from tools.faults import __main__ as faults
+from tools.faults.case import Outcome
+from tools.faults.report import write_report
+from tools.loop import __main__ as loop
+
+STOPPED = Outcome("camera", "stops", "", 0.26, 0.2, "FAULT", "frame | old", "", True)
+DRIVES = Outcome("network", "late", "", math.nan, 0.0, "AUTO", "", "", True)
+FAILED = Outcome("network", "cut", "", 9.0, 1.0, "AUTO", "", "still moving", True)
+
+
+def test_every_case_has_its_own_name_and_states_that_exist() -> None:
+    states = {state.value for state in State}
+    for cases in faults.FAMILIES.values():
+        names = [case.name for case in cases]
+        assert len(names) == len(set(names))
+        for case in cases:
+            assert set(case.states) <= states, case.name
+            assert case.threshold_s <= 2.0
+
+
+def test_the_report_shows_stops_dashes_and_failures(tmp_path: Path) -> None:
+    path = tmp_path / "faults.md"
+    write_report([STOPPED, DRIVES, FAILED], path)
+    text = path.read_text(encoding="utf-8")
+    assert "| stops |  | 200 | 260 | FAULT: frame \\| old | ok |" in text
+    assert "| late |  | – | – |" in text
+    assert "**still moving**" in text
+    assert "2 of 3 as they must be" in text
+
+
+def test_cases_are_chosen_by_family_and_name() -> None:
+    options = faults.parse(["--model", "m.onnx", "--family", "camera", "--case", "stops"])
+    assert [(family, case.name) for family, case in faults.chosen(options)] == [("camera", "stops")]
+
+
+def test_wrong_input_ends_with_status_2(capsys: pytest.CaptureFixture) -> None:
+    assert faults.main(["--model", "m.onnx", "--case", "stop"]) == 2
+    assert "did you mean" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as refusal:
+        loop.main(["--missions", "0", "--model", "m.onnx"])
+    assert refusal.value.code == 2
