@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -13,12 +12,12 @@ from robot.geometry import Pose, WheelSpeeds
 from robot.link.commands import Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
+from robot.link.streams import Clock
 from robot.link.telemetry import Telemetry
 from robot.parts import Tick
 from robot.preprocess import FRAME_SHAPE
 from robot.road_map import RoadMap, load_map
 
-Clock = Callable[[], float]
 STILL = WheelSpeeds(0.0, 0.0)
 LOOK_S = 1.0  # a person looks before they arm again
 

@@ -40,10 +40,16 @@ def _says_where(stage: Stage) -> str:
 
 
 CASES = (
-    Case("NACK", "nobody acknowledges", _faulty(BusFault.NACK), says="Remote I/O", heal=_heal),
+    Case("NACK", "nobody acknowledges", _faulty(BusFault.NACK), says="switched off", heal=_heal),
     Case("one NACK", "a single one", _faulty(BusFault.NACK, 1), says="Remote I/O", heal=_heal),
-    Case("stuck", "SDA held low", _faulty(BusFault.STUCK), says="timed out", heal=_heal),
-    Case("partial write", "cut off half-way", _faulty(BusFault.PARTIAL), says="motors", heal=_heal),
+    Case("stuck", "SDA held low", _faulty(BusFault.STUCK), says="switched off", heal=_heal),
+    Case(
+        "partial write",
+        "cut off half-way",
+        _faulty(BusFault.PARTIAL),
+        says="switched off",
+        heal=_heal,
+    ),
     Case(
         *("chip reset", "its supply dipped", _reset),
         threshold_s=1.0,  # it is looked at once a second
