@@ -67,7 +67,9 @@ class Stage:
 
     def ready(self) -> None:
         """DISARMED at the start, all programs alive and in touch."""
-        bench, operator = self.bench, self.bench.operator
+        bench = self.bench
+        bench.revive()
+        operator = bench.operator
         if operator.state == "FAULT":
             operator.ask("clear")
         operator.ask("disarm")

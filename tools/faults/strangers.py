@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,9 +11,8 @@ import numpy as np
 import zmq
 
 from robot.link.commands import Command, Mission
-from robot.link.keys import keygen, load_keys
+from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import UNSENT
-from robot.link.sockets import Link
 from tools.faults.case import Act, Case
 from tools.faults.stage import Stage
 
@@ -20,40 +20,41 @@ MEGABYTE = 2**20
 FLOOD = 300  # messages at once, ten times a second
 
 
-def _stranger(stage: Stage) -> Link:
+def _stranger(stage: Stage) -> Keys:
     """Keys of its own that nobody has allowed; it knows the robot's."""
     folder = stage.bench.folder / f"stranger-{secrets.token_hex(4)}"
     own = load_keys(keygen(folder, ("monitor", "robot"))["monitor"])
-    peers = load_keys(stage.bench.keys["monitor"]).peers
-    return Link(replace(own, peers=peers))
+    return replace(own, peers=_monitors(stage).peers)
 
 
-def _commands(open_link: Callable[[Stage], Link], data: Callable[[Stage], list[bytes]]) -> Act:
-    """Speak to the robot's ear for a second through a link of this kind."""
+def _nobody(_: Stage) -> Keys | None:
+    """No encryption."""
+    return None
+
+
+def _monitors(stage: Stage) -> Keys:
+    """A second program with the monitor's keys."""
+    return load_keys(stage.bench.keys["monitor"])
+
+
+def _commands(keys_of: Callable[[Stage], Keys | None], data: Callable[[Stage], list[bytes]]) -> Act:
+    """Speak to the robot's ear for a second with these keys."""
 
     def inject(stage: Stage) -> None:
-        endpoint = stage.bench.link_configs["robot"].connect_endpoint("command")
-        with open_link(stage) as link:
-            socket = link.connect(zmq.DEALER, endpoint, 2 * MEGABYTE, peer="robot")
-            socket.immediate = False
-            socket.sndhwm = 10 * FLOOD
+        with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+            socket.linger, socket.sndhwm = 0, 10 * FLOOD
+            keys = keys_of(stage)
+            if keys is not None:
+                socket.curve_serverkey = keys.peer("robot")
+                socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
+            socket.connect(stage.bench.link_configs["robot"].connect_endpoint("command"))
             for _ in range(10):
                 for part in data(stage):
-                    try:
+                    with contextlib.suppress(zmq.Again):
                         socket.send(part, zmq.NOBLOCK)
-                    except zmq.Again:
-                        break
                 stage.run(0.1)
 
     return inject
-
-
-def _plain(_: Stage) -> Link:
-    return Link(None, plaintext=True)
-
-
-def _second_monitor(stage: Stage) -> Link:
-    return stage.bench.link_configs["monitor"].open()
 
 
 def _stop(_: Stage) -> list[bytes]:
@@ -91,7 +92,7 @@ def _stand_in(stage: Stage) -> None:
 
 def _stopped_then_replayed(stage: Stage) -> None:
     stage.bench.operator.ask("stop")
-    _commands(_second_monitor, _old_arm)(stage)
+    _commands(_monitors, _old_arm)(stage)
 
 
 def _flood_of_commands(_: Stage) -> list[bytes]:
@@ -100,7 +101,7 @@ def _flood_of_commands(_: Stage) -> list[bytes]:
 
 CASES = (
     Case("wrong key", "a stranger's STOP", _commands(_stranger, _stop), states=()),
-    Case("no key", "a STOP without encryption", _commands(_plain, _stop), states=()),
+    Case("no key", "a STOP without encryption", _commands(_nobody, _stop), states=()),
     Case(
         *("replayed command", "STOP, then this morning's arm and mission", _stopped_then_replayed),
         states=("HOLD",),
@@ -109,11 +110,11 @@ CASES = (
     Case(
         "flood of commands",
         f"{10 * FLOOD} a second",
-        _commands(_second_monitor, _flood_of_commands),
+        _commands(_monitors, _flood_of_commands),
         states=(),
     ),
-    Case("1 MB command", "", _commands(_second_monitor, lambda _: [bytes(MEGABYTE)]), states=()),
-    Case("fuzzed commands", "", _commands(_second_monitor, _junk), states=()),
+    Case("1 MB command", "", _commands(_monitors, lambda _: [bytes(MEGABYTE)]), states=()),
+    Case("fuzzed commands", "", _commands(_monitors, _junk), states=()),
     Case(
         "flood of poses",
         f"{10 * FLOOD} pieces of junk a second",
@@ -130,7 +131,7 @@ CASES = (
         before=_stand_in,
     ),
     Case(
-        *("second monitor", "its STOP counts", _commands(_second_monitor, _stop)),
+        *("second monitor", "its STOP counts", _commands(_monitors, _stop)),
         threshold_s=0.1,
         states=("HOLD",),
         says="stop",

@@ -145,6 +145,9 @@ class Bench:
         self.time.freeze(name, frozen)
         self.processes[name].child.send_signal(signal.SIGSTOP if frozen else signal.SIGCONT)
         (self._frozen.add if frozen else self._frozen.discard)(name)
+        cameras = {"robot": self.town.camera, "localizer": self.town.overhead}
+        if name in cameras:  # nobody would read its pictures
+            cameras[name].fault = "stop" if frozen else ""
 
     def end(self, name: str, how: int = signal.SIGKILL) -> None:
         """End a program by a signal; it may take its time."""
