@@ -19,6 +19,7 @@ from tools.loop.shared_time import SharedTime
 IDLE = struct.Struct("!cd")  # b"i", until when [s]
 GO = b"g"
 SOON_S = 1e-9
+LATE_S = 1e-7  # waits end a little late, as anywhere: rounding must not let one end too early
 
 
 class Waiter:
@@ -87,7 +88,7 @@ class Stepper:
 
     def deadline(self, timeout_s: float | None) -> float:
         """When a wait of this length ends [s]."""
-        return math.inf if timeout_s is None else self.now() + max(timeout_s, 0.0)
+        return math.inf if timeout_s is None else self.now() + max(timeout_s, 0.0) + LATE_S
 
     def sleep(self, duration_s: float) -> None:
         """As ``time.sleep``."""
