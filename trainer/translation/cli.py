@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from robot.camera.replay import open_reel
 from robot.errors import ConfigError
 from robot.road_map import load_map
 from robot.typed_config import to_plain
@@ -34,21 +33,27 @@ def collect_command(
 
     Args:
         out: a folder that does not exist yet; gets image/, and from the simulator label/ and lane/.
-        pictures: a folder of pictures or a video; without it the simulator is asked.
+        pictures: a folder of pictures, a video or a robot's recording (.mcap); without it the
+            simulator is asked.
         map_names: simulator: map files, or names of shipped maps.
         look: simulator: a look or a distribution of looks, a file or a shipped name.
         frames: how many at most.
         every: pictures: take one of so many.
         seed: simulator: of everything random.
     """
-    from trainer.translation.collect import Source, collect_pictures, collect_simulator
+    from trainer.translation.collect import (
+        Source,
+        collect_pictures,
+        collect_simulator,
+        pictures_at,
+    )
 
     if frames < 1 or every < 1:
         raise ConfigError(f"frames, every: expected 1 or more, got {frames}, {every}")
     with tqdm(total=frames, unit="frame", dynamic_ncols=True) as bar:
         if pictures is not None:
             source = Source("pictures", (str(pictures),), frames, every=every)
-            frames = collect_pictures(out, open_reel(pictures), source, bar.update)
+            frames = collect_pictures(out, pictures_at(pictures, every), source, bar.update)
         else:
             source = Source("simulator", map_names, frames, look, seed)
             road_maps = [load_map(name) for name in map_names]

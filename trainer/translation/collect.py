@@ -8,20 +8,23 @@ same names. ``collection.yaml`` says where it comes from.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count as counted
+from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 import yaml
 
-from robot.camera.replay import Reel
+from robot.camera.replay import open_reel
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.geometry import bezier_points, bezier_tangents
+from robot.recording.reader import read_frames
 from robot.road_map import RoadMap
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
@@ -80,13 +83,31 @@ def collect_simulator(
             tick(count)
 
 
-def collect_pictures(out: Path, reel: Reel, source: Source, tick: Tick) -> int:
-    """Every ``source.every``-th picture of a reel, fitted to the frame; returns how many.
+def pictures_at(path: Path, every: int = 1) -> Iterator[np.ndarray]:
+    """Every so many pictures of a robot's recording (.mcap), a video, or a folder of pictures.
+
+    Raises:
+        ConfigError: there is nothing of that kind.
+        ContractError: a recorded frame that is no picture.
+    """
+    if path.suffix == ".mcap":
+        yield from (frame for _, frame in islice(read_frames(path), 0, None, every))
+        return
+    reel = open_reel(path)
+    for index in counted(step=every):
+        picture = reel.picture(index)
+        if picture is None:
+            return
+        yield picture
+
+
+def collect_pictures(out: Path, pictures: Iterable[np.ndarray], source: Source, tick: Tick) -> int:
+    """Pictures fitted to the frame; returns how many there were.
 
     Args:
         out: a folder that does not exist yet.
-        reel: see `robot.camera.replay.open_reel`.
-        source: the most frames to take, and of how many pictures one.
+        pictures: see `pictures_at`.
+        source: the most frames to take.
         tick: hears of each frame.
 
     Raises:
@@ -94,10 +115,7 @@ def collect_pictures(out: Path, reel: Reel, source: Source, tick: Tick) -> int:
     """
     taken = 0
     with _appearing(out, source, ("image",)) as folder:
-        while taken < source.frames:
-            picture = reel.picture(taken * source.every)
-            if picture is None:
-                break
+        for picture in islice(pictures, source.frames):
             _write(folder / "image" / f"{taken:06d}.png", fit_to_frame(picture)[..., ::-1])
             taken += 1
             tick(1)

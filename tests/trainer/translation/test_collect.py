@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from robot.camera.replay import open_reel
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.recording.reader import read_frames
 from robot.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
@@ -17,6 +17,7 @@ from trainer.translation.collect import (
     collect_pictures,
     collect_simulator,
     lane_positions,
+    pictures_at,
 )
 from trainer.translation.pictures import load_paint, load_pictures
 
@@ -51,7 +52,7 @@ def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
 
 def test_takes_every_nth_picture(real: Path, tmp_path: Path) -> None:
     source = Source("pictures", (str(real),), 10, every=2)
-    taken = collect_pictures(tmp_path / "out", open_reel(real), source, lambda _: None)
+    taken = collect_pictures(tmp_path / "out", pictures_at(real, 2), source, lambda _: None)
     assert taken == 3
     pictures = load_pictures([tmp_path / "out"], ImageSpec())
     assert pictures.images.shape == (3, 120, 160, 3)
@@ -94,3 +95,13 @@ def test_paint_is_where_the_pictures_show_it(sim: Path) -> None:
     road = paint[:, 3] > 250
     brightness = pictures.images.mean(-1)
     assert brightness[white].mean() > brightness[road].mean() + 80
+
+
+def test_a_robots_recording_gives_its_frames(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    out, recording = tmp_path / "out", Path(__file__).parents[2] / "data" / "golden_drive.mcap"
+    frames = [frame for _, frame in read_frames(recording)]
+    words = ["collect", "--out", str(out), "--pictures", str(recording), "--every", "10"]
+    assert main([*words, "--frames", "3"]) == 0
+    images = load_pictures([out], ImageSpec()).images
+    np.testing.assert_array_equal(images, np.stack(frames[:21:10]))
