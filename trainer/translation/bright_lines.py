@@ -32,6 +32,7 @@ def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
             continue
         level, _ = cv2.threshold(seen, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
         bright = seen > level
-        if bright.any() and seen[bright].mean() - seen[~bright].mean() > _LEAST_CONTRAST:
+        both = bright.any() and not bright.all()
+        if both and seen[bright].mean() - seen[~bright].mean() > _LEAST_CONTRAST:
             mask[floor] = light[floor] > level
     return masks

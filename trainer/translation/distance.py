@@ -18,7 +18,7 @@ from trainer.translation.networks import as_floats
 
 _CHANNELS = (16, 24, 32)
 _BATCH = 64
-_SPLITS = 100
+_SPLITS = 40
 _SPLIT = 50
 
 

@@ -17,8 +17,8 @@ def test_the_features_are_fixed_and_rows_do_not_mix() -> None:
 
 
 def test_distances_grow_with_the_difference() -> None:
-    real = features(pictures(120, 0))
-    alike, darker, dark = (features(pictures(120, 1, level)) for level in (128.0, 110.0, 80.0))
+    real = features(pictures(60, 0))
+    alike, darker, dark = (features(pictures(60, 1, level)) for level in (128.0, 110.0, 80.0))
     for distance in (kernel_distance, frechet_distance):
         near, further, far = (distance(made, real) for made in (alike, darker, dark))
         assert near < further < far
