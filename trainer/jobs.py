@@ -125,6 +125,8 @@ class EvaluateJob:
     def run(self, console: Console) -> int:
         """Drive, and say how it went."""
         options = self.options
+        if self.json is not None:  # before the work, not after it
+            self.json.parent.mkdir(parents=True, exist_ok=True)
         policy: DrivingPolicy = OnnxPolicy(options.model)
         if options.translate is not None:
             translator = open_translator(options.translate, policy.contract.image)

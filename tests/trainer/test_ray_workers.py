@@ -38,7 +38,7 @@ def finish(workers: RayWorkers) -> list[Outcome]:
 
 
 def wait_for(path: Path) -> None:
-    deadline = time.monotonic() + 400.0
+    deadline = time.monotonic() + 120.0
     while not path.exists():
         assert time.monotonic() < deadline, f"no {path} in time"
         time.sleep(0.05)
