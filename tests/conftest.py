@@ -9,8 +9,9 @@ from hypothesis import settings
 ROOT = Path(__file__).parent.parent
 
 # The same examples on every run: a failure is then the change's own. `make explore` draws others.
-settings.register_profile("repeatable", derandomize=True)
-settings.register_profile("explore", derandomize=False, max_examples=300)
+# No deadline for an example: a busy computer is no failure.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("explore", derandomize=False, max_examples=300, deadline=None)
 settings.register_profile("quick", derandomize=True, max_examples=10, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
