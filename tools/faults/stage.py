@@ -22,6 +22,7 @@ AFTER_S = 0.8  # looked at after the budget is over
 SILENT_S = 1.5  # the same, where the page must say that the robot is silent
 HEALED_S = 1.2  # looked at after mending
 SETTLE_S = 20.0
+CONNECT_S = 0.05  # real time, at each turn, for a connection to come about
 TAKEOVER_S = 1.5  # until an earlier session is forgotten
 MOVING = ("READY", "AUTO", "MANUAL")
 
@@ -72,6 +73,10 @@ class Stage:
         operator = bench.operator
         if operator.state == "FAULT":
             operator.ask("clear")
+            self.run(0.3)
+        if operator.state == "FAULT":  # motors that failed want a new start
+            bench.stop("robot")
+            bench.revive()
         operator.ask("disarm")
         bench.town.world.place(self.start)
 
@@ -110,7 +115,8 @@ class Stage:
         bench.stop("localizer")
         self.stand_in = StandIn(bench)
         known_s = bench.now_s + TAKEOVER_S
-        bench.until(lambda: bench.now_s > known_s and self._hears(), SETTLE_S, "stand-in poses")
+        bench.until(lambda: bench.now_s > known_s, SETTLE_S, "an earlier session to be forgotten")
+        bench.until(self._hears, SETTLE_S, "stand-in poses", CONNECT_S)
 
     def recover(self, case: Case) -> None:
         """Everything as it was, with whatever programs must be started again."""
@@ -141,13 +147,14 @@ class Stage:
     def _shown(self) -> tuple[str, str]:
         """State and reason on the page, or at the robot's terminal where there is no page."""
         bench = self.bench
-        if bench.page_lives:
-            snapshot = bench.operator.snapshot
-            if snapshot.get("silent"):
-                return "silent", f"the robot is silent for {snapshot['silence_s']:.1f} s"
+        if bench.page_lives and not bench.operator.snapshot.get("silent"):
             return bench.operator.state, bench.operator.reason
         told = re.findall(r"^([A-Z]+): (.*)$", bench.processes["robot"].said(), re.MULTILINE)
-        return told[-1] if told else ("", "")
+        state, reason = told[-1] if told else ("", "")
+        if not bench.page_lives:
+            return state, reason
+        silence_s = bench.operator.snapshot["silence_s"]
+        return "silent", f"silent for {silence_s:.1f} s; at the robot {state}: {reason}"
 
     def _stop_problem(self, case: Case, stopped_s: float) -> str:
         if case.goes_on:

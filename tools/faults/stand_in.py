@@ -11,6 +11,7 @@ import zmq
 
 from robot.link.messages import PosesMessage, Sighting
 from tools.loop.town import OVERHEAD_FPS, ROBOT
+from tools.loop.wire_watch import let_sockets_wait
 
 if TYPE_CHECKING:
     from tools.loop.bench import Bench
@@ -29,6 +30,8 @@ class StandIn:
         self.beside: Callable[[], bytes] | None = None  # makes bytes to send beside each pose
         self.besides = 1  # how many
         self._bench = bench
+        if bench.options.lockstep:
+            let_sockets_wait()
         self._link = config.open()
         self._socket = self._link.bind(zmq.PUB, config.bind_endpoint(PosesMessage.KIND), 2**21)
         self._sessions = (secrets.token_hex(8), secrets.token_hex(8))

@@ -15,14 +15,24 @@ from tools.loop.shared_time import SharedTime
 
 LONGEST_S = 0.25  # real time that one message may take
 LOOK_S = 1e-4
+PATIENT_MS = 60_000
 _pause = time.sleep  # the real one: this module is imported before time is replaced
 _real = time.perf_counter
 
 
 def install(shared: SharedTime) -> None:
     """Watch the streams and commands of this process."""
+    let_sockets_wait()
     _watch_streams(shared)
     _watch_commands(shared)
+
+
+def let_sockets_wait() -> None:
+    """ZeroMQ's own time-outs are by real time, which may be long while ours stands still."""
+    from robot.link import sockets
+
+    limits: Any = sockets
+    limits.HEARTBEAT_TIMEOUT_MS = limits.CONNECT_TIMEOUT_MS = PATIENT_MS
 
 
 def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
