@@ -35,4 +35,12 @@ def _told(stage: Stage) -> str:
     return ""
 
 
-CASES = (Case("disk full", "no file may grow any more", _full, states=(), heal=_room, check=_told),)
+CASES = (
+    Case(
+        *("disk full", "no file may grow any more", _full),
+        threshold_s=1.5,  # what is recorded reaches the disk once a second
+        states=(),
+        heal=_room,
+        check=_told,
+    ),
+)
