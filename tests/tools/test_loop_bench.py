@@ -44,9 +44,9 @@ def test_a_mission_from_the_page_to_the_wheels(stage: Stage) -> None:
 
 FAULTS = [
     ("camera", camera.CASES, "freezes"),
-    ("I2C", i2c.CASES, "one NACK"),
-    ("localizer", localizer.CASES, "doubled"),
-    ("network", network.CASES, "monitor cut"),
+    ("I2C", i2c.CASES, "chip reset"),
+    ("localizer", localizer.CASES, "killed"),
+    ("network", network.CASES, "poses cut"),
     ("programs", programs.CASES, "robot SIGKILL"),
 ]
 
