@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import logging
 import math
-import queue
 import threading
 import time
+from collections import deque
 from pathlib import Path
 from types import TracebackType
-from typing import Callable, Optional, Tuple, Type
+from typing import Callable, Deque, Optional, Tuple, Type
 
 from robot.link.telemetry import Reading
 from robot.parts import Tick
@@ -49,7 +49,9 @@ class Recorder:
         self._folder = Path(config.folder)
         self._subject = subject
         self._scribe = Scribe(config, subject, wall)
-        self._queue: "queue.Queue[Optional[Tuple[int, Heard]]]" = queue.Queue(QUEUE_TURNS)
+        self._changed = threading.Condition()
+        self._waiting: Deque[Tuple[int, Heard]] = deque()
+        self._ending = False
         self._part = 0  # counts the files
         self._began_s = self._until_s = -math.inf
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -65,9 +67,10 @@ class Recorder:
         trace: Optional[TracebackType],
     ) -> None:
         """Write what is queued and complete the file."""
-        if self._thread.is_alive():
-            self._queue.put(None)
-            self._thread.join()
+        with self._changed:
+            self._ending = True
+            self._changed.notify()
+        self._thread.join()
 
     def on_tick(self, tick: Tick) -> None:
         """Hand over this turn; returns at once."""
@@ -86,10 +89,12 @@ class Recorder:
             subject.report() if subject.report else None,
             subject.overhead() if subject.overhead else None,
         )
-        try:
-            self._queue.put_nowait((self._part, heard))
-        except queue.Full:
-            self.dropped += 1
+        with self._changed:  # held for no longer than it takes to look
+            if len(self._waiting) < QUEUE_TURNS:
+                self._waiting.append((self._part, heard))
+                self._changed.notify()
+            else:
+                self.dropped += 1
 
     def reading(self) -> Reading:
         """For the robot's health: the size of the newest file, or why there is none."""
@@ -106,22 +111,27 @@ class Recorder:
         self._recover()
         part, silent_s = 0, 0.0
         while True:
-            try:
-                item = self._queue.get(timeout=WAIT_S)
-            except queue.Empty:
-                silent_s += WAIT_S
-                if silent_s >= TAIL_S:
-                    self._scribe.end(self.dropped)
-                continue
-            silent_s = 0.0
-            if item is None or item[0] != part:
+            item, ending = self._next()
+            silent_s = 0.0 if item is not None else silent_s + WAIT_S
+            if silent_s >= TAIL_S or (item is not None and item[0] != part) or ending:
                 self._scribe.end(self.dropped)
-            if item is None:
+            if ending:
                 return
+            if item is None:
+                continue
             if item[0] != part:
                 part = item[0]
                 self._scribe.begin(item[1].tick.time_s)
             self._scribe.write(item[1])
+
+    def _next(self) -> Tuple[Optional[Tuple[int, Heard]], bool]:
+        """The turn that waits longest, if one comes soon; and whether it is all over."""
+        with self._changed:
+            if not self._waiting and not self._ending:
+                self._changed.wait(WAIT_S)
+            if self._waiting:
+                return self._waiting.popleft(), False
+            return None, self._ending
 
     def _recover(self) -> None:
         try:
