@@ -16,6 +16,8 @@ from sim_pybullet.randomise import (
     shipped_looks,
 )
 
+RANDOMISED = load_look_sampler("randomised")
+
 
 @pytest.mark.parametrize("name", shipped_looks())
 def test_every_shipped_look_can_be_drawn_and_repeats_by_seed(name: str) -> None:
@@ -36,7 +38,7 @@ def test_nominal_is_nominal_and_randomised_varies_every_named_leaf() -> None:
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_draws_stay_in_their_ranges(seed: int) -> None:
-    look = load_look_sampler("randomised")(np.random.default_rng(seed))
+    look = RANDOMISED(np.random.default_rng(seed))
     assert 0.6 <= look.ground.brightness <= 1.4
     assert max(look.ground.asphalt_rgb) - min(look.ground.asphalt_rgb) <= 24, "asphalt is grey"
     assert abs(look.camera.roll_rad) <= 0.06
