@@ -21,6 +21,8 @@ from rich.table import Table
 
 TRAIN_SECONDS = 75.0
 EPISODES = 20
+MISSIONS = 100
+NAVIGATOR = Path("robot/models/nav_dueling.onnx")
 LAPS = 2
 
 
@@ -34,11 +36,12 @@ class Stage:
 
 
 def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
-    """The four stages of the demo, writing into ``out``."""
+    """The five stages of the demo, writing into ``out``."""
     run, model = out / "lane", out / "lane" / "model.onnx"
     evaluation = out / "evaluation.json"
     train = f"train --task lane --algo dueling --preset fast --map loop --seed {seed} --resume"
     evaluate = f"evaluate --task lane --map loop --episodes {EPISODES} --seed 1000"
+    town = f"evaluate --task navigation --map town --look randomised --episodes {MISSIONS}"
     drive = f"--map loop --model {model} --laps {LAPS} --video {out}/drive.mp4"
     return (
         Stage(
@@ -56,6 +59,12 @@ def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
             f"Drive {LAPS} laps in the loop: the robot's runtime on virtual camera and stepper HAT",
             ("tools.loop", *drive.split(), "--json", str(out / "loop.json")),
             out / "loop.json",
+        ),
+        Stage(
+            f"Drive {MISSIONS} missions in a town that the shipped policy never saw, poses drifting",
+            ("trainer", *town.split(), "--pose-error", "arena", "--model", str(NAVIGATOR), "--json")
+            + (str(out / "navigation.json"),),
+            out / "navigation.json",
         ),
     )
 
@@ -80,7 +89,7 @@ def read(path: Path) -> dict:
 def summarise(out: Path, total_s: float) -> dict:
     """The demo's metrics from the files of its stages."""
     training, evaluation = read(out / "lane" / "metrics.json"), read(out / "evaluation.json")
-    loop = read(out / "loop.json")
+    loop, navigation = read(out / "loop.json"), read(out / "navigation.json")
     return {
         "schema": 1,
         "inputs": {"map": "loop", "algo": "dueling", "preset": "fast", "episodes": EPISODES},
@@ -89,6 +98,7 @@ def summarise(out: Path, total_s: float) -> dict:
         "success_rate": evaluation["success_rate"],
         "mean_path_distance_m": evaluation["mean_path_distance_m"],
         "loop_laps": loop["laps"],
+        "missions_arrived": round(navigation["success_rate"] * MISSIONS),
         "total_seconds": round(total_s, 1),
     }
 
@@ -102,6 +112,7 @@ def show(metrics: dict, out: Path, console: Console) -> None:
     table.add_row("two laps kept", f"{metrics['success_rate']:.0%} of {EPISODES} episodes")
     table.add_row("mean distance to the lane", f"{100 * metrics['mean_path_distance_m']:.1f} cm")
     table.add_row("laps through the virtual HAT", f"{metrics['loop_laps']:.2f}")
+    table.add_row("missions in a town", f"{metrics['missions_arrived']} of {MISSIONS} arrived")
     table.add_row("all of it took", f"{metrics['total_seconds']:.0f} s")
     for name, path in (
         ("learning curve", out / "lane" / "curve.png"),
