@@ -29,8 +29,8 @@ class Evaluated:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Larger is better."""
-        return (self.success_rate, self.mean_reward)
+        """Larger is better. Reward counts for each decision, since missions differ in length."""
+        return (self.success_rate, self.mean_reward / max(self.mean_steps, 1.0))
 
 
 @dataclass

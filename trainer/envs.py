@@ -27,8 +27,7 @@ _TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {
 }
 
 
-# Worlds of a run, over all maps: a second and 160 MB for eight of them. With 48, policies for
-# navigation arrived always where they were trained, and failed in 1 of 28 new looks.
+# Worlds of a run, over all maps: a second and 160 MB for eight of them.
 _PAINTED = {"lane": 48, "navigation": 144}
 _FEWEST_LOOKS = 4  # of each map
 
