@@ -89,7 +89,10 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"faults: {error}", file=sys.stderr)
         return 2 if isinstance(error, DuckpilotError) else 1
     if options.report:
-        write_report(outcomes, options.report)
+        met = {(outcome.family, outcome.name) for outcome in outcomes}
+        every = [(family, case.name) for family, cases in FAMILIES.items() for case in cases]
+        unmet = [f"{family} {name}" for family, name in every if (family, name) not in met]
+        write_report(outcomes, options.report, unmet)
     failed = [outcome for outcome in outcomes if not outcome.passed]
     for outcome in failed:
         print(f"{outcome.family}, {outcome.name}: {outcome.problem}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from tools.faults.case import STOP_BUDGET_S, Outcome
@@ -20,9 +21,11 @@ there is no page). A dash: the robot must drive on, or did not drive.
 """
 
 
-def write_report(outcomes: list[Outcome], path: Path) -> None:
-    """Write the table, whole or not at all."""
+def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
+    """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
     lines = [HEAD, _how(outcomes)]
+    if unmet:
+        lines.append(f"Not met in this run: {', '.join(unmet)}.\n")
     for family in dict.fromkeys(outcome.family for outcome in outcomes):
         lines.append(f"\n## {family[0].upper()}{family[1:]}\n\n")
         lines.append("| fault | | counts after [ms] | last step [ms] | shown | |\n")
