@@ -198,8 +198,7 @@ class Stage:
 
     def _hears(self) -> bool:
         self.bench.operator.look()
-        heard = {i["name"]: i["age_s"] for i in self.bench.operator.robot.get("inputs", ())}
-        return (heard.get("pose") or 9.0) < 0.3
+        return self.bench.operator.age_s("pose") < 0.3
 
 
 def _straightness(points: np.ndarray) -> float:

@@ -205,8 +205,7 @@ class Bench:
 
         def met() -> bool:
             self.operator.look()
-            ages = {i["name"]: i["age_s"] for i in self.operator.robot.get("inputs", ())}
-            return bool(self.operator.robot.get("pose")) and (ages.get("operator") or 9.0) < 0.5
+            return bool(self.operator.robot.get("pose")) and self.operator.age_s("operator") < 0.5
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import math
 import re
 import select
 import socket
@@ -60,6 +61,12 @@ class Operator:
     def mission(self) -> dict[str, Any]:
         """The mission's status; empty without one."""
         return self.robot.get("mission") or {}
+
+    def age_s(self, name: str) -> float:
+        """How old an input of the robot is, as the robot says; infinite when it never came."""
+        ages = {i["name"]: i["age_s"] for i in self.robot.get("inputs", ())}
+        age_s = ages.get(name)
+        return math.inf if age_s is None else float(age_s)
 
     def turn(self) -> None:
         """Let a moment pass, and look at the page."""
