@@ -49,6 +49,9 @@ ACTION_WHEELS: Tuple[WheelSpeeds, ...] = tuple(DRIVE.wheels(twist) for twist in 
 MAX_WHEEL_MPS = max(max(wheels) for wheels in ACTION_WHEELS)
 
 
+ActionTable = Tuple[Tuple[float, float], ...]
+
+
 @dataclass(frozen=True)
 class ImageSpec:
     """The picture a policy sees: the frame resized to width x height, less its top rows."""
@@ -71,16 +74,19 @@ class ImageSpec:
 class PolicyContract:
     """Travels inside every ONNX file, as JSON under the metadata key ``duckpilot``.
 
-    ONNX inputs: ``image`` uint8 (N, H, W, 3) RGB and, when ``path_points`` > 0, ``path`` float32
-    (N, path_points) in [-1, 1]. Output: ``values`` float32 (N, actions); greedy is its argmax.
+    ONNX inputs: ``image`` uint8 (N, H, W, 3 frames) RGB and, when ``path_points`` > 0, ``path``
+    float32 (N, path_points) in [-1, 1]. Output: ``values`` float32 (N, actions); greedy is its
+    argmax.
     """
 
     task: str  # lane, navigation or track
     algorithm: str
     image: ImageSpec = ImageSpec()
     path_points: int = 0
-    actions: Tuple[Tuple[float, float], ...] = tuple((w[0], w[1]) for w in ACTION_WHEELS)
+    # Left and right rim speed [m/s]; of a race car (task track) steering and throttle, -1 to 1.
+    actions: ActionTable = tuple((w[0], w[1]) for w in ACTION_WHEELS)
     control_dt_s: float = CONTROL_DT_S
+    frames: int = 1  # pictures behind each other along the colour axis, the newest last
     run: str = ""  # name of the training run
     trained_steps: int = 0
     score: float = float("nan")  # success rate of the training run's last evaluation
@@ -89,9 +95,17 @@ class PolicyContract:
 
     METADATA_KEY = "duckpilot"
 
+    @property
+    def picture_shape(self) -> Tuple[int, int, int]:
+        """(H, W, 3 frames) of what the network sees."""
+        height, width, channels = self.image.shape
+        return (height, width, channels * self.frames)
+
     def to_json(self) -> str:
         """One line of JSON; a score that was never measured is written as null."""
         plain = to_plain(self)
+        if self.frames == 1:
+            del plain["frames"]  # robots that know nothing of stacked pictures read the rest
         if math.isnan(self.score):
             plain["score"] = None
         return json.dumps(plain, sort_keys=True)

@@ -7,6 +7,7 @@ from typing import Dict, Optional, Union
 
 import numpy as np
 
+from robot.contract import ACTION_WHEELS, ActionTable
 from robot.errors import ContractError
 from robot.policy_file import open_session, read_contract
 
@@ -18,15 +19,18 @@ class OnnxPolicy:
         path: the model; its metadata holds a ``PolicyContract``.
         threads: of one inference. One is as fast as four for these networks, and leaves the
             other cores of a Jetson Nano to the camera and the motors.
+        actions: the table that the policy must have been trained for.
 
     Raises:
         ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
             metadata, or its actions, inputs, outputs or values are not those of the contract.
     """
 
-    def __init__(self, path: Union[str, Path], threads: int = 1) -> None:
+    def __init__(
+        self, path: Union[str, Path], threads: int = 1, actions: ActionTable = ACTION_WHEELS
+    ) -> None:
         self.path = Path(path)
-        self.contract = read_contract(self.path)
+        self.contract = read_contract(self.path, actions)
         self._session = open_session(self.path, self.contract, threads)
         self._warm_up()
 
@@ -34,7 +38,8 @@ class OnnxPolicy:
         """What each action is worth: (N, actions) float32; the best is the greatest.
 
         Args:
-            images: (N, H, W, 3) uint8 RGB, as ``preprocess`` makes them for ``contract.image``.
+            images: (N, H, W, 3 frames) uint8 RGB, as ``preprocess`` makes each for
+                ``contract.image``.
             path: (N, path_points) float32 in [-1, 1] for a navigating policy, else None.
 
         Raises:
@@ -59,10 +64,10 @@ class OnnxPolicy:
         return self.values(images, path).argmax(axis=1)
 
     def _checked_images(self, images: np.ndarray) -> np.ndarray:
-        shape = self.contract.image.shape
+        shape = self.contract.picture_shape
         if images.ndim != 4 or images.shape[1:] != shape or images.dtype != np.uint8:
             raise ContractError(
-                f"image: expected (N, {shape[0]}, {shape[1]}, 3) uint8, got {images.shape} "
+                f"image: expected (N, {', '.join(map(str, shape))}) uint8, got {images.shape} "
                 f"{images.dtype}; make it with preprocess(frame, policy.contract.image)"
             )
         return np.ascontiguousarray(images)
@@ -92,7 +97,7 @@ class OnnxPolicy:
     def _warm_up(self) -> None:
         """Two batch sizes, dark and bright: slow first calls and broken exports show here."""
         for count in (2, 1):
-            ramp = np.linspace(0, 255, num=int(np.prod(self.contract.image.shape)))
-            image = ramp.astype(np.uint8).reshape(self.contract.image.shape)
+            ramp = np.linspace(0, 255, num=int(np.prod(self.contract.picture_shape)))
+            image = ramp.astype(np.uint8).reshape(self.contract.picture_shape)
             path = np.zeros((count, self.contract.path_points), np.float32)
             self.values(np.stack([image] * count), path if path.size else None)

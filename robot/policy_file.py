@@ -7,7 +7,7 @@ from typing import Any, Union
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, CONTROL_DT_S, PATH_POINTS, PolicyContract
+from robot.contract import ACTION_WHEELS, CONTROL_DT_S, PATH_POINTS, ActionTable, PolicyContract
 from robot.errors import ContractError, DuckpilotError
 from robot.network_file import Tensor, open_network, read_metadata
 
@@ -15,8 +15,12 @@ SPEED_TOLERANCE_MPS = 1e-6  # between the action table of a model and ours
 REMEDY = "export the policy with python -m trainer export"
 
 
-def read_contract(path: Union[str, Path]) -> PolicyContract:
+def read_contract(path: Union[str, Path], actions: ActionTable = ACTION_WHEELS) -> PolicyContract:
     """The contract inside a policy file, checked against ours, without loading its network.
+
+    Args:
+        path: of the file.
+        actions: the table that the policy must have been trained for.
 
     Raises:
         ContractError: see ``OnnxPolicy``.
@@ -26,13 +30,13 @@ def read_contract(path: Union[str, Path]) -> PolicyContract:
         contract = PolicyContract.from_json(text)
     except DuckpilotError as error:
         raise ContractError(f"{path}: {error}") from error
-    _check_drive(path, contract)
+    _check_drive(path, contract, actions)
     return contract
 
 
-def _check_drive(path: Union[str, Path], contract: PolicyContract) -> None:
+def _check_drive(path: Union[str, Path], contract: PolicyContract, expected: ActionTable) -> None:
     actions = np.array(contract.actions, dtype=float)
-    ours = np.array(ACTION_WHEELS, dtype=float)
+    ours = np.array(expected, dtype=float)
     if actions.shape != ours.shape or not np.allclose(actions, ours, 0.0, SPEED_TOLERANCE_MPS):
         raise ContractError(
             f"{path}: expected actions {ours.tolist()} [m/s left, right], "
@@ -56,7 +60,7 @@ def open_session(path: Path, contract: PolicyContract, threads: int) -> Any:
     Raises:
         ContractError: see ``OnnxPolicy``.
     """
-    inputs = [Tensor("image", "tensor(uint8)", (None, *contract.image.shape))]
+    inputs = [Tensor("image", "tensor(uint8)", (None, *contract.picture_shape))]
     if contract.path_points:
         inputs.append(Tensor("path", "tensor(float)", (None, contract.path_points)))
     outputs = [Tensor("values", "tensor(float)", (None, len(contract.actions)))]

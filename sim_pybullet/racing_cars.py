@@ -11,13 +11,13 @@ from enum import IntEnum
 
 import numpy as np
 
+from robot.contract import ActionTable
 from robot.geometry import wrap_angle
 from robot.path_batch import PathBatch
 from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.track import SCALE
-from sim_pybullet.vehicle import ActionTable
 
 
 class RacingAction(IntEnum):
@@ -38,6 +38,7 @@ class RacingAction(IntEnum):
 RACING_ACTIONS: ActionTable = tuple(
     (float(steer), float(throttle)) for throttle in (1, -1, 0) for steer in (0, 1, -1)
 )
+FRAMES = 4  # that a racing policy sees (paper B, section 3.1)
 TOP_SPEED_MPS = 25.0
 ENGINE_MPS2 = 5.0  # at rest; nothing is left of it at top speed
 BRAKE_MPS2 = 9.0

@@ -40,13 +40,19 @@ def shipped_looks() -> dict[str, Path]:
     return {str(name): path for name, path in {**files, **folders}.items() if path != LOOKS_DIR}
 
 
-def load_looks(source: str | Path, pose_error: str | None = None) -> list[Look] | Sampler:
-    """As `load_look_sampler`; for a folder the list of its looks, each file drawn from once."""
+def looks_of(source: str | Path) -> list[Path]:
+    """The files of a folder of looks; of a file itself; names as of `load_looks`."""
     path = _find(source)
-    if not path.is_dir():
-        return load_look_sampler(path, pose_error)
-    rng = np.random.default_rng(0)
-    return [load_look_sampler(file, pose_error)(rng) for file in _looks_in(path)]
+    return _looks_in(path) if path.is_dir() else [path]
+
+
+def load_looks(
+    source: str | Path, pose_error: str | None = None, without: Sequence[str] = ()
+) -> list[Look] | Sampler:
+    """As `load_look_sampler`, but files without distributions are listed: one, or a folder's."""
+    samplers = [load_look_sampler(file, pose_error, without) for file in looks_of(source)]
+    first, again = ([s(np.random.default_rng(k)) for s in samplers] for k in (0, 1))
+    return first if first == again else load_look_sampler(source, pose_error, without)
 
 
 def load_look_sampler(

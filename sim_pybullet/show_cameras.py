@@ -63,7 +63,7 @@ def sheet(scene: Scene, rig: CameraRig, poses: np.ndarray) -> np.ndarray:
     for i in range(len(poses)):
         ray.set_robot(i, scene, rig)
     reference = PyBulletCamera(scene, rig, FRAME)
-    columns = [reference.render(poses), ray.render(poses), _coloured(ray.segment(poses))]
+    columns = [reference.render(poses), ray.render(poses), coloured(ray.segment(poses))]
     reference.close()
     rows = [np.hstack(frames) for frames in zip(*columns, strict=True)]
     picture = np.vstack([_captions(FRAME.width_px, ("PyBullet", "ray camera", "classes")), *rows])
@@ -93,7 +93,8 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _coloured(labels: np.ndarray) -> np.ndarray:
+def coloured(labels: np.ndarray) -> np.ndarray:
+    """Classes (...) as colours (..., 3) uint8 RGB."""
     palette = np.zeros((len(SemanticClass), 3), np.uint8)
     for kind, rgb in CLASS_RGB.items():
         palette[kind] = rgb

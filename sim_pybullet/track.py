@@ -17,7 +17,7 @@ import numpy as np
 
 from robot.errors import ConfigError, MapError, nearest
 from robot.path import Path
-from robot.typed_config import load_yaml
+from robot.typed_config import load_yaml, read_yaml
 
 SCALE = 0.05  # metres of the simulated world per metre of a track
 TRACKS_DIR = FilePath(__file__).parent / "tracks"
@@ -101,6 +101,14 @@ def segment_length_m(segment: Segment) -> float:
 def shipped_tracks() -> dict[str, FilePath]:
     """The tracks that come with the project, by name."""
     return {path.stem: path for path in sorted(TRACKS_DIR.glob("*.yaml"))}
+
+
+def is_track(source: str | FilePath) -> bool:
+    """Whether this names a track, not a map; what does not exist is none."""
+    path = FilePath(source)
+    if not path.exists():
+        return str(source) in shipped_tracks()
+    return path.suffix == ".xml" or "segments" in read_yaml(path)
 
 
 def load_track(source: str | FilePath) -> Track:

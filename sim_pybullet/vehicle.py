@@ -6,13 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS
+from robot.contract import ACTION_WHEELS, ActionTable
 from robot.path_batch import PathBatch
 from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import MotorModel
 
-ActionTable = tuple[tuple[float, float], ...]
 ACTION_TABLE = np.array(ACTION_WHEELS)  # (5, 2) left and right rim speed [m/s]
 
 

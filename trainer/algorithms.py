@@ -14,8 +14,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from robot.contract import ACTION_TWISTS, PATH_POINTS
-from trainer.config import A2cConfig, DaggerConfig, PpoConfig, QConfig, RunConfig
+from trainer.config import SHAPES, A2cConfig, A3cConfig, DaggerConfig, PpoConfig, QConfig, RunConfig
 from trainer.dagger import Dagger
 from trainer.dqn import ChannelLast, DoubleDQN
 from trainer.networks import DrivingFeatures, DuelingPolicy, QPolicy
@@ -60,6 +59,7 @@ def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:
             ent_coef=learn.entropy,
             vf_coef=learn.value,
         )
+    assert isinstance(learn, A2cConfig), "A3C builds itself"
     return ChannelLastA2C(**common, **_a2c_arguments(learn))
 
 
@@ -72,14 +72,14 @@ def learning_rates(config: RunConfig) -> Callable[[float], float]:
 def build_policy(config: RunConfig) -> BasePolicy:
     """The policy alone, untrained and without an environment, as export and summary need it."""
     arguments = policy_arguments(config)
-    actions = spaces.Discrete(len(ACTION_TWISTS))
+    actions = spaces.Discrete(len(SHAPES[config.task].actions))
     arguments["lr_schedule"] = lambda _: config.learn.learning_rate
     return policy_class(config)(observation_space(config), actions, **arguments)
 
 
 def policy_class(config: RunConfig) -> type[BasePolicy]:
     """Which stable-baselines3 policy the algorithm trains."""
-    if isinstance(config.learn, (PpoConfig, A2cConfig)):
+    if isinstance(config.learn, (PpoConfig, A2cConfig, A3cConfig)):
         return ActorCriticPolicy
     return DuelingPolicy if config.algorithm == "dueling" else QPolicy
 
@@ -100,10 +100,12 @@ def policy_arguments(config: RunConfig) -> dict[str, Any]:
 
 def observation_space(config: RunConfig) -> spaces.Space:
     """What the policy of this run sees."""
-    image = spaces.Box(0, 255, config.image.shape, np.uint8)
-    if config.task == "lane":
+    height, width, channels = config.image.shape
+    shape = SHAPES[config.task]
+    image = spaces.Box(0, 255, (height, width, channels * shape.frames), np.uint8)
+    if not shape.path_points:
         return image
-    path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+    path = spaces.Box(-1.0, 1.0, (shape.path_points,), np.float32)
     return spaces.Dict({"image": image, "path": path})
 
 

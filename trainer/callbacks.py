@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -67,28 +66,29 @@ class EpisodeRecorder(BaseCallback):
         self._lengths = np.zeros(self.training_env.num_envs, dtype=int)
 
     def _on_step(self) -> bool:
-        self._rewards += self.locals["rewards"] / self._reward_scale
-        self._lengths += 1
-        for robot in np.flatnonzero(self.locals["dones"]):
-            self._end(int(robot), self.locals["infos"][robot])
+        if "episodes" in self.locals:  # of asynchronous workers, who count for themselves
+            for robot, reward, length, success in self.locals["episodes"]:
+                self._add(robot, reward, length, success)
+        else:
+            self._count()
         if self._clock() - self._logged >= LOG_PERIOD_S:
             self._logged = self._clock()
             self._log.flush()
             self._write_scalars()
         return True
 
-    def _end(self, robot: int, info: dict[str, Any]) -> None:
-        episode = Episode(
-            self.num_timesteps,
-            self._state.seconds,
-            robot,
-            float(self._rewards[robot]),
-            int(self._lengths[robot]),
-            bool(info.get("is_success", False)),
-        )
+    def _count(self) -> None:
+        self._rewards += self.locals["rewards"] / self._reward_scale
+        self._lengths += 1
+        for robot in np.flatnonzero(self.locals["dones"]):
+            success = bool(self.locals["infos"][robot].get("is_success", False))
+            self._add(int(robot), float(self._rewards[robot]), int(self._lengths[robot]), success)
+            self._rewards[robot], self._lengths[robot] = 0.0, 0
+
+    def _add(self, robot: int, reward: float, length: int, success: bool) -> None:
+        episode = Episode(self.num_timesteps, self._state.seconds, robot, reward, length, success)
         self._log.add(episode)
         self.recent.append(episode)
-        self._rewards[robot], self._lengths[robot] = 0.0, 0
 
     def _write_scalars(self) -> None:
         if self.recent:

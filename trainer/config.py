@@ -10,15 +10,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from robot.contract import ImageSpec
+from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
 from robot.errors import ConfigError, nearest
+from sim_pybullet.racing_cars import FRAMES, RACING_ACTIONS
 from sim_pybullet.randomise import is_reality
 
 T = TypeVar("T")
 
 _WHOLE_FRAME = ImageSpec()
+WHEELED: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
 
-TASKS = {"lane": "loop", "navigation": "arena"}  # and where each is learned by default
+TASKS = {"lane": "loop", "navigation": "arena", "track": "forest"}  # and where it is learned
 TESTS = {
     **TASKS,
     "four_laps": "loop",
@@ -27,10 +29,26 @@ TESTS = {
 
 
 @dataclass(frozen=True)
+class TaskShape:
+    """What a task's policy sees and may choose."""
+
+    actions: ActionTable = WHEELED
+    path_points: int = 0
+    frames: int = 1  # stacked pictures
+
+
+SHAPES: Mapping[str, TaskShape] = {
+    "lane": TaskShape(),
+    "navigation": TaskShape(path_points=PATH_POINTS),
+    "track": TaskShape(RACING_ACTIONS, frames=FRAMES),
+}
+
+
+@dataclass(frozen=True)
 class NetConfig:
     """Widths of the network; kernels and strides are in `trainer.networks`."""
 
-    channels: tuple[int, int, int] = (16, 32, 32)  # of the three convolutions
+    channels: tuple[int, ...] = (16, 32, 32)  # of the three or four convolutions
     image_fc: int = 256  # first fully connected layer, shared by actor and critic
     path_fc: tuple[int, int] = (64, 128)  # the path branch, where there is one
     head_fc: int = 128  # second fully connected layer, one per head
@@ -102,12 +120,29 @@ class DaggerConfig:
     max_grad_norm: float = 10.0
 
 
-AlgorithmConfig = QConfig | PpoConfig | A2cConfig | DaggerConfig
+@dataclass(frozen=True)
+class A3cConfig:
+    """Asynchronous advantage actor-critic (Mnih et al. 2016)."""
+
+    workers: int = 12
+    robots: int = 1  # of each worker
+    learning_rate: float = 7e-4
+    gamma: float = 0.95
+    a3c_rollout: int = 20
+    rms_decay: float = 0.99
+    rms_epsilon: float = 1e-5
+    entropy: float = 0.01
+    value: float = 0.5
+    max_grad_norm: float = 0.5
+
+
+AlgorithmConfig = QConfig | PpoConfig | A2cConfig | DaggerConfig | A3cConfig
 
 ALGORITHMS: Mapping[str, AlgorithmConfig] = {
     "ddqn": QConfig(),
     "dueling": QConfig(),
     "a2c": A2cConfig(),
+    "a3c": A3cConfig(),
     "ppo": PpoConfig(),
     "dagger": DaggerConfig(),
 }
@@ -179,6 +214,8 @@ def preset(task: str, algorithm: str, name: str) -> RunConfig:
     run = RunConfig(task, algorithm, name, learn, maps, image=_FAST_IMAGE)
     if task == "navigation":
         run = _navigation(run)
+    elif task == "track":
+        run = _track(run)
     makers = {"paper": _paper, "fast": lambda config: config, "debug": _debug}
     return choose("preset", name, makers)(run)
 
@@ -204,9 +241,31 @@ def _navigation(run: RunConfig) -> RunConfig:
     )
 
 
+def _track(run: RunConfig) -> RunConfig:
+    """Pictures reach up to the horizon, where a fast car looks; a reward is worth what it is."""
+    learn = run.learn
+    if isinstance(learn, A3cConfig):
+        learn = replace(learn, robots=4)
+    if not isinstance(learn, DaggerConfig):
+        learn = replace(learn, gamma=0.97)
+    return replace(
+        run,
+        learn=learn,
+        image=replace(_FAST_IMAGE, crop_top_px=12),
+        net=NetConfig((16, 32, 32, 32)),
+        reward_scale=1.0,
+        steps=1_000_000,
+        evaluation=EvaluationConfig(episodes=8, every_steps=25_000),
+    )
+
+
 def _paper(run: RunConfig) -> RunConfig:
     net = _PAPER_NET if run.task == "lane" else replace(_PAPER_NET, image_fc=256)
     learn = run.learn
+    if run.task == "track":
+        net = replace(net, channels=(32, 64, 64, 64))
+    if isinstance(learn, A3cConfig):  # paper B, section 3.1
+        learn = replace(learn, robots=1, learning_rate=0.01, rms_decay=0.9, rms_epsilon=0.1)
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=20_000)  # 58 kB a picture, each kept twice: 2.3 GB
     return replace(run, image=_WHOLE_FRAME, net=net, learn=learn, steps=2_000_000, device="auto")
@@ -216,6 +275,8 @@ def _debug(run: RunConfig) -> RunConfig:
     small = {"robots": 4}
     if isinstance(run.learn, (QConfig, DaggerConfig)):
         small.update(buffer=1_000, warm_up=64, batch=16)
+    elif isinstance(run.learn, A3cConfig):
+        small.update(robots=1, workers=2)
     elif isinstance(run.learn, PpoConfig):
         small.update(rollout=16, minibatch=32)
     learn = replace(run.learn, **small)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
@@ -11,28 +12,33 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from robot.road_map import RoadMap, load_map
 from robot.translator import open_translator
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.place import Place
+from sim_pybullet.pool import Looks
+from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.tasks.base import Task
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from sim_pybullet.tasks.navigation import Navigation
+from sim_pybullet.tasks.track_racing import TrackRacing
+from sim_pybullet.track import load_track
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
 
-_TASKS: dict[str, Callable[[Sequence[RoadMap], int], Task]] = {
+_TASKS: dict[str, Callable[[Sequence[Any], int], Task]] = {
     "lane": LaneKeeping,
     "navigation": Navigation,
     "four_laps": partial(LaneKeeping, laps=4.0),
     "manoeuvres": Manoeuvres,
+    "track": TrackRacing,
 }
 
 
-# Worlds of a run, over all maps: a second and 160 MB for eight of them.
-_PAINTED = {"lane": 48, "navigation": 144}
+# Worlds of a run, over all maps: a second and 160 MB for eight of them; a track takes some 50 MB.
+_PAINTED = {"lane": 48, "navigation": 144, "track": 12}
 _FEWEST_LOOKS = 4  # of each map
 
 
-def build_task(name: str, road_maps: Sequence[RoadMap], robots: int) -> Task:
+def build_task(name: str, road_maps: Sequence[Place], robots: int) -> Task:
     """The task of that name for so many robots.
 
     Raises:
@@ -42,6 +48,28 @@ def build_task(name: str, road_maps: Sequence[RoadMap], robots: int) -> Task:
     return choose("task", name, _TASKS)(road_maps, robots)
 
 
+def load_places(task: str, names: Sequence[str]) -> list[Place]:
+    """The maps of these names, or the tracks where the task drives on tracks.
+
+    Raises:
+        DuckpilotError: one that is absent or wrong.
+    """
+    if task == "track":
+        return [load_track(name) for name in names]
+    return [load_map(name) for name in names]
+
+
+def find_looks(
+    task: str, look: str, pose_error: str | None, without: Sequence[str] = ()
+) -> Looks:
+    """A sampler of looks; of a track, whose walls never change, the looks themselves if fixed.
+
+    Raises:
+        ConfigError: no such look.
+    """
+    return (load_looks if task == "track" else load_look_sampler)(look, pose_error, without)
+
+
 def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own.
 
@@ -49,13 +77,14 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
         DuckpilotError: a map, look or translator that is absent or does not fit.
     """
     translator = open_translator(config.translate, config.image) if config.translate else None
-    road_maps = [load_map(name) for name in config.maps]
+    places = load_places(config.task, config.maps)
     if config.task == "navigation":
-        task: Task = Navigation(road_maps, robots, config.start_spread)
+        maps = [place for place in places if isinstance(place, RoadMap)]
+        task: Task = Navigation(maps, robots, config.start_spread)
     else:
-        task = build_task(config.task, road_maps, robots)
-    looks = load_look_sampler(config.look, config.pose_error, config.without)
-    pool_size = max(_PAINTED.get(config.task, 48) // len(road_maps), _FEWEST_LOOKS)
+        task = build_task(config.task, places, robots)
+    looks = find_looks(config.task, config.look, config.pose_error, config.without)
+    pool_size = max(_PAINTED.get(config.task, 48) // len(places), _FEWEST_LOOKS)
     world = BatchWorld(task, looks, config.image, seed, pool_size, translator=translator)
     return DuckpilotVecEnv(world)
 

@@ -6,22 +6,29 @@ share of episodes that succeeded.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from robot.contract import PolicyContract
 from robot.errors import ConfigError
+from robot.network_file import read_metadata
 from robot.policy import OnnxPolicy
+from robot.policy_file import REMEDY
 from robot.preprocess import preprocess_batch
-from robot.road_map import RoadMap
 from robot.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.place import Place
 from sim_pybullet.pool import Looks
+from sim_pybullet.racing_cars import RACING_ACTIONS
 from sim_pybullet.tasks import manoeuvres
+from sim_pybullet.track import SCALE
 from trainer.config import choose
 from trainer.drive_log import DriveLog, Tracer
 from trainer.envs import build_task
@@ -29,7 +36,7 @@ from trainer.envs import build_task
 ROBOTS = 20  # at once
 # Episodes of each robot in one world. Missions differ in length: were each the only one of its
 # robot, most robots would wait most of the time.
-ROUNDS = {"lane": 1, "four_laps": 1, "navigation": 5, "manoeuvres": manoeuvres.ROUNDS}
+ROUNDS = {"lane": 1, "four_laps": 1, "navigation": 5, "manoeuvres": manoeuvres.ROUNDS, "track": 1}
 _FEWEST_LOOKS = 4  # of each map in one world
 _FIRST_WORLD = 1_000_000_007  # seeds of worlds, away from those that runs are trained with
 
@@ -42,6 +49,8 @@ class Drive(NamedTuple):
     seed: int
     success: bool
     metrics: DriveMetrics
+    failed: bool = False  # off the lane, lost or in collision, not just out of time
+    laps: float = math.nan  # driven, where the task counts them
 
 
 @dataclass(frozen=True)
@@ -74,13 +83,33 @@ class Evaluation:
     failures: tuple[int, ...]  # seeds; ``--seed S --episodes 1`` runs one again
     algorithm: str
     run: str
+    collisions: int = 0  # episodes that ended off the lane, lost or in collision
+    laps: float = math.nan  # driven in an episode, where the task counts them
+    mean_speed_mps: float = math.nan  # of a race car: on the real track
     schema: int = 1
+
+
+def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
+    """The policy in a file, for robots or for race cars; ``task``: what it shall do, if known.
+
+    Raises:
+        ContractError: see ``OnnxPolicy``.
+        ConfigError: a robot's policy shall race, or a race car's policy drive a robot.
+    """
+    trained_for = json.loads(read_metadata(model, PolicyContract.METADATA_KEY, REMEDY)).get("task")
+    races = trained_for == "track"
+    if task is not None and (task == "track") != races:
+        raise ConfigError(
+            f"{model}: expected a policy for {task}, got one for {trained_for}; "
+            "race tracks and Duckietown roads are driven by different vehicles"
+        )
+    return OnnxPolicy(model, actions=RACING_ACTIONS) if races else OnnxPolicy(model)
 
 
 def evaluate(
     policy: DrivingPolicy,
     task: str,
-    road_maps: Sequence[RoadMap],
+    road_maps: Sequence[Place],
     looks: Looks,
     seeds: range,
     finished: Callable[[Drive], None],
@@ -110,8 +139,8 @@ def evaluate(
         )
         tracer = None if log is None else Tracer(world, np.where(wanted, numbers, -1), log)
         try:
-            for episode, success, metrics in _drive(policy, world, wanted, zero, tracer):
-                drives.append(Drive(int(numbers[episode]), success, metrics))
+            for episode, drive in _drive(policy, world, wanted, zero, tracer):
+                drives.append(drive._replace(seed=int(numbers[episode])))
                 finished(drives[-1])
         finally:
             world.close()
@@ -123,6 +152,7 @@ def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) ->
     metrics = [drive.metrics for drive in drives]
     successes = sum(drive.success for drive in drives)
     time_s = sum(m.survival_time_s for m in metrics)
+    scale = SCALE if inputs.task == "track" else 1.0
     return Evaluation(
         inputs=inputs,
         episodes=len(drives),
@@ -135,6 +165,9 @@ def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) ->
         failures=tuple(drive.seed for drive in drives if not drive.success),
         algorithm=policy.contract.algorithm,
         run=policy.contract.run,
+        collisions=sum(drive.failed for drive in drives),
+        laps=float(np.mean([drive.laps for drive in drives])),
+        mean_speed_mps=sum(m.driven_lane_m for m in metrics) / time_s / scale,
     )
 
 
@@ -152,9 +185,10 @@ def _drive(
     wanted: np.ndarray,
     zero: str | None,
     tracer: Tracer | None,
-) -> Iterator[tuple[tuple[int, int], bool, DriveMetrics]]:
-    """The wanted (robots, rounds) episodes, as each ends: robot and round, success, figures."""
+) -> Iterator[tuple[tuple[int, int], Drive]]:
+    """The wanted (robots, rounds) episodes, as each ends: robot and round, and how it went."""
     observation = world.reset()
+    names = world.task.fact_names
     rounds, missing = np.zeros(world.n_robots, dtype=int), wanted.copy()
     while missing.any():
         if tracer is not None:
@@ -167,12 +201,17 @@ def _drive(
             episode = (int(robot), int(rounds[robot]))
             if episode[1] < wanted.shape[1] and missing[episode]:
                 missing[episode] = False
-                yield episode, bool(step.task.success[robot]), metrics
+                facts = dict(zip(names, step.task.facts[:, robot].tolist(), strict=True))
+                success, failed = step.task.success[robot], step.task.terminated[robot]
+                laps = facts.get("laps", math.nan)
+                yield episode, Drive(0, bool(success), metrics, bool(failed), laps)
             rounds[robot] += 1
 
 
 def _choose(policy: DrivingPolicy, observation: Observation, zero: str | None) -> np.ndarray:
-    pictures = preprocess_batch(observation.image, policy.contract.image)
+    stack, image = observation.image, policy.contract.image
+    frames = [stack[..., k : k + 3] for k in range(0, stack.shape[-1], 3)]
+    pictures = np.concatenate([preprocess_batch(frame, image) for frame in frames], axis=-1)
     path = observation.path
     if zero == "image":
         pictures = np.zeros_like(pictures)

@@ -15,11 +15,11 @@ from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from stable_baselines3.common.vec_env import VecEnv
 
-from robot.contract import PATH_POINTS, PolicyContract
+from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from trainer.algorithms import build_policy
 from trainer.checkpoint import load_policy, read_state
-from trainer.config import RunConfig
+from trainer.config import SHAPES, RunConfig
 from trainer.greedy import collect_observations
 from trainer.networks import GreedyNetwork
 from trainer.run import RunFolder, atomically
@@ -94,7 +94,9 @@ def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
         task=config.task,
         algorithm=config.algorithm,
         image=config.image,
-        path_points=0 if config.task == "lane" else PATH_POINTS,
+        path_points=SHAPES[config.task].path_points,
+        actions=SHAPES[config.task].actions,
+        frames=SHAPES[config.task].frames,
         run=folder.name,
         trained_steps=best.step if best else 0,
         score=best.success_rate if best else float("nan"),
@@ -108,7 +110,7 @@ def export_network(network: GreedyNetwork, contract: PolicyContract, path: Path)
     opset 17.
     """
     inputs = ["image"] if contract.path_points == 0 else ["image", "path"]
-    examples: list[torch.Tensor] = [torch.zeros((2, *contract.image.shape), dtype=torch.uint8)]
+    examples: list[torch.Tensor] = [torch.zeros((2, *contract.picture_shape), dtype=torch.uint8)]
     if contract.path_points:
         examples.append(torch.zeros(2, contract.path_points))
     with atomically(path) as temporary, warnings.catch_warnings():

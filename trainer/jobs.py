@@ -10,14 +10,12 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from robot.errors import ConfigError
-from robot.policy import OnnxPolicy
-from robot.road_map import load_map
 from robot.translator import TranslatingPolicy, open_translator
 from robot.typed_config import to_plain
-from sim_pybullet.randomise import load_look_sampler
 from trainer.config import TESTS, choose
 from trainer.drive_log import DriveLog, drives_beside
-from trainer.evaluate import DrivingPolicy, Inputs, evaluate, summarise
+from trainer.envs import find_looks, load_places
+from trainer.evaluate import DrivingPolicy, Inputs, evaluate, open_policy, summarise
 from trainer.options import EvaluateOptions, TrainOptions, extended
 from trainer.run import RunFolder, write_json
 from trainer.sweep import SweepOptions, combinations
@@ -127,13 +125,13 @@ class EvaluateJob:
         options = self.options
         if self.json is not None:  # before the work, not after it
             self.json.parent.mkdir(parents=True, exist_ok=True)
-        policy: DrivingPolicy = OnnxPolicy(options.model)
+        policy: DrivingPolicy = open_policy(Path(options.model), options.task)
         if options.translate is not None:
             translator = open_translator(options.translate, policy.contract.image)
             policy = TranslatingPolicy(policy, translator)
         asked = inputs(options, policy.contract.task)
-        maps = [load_map(name) for name in asked.maps]
-        looks = load_look_sampler(options.look, options.pose_error)
+        maps = load_places(asked.task, asked.maps)
+        looks = find_looks(asked.task, options.look, options.pose_error)
         seeds = range(options.seed, options.seed + options.episodes)
         log = DriveLog() if self.drives else None
         columns = Progress.get_default_columns()
@@ -152,6 +150,11 @@ class EvaluateJob:
             f"{result.success_rate_low:.1%} with 95 % confidence), "
             f"{100 * result.mean_path_distance_m:.1f} cm from the path"
         )
+        if asked.task == "track":
+            console.print(
+                f"{result.laps:.2f} laps, {result.collisions} collisions, "
+                f"{result.mean_speed_mps:.1f} m/s on average (real track)"
+            )
         return 0
 
 

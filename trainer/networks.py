@@ -22,7 +22,9 @@ from torch import nn
 from robot.errors import ContractError
 from trainer.config import NetConfig
 
-KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1))
+KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
+
+_MOST_ACTIONS = 9  # outputs of a last layer, whose weights begin smaller
 
 Observation = torch.Tensor | dict[str, torch.Tensor]
 
@@ -30,16 +32,17 @@ Observation = torch.Tensor | dict[str, torch.Tensor]
 class DrivingFeatures(BaseFeaturesExtractor):
     """Convolutions and first fully connected layer; with a path, both branches concatenated.
 
-    Takes a picture (N, H, W, 3), or a dict of ``image`` and ``path`` (N, P) in [-1, 1].
+    Takes a picture (N, H, W, 3 F) of F stacked frames, or a dict of ``image`` and ``path`` (N, P)
+    in [-1, 1].
     """
 
     def __init__(self, observation_space: spaces.Space, net: NetConfig) -> None:
         image, path_points = observation_shapes(observation_space)
         width = net.image_fc + (net.path_fc[1] if path_points else 0)
         super().__init__(observation_space, width)
-        self.convolutions = _convolutions(net.channels)
+        self.convolutions = _convolutions(image[2], net.channels)
         with torch.no_grad():
-            flat = self.convolutions(torch.zeros(1, 3, *image[:2])).numel()
+            flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
         self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
         self.apply(_orthogonal)
@@ -127,23 +130,22 @@ class GreedyNetwork(nn.Module):
 
 
 def observation_shapes(space: spaces.Space) -> tuple[tuple[int, int, int], int]:
-    """((H, W, 3), path points or 0) of an observation space.
+    """((H, W, 3 F), path points or 0) of an observation space.
 
     Raises:
         ContractError: neither a picture nor a dict of ``image`` and ``path``.
     """
     image = space.spaces.get("image") if isinstance(space, spaces.Dict) else space
     path = space.spaces.get("path") if isinstance(space, spaces.Dict) else None
-    if not (isinstance(image, spaces.Box) and len(image.shape) == 3 and image.shape[2] == 3):
+    if not (isinstance(image, spaces.Box) and len(image.shape) == 3 and image.shape[2] % 3 == 0):
         raise ContractError(f"observation: expected a picture (H, W, 3), got {image}")
     points = path.shape[0] if path is not None and path.shape else 0
-    return (image.shape[0], image.shape[1], 3), points
+    return (image.shape[0], image.shape[1], image.shape[2]), points
 
 
-def _convolutions(channels: tuple[int, int, int]) -> nn.Sequential:
+def _convolutions(inputs: int, channels: tuple[int, ...]) -> nn.Sequential:
     layers: list[nn.Module] = []
-    inputs = 3
-    for outputs, (kernel, stride) in zip(channels, KERNELS_AND_STRIDES, strict=True):
+    for outputs, (kernel, stride) in zip(channels, KERNELS_AND_STRIDES, strict=False):
         layers += [nn.Conv2d(inputs, outputs, kernel, stride), nn.ReLU()]
         inputs = outputs
     return nn.Sequential(*layers)
@@ -156,7 +158,11 @@ def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
 
 def _orthogonal(module: nn.Module) -> None:
     if isinstance(module, (nn.Conv2d, nn.Linear)):
-        gain = 1.0 if isinstance(module, nn.Linear) and module.out_features <= 5 else np.sqrt(2.0)
+        gain = (
+            1.0
+            if isinstance(module, nn.Linear) and module.out_features <= _MOST_ACTIONS
+            else np.sqrt(2.0)
+        )
         nn.init.orthogonal_(module.weight, gain=gain)
         if module.bias is not None:
             nn.init.zeros_(module.bias)

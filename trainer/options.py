@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import tyro
 from robot.errors import ConfigError
 from robot.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.track import is_track, load_track
 from trainer.config import RunConfig, choose, preset
 
 ZEROS = {"image": None, "path": None}
@@ -20,13 +22,13 @@ class TrainOptions:
     """How a policy is trained; every name is an option of ``train`` and a key of its matrix."""
 
     task: str = "lane"
-    """lane or navigation."""
+    """lane, navigation or track."""
     algo: str = "dueling"
-    """ddqn, dueling, a2c, ppo or dagger."""
+    """ddqn, dueling, a2c, a3c, ppo or dagger."""
     preset: str = "fast"
     """paper, fast or debug."""
     map: tuple[str, ...] = ()
-    """Map files, or names of shipped maps; else loop for lane, arena for navigation."""
+    """Map or track files, or names of shipped ones; else loop, arena or forest."""
     steps: int | None = None
     """Decisions of all robots together; else the preset's."""
     seconds: float | None = None
@@ -55,8 +57,7 @@ class TrainOptions:
         config = replace(config, look=self.look, pose_error=self.pose_error)
         config = replace(config, translate=self.translate, without=self.without)
         load_look_sampler(self.look, self.pose_error, self.without)
-        for name in config.maps:
-            load_map(name)
+        check_places(self.task, config.maps)
         if self.full:
             endless = replace(config.evaluation, stop_after_perfect=0)
             config = replace(config, evaluation=endless)
@@ -70,9 +71,9 @@ class EvaluateOptions:
     model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
     """A policy, .onnx."""
     task: str | None = None
-    """lane, four_laps, navigation or manoeuvres; else what the policy was trained for."""
+    """lane, four_laps, navigation, manoeuvres or track; else what the policy was trained for."""
     map: tuple[str, ...] = ()
-    """Map files, or names of shipped maps; else loop for lanes, else arena."""
+    """Map or track files, or names of shipped ones; else loop, arena or forest."""
     look: str = "nominal"
     """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
     pose_error: str | None = None
@@ -99,8 +100,18 @@ class EvaluateOptions:
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
         load_look_sampler(self.look, self.pose_error)
-        for name in self.map:
-            load_map(name)
+        check_places(self.task, self.map)
+
+
+def check_places(task: str | None, names: Sequence[str]) -> None:
+    """Make sure that these are maps; or tracks, if the task is or may be to race.
+
+    Raises:
+        DuckpilotError: they are not.
+    """
+    for name in names:
+        races = task == "track" or (task is None and is_track(name))
+        (load_track if races else load_map)(name)
 
 
 def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:

@@ -13,6 +13,7 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecEnv
 
+from trainer.a3c import A3C
 from trainer.algorithms import build_model
 from trainer.callbacks import (
     MONOTONIC,
@@ -25,7 +26,7 @@ from trainer.callbacks import (
     stop_on_signal,
 )
 from trainer.checkpoint import Evaluated, TrainState, load_checkpoint
-from trainer.config import RunConfig
+from trainer.config import A3cConfig, RunConfig
 from trainer.envs import ScaledReward
 from trainer.export import export_run
 from trainer.replay import MappedReplayBuffer
@@ -95,14 +96,21 @@ class _Session:
         checkpoint_period_s: float,
     ) -> None:
         self.config, self.folder = config, folder
-        robots = make_env(config, config.learn.robots, config.seed)
-        self.env = ScaledReward(robots, config.reward_scale)
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
         usual = replace(config, start_spread=1.0)
         self.evaluation_env = make_env(usual, drivers, config.seed)
+        asynchronous = isinstance(config.learn, A3cConfig)  # workers have worlds of their own
+        robots = self.evaluation_env
+        if not asynchronous:
+            robots = make_env(config, config.learn.robots, config.seed)
+        self.env = ScaledReward(robots, config.reward_scale)
         if not folder.config.exists():
             folder.create(config)
-        self.model: BaseAlgorithm = build_model(config, self.env, folder.replay)
+        self.model: BaseAlgorithm = (
+            A3C(config, make_env, self.env)
+            if asynchronous
+            else build_model(config, self.env, folder.replay)
+        )
         self.state = TrainState()
         if folder.checkpoint.exists():
             self.state = load_checkpoint(folder.checkpoint, self.model)
@@ -172,7 +180,8 @@ class _Session:
         self.log.close()
         self.model.logger.close()
         self.env.close()
-        self.evaluation_env.close()
+        if self.env.venv is not self.evaluation_env:
+            self.evaluation_env.close()
         buffer = getattr(self.model, "replay_buffer", None)
         if isinstance(buffer, MappedReplayBuffer):
             buffer.close(delete=self.state.stopped_by not in ("", "interrupted"))

@@ -9,7 +9,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
 from robot.path_batch import PathBatch
-from sim_pybullet.racing_cars import RacingCars
+from sim_pybullet.racing_cars import FRAMES, RacingCars
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.following import (
     MAX_HEADING_ERROR_RAD,
@@ -48,7 +48,7 @@ class TrackRacing:
     """
 
     guided = False
-    frames = 4
+    frames = FRAMES
     term_names: tuple[str, ...] = ("speed", "centre", "collision")
     fact_names: tuple[str, ...] = ("laps", "speed_mps")
 

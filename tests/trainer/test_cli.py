@@ -26,7 +26,7 @@ def test_report_of_no_run_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_summary_names_every_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["summary", "--preset", "debug"]) == 0
     out = capsys.readouterr().out
-    assert all(name in out for name in ("ddqn", "dueling", "a2c", "ppo", "dagger"))
+    assert all(name in out for name in ("ddqn", "dueling", "a2c", "a3c", "ppo", "dagger"))
 
 
 def test_an_unknown_flag_is_status_2() -> None:

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from robot.errors import ContractError
 from robot.policy import OnnxPolicy
+from sim_pybullet.racing_cars import RACING_ACTIONS
 from trainer.cli import main
+from trainer.evaluate import open_policy
 from trainer.run import RunFolder
 
 FILES = ("config.yaml", "progress.csv", "curve.png", "checkpoint.pt", "model.onnx", "metrics.json")
@@ -31,6 +34,24 @@ def test_navigation_sees_picture_and_path(algorithm: str, tmp_path: Path) -> Non
     assert main([*arguments, *asked, "--out", str(out)]) == 0
     assert OnnxPolicy(out / "model.onnx").contract.path_points == 10
     assert RunFolder(out).load_config().pose_error == "arena"
+
+
+@pytest.mark.parametrize("algorithm", ["a3c", "ppo"])
+def test_racing_sees_four_pictures_and_has_nine_actions(algorithm: str, tmp_path: Path) -> None:
+    out, model = tmp_path / "run", tmp_path / "run" / "model.onnx"
+    arguments = ["train", "--task", "track", "--preset", "debug", "--algo", algorithm]
+    asked = ["--map", "karting", "--look", "tracks/dusk", "--steps", "64"]
+    assert main([*arguments, *asked, "--out", str(out)]) == 0
+    with pytest.raises(ContractError, match="another robot"):
+        OnnxPolicy(model)
+    contract = open_policy(model).contract
+    assert (contract.frames, contract.actions) == (4, RACING_ACTIONS)
+    evaluated = ["evaluate", "--model", str(model), "--map", "karting", "--episodes", "2"]
+    assert main([*evaluated, "--json", str(tmp_path / "e.json")]) == 0
+    figures = json.loads((tmp_path / "e.json").read_text())
+    assert 0.0 <= figures["laps"] <= 1.1
+    assert figures["collisions"] <= 2
+    assert main([*evaluated, "--task", "lane"]) == 2
 
 
 def test_a_wrong_pose_error_names_the_nearest(

@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from robot.contract import PATH_POINTS, ImageSpec
 from trainer.config import (
     A2cConfig,
+    A3cConfig,
     DaggerConfig,
     EvaluationConfig,
     NetConfig,
@@ -97,6 +98,8 @@ def toy_config(algorithm: str, steps: int, seed: int = 0) -> RunConfig:
         learn = replace(learn, robots=8, rollout=32, minibatch=64, gamma=0.5, learning_rate=1e-3)
     elif isinstance(learn, A2cConfig):
         learn = replace(learn, robots=8, gamma=0.5)
+    elif isinstance(learn, A3cConfig):
+        learn = replace(learn, workers=2, robots=4, gamma=0.5, a3c_rollout=8, learning_rate=1e-3)
     return replace(
         preset("lane", algorithm, "fast"),
         learn=learn,
