@@ -232,7 +232,7 @@ def _navigation(run: RunConfig) -> RunConfig:
     learn = run.learn
     if isinstance(learn, QConfig):
         learn = replace(learn, gamma=0.9, action_gap=0.8, epsilon_steps=10_000)
-    steps = 60_000 if isinstance(learn, (PpoConfig, A2cConfig)) else 24_000
+    steps = 60_000 if isinstance(learn, (PpoConfig, A2cConfig, A3cConfig)) else 24_000
     evaluation = EvaluationConfig(
         episodes=60, rounds=3, every_steps=8_000, every_share=0.25, stop_after_perfect=0
     )
@@ -246,6 +246,8 @@ def _track(run: RunConfig) -> RunConfig:
     learn = run.learn
     if isinstance(learn, A3cConfig):
         learn = replace(learn, robots=4)
+    if isinstance(learn, (QConfig, DaggerConfig)):
+        learn = replace(learn, buffer=10_000)  # 46 kB a stack of pictures, kept twice: 0.9 GB
     if not isinstance(learn, DaggerConfig):
         learn = replace(learn, gamma=0.97)
     return replace(
@@ -267,7 +269,8 @@ def _paper(run: RunConfig) -> RunConfig:
     if isinstance(learn, A3cConfig):  # paper B, section 3.1
         learn = replace(learn, robots=1, learning_rate=0.01, rms_decay=0.9, rms_epsilon=0.1)
     if isinstance(learn, (QConfig, DaggerConfig)):
-        learn = replace(learn, buffer=20_000)  # 58 kB a picture, each kept twice: 2.3 GB
+        stacked = SHAPES[run.task].frames  # 58 kB a picture, each kept twice: 2.3 GB
+        learn = replace(learn, buffer=20_000 // stacked)
     return replace(run, image=_WHOLE_FRAME, net=net, learn=learn, steps=2_000_000, device="auto")
 
 

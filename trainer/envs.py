@@ -59,9 +59,7 @@ def load_places(task: str, names: Sequence[str]) -> list[Place]:
     return [load_map(name) for name in names]
 
 
-def find_looks(
-    task: str, look: str, pose_error: str | None, without: Sequence[str] = ()
-) -> Looks:
+def find_looks(task: str, look: str, pose_error: str | None, without: Sequence[str] = ()) -> Looks:
     """A sampler of looks; of a track, whose walls never change, the looks themselves if fixed.
 
     Raises:

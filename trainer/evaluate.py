@@ -50,7 +50,7 @@ class Drive(NamedTuple):
     success: bool
     metrics: DriveMetrics
     failed: bool = False  # off the lane, lost or in collision, not just out of time
-    laps: float = math.nan  # driven, where the task counts them
+    laps: float | None = None  # driven, where the task counts them
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ class Evaluation:
     algorithm: str
     run: str
     collisions: int = 0  # episodes that ended off the lane, lost or in collision
-    laps: float = math.nan  # driven in an episode, where the task counts them
-    mean_speed_mps: float = math.nan  # of a race car: on the real track
+    laps: float | None = None  # driven in an episode, where the task counts them
+    mean_speed_mps: float = 0.0  # of a race car: on the real track
     schema: int = 1
 
 
@@ -153,6 +153,7 @@ def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) ->
     successes = sum(drive.success for drive in drives)
     time_s = sum(m.survival_time_s for m in metrics)
     scale = SCALE if inputs.task == "track" else 1.0
+    laps = [drive.laps for drive in drives if drive.laps is not None]
     return Evaluation(
         inputs=inputs,
         episodes=len(drives),
@@ -166,7 +167,7 @@ def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) ->
         algorithm=policy.contract.algorithm,
         run=policy.contract.run,
         collisions=sum(drive.failed for drive in drives),
-        laps=float(np.mean([drive.laps for drive in drives])),
+        laps=sum(laps) / len(laps) if laps else None,
         mean_speed_mps=sum(m.driven_lane_m for m in metrics) / time_s / scale,
     )
 
@@ -203,7 +204,7 @@ def _drive(
                 missing[episode] = False
                 facts = dict(zip(names, step.task.facts[:, robot].tolist(), strict=True))
                 success, failed = step.task.success[robot], step.task.terminated[robot]
-                laps = facts.get("laps", math.nan)
+                laps = facts.get("laps")
                 yield episode, Drive(0, bool(success), metrics, bool(failed), laps)
             rounds[robot] += 1
 

@@ -130,6 +130,10 @@ class EvaluateJob:
             translator = open_translator(options.translate, policy.contract.image)
             policy = TranslatingPolicy(policy, translator)
         asked = inputs(options, policy.contract.task)
+        if self.drives and asked.task == "track":
+            raise ConfigError(
+                "drives: expected a task on maps, got track, whose drives nobody draws"
+            )
         maps = load_places(asked.task, asked.maps)
         looks = find_looks(asked.task, options.look, options.pose_error)
         seeds = range(options.seed, options.seed + options.episodes)
@@ -150,7 +154,7 @@ class EvaluateJob:
             f"{result.success_rate_low:.1%} with 95 % confidence), "
             f"{100 * result.mean_path_distance_m:.1f} cm from the path"
         )
-        if asked.task == "track":
+        if asked.task == "track" and result.laps is not None:
             console.print(
                 f"{result.laps:.2f} laps, {result.collisions} collisions, "
                 f"{result.mean_speed_mps:.1f} m/s on average (real track)"

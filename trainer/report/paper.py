@@ -8,10 +8,11 @@ NAMES = {
     "ddqn": "Double DQN",
     "dueling": "Dueling DQN",
     "a2c": "A2C",
+    "a3c": "A3C",
     "ppo": "PPO",
     "dagger": "DAgger",
 }
-TASK_TITLES = {"lane": "Lane keeping", "navigation": "Navigation"}
+TASK_TITLES = {"lane": "Lane keeping", "navigation": "Navigation", "track": "Race tracks"}
 
 
 @dataclass(frozen=True)
