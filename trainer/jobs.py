@@ -131,9 +131,7 @@ class EvaluateJob:
             policy = TranslatingPolicy(policy, translator)
         asked = inputs(options, policy.contract.task)
         if self.drives and asked.task == "track":
-            raise ConfigError(
-                "drives: expected a task on maps, got track, whose drives nobody draws"
-            )
+            raise ConfigError("drives: expected a task on maps, got track: no map to draw on")
         maps = load_places(asked.task, asked.maps)
         looks = find_looks(asked.task, options.look, options.pose_error)
         seeds = range(options.seed, options.seed + options.episodes)
