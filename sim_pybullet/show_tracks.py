@@ -26,7 +26,6 @@ from sim_pybullet.track_ground import paint_track
 FRAME = ImageSpec(160, 120)
 PANEL_PX = 300
 _SHOWN_AT = 0.3  # of a lap: where the frames are taken
-_TEXT = {"fontFace": cv2.FONT_HERSHEY_SIMPLEX, "lineType": cv2.LINE_AA}
 
 
 def from_above(tracks: Sequence[Track]) -> np.ndarray:
@@ -59,15 +58,21 @@ def _panel(track: Track) -> np.ndarray:
     top, left = (PANEL_PX + 24 - small.shape[0]) // 2, (PANEL_PX - small.shape[1]) // 2
     panel[top : top + small.shape[0], left : left + small.shape[1]] = small
     text = f"{track.name}: {track.length_m:.0f} m, {track.width_m:.0f} m wide"
-    cv2.putText(panel, text, (10, 18), fontScale=0.42, color=(0, 0, 0), **_TEXT)
+    _write(panel, text, 10, 18)
     return panel
 
 
 def _titled(frame: np.ndarray, title: str) -> np.ndarray:
     large = np.asarray(cv2.resize(frame, (240, 180), interpolation=cv2.INTER_AREA))
     strip = np.full((20, large.shape[1], 3), 255, np.uint8)
-    cv2.putText(strip, title, (6, 14), fontScale=0.42, color=(0, 0, 0), **_TEXT)
+    _write(strip, title, 6, 14)
     return np.vstack((strip, large))
+
+
+def _write(picture: np.ndarray, text: str, x_px: int, y_px: int) -> None:
+    cv2.putText(
+        picture, text, (x_px, y_px), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 1, cv2.LINE_AA
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
