@@ -9,12 +9,15 @@ import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
+from tests.trainer.shared_memory import needs_shared_memory
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.a3c import A3C
 from trainer.a3c_worker import Orders, Shared, Worker, n_step_returns, shared_rmsprop
 from trainer.checkpoint import TrainState, load_checkpoint, save_checkpoint
 from trainer.config import A3cConfig, RunConfig, preset
 from trainer.run import RunFolder
+
+pytestmark = needs_shared_memory
 
 
 def a3c_config(steps: int, workers: int, seed: int = 0) -> RunConfig:
