@@ -114,8 +114,7 @@ class Stage:
         bench = self.bench
         bench.stop("localizer")
         self.stand_in = StandIn(bench)
-        known_s = bench.now_s + TAKEOVER_S
-        bench.until(lambda: bench.now_s > known_s, SETTLE_S, "an earlier session to be forgotten")
+        self.run(TAKEOVER_S)
         bench.until(self._hears, SETTLE_S, "stand-in poses", CONNECT_S)
 
     def recover(self, case: Case) -> None:
