@@ -71,6 +71,7 @@ def open_robot(
         HardwareError: the HAT is not there.
     """
     clock = MonotonicClock()
+    watchdog = Watchdog(lambda: runtime.watch())
     policy = open_policy(config)
     navigates = policy.contract.path_points > 0
     if navigates and not config.map:
@@ -83,7 +84,7 @@ def open_robot(
         wheels = stack.enter_context(motors or real_motors(config.hat))
         navigator: Optional[MissionNavigator] = None
         everybody: List[Operator] = list(operators)
-        audience: List[Subscriber] = list(subscribers)
+        audience: List[Subscriber] = [watchdog, *subscribers]
         if link is not None and config.link is not None:
             if navigates:
                 navigator = open_navigator(config, config.link, link, wheels)
@@ -100,7 +101,7 @@ def open_robot(
             Operators(tuple(everybody)),
             navigator,
         )
-        stack.enter_context(Watchdog(runtime.watch))
+        stack.enter_context(watchdog)
         yield runtime
 
 

@@ -54,6 +54,9 @@ class _NoMotors:
     def release(self) -> None:
         pass
 
+    def mend(self) -> None:
+        pass
+
 
 class _StraightPath:
     def look(self, now_s: float) -> Guidance:  # noqa: ARG002  the path is always straight

@@ -29,6 +29,9 @@ class Motors(Protocol):
     def release(self) -> None:
         """Stop, coils off."""
 
+    def mend(self) -> None:
+        """Take up work again after an error, coils off; nothing to do without one."""
+
 
 class Policy(Protocol):
     """What decides; `robot.policy.OnnxPolicy` on the robot."""

@@ -16,7 +16,7 @@ import numpy as np
 from robot.camera.source import Camera, Frame
 from robot.contract import ACTION_WHEELS, CONTROL_DT_S, Action
 from robot.decision import best_action, values_of
-from robot.errors import ContractError
+from robot.errors import ContractError, HardwareError
 from robot.gates import Inputs, Reason
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import Clock
@@ -81,8 +81,16 @@ class Runtime:
         self._repeats = 0
 
     def ask(self, command: Command, wheels: Optional[WheelSpeeds] = None) -> Answer:
-        """What a person asks for; ``wheels`` [m/s] go with MANUAL, and hold for half a second."""
+        """What a person asks for; ``wheels`` [m/s] go with MANUAL, and hold for half a second.
+
+        A fault is cleared only when the motors work again.
+        """
         with self._guard_motion:
+            if command is Command.CLEAR and self.safety.verdict.state is State.FAULT:
+                try:
+                    self._motors.mend()
+                except HardwareError as error:
+                    return Answer(False, f"clear is refused: {error}")
             answer = self.safety.command(command)
             if answer.accepted and command is Command.MANUAL:
                 self._manual = (wheels or STILL, self._clock.now())

@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import threading
-from types import TracebackType
-from typing import Callable, Optional, Type
+from typing import Callable
+
+from robot.parts import Tick
+from robot.worker import Worker
 
 PERIOD_S = 0.05  # a hanging loop is noticed so much later than its limit at most
 
 
-class Watchdog:
-    """Calls ``watch`` every ``PERIOD_S`` in a ``with`` block; see ``Runtime.watch``."""
+class Watchdog(Worker):
+    """Calls ``watch`` every ``PERIOD_S`` in a ``with`` block; see ``Runtime.watch``.
+
+    As a ``Subscriber`` it stops the robot when it has died itself.
+    """
 
     def __init__(self, watch: Callable[[], None]) -> None:
+        super().__init__("watchdog")
         self._watch = watch
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="watchdog", daemon=True)
 
-    def __enter__(self) -> Watchdog:
-        self._thread.start()
-        return self
+    def on_tick(self, tick: Tick) -> None:  # noqa: ARG002  every turn is watched
+        """HardwareError when nobody watches any more."""
+        self.check()
 
-    def __exit__(
-        self,
-        kind: Optional[Type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        self._ending.set()
-        self._thread.join()
-
-    def _run(self) -> None:
+    def _work(self) -> None:
         while not self._ending.wait(PERIOD_S):
             self._watch()

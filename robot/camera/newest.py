@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import logging
-import threading
-from types import TracebackType
-from typing import Callable, Optional, Protocol, Type
+from typing import Callable, Optional, Protocol
 
 import numpy as np
 
 from robot.camera.source import Frame, fit_to_frame
 from robot.errors import HardwareError
+from robot.worker import Worker
 
 FIRST_WAIT_S = 0.5  # before opening again; doubles up to
 LONGEST_WAIT_S = 8.0
@@ -33,7 +32,7 @@ class Stream(Protocol):
         """Let the device go, also after an error."""
 
 
-class NewestFrame:
+class NewestFrame(Worker):
     """A ``Camera`` in a ``with`` block, over a stream that may end at any time.
 
     The stream is opened again with a growing wait; meanwhile ``read`` gives the last frame, whose
@@ -51,28 +50,13 @@ class NewestFrame:
         clock: Callable[[], float],
         first_wait_s: float = FIRST_WAIT_S,
     ) -> None:
+        super().__init__("camera", JOIN_S)
         self.problem = "the camera has not started"
         self.restarts = 0
         self._open_stream = open_stream
         self._clock = clock
         self._first_wait_s = first_wait_s
         self._frame: Optional[Frame] = None
-        self._died: Optional[BaseException] = None
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
-
-    def __enter__(self) -> NewestFrame:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: Optional[Type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        self._ending.set()
-        self._thread.join(JOIN_S)
 
     def read(self) -> Optional[Frame]:
         """The newest frame, at once; None before the first.
@@ -80,18 +64,10 @@ class NewestFrame:
         Raises:
             HardwareError: the thread itself has died.
         """
-        if self._died is not None:
-            raise HardwareError(f"camera thread: {self._died!r}") from self._died
+        self.check()
         return self._frame
 
-    def _run(self) -> None:
-        try:
-            self._keep_open()
-        except BaseException as error:
-            self._died = error
-            raise
-
-    def _keep_open(self) -> None:
+    def _work(self) -> None:
         wait_s = self._first_wait_s
         while not self._ending.is_set():
             before = self._frame

@@ -65,6 +65,11 @@ class MotorDriver:
             self._hat.open()
             self._rest()
 
+    def mend(self) -> None:
+        """``open`` after a fault; nothing to do without one."""
+        if self.failed:
+            self.open()
+
     def close(self) -> None:
         """Brake, then every output off, the last word on the bus."""
         try:
@@ -101,6 +106,11 @@ class MotorDriver:
     def energised(self) -> bool:
         """Whether the coils carry current."""
         return self._hat.duty is not None
+
+    @property
+    def failed(self) -> bool:
+        """Whether the driver is off since a fault, until ``open``."""
+        return self._fault is not None
 
     @property
     def stalls(self) -> int:

@@ -6,7 +6,6 @@ import threading
 from types import TracebackType
 from typing import Optional, Type
 
-from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.bus import I2cBus, SmbusBus
 from robot.hat.clock import Clock, MonotonicClock
@@ -15,33 +14,31 @@ from robot.hat.driver import MotorDriver
 from robot.hat.socket_bus import SocketBus
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import Steps
+from robot.worker import Worker
 
 MIN_WAIT_S = 50e-6
 
 
-class MotorThread:
+class MotorThread(Worker):
     """The face of a MotorDriver that any thread may use, in a ``with`` block.
 
     The driver's ``command_timeout_s`` stops the robot when the thread that commands it hangs. A
-    fault in the background switches the coils off at once and is raised by the next call.
+    fault in the background switches the coils off at once and is raised by the next call, until
+    ``mend``.
 
     Raises:
         HardwareError: from every method, when the HAT failed.
     """
 
     def __init__(self, driver: MotorDriver, clock: Optional[Clock] = None) -> None:
+        super().__init__("motor")
         self._driver = driver
         self._clock = clock or MonotonicClock()
         self._changed = threading.Condition()
-        self._running = False
-        self._fault: Optional[BaseException] = None
-        self._thread = threading.Thread(target=self._run, name="motors", daemon=True)
 
     def __enter__(self) -> MotorThread:
         self._driver.open()
-        self._running = True
-        self._thread.start()
-        return self
+        return super().__enter__()
 
     def __exit__(
         self,
@@ -49,30 +46,35 @@ class MotorThread:
         error: Optional[BaseException],
         trace: Optional[TracebackType],
     ) -> None:
-        with self._changed:
-            self._running = False
-            self._changed.notify()
-        self._thread.join()
+        self.end()
         self._driver.close()
+
+    def mend(self) -> None:
+        """Find the HAT again after a fault, coils off; nothing to do without one."""
+        if self.healthy:
+            return
+        self.end()
+        self._driver.open()
+        self.start()
 
     def set_wheels(self, wheels: WheelSpeeds) -> None:
         """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""
         with self._changed:
-            self._raise_fault()
+            self.check()
             self._driver.set_wheels(wheels)
             self._changed.notify()
 
     def stop(self) -> None:
         """No further step, without a ramp; the coils hold."""
         with self._changed:
-            self._raise_fault()
+            self.check()
             self._driver.stop()
             self._changed.notify()
 
     def release(self) -> None:
         """Stop and switch every output off."""
         with self._changed:
-            self._raise_fault()
+            self.check()
             self._driver.release()
             self._changed.notify()
 
@@ -96,21 +98,16 @@ class MotorThread:
     @property
     def healthy(self) -> bool:
         """Whether the thread runs and no fault came up."""
-        return self._thread.is_alive() and self._fault is None
+        return self.alive and not self._driver.failed
 
-    def _raise_fault(self) -> None:
-        if self._fault is not None:
-            raise HardwareError(f"motor thread: {self._fault}") from self._fault
-
-    def _run(self) -> None:
+    def _wake(self) -> None:
         with self._changed:
-            while self._running:
-                try:
-                    deadline_s = self._driver.pump(self._clock.now())
-                except BaseException as error:  # noqa: BLE001  kept for the thread that commands
-                    self._fault = error
-                    return
-                self._wait_until(deadline_s)
+            self._changed.notify()
+
+    def _work(self) -> None:
+        with self._changed:
+            while not self._ending.is_set():
+                self._wait_until(self._driver.pump(self._clock.now()))
 
     def _wait_until(self, deadline_s: Optional[float]) -> None:
         if deadline_s is None:

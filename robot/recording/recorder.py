@@ -12,8 +12,7 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from types import TracebackType
-from typing import Callable, Deque, Optional, Tuple, Type
+from typing import Callable, Deque, Optional, Tuple
 
 from robot.link.telemetry import Reading
 from robot.parts import Tick
@@ -23,6 +22,7 @@ from robot.recording.repair import recover_folder
 from robot.recording.scribe import Scribe
 from robot.recording.subject import Subject
 from robot.safety import State
+from robot.worker import Worker
 
 QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two
 TAIL_S = 2.0  # after the robot has come to rest
@@ -33,8 +33,10 @@ ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
 logger = logging.getLogger(__name__)
 
 
-class Recorder:
+class Recorder(Worker):
     """A ``Subscriber`` in a ``with`` block: one file from arming until two seconds after rest.
+
+    Leaving the block writes what is queued and completes the file.
 
     Args:
         config: where to.
@@ -45,35 +47,23 @@ class Recorder:
     def __init__(
         self, config: RecordingConfig, subject: Subject, wall: Callable[[], float] = time.time
     ) -> None:
+        super().__init__("recorder")
         self.dropped = 0  # turns that the queue had no room for
         self._folder = Path(config.folder)
         self._subject = subject
         self._scribe = Scribe(config, subject, wall)
         self._changed = threading.Condition()
         self._waiting: Deque[Tuple[int, Heard]] = deque()
-        self._ending = False
         self._part = 0  # counts the files
         self._began_s = self._until_s = -math.inf
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
-
-    def __enter__(self) -> Recorder:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: Optional[Type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        """Write what is queued and complete the file."""
-        with self._changed:
-            self._ending = True
-            self._changed.notify()
-        self._thread.join()
 
     def on_tick(self, tick: Tick) -> None:
-        """Hand over this turn; returns at once."""
+        """Hand over this turn; returns at once.
+
+        Raises:
+            HardwareError: the thread has died, which no disk can bring about.
+        """
+        self.check()
         now_s, resting = tick.time_s, tick.time_s > self._until_s
         if tick.verdict.state in ARMED:
             if resting or now_s - self._began_s > LONGEST_S:
@@ -99,7 +89,7 @@ class Recorder:
     def reading(self) -> Reading:
         """For the robot's health: the size of the newest file, or why there is none."""
         problem, written_mb = self._scribe.problem, round(self._scribe.written_mb, 1)
-        if not problem and not self._thread.is_alive():
+        if not problem and not self.alive:
             problem = "no thread"
         if problem:
             return Reading(f"not recording: {problem}"[:24], written_mb, "MB", "bad")
@@ -107,7 +97,11 @@ class Recorder:
             return Reading("turns not recorded", self.dropped, "", "warn")
         return Reading("recorded", written_mb, "MB")
 
-    def _run(self) -> None:
+    def _wake(self) -> None:
+        with self._changed:
+            self._changed.notify()
+
+    def _work(self) -> None:
         self._recover()
         part, silent_s = 0, 0.0
         while True:
@@ -127,11 +121,11 @@ class Recorder:
     def _next(self) -> Tuple[Optional[Tuple[int, Heard]], bool]:
         """The turn that waits longest, if one comes soon; and whether it is all over."""
         with self._changed:
-            if not self._waiting and not self._ending:
+            if not self._waiting and not self._ending.is_set():
                 self._changed.wait(WAIT_S)
             if self._waiting:
                 return self._waiting.popleft(), False
-            return None, self._ending
+            return None, self._ending.is_set()
 
     def _recover(self) -> None:
         try:

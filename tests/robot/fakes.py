@@ -88,6 +88,10 @@ class FakeMotors:
         self._note("release")
         self.turning = self.energised = False
 
+    def mend(self) -> None:
+        self._note("mend")
+        self.turning = self.energised = False
+
     def _note(self, name: str) -> None:
         self.log.append(name)
         if name in self.broken:

@@ -79,6 +79,9 @@ class RollingMotors:
     def release(self) -> None:
         self.stop()
 
+    def mend(self) -> None:
+        pass
+
     @property
     def rolling(self) -> bool:
         return self._wheels != WheelSpeeds(0.0, 0.0)
@@ -198,6 +201,24 @@ def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path
     reports = [entry.message() for entry in entries(path, topics.TELEMETRY)]
     assert [report["state"] for report in reports] == ["READY", "READY"]
     assert "recorded" in [reading["name"] for reading in reports[-1]["health"]]
+
+
+def test_a_robot_without_its_watchdog_does_not_drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: Runtime) -> None:
+        raise KeyError("bug")
+
+    monkeypatch.setattr(Runtime, "watch", broken)
+    model = write_policy(tmp_path / "lane.onnx", lane_contract())
+    parts = {
+        "camera": nullcontext(BlackCamera()),
+        "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
+    }
+    with open_robot(RobotConfig(str(model)), **parts) as runtime:
+        runtime.run(turns=3)
+        assert runtime.safety.verdict.state is State.FAULT
+        assert "watchdog thread: KeyError" in runtime.safety.verdict.sentence
 
 
 def test_what_is_missing_is_said_before_anything_moves(tmp_path: Path) -> None:

@@ -395,6 +395,21 @@ def test_the_watch_stops_the_motors_while_the_loop_hangs() -> None:
     assert bench.safety.verdict.reason is Reason.LOOP_LATE
 
 
+def test_a_fault_is_cleared_only_when_the_motors_work_again() -> None:
+    bench = Bench().drive()
+    bench.motors.broken = ("set_wheels", "mend")
+    bench.turn()
+    assert bench.safety.verdict.reason is Reason.MOTORS
+    answer = bench.runtime.ask(Command.CLEAR)
+    assert not answer.accepted
+    assert "the bus does not answer" in answer.sentence
+    assert bench.state is State.FAULT
+    bench.motors.broken = ()
+    assert bench.runtime.ask(Command.CLEAR).accepted
+    assert bench.state is State.DISARMED
+    bench.drive()
+
+
 def test_the_real_watchdog_stops_a_hanging_loop() -> None:
     clock = MonotonicClock()
     safety = Safety(clock.now, SafetyLimits(frame_age_s=9.0))

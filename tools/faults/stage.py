@@ -74,9 +74,6 @@ class Stage:
         if operator.state == "FAULT":
             operator.ask("clear")
             self.run(0.3)
-        if operator.state == "FAULT":  # motors that failed want a new start
-            bench.stop("robot")
-            bench.revive()
         operator.ask("disarm")
         bench.town.world.place(self.start)
 

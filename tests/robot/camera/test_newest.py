@@ -69,9 +69,8 @@ def test_before_the_first_frame_there_is_none() -> None:
         eventually(lambda: camera.problem == "no such camera")
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_thread_that_dies_is_an_error_of_the_next_read() -> None:
     with NewestFrame(lambda: FakeStream([1], KeyError("bug")), time.monotonic) as camera:
-        eventually(lambda: not camera._thread.is_alive())
+        eventually(lambda: not camera.alive)
         with pytest.raises(HardwareError, match="camera thread: KeyError"):
             camera.read()

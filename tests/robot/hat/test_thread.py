@@ -55,6 +55,30 @@ def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None
                 call()
 
 
+def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
+    motors, bus, _ = parts
+    with motors:
+        motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        wait_for(lambda: motors.pose.x_m > 0.0)
+        bus.inject(BusFault.NACK, 10**6)
+        wait_for(lambda: not motors.healthy)
+        with pytest.raises(HardwareError, match="cut the motor supply"):
+            motors.mend()
+        with pytest.raises(HardwareError):
+            motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        bus.mend()
+        motors.mend()
+        assert motors.healthy
+        before = motors.counts
+        time.sleep(0.1)
+        assert motors.counts == before, "mending moves nothing"
+        motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        wait_for(lambda: motors.counts[0] > before[0])
+        motors.mend()  # nothing to do
+        assert motors.healthy
+    assert bus.log[-1].data == ALL_OFF
+
+
 def test_an_absent_bus_is_told_before_anything_starts() -> None:
     with pytest.raises(HardwareError, match="/dev/i2c-250: expected an I2C bus"):
         real_motors(HatConfig(bus=250))

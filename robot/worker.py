@@ -1,0 +1,83 @@
+"""Threads beside the control loop: whatever ends one before its time, somebody hears of it."""
+
+from __future__ import annotations
+
+import threading
+from types import TracebackType
+from typing import Optional, Type, TypeVar
+
+from robot.errors import HardwareError
+
+T = TypeVar("T", bound="Worker")
+
+
+class Worker:
+    """A thread in a ``with`` block, or between ``start`` and ``end``. Derive from it.
+
+    What ends it before its time is kept, and ``check`` raises it in the thread that relies on it:
+    a robot must not drive on without, say, its watchdog.
+
+    Args:
+        name: of the thread.
+        patience_s: its end is waited for so long [s], because a device may hang; None for ever.
+    """
+
+    def __init__(self, name: str, patience_s: Optional[float] = None) -> None:
+        self._ending = threading.Event()
+        self._name, self._patience_s = name, patience_s
+        self._thread: Optional[threading.Thread] = None
+        self._died: Optional[BaseException] = None
+
+    def __enter__(self: T) -> T:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        self.end()
+
+    def start(self) -> None:
+        """Begin, or begin anew after ``end``."""
+        self._ending.clear()
+        self._died = None
+        self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Let the work come to its end."""
+        self._ending.set()
+        self._wake()
+        if self._thread is not None:
+            self._thread.join(self._patience_s)
+
+    def check(self) -> None:
+        """Nothing, while all is well.
+
+        Raises:
+            HardwareError: the thread has died; of what.
+        """
+        if self._died is not None:
+            told = self._died if isinstance(self._died, HardwareError) else repr(self._died)
+            raise HardwareError(f"{self._name} thread: {told}") from self._died
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def _work(self) -> None:
+        """What the thread does until ``self._ending`` is set."""
+        raise NotImplementedError
+
+    def _wake(self) -> None:
+        """For work that waits for something else than ``self._ending``."""
+
+    def _run(self) -> None:
+        try:
+            self._work()
+        except BaseException as error:  # noqa: BLE001  kept for the thread that relies on this one
+            self._died = error
