@@ -33,7 +33,7 @@ from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
-from tools.loop.conductor import BenchError
+from tools.loop.timekeeper import BenchError
 
 FAMILIES: dict[str, tuple[Case, ...]] = {
     "camera": camera.CASES,

@@ -15,7 +15,7 @@ from robot.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
 from tools.loop.bench import Bench, BenchOptions
-from tools.loop.conductor import BenchError
+from tools.loop.timekeeper import BenchError
 
 DRIVE_S = 1.2  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over

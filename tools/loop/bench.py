@@ -28,11 +28,12 @@ from robot.recording.config import RecordingConfig
 from robot.road_map import load_map
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
-from tools.loop.conductor import BenchError, Conductor
+from tools.loop.conductor import Conductor
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
 from tools.loop.real_time import RealTime
-from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, Timekeeper, VirtualTown
+from tools.loop.timekeeper import BenchError, Timekeeper
+from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
 END_S = 5.0
@@ -103,7 +104,7 @@ class Bench:
         self.options, self.folder = options, folder
         self.road_map = load_map(options.map)
         order = ("localizer", "robot", "monitor")
-        self.time = Conductor(folder, order) if options.lockstep else RealTime()
+        self.time: Timekeeper = Conductor(folder, order) if options.lockstep else RealTime()
         self.town = VirtualTown(self.road_map, options.look, self.time, folder, options.seed)
         self.keys = keygen(folder / "keys")
         self.page_port = free_ports(1)

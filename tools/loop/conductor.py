@@ -13,33 +13,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from sim_pybullet.virtual.clock import VirtualClock
 from tools.loop.shared_time import SharedTime
 from tools.loop.stepper import GO, IDLE
+from tools.loop.timekeeper import BenchError, Timekeeper
 
 PATIENCE_S = 120.0  # real time that a process may work on one moment
 START_S = 1000.0  # no process may take the beginning of time for "never"
-
-
-class Service(Protocol):
-    """Virtual hardware that answers requests; see `tools.loop.devices`."""
-
-    def filenos(self) -> list[int]:
-        """What to wait for."""
-
-    def serve(self) -> None:
-        """Answer what has come; never blocks."""
-
-
-@dataclass
-class Event:
-    """Something that happens again and again."""
-
-    period_s: float
-    happen: Callable[[], None]
-    due_s: float
 
 
 @dataclass
@@ -54,11 +35,7 @@ class Participant:
     unread: bytearray = field(default_factory=bytearray)
 
 
-class BenchError(RuntimeError):
-    """A process of the bench died or hangs."""
-
-
-class Conductor:
+class Conductor(Timekeeper):
     """Lock-step. ``run_until`` lets everybody live up to a moment.
 
     Args:
@@ -67,42 +44,23 @@ class Conductor:
     """
 
     def __init__(self, folder: Path, order: tuple[str, ...]) -> None:
-        self.clock = VirtualClock(START_S)
+        self._time = VirtualClock(START_S)
+        super().__init__(self._time)
         self.path, self.time_path = folder / "conductor", folder / "time"
         self.shared = SharedTime(self.time_path, create=True)
         self.shared.set("now", self.clock.now())
         self._order = order
-        self._events: list[Event] = []
-        self._services: list[Service] = []
         self._participants: dict[str, Participant] = {}
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(self.path))
         self._listener.listen()
 
     def prefix(self, name: str) -> list[str]:
-        """What goes between ``python`` and the arguments of ``-m``, to start a program in step."""
+        """Starts a program in step."""
         return ["-m", "tools.loop.in_step", str(self.path), str(self.time_path), name]
 
-    def add_service(self, service: Service) -> None:
-        """Serve this hardware's requests from now on."""
-        self._services.append(service)
-
-    def every(self, period_s: float, happen: Callable[[], None]) -> Event:
-        """Let something happen every ``period_s`` [s], first after one period."""
-        event = Event(period_s, happen, self.clock.now() + period_s)
-        self._events.append(event)
-        return event
-
-    def forget(self, event: Event) -> None:
-        """It happens no longer."""
-        self._events.remove(event)
-
     def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
-        """Wait until a process that was started has joined.
-
-        Raises:
-            BenchError: it ended before.
-        """
+        """Wait until it asks for time; BenchError when it ended before."""
         deadline_s = time.monotonic() + PATIENCE_S
         while name not in self._participants:
             if not process_alive() or time.monotonic() > deadline_s:
@@ -144,7 +102,7 @@ class Conductor:
             moments = [e.due_s for e in self._events]
             moments += [p.until_s for p in self._participants.values() if not p.frozen]
             next_s = min([*moments, time_s])
-            self.clock.advance_to(next_s)
+            self._time.advance_to(next_s)
             self.shared.set("now", self.clock.now())
             self._happen()
             self._let_go()

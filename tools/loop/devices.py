@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,21 +20,27 @@ SILENCE_S = 5.0  # who does not read for so long is dropped
 
 
 class Listener:
-    """A Unix socket and who is connected to it."""
+    """A Unix socket and who is connected to it; ``serve`` may be called by several threads."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: list[socket.socket] = []
+        self._serving = threading.Lock()
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(path))
         self._listener.listen()
 
     def filenos(self) -> list[int]:
         """What to wait for."""
-        return [self._listener.fileno(), *(c.fileno() for c in self.connections)]
+        with self._serving:
+            return [self._listener.fileno(), *(c.fileno() for c in self.connections)]
 
     def serve(self) -> None:
         """Let in who knocks, and answer requests."""
+        with self._serving:
+            self._serve()
+
+    def _serve(self) -> None:
         while select.select([self._listener], [], [], 0.0)[0]:
             connection = self._listener.accept()[0]
             connection.settimeout(SILENCE_S)
@@ -47,9 +54,10 @@ class Listener:
 
     def close(self) -> None:
         """Hang up on everybody."""
-        for connection in [*self.connections]:
-            self._drop(connection)
-        self._listener.close()
+        with self._serving:
+            for connection in [*self.connections]:
+                self._drop(connection)
+            self._listener.close()
 
     def _answer(self, connection: socket.socket) -> None:
         raise NotImplementedError
@@ -107,12 +115,13 @@ class PictureServer(Listener):
     def moment(self) -> None:
         """The camera's next moment has come."""
         self.serve()
-        if self.fault == "stop" or not self._asking:
-            return
+        with self._serving:
+            if self.fault == "stop" or not self._asking:
+                return
+            asking, self._asking = self._asking, []
         if self.fault != "freeze" or self.picture is None:
             self.picture = self.see()
         data = self._bytes(self.picture)
-        asking, self._asking = self._asking, []
         for connection in asking:
             with contextlib.suppress(OSError):
                 connection.sendall(data)

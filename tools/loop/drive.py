@@ -23,9 +23,9 @@ from tqdm import tqdm
 from robot.errors import DuckpilotError
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop.bench import Bench, BenchOptions
-from tools.loop.conductor import BenchError
 from tools.loop.film import Film
 from tools.loop.missions import Driver, MissionRecord
+from tools.loop.timekeeper import BenchError
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

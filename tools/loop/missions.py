@@ -13,7 +13,7 @@ from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.planner import LaneGraph, plan_path
 from tools.loop.bench import Bench
-from tools.loop.conductor import BenchError
+from tools.loop.timekeeper import BenchError
 
 SHORTEST_M = 1.0  # a mission is at least so long
 DAWDLE_MPS = 0.1  # a mission slower than this on average is given up

@@ -18,8 +18,7 @@ from websockets.client import ClientProtocol
 from websockets.frames import Frame, Opcode
 from websockets.uri import parse_uri
 
-from tools.loop.conductor import BenchError
-from tools.loop.town import Timekeeper
+from tools.loop.timekeeper import BenchError, Timekeeper
 
 TURN_S = 0.05
 ANSWER_S = 5.0

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from robot.worker import Worker
 
 TURN_S = 0.05  # real time between two looks at an idle network
 BUSY_S = 0.0005
@@ -27,7 +28,7 @@ class _Pipe:
     waiting: deque[tuple[float, bytes]] = field(default_factory=deque)
 
 
-class Proxy:
+class Proxy(Worker):
     """Forwards ``ports``: from each key, on loopback, to its value.
 
     Args:
@@ -39,6 +40,7 @@ class Proxy:
     def __init__(
         self, ports: dict[int, int], clock: Callable[[], float], rng: np.random.Generator
     ) -> None:
+        super().__init__("network")
         self.delay_s = 0.0
         self.loss = 0.0  # share of parts that TCP must send again
         self.again_s = 0.4  # which takes so long
@@ -46,14 +48,11 @@ class Proxy:
         self._clock, self._rng = clock, rng
         self._pipes: list[_Pipe] = []
         self._listeners = {_listener(port): to for port, to in ports.items()}
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="network", daemon=True)
-        self._thread.start()
+        self.start()
 
     def close(self) -> None:
         """Hang up for good."""
-        self._closing.set()
-        self._thread.join()
+        self.end()
         self._hang_up()
         for listener in self._listeners:
             listener.close()
@@ -63,8 +62,8 @@ class Proxy:
         """Whether everything passes at once."""
         return not (self.cut or self.delay_s or self.loss)
 
-    def _run(self) -> None:
-        while not self._closing.is_set():
+    def _work(self) -> None:
+        while not self._ending.is_set():
             waiting = any(pipe.waiting for pipe in self._pipes)
             sources = [pipe.source for pipe in self._pipes]
             wait_s = BUSY_S if waiting else TURN_S

@@ -22,13 +22,11 @@ from sim_pybullet.overhead import (
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.world import PHYSICS_DT_S, VirtualWorld
-from tools.loop.conductor import Conductor
 from tools.loop.devices import BusServer, PictureServer
-from tools.loop.real_time import RealTime
+from tools.loop.timekeeper import Timekeeper
 
 ROBOT = "robot"
 CAMERA_FPS, OVERHEAD_FPS = 15, 10
-Timekeeper = Conductor | RealTime
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,101 @@
+"""What both ways of keeping the bench's time share: hardware that answers, events that recur."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from robot.hat.clock import Clock
+
+
+class BenchError(RuntimeError):
+    """A process of the bench died or hangs."""
+
+
+class Service(Protocol):
+    """Virtual hardware that answers requests; see `tools.loop.devices`."""
+
+    def filenos(self) -> list[int]:
+        """What to wait for."""
+
+    def serve(self) -> None:
+        """Answer what has come; never blocks."""
+
+
+@dataclass
+class Event:
+    """Something that happens again and again."""
+
+    period_s: float
+    happen: Callable[[], None]
+    due_s: float
+
+
+class Timekeeper:
+    """Gives time to nobody yet; what only lock-step needs does nothing here.
+
+    Args:
+        clock: the bench's time.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self._events: list[Event] = []
+        self._services: list[Service] = []
+
+    def prefix(self, name: str) -> list[str]:  # noqa: ARG002  who starts may matter
+        """What goes between ``python`` and the program's module, to start it in this time."""
+        return ["-m"]
+
+    def add_service(self, service: Service) -> None:
+        """Serve this hardware's requests from now on."""
+        self._services.append(service)
+
+    def every(self, period_s: float, happen: Callable[[], None]) -> Event:
+        """Let something happen every ``period_s`` [s], first after one period."""
+        event = Event(period_s, happen, self.clock.now() + period_s)
+        self._events.append(event)
+        return event
+
+    def forget(self, event: Event) -> None:
+        """It happens no longer."""
+        self._events.remove(event)
+
+    def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
+        """Wait until a process that was started has joined.
+
+        Raises:
+            BenchError: it ended before.
+        """
+        if not process_alive():
+            raise BenchError(f"{name}: expected it to start, it did not; see its log")
+
+    def freeze(self, name: str, frozen: bool) -> None:
+        """A process that was stopped (SIGSTOP) is not waited for."""
+
+    def poked(self, name: str) -> None:
+        """A process was sent something that wakes it: wait until it is done with it."""
+
+    def woken(self, name: str) -> None:
+        """As ``poked``, for hardware that answers a waiting process."""
+
+    def lossy(self, lossy: bool) -> None:
+        """Whether messages may be lost or late, so that nobody waits for one."""
+
+    def slow(self, decision_s: float) -> None:
+        """Let every decision of the robot take so long [s].
+
+        Raises:
+            BenchError: decisions take the time that they take.
+        """
+        if decision_s:
+            raise BenchError("expected lock-step, to slow decisions down; got real time")
+
+    def run_until(self, time_s: float) -> None:
+        """Let everybody live until the clock reads ``time_s`` [s]."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Give nobody time any more."""
+        raise NotImplementedError
