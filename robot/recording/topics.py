@@ -37,6 +37,11 @@ def _object(**properties: Json) -> Json:
     return {"type": "object", "properties": properties}
 
 
+def _full(**properties: Json) -> Json:
+    """An object that always has all of these."""
+    return {**_object(**properties), "required": list(properties)}
+
+
 def _schema_of(kind: Any) -> Json:
     """The JSON schema of a type that our dataclasses have."""
     origin, members = typing.get_origin(kind), typing.get_args(kind)
@@ -53,26 +58,33 @@ def _schema_of(kind: Any) -> Json:
 
 _NUMBER: Json = {"type": "number"}
 _STRING: Json = {"type": "string"}
-_TIME = _object(
+_TIME = _full(
     sec={"type": "integer", "minimum": 0},
     nsec={"type": "integer", "minimum": 0, "maximum": NS - 1},
 )
-_POSE = _object(
-    position=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER),
-    orientation=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
+_POSE = _full(
+    position=_full(x=_NUMBER, y=_NUMBER, z=_NUMBER),
+    orientation=_full(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
 )
-_IMAGE = _object(
+_IMAGE = _full(
     timestamp=_TIME,
     frame_id=_STRING,
     data={"type": "string", "contentEncoding": "base64"},
     format=_STRING,
 )
-_POSE_IN_FRAME = _object(timestamp=_TIME, frame_id=_STRING, pose=_POSE)
-_OVERHEAD = _object(
+_POSE_IN_FRAME = _full(timestamp=_TIME, frame_id=_STRING, pose=_POSE)
+_OVERHEAD = _full(
     **_POSE_IN_FRAME["properties"], heading_known={"type": "boolean"}, confidence=_NUMBER
 )
-_POSES = _object(timestamp=_TIME, frame_id=_STRING, poses={"type": "array", "items": _POSE})
-_LOG = _object(timestamp=_TIME, level={"type": "integer"}, message=_STRING, name=_STRING)
+_POSES = _full(timestamp=_TIME, frame_id=_STRING, poses={"type": "array", "items": _POSE})
+_LOG = _full(
+    timestamp=_TIME,
+    level={"type": "integer"},
+    message=_STRING,
+    name=_STRING,
+    file=_STRING,
+    line={"type": "integer", "minimum": 0},
+)
 
 CAMERA = Topic("/camera", "foxglove.CompressedImage", _IMAGE)
 POSE = Topic("/pose", "foxglove.PoseInFrame", _POSE_IN_FRAME)
@@ -115,8 +127,8 @@ def path_message(time_s: float, points_m: Sequence[Tuple[float, float]]) -> Json
 
 def log_message(time_s: float, level: str, text: str) -> Json:
     """A line of the log; ``level`` is one of ``LOG_LEVELS``."""
-    number = LOG_LEVELS[level]
-    return {"timestamp": _stamp(time_s), "level": number, "message": text, "name": "robot"}
+    where = {"name": "robot", "file": "", "line": 0}
+    return {"timestamp": _stamp(time_s), "level": LOG_LEVELS[level], "message": text, **where}
 
 
 def to_ns(time_s: float) -> int:

@@ -14,12 +14,10 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError
-from robot.link.messages import PoseMessage
-from robot.recording import topics
 from robot.recording.config import RecordingConfig
 from robot.recording.drive_file import UNFINISHED
 from robot.recording.drive_log import Heard
-from robot.recording.reader import entries, read_about, read_attachment, read_frames, read_turns
+from robot.recording.reader import read_about, read_attachment, read_frames, read_turns
 from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, Recorder
 from robot.recording.scribe import Scribe
 from robot.recording.subject import MODEL
@@ -49,31 +47,6 @@ def test_a_drive_comes_back_exactly(tmp_path: Path) -> None:
     assert read_about(path)["robot"] == "daisy"
     states = [turn.state for turn, _ in read]
     assert {"READY", "AUTO", "MANUAL", "HOLD"} == set(states)
-
-
-def test_foxglove_finds_what_it_knows(tmp_path: Path) -> None:
-    robot = Robot(tmp_path / "robot")
-    seen = PoseMessage("daisy", 1.1, 2.1, None, 0.9, 5.0)
-    subject = replace(robot.subject(), overhead=lambda: seen)
-    robot.subject = lambda: subject  # type: ignore[method-assign]
-    (path,) = record(robot, tmp_path / "drives", robot.drive(5))
-    assert [entry.topic for entry in entries(path)].count("/overhead") == 1
-    found = {entry.topic: entry for entry in entries(path)}
-    for topic in (
-        topics.CAMERA,
-        topics.POSE,
-        topics.OVERHEAD,
-        topics.ODOMETRY,
-        topics.LOG,
-        topics.TURN,
-    ):
-        message = found[topic.name].message()
-        assert set(message) <= set(topic.schema["properties"]), topic.name
-    message = found["/pose"].message()
-    assert message["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 0.0}
-    assert found["/camera"].message()["format"] == "png"
-    stamp = found["/pose"].message()["timestamp"]
-    assert stamp["sec"] + stamp["nsec"] * 1e-9 == pytest.approx(found["/pose"].time_s, abs=1e-6)
 
 
 def test_only_what_follows_arming_is_recorded(tmp_path: Path) -> None:
