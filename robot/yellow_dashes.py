@@ -38,6 +38,7 @@ class YellowLineParameters:
     max_turn_rad: float = 0.9  # and how far it may turn off
     alone_m: float = 0.5  # a farther dash is a line only together with others
     max_bend_pm: float = 2.5  # half the curvature of the tightest line [1/m]
+    max_extension: float = 2.0  # of its own length, up to which a bent line is carried on
 
 
 class Dash(NamedTuple):

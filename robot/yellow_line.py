@@ -128,11 +128,13 @@ def fit_line(
     # In this frame, the first dash at its origin, the line is a function of the way along it.
     frame = Pose(dashes[0].x_m, dashes[0].y_m, direction)
     along, across = frame.to_robot(middles).T
-    terms = np.vander(along, 3)[:, -len(dashes) :]
+    at_m, side_m = frame.to_robot(np.array((reference_m, 0.0)))
+    # A short piece far away tells no bend: carried on to the robot it would lead anywhere.
+    order = len(dashes) if abs(at_m) <= parameters.max_extension * np.ptp(along) else 2
+    terms = np.vander(along, 3)[:, -min(order, len(dashes)) :]
     fitted = np.linalg.lstsq(terms, across, rcond=None)[0]
     curve = np.concatenate((np.zeros(3 - len(fitted)), fitted))
     curve[0] = np.clip(curve[0], -parameters.max_bend_pm, parameters.max_bend_pm)
-    at_m, side_m = frame.to_robot(np.array((reference_m, 0.0)))
     slope = 2.0 * curve[0] * at_m + curve[1]
     offset_m = (side_m - np.polyval(curve, at_m)) / math.hypot(1.0, slope)
     ways = np.linspace(min(at_m, 0.0), along.max(), LINE_POINTS)

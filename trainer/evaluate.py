@@ -66,6 +66,7 @@ class Inputs:
     episodes: int
     seed: int
     translate: str | None = None  # the translator between picture and policy
+    without: tuple[str, ...] = ()  # what of the look stays nominal
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ class EvaluateJob:
         if self.drives and asked.task == "track":
             raise ConfigError("drives: expected a task on maps, got track: no map to draw on")
         maps = load_places(asked.task, asked.maps)
-        looks = find_looks(asked.task, options.look, options.pose_error)
+        looks = find_looks(asked.task, options.look, options.pose_error, options.without)
         seeds = range(options.seed, options.seed + options.episodes)
         log = DriveLog() if self.drives else None
         columns = Progress.get_default_columns()
@@ -173,6 +173,7 @@ def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
         options.episodes,
         options.seed,
         options.translate,
+        options.without,
     )
 
 

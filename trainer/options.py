@@ -76,6 +76,8 @@ class EvaluateOptions:
     """Map or track files, or names of shipped ones; else loop, arena or forest."""
     look: str = "nominal"
     """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
+    without: tuple[str, ...] = ()
+    """What of the look stays nominal, GROUP or GROUP.FIELD."""
     pose_error: str | None = None
     """none or arena, in place of the look's own."""
     translate: str | None = None
@@ -99,7 +101,7 @@ class EvaluateOptions:
             raise ConfigError(f"episodes: expected 1 or more, got {self.episodes}")
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
-        load_look_sampler(self.look, self.pose_error)
+        load_look_sampler(self.look, self.pose_error, self.without)
         check_places(self.task, self.map)
 
 

@@ -138,3 +138,16 @@ def test_wilson_interval_of_the_literature() -> None:
     assert wilson_low(200, 200) == pytest.approx(0.981, abs=5e-4)
     assert wilson_low(50, 50) == pytest.approx(0.929, abs=5e-4)
     assert wilson_low(0, 10) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_look_without_all_that_varies_is_the_nominal_one(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "e.json"
+    groups = ["ground", "sky", "light", "clutter", "camera", "sensor", "drive", "timing"]
+    arguments = ["evaluate", "--model", str(model), "--episodes", "3", "--json", str(out)]
+    assert main([*arguments, "--look", "randomised", "--without", *groups]) == 0
+    bare = json.loads(out.read_text())
+    assert main([*arguments, "--look", "nominal"]) == 0
+    nominal = json.loads(out.read_text())
+    assert bare["inputs"]["without"] == groups
+    assert {**bare, "inputs": None} == {**nominal, "inputs": None}
+    assert main([*arguments, "--look", "randomised", "--without", "sensor.nois"]) == 2

@@ -18,7 +18,8 @@ _LEAK = 0.1  # slope beyond black and white, so that gradients come back from th
 class UNet(nn.Module):
     """Three halvings and back, with skips (Ronneberger et al. 2015), kept narrow.
 
-    Enlarging is pixel shuffling and nearest neighbours: transposed convolutions leave chequers.
+    Enlarging is by nearest neighbours before a convolution: transposed convolutions leave chequers
+    (Odena et al. 2016), and so did pixel shuffling in a first training.
     """
 
     def __init__(self, width: int, blocks: int) -> None:
@@ -30,8 +31,12 @@ class UNet(nn.Module):
         self.deep = nn.Sequential(*(_Residual(4 * w) for _ in range(blocks)))
         self.up3 = _same(4 * w, 2 * w)
         self.up2 = _same(4 * w, w)
-        self.up1 = nn.Sequential(nn.ReLU(), nn.Conv2d(2 * w, 12, 3, 1, 1), nn.PixelShuffle(2))
-        self.last = _zero(nn.Conv2d(6, 3, 3, 1, 1))
+        self.up1 = nn.Sequential(nn.ReLU(), nn.Conv2d(2 * w, w // 2, 3, 1, 1))
+        self.last = nn.Sequential(
+            nn.Conv2d(w // 2 + 3, w // 2, 3, 1, 1),
+            nn.ReLU(),
+            _zero(nn.Conv2d(w // 2, 3, 3, 1, 1)),
+        )
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         """The translation."""
@@ -40,7 +45,7 @@ class UNet(nn.Module):
         eighth = self.deep(self.down3(quarter))
         up = _enlarged(self.up3(eighth), quarter)
         up = _enlarged(self.up2(torch.cat((up, quarter), 1)), half)
-        up = _cut(self.up1(torch.cat((up, half), 1)), pictures)
+        up = _enlarged(self.up1(torch.cat((up, half), 1)), pictures)
         return _changed(pictures, self.last(torch.cat((up, pictures), 1)))
 
 
