@@ -8,26 +8,21 @@ from typing import Literal
 import numpy as np
 
 from robot.errors import ConfigError
-from robot.path import lane_loop
-from robot.path_batch import PathBatch
+from robot.path import Path, lane_loop
 from robot.road_map import RoadMap
-from sim_pybullet.tasks.base import Starts, TaskStep
+from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
-    MAX_HEADING_ERROR_RAD,
     NOMINAL_STEP_M,
-    START_HEADING_RAD,
-    START_OFFSET,
     TERM_NAMES,
-    Course,
-    PathFollower,
     following_terms,
 )
+from sim_pybullet.tasks.path_task import PathTask
 from sim_pybullet.vehicle import WheeledRobots
 
 
-class LaneKeeping:
+class LaneKeeping(PathTask):
     """Drive ``laps`` laps along the middle of the outer lane, or of the inner one.
 
     An episode begins at a random place of the lane, a little off its middle and its direction. The
@@ -47,8 +42,6 @@ class LaneKeeping:
         MapError: a map is not a ring of road.
     """
 
-    guided = False
-    frames = 1
     term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("laps",)
 
@@ -64,58 +57,28 @@ class LaneKeeping:
                 "LaneKeeping: expected at least one map, one robot and laps above 0, got "
                 f"{len(road_maps)} maps, {n_robots} robots, {laps} laps"
             )
-        self.road_maps = tuple(road_maps)
-        self.n_robots = n_robots
-        self.vehicle = WheeledRobots(n_robots)
         self._loops = [lane_loop(road_map, outer=lane == "outer") for road_map in road_maps]
-        self._half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
-        self._lengths_m = np.array([loop.length_m for loop in self._loops])
+        half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
+        vehicle = WheeledRobots(n_robots)
+        super().__init__(road_maps, vehicle, n_robots, half_lanes_m, self._loops[0])
         self._laps = laps
-        self._follower = PathFollower(self._loops[0], n_robots)
-        self._maps = np.zeros(n_robots, dtype=int)
-        self._steps = np.zeros(n_robots, dtype=int)
 
-    @property
-    def paths(self) -> PathBatch:
-        """The lane that each robot is in."""
-        return self._follower.paths
-
-    @property
-    def course(self) -> Course:
-        """Where each robot is in its lane."""
-        return self._follower.course
-
-    @property
-    def half_lane_m(self) -> np.ndarray:
-        """(N,) distance from the middle of the lane to its edge."""
-        return np.asarray(self._half_lanes_m[self._maps])
-
-    def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
-        """Begin an episode for these robots (M,) on a random map, at a random place."""
-        maps = rng.integers(len(self.road_maps), size=len(robots))
-        poses = np.zeros((len(robots), 3))
-        for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
-            loop, most_m = self._loops[m], START_OFFSET * self._half_lanes_m[m]
-            poses[k] = self._follower.start(
-                i,
-                loop,
-                rng.uniform(0.0, loop.length_m),
-                rng.uniform(-most_m, most_m),
-                rng.uniform(-START_HEADING_RAD, START_HEADING_RAD),
-            )
-        self._maps[robots], self._steps[robots] = maps, 0
-        return Starts(poses, maps)
+    def _mission(
+        self,
+        robot: int,  # noqa: ARG002
+        road_map: int,
+        rng: np.random.Generator,
+    ) -> tuple[Path, float]:
+        loop = self._loops[road_map]
+        return loop, rng.uniform(0.0, loop.length_m)
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Reward and end of the decision that led to poses (N, 3)."""
-        course, half_lane_m = self._follower.follow(poses), self.half_lane_m
-        laps = course.travelled_m / self._lengths_m[self._maps]
-        self._steps += 1
-        lost = np.abs(course.heading_error_rad) > MAX_HEADING_ERROR_RAD
+        (course, lost), half_lane_m = self._follow(poses), self.half_lane_m
+        laps = course.travelled_m / self._lengths_m
         terminated = collided | lost | (np.abs(course.offset_m) > half_lane_m)
         success = ~terminated & (laps >= self._laps)
-        full_speed_m = self._steps * NOMINAL_STEP_M
-        late = full_speed_m >= DAWDLE * self._laps * self._lengths_m[self._maps]
+        late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._laps * self._lengths_m
         terms = following_terms(course, half_lane_m)
         truncated = ~terminated & (success | late)
         return TaskStep(terms, laps[None], terminated, truncated, success)

@@ -75,10 +75,15 @@ class Manoeuvres(Navigation):
         self.manoeuvres = manoeuvres(road_maps[0])
         self._rounds = np.zeros(n_robots, dtype=int)
 
-    def _mission(self, robot: int, road_map: int, rng: np.random.Generator) -> Path:  # noqa: ARG002
+    def _mission(
+        self,
+        robot: int,
+        road_map: int,  # noqa: ARG002
+        rng: np.random.Generator,  # noqa: ARG002
+    ) -> tuple[Path, float]:
         number = robot * ROUNDS + int(self._rounds[robot]) % ROUNDS
         self._rounds[robot] += 1
-        return self.manoeuvres[number % len(self.manoeuvres)].path
+        return self.manoeuvres[number % len(self.manoeuvres)].path, 0.0
 
 
 def _turn_rad(graph: LaneGraph, lane: int) -> float:

@@ -8,8 +8,13 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError, MapError
 from robot.path import lane_loop
 from robot.road_map import load_map
-from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M
-from sim_pybullet.tasks.lane_keeping import START_HEADING_RAD, START_OFFSET, LaneKeeping
+from sim_pybullet.tasks.following import (
+    HALF_LANE_TILES,
+    NOMINAL_STEP_M,
+    START_HEADING_RAD,
+    START_OFFSET,
+)
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
 
 LOOP = load_map("loop")
 HALF_LANE_M = HALF_LANE_TILES * LOOP.tile_size_m

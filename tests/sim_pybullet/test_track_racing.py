@@ -14,7 +14,7 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
 from sim_pybullet.racing_cars import RacingAction
-from sim_pybullet.tasks.track_racing import BETA, GAMMA, TrackRacing
+from sim_pybullet.tasks.track_racing import BETA, GAMMA, PATIENCE_S, TrackRacing
 from sim_pybullet.track import SCALE, centre_line, load_track, shipped_tracks
 
 TRACK = load_track("karting")
@@ -34,7 +34,7 @@ def world() -> Iterator[BatchWorld]:
 def place(task: TrackRacing, offset_m: float, turned_rad: float = 0.0) -> np.ndarray:
     """Begin an episode of car 0 at a point of the straight; poses (1, 3)."""
     pose = task._follower.start(0, LINE.path, STRAIGHT_M, offset_m, turned_rad)
-    task._poses = pose[None]
+    task._poses, task._lengths_m[0] = pose[None], LINE.path.length_m
     return pose[None]
 
 
@@ -89,7 +89,7 @@ def test_a_parked_car_runs_out_of_time() -> None:
         step = task.step(poses, np.array([False]))
         assert step.reward[0] < 0.0
         count, over = count + 1, bool(step.truncated[0])
-    assert count == pytest.approx(TRACK.length_m / 4.0 / CONTROL_DT_S, abs=1)
+    assert count == pytest.approx(PATIENCE_S / CONTROL_DT_S, abs=1)
     assert not step.success[0]
 
 
