@@ -21,12 +21,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import multiprocessing
-from torch.nn.utils import vector_to_parameters
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from trainer.a3c_worker import EnvMaker, EpisodeEnd, Orders, Shared, Worker, run_worker
+from trainer.a3c_worker import EnvMaker, EpisodeEnd, Orders, Worker, run_worker
 from trainer.algorithms import build_policy
 from trainer.config import A3cConfig, RunConfig
 from trainer.dqn import ChannelLast
+from trainer.shared_weights import Shared
 
 POLL_S = 0.1  # between two looks at what the workers did
 _LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
@@ -85,7 +86,8 @@ class A3C(ChannelLast, BaseAlgorithm):
         if self.num_timesteps >= total:
             return self
         assert isinstance(self.policy, ActorCriticPolicy)
-        shared = Shared.of(self.policy, self._squares(), self._learn.workers)
+        weights = parameters_to_vector(self.policy.parameters()).detach()
+        shared = Shared.of(weights, self._squares(), self._learn.workers)
         begun = self.num_timesteps
         callback.on_training_start(locals(), globals())
         with closing(self._episodes(shared)) as batches:
@@ -144,7 +146,7 @@ class _Crew:
         # A server that has imported everything forks the workers: quick, and no threads are copied.
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(["trainer.a3c_worker"])
-        self._orders, self._stop = orders, orders[0].shared.stop
+        self._orders, self._shared = orders, orders[0].shared
         self._workers = [self._send_out(each) for each in orders]
         self.replaced = 0
 
@@ -162,7 +164,7 @@ class _Crew:
 
     def close(self) -> None:
         """Let the workers finish their rollouts and leave."""
-        self._stop[0] = True
+        self._shared.stop()
         for process, pipe in self._workers:
             process.join(_LEAVE_S)
             process.kill()

@@ -28,6 +28,7 @@ from sim_pybullet.randomise import looks_of
 from trainer.algorithms import build_policy, learning_rates
 from trainer.config import A3cConfig, RunConfig
 from trainer.envs import ScaledReward
+from trainer.shared_weights import Shared
 
 EnvMaker = Callable[[RunConfig, int, int], VecEnv]
 Tensors = dict[str, torch.Tensor]
@@ -40,22 +41,6 @@ class EpisodeEnd(NamedTuple):
     reward: float  # summed, as the task gives it
     length: int  # decisions
     success: bool
-
-
-class Shared(NamedTuple):
-    """What all processes read and write, in shared memory and without locks."""
-
-    weights: torch.Tensor  # (P,) of the policy
-    squares: torch.Tensor  # (P,) RMSProp's running mean of squared gradients
-    steps: torch.Tensor  # (W,) int64, decisions of each worker, who alone writes its own
-    stop: torch.Tensor  # (1,) bool
-
-    @classmethod
-    def of(cls, policy: ActorCriticPolicy, squares: torch.Tensor, workers: int) -> Shared:
-        """Fresh shared memory with the weights of a policy."""
-        weights = parameters_to_vector(policy.parameters()).detach().clone()
-        steps, stop = torch.zeros(workers, dtype=torch.int64), torch.zeros(1, dtype=torch.bool)
-        return cls(*(part.share_memory_() for part in (weights, squares.clone(), steps, stop)))
 
 
 class Orders(NamedTuple):
@@ -192,7 +177,7 @@ def run_worker(orders: Orders, pipe: Connection) -> None:
     numba.set_num_threads(1)
     trainer = multiprocessing.parent_process()
     worker = Worker(orders)
-    while not orders.shared.stop[0] and trainer is not None and trainer.is_alive():
+    while not orders.shared.stopped and trainer is not None and trainer.is_alive():
         ended = worker.learn()
         if ended:
             pipe.send(ended)

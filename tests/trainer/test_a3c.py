@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
+from torch.nn.utils import parameters_to_vector
 
-from tests.trainer.shared_memory import needs_shared_memory
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.a3c import A3C
-from trainer.a3c_worker import Orders, Shared, Worker, n_step_returns, shared_rmsprop
+from trainer.a3c_worker import Orders, Worker, n_step_returns, shared_rmsprop
 from trainer.checkpoint import TrainState, load_checkpoint, save_checkpoint
 from trainer.config import A3cConfig, RunConfig, preset
 from trainer.run import RunFolder
-
-pytestmark = needs_shared_memory
+from trainer.shared_weights import Shared
 
 
 def a3c_config(steps: int, workers: int, seed: int = 0) -> RunConfig:
@@ -49,7 +48,7 @@ def test_returns_discount_and_stop_where_an_episode_ends() -> None:
 def test_rmsprop_is_torchs_with_epsilon_inside_the_root() -> None:
     generator = torch.Generator().manual_seed(0)
     weights, squares = torch.randn(6, generator=generator), torch.zeros(6)
-    shared = Shared(weights.clone(), squares, torch.zeros(1), torch.zeros(1))
+    shared = Shared.of(weights, squares, 1)
     parameter = torch.nn.Parameter(weights.clone())
     ours = torch.optim.RMSprop([parameter], lr=0.01, alpha=0.9, eps=0.0)
     for _ in range(5):
@@ -60,9 +59,28 @@ def test_rmsprop_is_torchs_with_epsilon_inside_the_root() -> None:
     torch.testing.assert_close(shared.weights, parameter.detach())
 
 
+def add_one(shared: Shared, number: int) -> None:
+    shared.weights += 1.0
+    shared.steps[number] = 7
+
+
+def test_a_process_shares_memory_and_not_a_copy() -> None:
+    shared = Shared.of(torch.arange(5.0), torch.zeros(5), 3)
+    process = multiprocessing.get_context("forkserver").Process(target=add_one, args=(shared, 2))
+    process.start()
+    process.join()
+    assert shared.weights.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert shared.squares.tolist() == [0.0] * 5
+    assert shared.steps.tolist() == [0, 0, 7]
+    assert not shared.stopped
+    shared.stop()
+    assert shared.stopped
+
+
 def test_a_cut_off_episode_is_worth_what_would_have_come() -> None:
     config = a3c_config(100, 1)
-    shared = Shared.of(model_of(config).policy, torch.zeros(1), 1)  # type: ignore[arg-type]
+    weights = parameters_to_vector(model_of(config).policy.parameters()).detach()
+    shared = Shared.of(weights, torch.zeros(1), 1)
     worker = Worker(Orders(config, make_toy, shared, 0, 0, 0))
     robots = config.learn.robots
     last = np.full((36, 36, 3), 128, np.uint8)

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.trainer.shared_memory import A3C_PARAM
 from tests.trainer.toy import toy_config, train_toy
 from trainer.run import RunFolder
 
@@ -61,7 +60,7 @@ def test_killed_run_goes_on_where_its_checkpoint_lies(algorithm: str, tmp_path: 
     assert run.curve.exists()
 
 
-@pytest.mark.parametrize("algorithm", ["dueling", A3C_PARAM])
+@pytest.mark.parametrize("algorithm", ["dueling", "a3c"])
 def test_ctrl_c_leaves_a_run_that_can_go_on(algorithm: str, tmp_path: Path) -> None:
     run = RunFolder(tmp_path / "run")
     process = start(algorithm, run.path)

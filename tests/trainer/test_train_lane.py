@@ -8,7 +8,6 @@ import pytest
 from robot.errors import ContractError
 from robot.policy import OnnxPolicy
 from sim_pybullet.racing_cars import RACING_ACTIONS
-from tests.trainer.shared_memory import A3C_PARAM
 from trainer.cli import main
 from trainer.evaluate import open_policy
 from trainer.run import RunFolder
@@ -37,7 +36,7 @@ def test_navigation_sees_picture_and_path(algorithm: str, tmp_path: Path) -> Non
     assert RunFolder(out).load_config().pose_error == "arena"
 
 
-@pytest.mark.parametrize("algorithm", [A3C_PARAM, "ppo"])
+@pytest.mark.parametrize("algorithm", ["a3c", "ppo"])
 def test_racing_sees_four_pictures_and_has_nine_actions(algorithm: str, tmp_path: Path) -> None:
     out, model = tmp_path / "run", tmp_path / "run" / "model.onnx"
     arguments = ["train", "--task", "track", "--preset", "debug", "--algo", algorithm]
