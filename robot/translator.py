@@ -153,8 +153,12 @@ class TranslatingPolicy:
         return self._policy.contract
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
-        """(N, actions) for images (N, H, W, 3) as they are before translation."""
-        return self._policy.values(self._translator(images), path)
+        """(N, actions) for images (N, H, W, 3 F), F stacked frames as they are untranslated."""
+        count, height, width, channels = images.shape
+        stacked = images.reshape(count, height, width, channels // 3, 3)
+        frames = np.moveaxis(stacked, 3, 1)
+        translated = self._translator(frames.reshape(-1, height, width, 3)).reshape(frames.shape)
+        return self._policy.values(np.moveaxis(translated, 1, 3).reshape(images.shape), path)
 
     def act(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """The greedy actions (N,) int64; arguments as of ``values``."""

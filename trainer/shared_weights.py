@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from multiprocessing.reduction import DupFd
+from typing import Any
 
 import numpy as np
 import torch
@@ -57,14 +58,14 @@ class Shared:
         """Tell the workers to leave."""
         self._stop[0] = 1
 
-    def __reduce__(self) -> tuple[Callable[..., Shared], tuple[DupFd, int, int]]:
+    def __reduce__(self) -> tuple[Callable[..., Shared], tuple[Any, int, int]]:
         return _received, (DupFd(self._file), self._parameters, self._workers)
 
     def __del__(self) -> None:
         os.close(self._file)
 
 
-def _received(file: DupFd, parameters: int, workers: int) -> Shared:
+def _received(file: Any, parameters: int, workers: int) -> Shared:
     return Shared(file.detach(), parameters, workers)
 
 

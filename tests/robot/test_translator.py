@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Optional
 
 import numpy as np
 import pytest
@@ -35,6 +36,24 @@ def contract(direction: str = "real-to-sim") -> TranslatorContract:
 @pytest.fixture
 def negative(tmp_path: Path) -> Path:
     return write_translator(tmp_path / "negative.onnx", contract())
+
+
+class Witness:
+    """A policy that keeps what it was shown."""
+
+    contract = lane_contract()
+
+    def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        self.seen, self.path = images, path
+        return np.zeros((len(images), 5), np.float32)
+
+
+def test_every_frame_of_a_stack_is_translated_in_its_place(negative: Path) -> None:
+    witness, rng = Witness(), np.random.default_rng(0)
+    height, width, _ = SMALL.shape
+    stacks = rng.integers(0, 256, (3, height, width, 12)).astype(np.uint8)
+    TranslatingPolicy(witness, OnnxTranslator(negative)).values(stacks)
+    np.testing.assert_array_equal(witness.seen, 255 - stacks)
 
 
 def test_translates_a_batch_into_a_fresh_one(negative: Path) -> None:
