@@ -19,7 +19,7 @@ from localizer_node.rectify import Rectifier
 from robot.camera.replay import read_picture
 from robot.errors import ConfigError
 from robot.lens import MODELS, Lens, load_ros_calibration
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from robot.typed_config import from_plain, read_yaml
 
 DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too

@@ -7,11 +7,11 @@ from typing import Optional
 
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, nearest
-from robot.gates import SafetyLimits
 from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 from robot.recording.config import RecordingConfig
+from robot.safety.gates import SafetyLimits
 
 CAMERAS = ("csi", "v4l2", "replay", "socket")
 

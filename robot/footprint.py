@@ -33,7 +33,7 @@ def measure_footprint(model: Optional[Union[str, Path]] = None) -> Footprint:
         ContractError: the model keeps no contract.
     """
     if model is not None:
-        from robot.policy_file import read_contract
+        from robot.inference.policy_file import read_contract
 
         read_contract(model)
     command = [sys.executable, "-m", "robot.footprint", *([] if model is None else [str(model)])]
@@ -70,7 +70,7 @@ def _peak_mb() -> float:
 
 def _measure_here(arguments: list) -> Footprint:
     import_s = _import_everything()
-    from robot.dry_run import dry_runtime
+    from robot.runtime.dry_run import dry_runtime
 
     runtime = dry_runtime(Path(arguments[0]) if arguments else None)
     for _ in range(TURNS):

@@ -9,10 +9,10 @@ import numpy as np
 
 from robot.camera.source import Frame
 from robot.contract import Action, PolicyContract
-from robot.gates import Inputs
 from robot.geometry import Pose, WheelSpeeds
-from robot.safety import Answer, Command, Verdict
-from robot.wheel_limits import Drive
+from robot.safety.gates import Inputs
+from robot.safety.state_machine import Answer, Command, Verdict
+from robot.safety.wheel_limits import Drive
 
 Ask = Callable[[Command, Optional[WheelSpeeds]], Answer]
 
@@ -34,7 +34,7 @@ class Motors(Protocol):
 
 
 class Policy(Protocol):
-    """What decides; `robot.policy.OnnxPolicy` on the robot."""
+    """What decides; `robot.inference.policy.OnnxPolicy` on the robot."""
 
     @property
     def contract(self) -> PolicyContract:

@@ -10,7 +10,7 @@ import socket
 from typing import Callable, Mapping, Optional
 
 from robot.parts import Tick
-from robot.safety import Verdict
+from robot.safety.state_machine import Verdict
 
 PING_S = 0.5  # a quarter of the unit's WatchdogSec
 Send = Callable[[str], None]

@@ -6,8 +6,8 @@ import copy
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Sequence, Tuple, Type, TypeVar
 
-from robot.cli.output import write_bytes
 from robot.errors import ConfigError
+from robot.output import write_bytes
 from robot.typed_config import from_plain, read_yaml, to_plain
 
 T = TypeVar("T")

@@ -9,15 +9,15 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.errors import ContractError
 from robot.geometry import Pose
-from robot.translator import Translator
-from sim_pybullet.camera import BatchCamera
+from robot.inference.translator import Translator
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
-from sim_pybullet.feed import CameraFeed
-from sim_pybullet.frame_stack import FrameStack
-from sim_pybullet.guidance_feed import GuidanceFeed
 from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.pool import LookPool, Looks
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.camera import BatchCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.sensing.feed import CameraFeed
+from sim_pybullet.sensing.frame_stack import FrameStack
+from sim_pybullet.sensing.guidance_feed import GuidanceFeed
 from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import Course
 from sim_pybullet.town import Drive, Town
@@ -27,7 +27,7 @@ class Observation(NamedTuple):
     """What the policies of M robots get."""
 
     image: np.ndarray  # (M, H, W, 3 F) uint8 RGB, the task's F last frames, the newest last
-    path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.guidance
+    path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.navigation.guidance
 
 
 class Finished(NamedTuple):

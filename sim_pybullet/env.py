@@ -10,14 +10,14 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.faces import action_space, newest_picture, observation_space, one_of, step_infos
+from sim_pybullet.racing.track import load_track
 from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.track_racing import TrackRacing
-from sim_pybullet.track import load_track
 
 _SEEDS = 2**31
 
@@ -44,7 +44,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
 
     Observation: the picture, Box (H, W, 3) uint8 RGB; 120 x 160 unless another
     `robot.contract.ImageSpec` is asked for. A task that guides gives a Dict of ``image`` and
-    ``path``, ten angles in [-1, 1] (`robot.guidance`).
+    ``path``, ten angles in [-1, 1] (`robot.navigation.guidance`).
 
     Reward: -5 |dE| + 5 dot, the second part earned by driving: up to 5 a step. See
     `sim_pybullet.tasks.following.following_terms`.
@@ -60,8 +60,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
     (`sim_pybullet.drive_metrics.DriveMetrics`).
 
-    Track racing: Discrete(9), `sim_pybullet.racing_cars.RacingAction`; pictures are (H, W, 12), the
-    last four frames; reward, start and ends as `sim_pybullet.tasks.track_racing.TrackRacing` says.
+    Track racing: Discrete(9), `sim_pybullet.racing.racing_cars.RacingAction`; pictures are (H, W,
+    12), the last four frames; reward, start and ends as
+    `sim_pybullet.tasks.track_racing.TrackRacing` says.
 
     Args:
         world: of one robot; it ends with the environment.

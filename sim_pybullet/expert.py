@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot.contract import ACTION_TWISTS
-from robot.path_batch import PathBatch
+from robot.navigation.path_batch import PathBatch
 
 LOOKAHEAD_M = 0.14
 _CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]

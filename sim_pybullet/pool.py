@@ -10,9 +10,9 @@ import numpy as np
 
 from robot.errors import ConfigError
 from sim_pybullet.look import GroundLook, Look, TrackLook
-from sim_pybullet.place import Place, paint_place, place_solids
 from sim_pybullet.randomise import Sampler
 from sim_pybullet.scene import Ground, Scene
+from sim_pybullet.scenery.place import Place, paint_place, place_solids
 
 Looks = Sequence[Look] | Sampler
 

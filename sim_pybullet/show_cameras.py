@@ -17,13 +17,13 @@ from robot.contract import ImageSpec
 from robot.errors import DuckpilotError, MapError
 from robot.geometry import bezier_points, bezier_tangents
 from robot.lens import CameraRig
-from robot.road_map import RoadMap, load_map
+from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, load_look
-from sim_pybullet.objects import build_scene
-from sim_pybullet.pybullet_camera import PyBulletCamera
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
+from sim_pybullet.scenery.objects import build_scene
 
 FRAME = ImageSpec(160, 120)
 ENLARGED = 2  # times, so that a person can see the pixels

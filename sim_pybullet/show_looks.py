@@ -13,11 +13,11 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.errors import DuckpilotError
-from robot.road_map import RoadMap, load_map
-from sim_pybullet.feed import CameraFeed
-from sim_pybullet.objects import build_scene
+from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.randomise import Sampler, load_look_sampler
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scenery.objects import build_scene
+from sim_pybullet.sensing.feed import CameraFeed
 from sim_pybullet.show_cameras import lane_poses, write_picture
 
 COLUMNS = 6

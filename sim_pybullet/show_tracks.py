@@ -16,12 +16,12 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.errors import DuckpilotError
 from sim_pybullet.look import NOMINAL, Look
-from sim_pybullet.place import place_scene
+from sim_pybullet.racing.track import Track, centre_line, load_track, shipped_tracks
+from sim_pybullet.racing.track_ground import paint_track
 from sim_pybullet.randomise import load_look_sampler, looks_of
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scenery.place import place_scene
 from sim_pybullet.show_cameras import coloured, write_picture
-from sim_pybullet.track import Track, centre_line, load_track, shipped_tracks
-from sim_pybullet.track_ground import paint_track
 
 FRAME = ImageSpec(160, 120)
 PANEL_PX = 300

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from robot.contract import ACTION_WHEELS, ActionTable
-from robot.path_batch import PathBatch
+from robot.navigation.path_batch import PathBatch
 from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import MotorModel

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from robot.contract import ACTION_WHEELS, ImageSpec
 from robot.errors import DuckpilotError
 from robot.geometry import bezier_points, bezier_tangents
-from robot.road_map import RoadMap, load_map
+from robot.navigation.road_map import RoadMap, load_map
 from tools.timing import in_turn, seconds_per_call
 
 ROBOTS = 64
@@ -31,9 +31,9 @@ def camera_figures() -> dict[str, float]:
     """Both cameras, 160x120 fisheye, the same scene and poses, measured in turn."""
 
     from sim_pybullet.look import NOMINAL
-    from sim_pybullet.objects import build_scene
-    from sim_pybullet.pybullet_camera import PyBulletCamera
-    from sim_pybullet.ray_camera import RayCamera
+    from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
+    from sim_pybullet.rendering.ray_camera import RayCamera
+    from sim_pybullet.scenery.objects import build_scene
 
     rng = np.random.default_rng(0)
     road_map, rig = load_map("town"), NOMINAL.rig()
@@ -122,7 +122,7 @@ def training_figures() -> dict[str, float]:
 
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
-    from robot.policy_timing import time_policy
+    from robot.inference.policy_timing import time_policy
 
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
     return {kind: asdict(time_policy(path)) for kind, path in files.items() if path.exists()}

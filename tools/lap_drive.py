@@ -13,12 +13,12 @@ from robot.geometry import Pose, wrap_angle
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
+from robot.navigation.path import Path as LanePath
+from robot.navigation.path import lane_loop
+from robot.navigation.road_map import RoadMap
 from robot.parts import Policy, Tick
-from robot.path import Path as LanePath
-from robot.path import lane_loop
-from robot.road_map import RoadMap
-from robot.runtime import Runtime
-from robot.safety import Command, Safety
+from robot.runtime.loop import Runtime
+from robot.safety.state_machine import Command, Safety
 from sim_pybullet.look import Look
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from sim_pybullet.virtual.camera import VirtualCamera

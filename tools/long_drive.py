@@ -1,9 +1,10 @@
 """``python -m tools.long_drive MODEL HOURS [EVERY_S]``: hours of driving in minutes, for leaks.
 
-The robot as `robot.assemble` puts it together, with its links, on a camera and motors that are made
-up; time is simulated and as fast as this computer. A second pair of links in the same process plays
-localizer and monitor, and is closed and opened again now and then. Writes a JSON line of figures
-for every ``EVERY_S``. Python 3.8, and nothing but the robot's own packages: it runs on the robot.
+The robot as `robot.runtime.assemble` puts it together, with its links, on a camera and motors that
+are made up; time is simulated and as fast as this computer. A second pair of links in the same
+process plays localizer and monitor, and is closed and opened again now and then. Writes a JSON
+line of figures for every ``EVERY_S``. Python 3.8, and nothing but the robot's own packages: it
+runs on the robot.
 """
 
 from __future__ import annotations
@@ -47,12 +48,12 @@ def drive(
     clock = FastClock()
     clocks: Any = time
     clocks.monotonic, clocks.sleep = clock.now, clock.sleep  # before the robot is imported
-    from robot.assemble import open_robot
     from robot.config import RobotConfig
     from robot.contract import CONTROL_DT_S
     from robot.link.config import LinkConfig
     from robot.link.keys import keygen
-    from robot.rate import RateKeeper
+    from robot.runtime.assemble import open_robot
+    from robot.runtime.rate import RateKeeper
     from tools.long_drive_parts import MadeUpCamera, MadeUpMotors, Others, start_of
 
     with tempfile.TemporaryDirectory() as folder:

@@ -9,14 +9,14 @@ import numpy as np
 from robot.camera.source import Frame
 from robot.contract import DRIVE
 from robot.geometry import Pose, WheelSpeeds
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.commands import Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.streams import Clock
 from robot.link.telemetry import Telemetry
+from robot.navigation.road_map import RoadMap, load_map
 from robot.parts import Tick
-from robot.preprocess import FRAME_SHAPE
-from robot.road_map import RoadMap, load_map
 
 STILL = WheelSpeeds(0.0, 0.0)
 LOOK_S = 1.0  # a person looks before they arm again

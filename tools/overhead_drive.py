@@ -29,8 +29,7 @@ from localizer_node.rectify import map_outline
 from localizer_node.track import RobotPose
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
-from robot.road_map import RoadMap, load_map
-from sim_pybullet.ground import paint_ground
+from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.look import GroundLook
 from sim_pybullet.overhead import (
     Hanging,
@@ -41,6 +40,7 @@ from sim_pybullet.overhead import (
     coloured,
     robot_sheets,
 )
+from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.scene import Ground
 
 FPS = 30

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from robot.errors import DuckpilotError
-from robot.policy import OnnxPolicy
+from robot.inference.policy import OnnxPolicy
 from robot.recording.replay import Replayed, replay
 
 SHOWN = 20

@@ -1,4 +1,4 @@
-"""How often `robot.yellow_line` tells the right side of the line, over simulated frames.
+"""How often `robot.vision.yellow_line` tells the right side of the line, over simulated frames.
 
     python -m tools.yellow_line --frames 10000 --json runs/yellow_line.json
 
@@ -25,14 +25,14 @@ from rich.progress import track
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
 from robot.errors import ConfigError, DuckpilotError
 from robot.lens import CameraRig
-from robot.path import Path as RoadPath
-from robot.road_map import load_map
-from robot.yellow_dashes import DEFAULT, floor_table
-from robot.yellow_line import detect_yellow_line
+from robot.navigation.path import Path as RoadPath
+from robot.navigation.road_map import load_map
+from robot.vision.yellow_dashes import DEFAULT, floor_table
+from robot.vision.yellow_line import detect_yellow_line
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, Look, load_look
-from sim_pybullet.objects import build_scene
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scenery.objects import build_scene
 from tools.yellow_truth import yellow_middle
 
 BATCH = 100

@@ -1,4 +1,5 @@
-"""What `robot.yellow_line` sees, drawn over pictures: the mask, the dashes and the fitted line.
+"""What `robot.vision.yellow_line` sees, drawn over pictures: the mask, the dashes and the fitted
+line.
 
     python -m tools.yellow_line_sheet --images photographs/ --out sheet.png
 
@@ -16,11 +17,11 @@ import numpy as np
 
 from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
-from robot.cli.output import write_png
 from robot.errors import DuckpilotError
 from robot.lens import DUCKIEBOT_LENS, CameraRig
-from robot.yellow_dashes import DEFAULT, floor_table, yellow_mask
-from robot.yellow_line import YellowLine, detect_yellow_line
+from robot.output import write_png
+from robot.vision.yellow_dashes import DEFAULT, floor_table, yellow_mask
+from robot.vision.yellow_line import YellowLine, detect_yellow_line
 
 TILE = (320, 240)  # [px]
 COLUMNS = 4

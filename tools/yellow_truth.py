@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot.geometry import bezier_points
-from robot.lanes import Lane
-from robot.path import Path, lane_loop
-from robot.road_map import RoadMap
+from robot.navigation.lanes import Lane
+from robot.navigation.path import Path, lane_loop
+from robot.navigation.road_map import RoadMap
 
 SAMPLES = 200  # per tile
 SPACING_M = 0.01

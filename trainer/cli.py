@@ -13,8 +13,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from robot.errors import ConfigError, DuckpilotError
-from robot.policy import OnnxPolicy
-from robot.road_map import load_map
+from robot.inference.policy import OnnxPolicy
+from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from trainer.config import ALGORITHMS, TASKS, preset
 from trainer.experiments.cli import experiment_app

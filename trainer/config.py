@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
 from robot.errors import ConfigError, nearest
-from sim_pybullet.racing_cars import FRAMES, RACING_ACTIONS
+from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS
 from sim_pybullet.randomise import is_reality
 
 T = TypeVar("T")

@@ -14,8 +14,8 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
-from robot.preprocess import preprocess_batch
-from robot.road_map import RoadMap
+from robot.inference.preprocess import preprocess_batch
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.batch import BatchStep, BatchWorld
 from sim_pybullet.pool import Looks
 from sim_pybullet.tasks.lane_keeping import LaneKeeping

@@ -9,18 +9,18 @@ from typing import Any
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from robot.road_map import RoadMap, load_map
-from robot.translator import open_translator
+from robot.inference.translator import open_translator
+from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.place import Place
 from sim_pybullet.pool import Looks
+from sim_pybullet.racing.track import load_track
 from sim_pybullet.randomise import load_look_sampler, load_looks
+from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Task
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.track_racing import TrackRacing
-from sim_pybullet.track import load_track
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
 

@@ -17,18 +17,18 @@ import numpy as np
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError
-from robot.network_file import read_metadata
-from robot.policy import OnnxPolicy
-from robot.policy_file import REMEDY
-from robot.preprocess import preprocess_batch
-from robot.translator import TranslatingPolicy
+from robot.inference.network_file import read_metadata
+from robot.inference.policy import OnnxPolicy
+from robot.inference.policy_file import REMEDY
+from robot.inference.preprocess import preprocess_batch
+from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
-from sim_pybullet.place import Place
 from sim_pybullet.pool import Looks
-from sim_pybullet.racing_cars import RACING_ACTIONS
+from sim_pybullet.racing.racing_cars import RACING_ACTIONS
+from sim_pybullet.racing.track import SCALE
+from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks import manoeuvres
-from sim_pybullet.track import SCALE
 from trainer.config import choose
 from trainer.drive_log import DriveLog, Tracer
 from trainer.envs import build_task

@@ -25,8 +25,8 @@ from robot.camera.replay import PICTURES, VIDEOS, open_reel, picture_files, read
 from robot.camera.source import fit_to_frame
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.policy_file import read_contract
-from robot.preprocess import preprocess
+from robot.inference.policy_file import read_contract
+from robot.inference.preprocess import preprocess
 from trainer.export import export_checkpoint
 from trainer.mp4 import write_mp4
 from trainer.run import RunFolder, atomically

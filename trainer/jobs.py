@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from robot.errors import ConfigError
-from robot.translator import TranslatingPolicy, open_translator
+from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.typed_config import to_plain
 from trainer.config import TESTS, choose
 from trainer.drive_log import DriveLog, drives_beside

@@ -9,9 +9,9 @@ from typing import Annotated
 import tyro
 
 from robot.errors import ConfigError
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
+from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.track import is_track, load_track
 from trainer.config import RunConfig, choose, preset
 
 ZEROS = {"image": None, "path": None}

@@ -7,14 +7,14 @@ from typing import Iterator, List, Tuple
 
 import numpy as np
 
-from robot.assemble import open_stream
 from robot.bringup.person import Person
 from robot.bringup.target import find_board
 from robot.camera.newest import Stream
 from robot.camera.replay import picture_files, read_picture
-from robot.cli.output import write_png
 from robot.config import CameraConfig
 from robot.errors import ConfigError
+from robot.output import write_png
+from robot.runtime.assemble import open_stream
 
 SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well
 SETTLING = 15  # pictures until exposure and white balance have settled

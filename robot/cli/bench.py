@@ -11,15 +11,15 @@ from typing import List
 
 import numpy as np
 
-from robot.cli.output import write_json
 from robot.contract import CONTROL_DT_S
-from robot.dry_run import dry_runtime
 from robot.errors import ConfigError
 from robot.footprint import measure_footprint
 from robot.hat.clock import MonotonicClock
+from robot.inference.policy_timing import time_policy
+from robot.output import write_json
 from robot.parts import Tick
-from robot.policy_timing import time_policy
-from robot.rate import RateKeeper
+from robot.runtime.dry_run import dry_runtime
+from robot.runtime.rate import RateKeeper
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ from robot.bringup.person import AtTerminal, Person
 from robot.bringup.roll import CountedMotors, Roller
 from robot.bringup.wheels import Values
 from robot.camera.replay import read_picture
-from robot.cli.output import write_bytes
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
+from robot.output import write_bytes
 from robot.typed_config import load_yaml, to_plain
 from robot.yaml_edit import edit_yaml
 

@@ -9,10 +9,10 @@ import argparse
 from pathlib import Path
 from typing import List
 
-from robot.cli.output import write_json
 from robot.doctor.findings import Finding, Level
 from robot.doctor.machine import ThisMachine
 from robot.doctor.report import examine
+from robot.output import write_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

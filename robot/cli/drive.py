@@ -9,9 +9,9 @@ import sys
 import threading
 from pathlib import Path
 
-from robot.assemble import open_robot
 from robot.cli.terminal import PROMPT, Terminal
 from robot.config import RobotConfig
+from robot.runtime.assemble import open_robot
 from robot.systemd import Heartbeat, notify_socket
 from robot.typed_config import load_yaml
 

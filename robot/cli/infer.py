@@ -15,11 +15,11 @@ import numpy as np
 
 from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
-from robot.cli.output import write_json, write_png
 from robot.cli.sheet import Labelled, draw_sheet
 from robot.contract import Action
-from robot.policy import OnnxPolicy
-from robot.preprocess import preprocess
+from robot.inference.policy import OnnxPolicy
+from robot.inference.preprocess import preprocess
+from robot.output import write_json, write_png
 
 PROGRESS_EVERY = 25
 

@@ -8,7 +8,7 @@ from typing import Callable, Iterable, Optional
 
 from robot.errors import nearest
 from robot.parts import Ask, Tick
-from robot.safety import Command, Verdict
+from robot.safety.state_machine import Command, Verdict
 
 # By hand one drives at the monitor; the empty line is the quickest to type.
 WORDS = {

@@ -15,10 +15,10 @@ from typing import Dict, List, NamedTuple, Optional, Protocol, Tuple
 
 import numpy as np
 
-from robot.assemble import CAPTURE_PX, open_stream
 from robot.config import CameraConfig
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus, SmbusBus
+from robot.runtime.assemble import CAPTURE_PX, open_stream
 
 CONNECT_S = 1.0
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Iterator, List, Tuple
 
-from robot.assemble import open_policy
 from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import Machine
 from robot.errors import ConfigError, DuckpilotError
+from robot.inference.policy_timing import time_decisions
 from robot.link.config import BOUND_BY, LinkConfig
 from robot.link.keys import load_keys
-from robot.policy_timing import time_decisions
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
+from robot.runtime.assemble import open_policy
 
 OLDEST_PYTHON = (3, 8)
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "PyYAML", "smbus2", "pyzmq", "mcap")

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, List, Protocol, Sequence, Tuple
 
-from robot.cli.output import write_bytes
 from robot.errors import HardwareError
 from robot.install.host import Host
+from robot.output import write_bytes
 
 KEPT = ".before-duckpilot"  # a file that was there before is kept under this ending
 Command = Tuple[str, ...]

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Callable, List, NamedTuple, Sequence
 
-from robot.cli.output import write_json
 from robot.errors import ConfigError
 from robot.install import paths
 from robot.install.changes import (
@@ -23,6 +22,7 @@ from robot.install.changes import (
 )
 from robot.install.host import Host
 from robot.install.texts import UDEV, config_text, unit_text
+from robot.output import write_json
 
 Say = Callable[[str], None]
 _MARK = f"{paths.VENV}/.duckpilot-version"

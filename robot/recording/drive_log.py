@@ -16,7 +16,7 @@ from robot.parts import Tick
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile
 from robot.recording.turn import Turn
-from robot.safety import State, Verdict
+from robot.safety.state_machine import State, Verdict
 
 # Of zlib: a third smaller than raw, in a millisecond; the next levels gain 1 % for twice the time.
 PNG_LEVEL = 1

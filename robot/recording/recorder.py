@@ -21,7 +21,7 @@ from robot.recording.drive_log import Heard
 from robot.recording.repair import recover_folder
 from robot.recording.scribe import Scribe
 from robot.recording.subject import Subject
-from robot.safety import State
+from robot.safety.state_machine import State
 from robot.worker import Worker
 
 QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two

@@ -15,14 +15,14 @@ from typing import Dict, List, NamedTuple, Optional
 import numpy as np
 
 from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS, Action
-from robot.decision import best_action, values_of
 from robot.errors import ContractError
+from robot.inference.decision import best_action, values_of
+from robot.inference.policy import OnnxPolicy
+from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.parts import Policy
-from robot.policy import OnnxPolicy
 from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
 from robot.recording.subject import MODEL, TRANSLATOR, arithmetic
 from robot.recording.turn import Turn
-from robot.translator import TranslatingPolicy, open_translator
 
 # Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
 TOLERANCE = 1e-3

@@ -10,8 +10,8 @@ import numpy as np
 
 from robot.geometry import WheelSpeeds
 from robot.parts import Tick
+from robot.safety.wheel_limits import Drive
 from robot.typed_config import from_plain, to_plain
-from robot.wheel_limits import Drive
 
 Numbers = Tuple[float, ...]
 

@@ -7,8 +7,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from robot.path_batch import PathBatch
-from sim_pybullet.place import Place
+from robot.navigation.path_batch import PathBatch
+from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.following import Course
 from sim_pybullet.vehicle import Vehicle
 

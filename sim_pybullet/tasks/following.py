@@ -9,8 +9,8 @@ import numpy as np
 
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S, Action
 from robot.geometry import wrap_angle
-from robot.path import Path
-from robot.path_batch import PathBatch
+from robot.navigation.path import Path
+from robot.navigation.path_batch import PathBatch
 
 # From the middle of a lane to its edge: the yellow line begins at 0.18 tiles, the white at 0.193.
 HALF_LANE_TILES = 0.19

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from robot.errors import ConfigError
-from robot.path import Path, lane_loop
-from robot.road_map import RoadMap
+from robot.navigation.path import Path, lane_loop
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import (
     DAWDLE,

@@ -10,9 +10,9 @@ import numpy as np
 
 from robot.errors import ConfigError, MapError
 from robot.geometry import wrap_angle
-from robot.path import Path
-from robot.planner import LaneGraph
-from robot.road_map import RoadMap
+from robot.navigation.path import Path
+from robot.navigation.planner import LaneGraph
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.navigation import Navigation
 
 ROUNDS = 8  # episodes in a row that a robot drives before its manoeuvres begin anew

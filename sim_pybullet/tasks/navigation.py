@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot.errors import ConfigError, MapError, PlanError
-from robot.navigator import ARRIVAL_M, OFF_PATH_TILES
-from robot.path import Path
-from robot.planner import LaneGraph, route_between
-from robot.road_map import RoadMap
+from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
+from robot.navigation.path import Path
+from robot.navigation.planner import LaneGraph, route_between
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import (
     DAWDLE,
@@ -31,14 +31,15 @@ class Navigation(PathTask):
     """Drive from a random place of a random map to another one, along the planned path.
 
     Starts and destinations lie on any lane of any tile of road, at least three tiles of path apart;
-    the route is `robot.planner`'s, of the fewest lanes. A robot starts at rest, a little off the
-    path and its direction. The reward is that of `sim_pybullet.tasks.following.following_terms`.
+    the route is `robot.navigation.planner`'s, of the fewest lanes. A robot starts at rest, a
+    little off the path and its direction. The reward is that of
+    `sim_pybullet.tasks.following.following_terms`.
 
-    Terminated, by the limits at which a real robot gives up (`robot.navigator`): a quarter of a
-    tile from the path, so over the middle of the yellow line or beside the road; more than 100
-    degrees off; or in collision. Truncated: at the destination (success), or after twice the time
-    that the path takes at full speed. An arrival is no terminal state, since it would end a stream
-    of positive rewards and teach to dawdle.
+    Terminated, by the limits at which a real robot gives up (`robot.navigation.navigator`): a
+    quarter of a tile from the path, so over the middle of the yellow line or beside the road; more
+    than 100 degrees off; or in collision. Truncated: at the destination (success), or after twice
+    the time that the path takes at full speed. An arrival is no terminal state, since it would end
+    a stream of positive rewards and teach to dawdle.
 
     Args:
         road_maps: each episode is on one of them.

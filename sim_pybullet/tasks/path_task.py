@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot.path import Path
-from robot.path_batch import PathBatch
-from sim_pybullet.place import Place
+from robot.navigation.path import Path
+from robot.navigation.path_batch import PathBatch
+from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.following import (
     MAX_HEADING_ERROR_RAD,

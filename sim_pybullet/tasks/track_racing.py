@@ -8,11 +8,11 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
-from robot.path import Path
-from sim_pybullet.racing_cars import FRAMES, RacingCars
+from robot.navigation.path import Path
+from sim_pybullet.racing.racing_cars import FRAMES, RacingCars
+from sim_pybullet.racing.track import SCALE, Track, centre_line
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.path_task import PathTask
-from sim_pybullet.track import SCALE, Track, centre_line
 
 BETA = 0.006  # paper B, equation 4: reward per m/s and per metre
 GAMMA = -0.025  # paper B, equation 4: reward of a collision

@@ -10,12 +10,12 @@ from robot.contract import ImageSpec
 from robot.geometry import Pose
 from robot.hat.clock import Clock
 from robot.hat.driver import MotorDriver
-from robot.road_map import RoadMap
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
-from sim_pybullet.objects import build_scene
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
-from sim_pybullet.sensor import apply_sensor
+from sim_pybullet.scenery.objects import build_scene
+from sim_pybullet.sensing.sensor import apply_sensor
 from sim_pybullet.town import Town
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat

@@ -11,9 +11,9 @@ from robot.camera.source import Frame
 from robot.contract import MAX_WHEEL_MPS, PolicyContract
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Ask, Guidance, Tick
-from robot.preprocess import FRAME_SHAPE
-from robot.safety import Answer, Command
+from robot.safety.state_machine import Answer, Command
 from tests.robot.clocks import FakeClock
 from tests.robot.tiny_onnx import lane_contract
 

@@ -11,10 +11,10 @@ import pytest
 from robot.camera.source import Frame
 from robot.contract import CONTROL_DT_S
 from robot.errors import HardwareError
-from robot.gates import Reason
-from robot.preprocess import FRAME_SHAPE
-from robot.runtime import Runtime
-from robot.safety import Command, Safety, State
+from robot.inference.preprocess import FRAME_SHAPE
+from robot.runtime.loop import Runtime
+from robot.safety.gates import Reason
+from robot.safety.state_machine import Command, Safety, State
 from sim_pybullet.virtual.i2c import BusFault
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import FakePolicy

@@ -4,9 +4,9 @@ import socket
 from pathlib import Path
 from typing import List
 
-from robot.safety import Command
+from robot.safety.state_machine import Command
 from robot.systemd import PING_S, Heartbeat, notify_socket
-from tests.robot.test_runtime import Bench
+from tests.robot.runtime.test_loop import Bench
 
 
 def test_lines_reach_the_socket_that_systemd_names(tmp_path: Path) -> None:

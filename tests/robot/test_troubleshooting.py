@@ -8,8 +8,8 @@ import pytest
 
 from robot.cli import COMMANDS
 from robot.footprint import ROOT
-from robot.gates import Reason
-from robot.safety import HOLDS, State
+from robot.safety.gates import Reason
+from robot.safety.state_machine import HOLDS, State
 
 TROUBLESHOOTING = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^### `(\w+)`\n(.*?)(?=^##|\Z)", TROUBLESHOOTING, re.M | re.S))

@@ -13,19 +13,19 @@ import pytest
 from robot.camera.newest import NewestFrame
 from robot.camera.source import Camera, Frame
 from robot.errors import HardwareError
-from robot.gates import Reason, SafetyLimits
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Motors, Subscriber
-from robot.preprocess import FRAME_SHAPE
 from robot.recording.config import RecordingConfig
 from robot.recording.recorder import Recorder
-from robot.runtime import Runtime
-from robot.safety import Command, Safety, State
-from robot.watchdog import Watchdog
+from robot.runtime.loop import Runtime
+from robot.runtime.watchdog import Watchdog
+from robot.safety.gates import Reason, SafetyLimits
+from robot.safety.state_machine import Command, Safety, State
 from robot.worker import Worker
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus

@@ -8,7 +8,7 @@ import pytest
 
 from robot.contract import CONTROL_DT_S, Action
 from robot.errors import ConfigError, ContractError
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchStep, BatchWorld
 from sim_pybullet.look import DB18_DRIVE, NOMINAL, DriveLook, GroundLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S

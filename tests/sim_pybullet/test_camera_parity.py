@@ -11,13 +11,13 @@ from skimage.metrics import structural_similarity
 
 from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount, load_ros_calibration
-from robot.road_map import RoadMap, load_map
+from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
-from sim_pybullet.objects import build_scene
-from sim_pybullet.pybullet_camera import PyBulletCamera
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
+from sim_pybullet.scenery.objects import build_scene
 
 FRAME = ImageSpec(160, 120)
 LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)

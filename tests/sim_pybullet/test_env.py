@@ -15,12 +15,12 @@ from stable_baselines3.common.env_checker import check_env as check_sb3
 import sim_pybullet
 from robot.contract import ACTION_TWISTS, Action, ImageSpec
 from robot.errors import ConfigError
-from robot.navigator import ARRIVAL_M
-from robot.road_map import load_map
+from robot.navigation.navigator import ARRIVAL_M
+from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.env import DriveEnv
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.racing_cars import RACING_ACTIONS
+from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.track_racing import TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv

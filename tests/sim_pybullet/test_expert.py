@@ -5,10 +5,10 @@ import pytest
 
 from robot.contract import CONTROL_DT_S, Action
 from robot.geometry import Pose
-from robot.path import Path, lane_loop
-from robot.path_batch import PathBatch
-from robot.planner import plan_path
-from robot.road_map import load_map
+from robot.navigation.path import Path, lane_loop
+from robot.navigation.path_batch import PathBatch
+from robot.navigation.planner import plan_path
+from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import NOMINAL, DriveLook

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError, MapError
-from robot.path import lane_loop
-from robot.road_map import load_map
+from robot.navigation.path import lane_loop
+from robot.navigation.road_map import load_map
 from sim_pybullet.tasks.following import (
     HALF_LANE_TILES,
     NOMINAL_STEP_M,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError, MapError
-from robot.road_map import load_map, read_map
+from robot.navigation.road_map import load_map, read_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.manoeuvres import ROUNDS, Manoeuvres, manoeuvres

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError, MapError
-from robot.navigator import ARRIVAL_M, OFF_PATH_TILES
-from robot.path import Path
-from robot.road_map import load_map
+from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
+from robot.navigation.path import Path
+from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M

@@ -13,9 +13,9 @@ from robot.geometry import wrap_angle
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
-from sim_pybullet.racing_cars import RacingAction
+from sim_pybullet.racing.racing_cars import RacingAction
+from sim_pybullet.racing.track import SCALE, centre_line, load_track, shipped_tracks
 from sim_pybullet.tasks.track_racing import BETA, GAMMA, PATIENCE_S, TrackRacing
-from sim_pybullet.track import SCALE, centre_line, load_track, shipped_tracks
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)

@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from robot.link.config import LinkConfig
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from tools.monitor.demo_robot import TURN_S, DemoRobot
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robot.safety import State
+from robot.safety.state_machine import State
 from tools.faults import __main__ as faults
 from tools.faults.case import Outcome
 from tools.faults.report import write_report

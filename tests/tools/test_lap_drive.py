@@ -10,9 +10,9 @@ import pytest
 
 from robot.contract import Action, ImageSpec, PolicyContract
 from robot.geometry import Pose
+from robot.navigation.road_map import load_map
 from robot.parts import Tick
-from robot.road_map import load_map
-from robot.safety import State
+from robot.safety.state_machine import State
 from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import NOMINAL
 from tools.lap_drive import LapDrive, LapRecord

@@ -19,7 +19,7 @@ from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.socket_bus import SocketBus
 from robot.hat.thread import real_motors
-from robot.policy import OnnxPolicy
+from robot.inference.policy import OnnxPolicy
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tools.loop.bench import free_ports

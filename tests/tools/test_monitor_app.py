@@ -13,8 +13,8 @@ from starlette.websockets import WebSocketDisconnect
 
 from robot.link.commands import MANUAL_EXPIRY_S
 from robot.link.config import LinkConfig
-from robot.road_map import load_map
-from robot.safety import State
+from robot.navigation.road_map import load_map
+from robot.safety.state_machine import State
 from tests.robot.link.conftest import free_base_port, until
 from tests.tools.monitored import RobotThread
 from tools.monitor.app import create_app

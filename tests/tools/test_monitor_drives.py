@@ -10,7 +10,7 @@ from robot.errors import ConfigError
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
 from robot.recording.drive_log import picture
-from robot.safety import Command
+from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
 from tools.monitor.drives import DriveRecorder, list_drives, read_drive, read_picture
 

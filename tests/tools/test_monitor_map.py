@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from tools.monitor.map_drawing import draw_map
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
 from tools.monitor.demo_drive import start_pose

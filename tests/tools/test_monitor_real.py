@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from robot.gates import SafetyLimits
 from robot.recording.replay import replay
+from robot.safety.gates import SafetyLimits
 from tests.tools.browser import Browser, find_chromium
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions

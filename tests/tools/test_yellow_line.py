@@ -7,13 +7,13 @@ import pytest
 
 from robot.contract import ImageSpec
 from robot.errors import MapError
-from robot.path import lane_loop
-from robot.road_map import load_map
+from robot.navigation.path import lane_loop
+from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
-from sim_pybullet.ground import paint_ground
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.objects import build_scene
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.painting.ground import paint_ground
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scenery.objects import build_scene
 from tools.yellow_line import main, measure
 from tools.yellow_line_sheet import BORDERS, COLUMNS, TILE
 from tools.yellow_line_sheet import main as sheet_main

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from robot.contract import Action
-from robot.policy import OnnxPolicy
-from robot.road_map import load_map
+from robot.inference.policy import OnnxPolicy
+from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
 from trainer.cli import main
 from trainer.endurance import endure

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from robot.contract import PolicyContract
-from robot.policy import OnnxPolicy
-from robot.road_map import load_map
+from robot.inference.policy import OnnxPolicy
+from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
 from trainer.algorithms import build_policy
 from trainer.cli import main

@@ -8,12 +8,12 @@ import torch
 from robot.camera.replay import read_picture
 from robot.contract import PolicyContract
 from robot.errors import ContractError
-from robot.path import lane_loop
-from robot.road_map import load_map
+from robot.navigation.path import lane_loop
+from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.objects import build_scene
-from sim_pybullet.ray_camera import RayCamera
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scenery.objects import build_scene
 from trainer.algorithms import build_policy
 from trainer.checkpoint import save_policy
 from trainer.cli import main

@@ -7,7 +7,7 @@ import torch
 
 from robot.contract import PATH_POINTS, PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.policy import OnnxPolicy
+from robot.inference.policy import OnnxPolicy
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.algorithms import build_policy
 from trainer.config import ALGORITHMS, RunConfig, preset

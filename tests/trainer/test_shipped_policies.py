@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from robot.contract import ImageSpec
-from robot.policy import OnnxPolicy
-from robot.preprocess import preprocess_batch
-from robot.road_map import load_map
+from robot.inference.policy import OnnxPolicy
+from robot.inference.preprocess import preprocess_batch
+from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.navigation import Navigation

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ContractError
-from robot.policy import OnnxPolicy
-from sim_pybullet.racing_cars import RACING_ACTIONS
+from robot.inference.policy import OnnxPolicy
+from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from trainer.cli import main
 from trainer.evaluate import open_policy
 from trainer.run import RunFolder

@@ -9,7 +9,7 @@ import pytest
 
 from robot.contract import ImageSpec
 from robot.errors import ContractError
-from robot.translator import TranslatorContract
+from robot.inference.translator import TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from trainer.cli import main
 from trainer.config import preset

@@ -11,7 +11,7 @@ import numpy as np
 
 from robot.errors import PlanError
 from robot.geometry import Pose
-from robot.planner import LaneGraph, plan_path
+from robot.navigation.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
 from tools.loop.bench import Bench, BenchOptions

@@ -20,12 +20,12 @@ import yaml
 
 from localizer_node.calibration import save_calibration
 from robot.config import CameraConfig, RobotConfig
-from robot.gates import SafetyLimits
 from robot.hat.config import HatConfig
 from robot.link.config import BOUND_BY, LinkConfig
 from robot.link.keys import keygen
+from robot.navigation.road_map import load_map
 from robot.recording.config import RecordingConfig
-from robot.road_map import load_map
+from robot.safety.gates import SafetyLimits
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.loop.conductor import Conductor

@@ -23,9 +23,9 @@ from tqdm import tqdm
 from robot.contract import CONTROL_DT_S, Action
 from robot.errors import DuckpilotError
 from robot.geometry import Pose
+from robot.inference.policy import OnnxPolicy
+from robot.navigation.road_map import load_map
 from robot.parts import Tick
-from robot.policy import OnnxPolicy
-from robot.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from tools.lap_drive import LapDrive, LapRecord
 from tools.video import MapView, side_by_side, write_mp4

@@ -11,7 +11,7 @@ import numpy as np
 
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
-from robot.planner import LaneGraph, plan_path
+from robot.navigation.planner import LaneGraph, plan_path
 from tools.loop.bench import Bench
 from tools.loop.timekeeper import BenchError
 

@@ -114,7 +114,7 @@ def _replace_camera_wait(stepper: Stepper) -> None:
 
 def slow_down(stepper: Stepper, shared: SharedTime) -> None:
     """A decision takes as long as the bench says, for faults; it takes no time in lock-step."""
-    from robot.runtime import Runtime
+    from robot.runtime.loop import Runtime
 
     runtimes: Any = Runtime
     values = runtimes._values

@@ -21,7 +21,7 @@ from robot.contract import (
     ImageSpec,
     PolicyContract,
 )
-from robot.guidance import FIRST_POINT_M, POINT_SPACING_M
+from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
 
 POINT = 2  # of the path input: 14 cm ahead
 IMAGE = ImageSpec(80, 60, 20)

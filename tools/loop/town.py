@@ -10,7 +10,7 @@ import numpy as np
 from localizer_node.calibration import Calibration, Marker
 from robot.geometry import Pose
 from robot.hat.clock import Clock
-from robot.road_map import RoadMap
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import (
     OverheadCamera,

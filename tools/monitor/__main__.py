@@ -12,7 +12,7 @@ from pathlib import Path
 
 from robot.errors import DuckpilotError
 from robot.link.config import LinkConfig
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from robot.typed_config import load_yaml
 from tools.monitor.access import LOOPBACK_NAMES
 

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict
 from robot.errors import ConfigError, ContractError
 from robot.link.commands import Mission
 from robot.link.wire import plain
-from robot.road_map import RoadMap
+from robot.navigation.road_map import RoadMap
 from tools.monitor.access import AccessGate
 from tools.monitor.drives import list_drives, read_drive, read_picture
 from tools.monitor.map_drawing import draw_map

@@ -14,9 +14,9 @@ import numpy as np
 
 from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError
+from robot.inference.preprocess import preprocess
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import Attention
-from robot.preprocess import preprocess
 from robot.recording.drive_log import picture
 
 if TYPE_CHECKING:

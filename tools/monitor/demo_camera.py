@@ -11,7 +11,7 @@ from robot.contract import ImageSpec
 from robot.geometry import Pose
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import Attention
-from robot.road_map import RoadMap
+from robot.navigation.road_map import RoadMap
 from tools.monitor.demo_robot import Camera
 
 JPEG_QUALITY = 85
@@ -33,8 +33,8 @@ class RoadCamera:
 
     def __init__(self, road_map: RoadMap) -> None:
         from sim_pybullet.look import NOMINAL
-        from sim_pybullet.objects import build_scene
-        from sim_pybullet.ray_camera import RayCamera
+        from sim_pybullet.rendering.ray_camera import RayCamera
+        from sim_pybullet.scenery.objects import build_scene
 
         self._rig = NOMINAL.rig()
         self._image = ImageSpec()

@@ -11,8 +11,8 @@ from robot.contract import ACTION_TWISTS, Action
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.link.telemetry import MissionStatus, thin_path
-from robot.path import Path
-from robot.road_map import RoadMap
+from robot.navigation.path import Path
+from robot.navigation.road_map import RoadMap
 
 LOOK_AHEAD_M = 0.16
 ARRIVED_M = 0.03

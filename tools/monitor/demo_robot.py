@@ -1,7 +1,7 @@
 """A robot, its camera and its localizer, simulated, on real links: the page cannot tell.
 
 The wheels obey exactly and every input is in time, so what can be tried is the page itself and the
-rules of ``robot.safety``. Run by ``python -m tools.monitor --demo``, or by itself:
+rules of ``robot.safety.state_machine``. Run by ``python -m tools.monitor --demo``, or by itself:
 ``python -m tools.monitor.demo_robot --base-port 5570 --map town``.
 """
 
@@ -29,10 +29,10 @@ from robot.link.telemetry import (
     Reading,
     Telemetry,
 )
-from robot.planner import LaneGraph, plan_path
-from robot.road_map import RoadMap, load_map
-from robot.safety import Command as Request
-from robot.safety import Inputs, Safety, SafetyLimits, State
+from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.road_map import RoadMap, load_map
+from robot.safety.state_machine import Command as Request
+from robot.safety.state_machine import Inputs, Safety, SafetyLimits, State
 from tools.monitor.demo_drive import Drive, start_pose
 
 NAME = "duck"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot.lanes import Lane
-from robot.road_map import RoadMap
+from robot.navigation.lanes import Lane
+from robot.navigation.road_map import RoadMap
 
 Curve = tuple[float, ...]  # x0, y0, ... x3, y3 of a cubic Bezier, world frame [m]
 

@@ -9,7 +9,7 @@ import numpy as np
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.preprocess import preprocess
+from robot.inference.preprocess import preprocess
 from trainer.experiments.records import Drive, turns
 from trainer.parsing.labelled import read_rgb
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from robot.contract import ImageSpec, PolicyContract
 from robot.errors import ConfigError, ContractError, nearest
-from robot.network_file import Tensor, open_network, read_metadata
+from robot.inference.network_file import Tensor, open_network, read_metadata
 from robot.typed_config import from_plain
 from trainer.experiments.driving_pictures import STACK
 from trainer.experiments.records import Turn

@@ -19,7 +19,7 @@ from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.preprocess import preprocess
+from robot.inference.preprocess import preprocess
 from trainer.parsing.classes import ROAD, LabelSet
 from trainer.parsing.labelled import load_pairs
 from trainer.parsing.pix2pix import Pix2Pix, UNet

@@ -11,7 +11,7 @@ import yaml
 from rich.console import Console
 
 from robot.errors import ConfigError, nearest
-from robot.translator import DIRECTIONS, TranslatorContract
+from robot.inference.translator import DIRECTIONS, TranslatorContract
 from robot.typed_config import load_yaml, to_plain
 from trainer.config import preset
 from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix, UNet

@@ -13,9 +13,9 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from robot.contract import CONTROL_DT_S
-from robot.road_map import RoadMap
-from sim_pybullet.ground import paint_ground
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from trainer.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
 from trainer.run import atomically

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot.errors import MapError
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from trainer.config import ALGORITHMS, TASKS
 from trainer.drive_log import WORST
 from trainer.report.curves import draw_curve, draw_panels

@@ -13,7 +13,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from robot.errors import ConfigError
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from robot.typed_config import to_plain
 from sim_pybullet.randomise import load_look_sampler
 
@@ -185,7 +185,7 @@ def judge_command(
         lanes: what translate lanes wrote, to find lines with; else they are found by brightness.
         json: write the figures there.
     """
-    from robot.translator import OnnxTranslator
+    from robot.inference.translator import OnnxTranslator
     from trainer.run import write_json
     from trainer.translation.bright_lines import bright_lines
     from trainer.translation.judge import LANE_OVERLAP, FindLines, judge
@@ -224,7 +224,7 @@ def sheet_command(
         real: folders of photographs; without them the sheet shows none.
         rows: how many pictures.
     """
-    from robot.translator import DIRECTIONS, OnnxTranslator
+    from robot.inference.translator import DIRECTIONS, OnnxTranslator
     from trainer.translation.folder import TranslationFolder
     from trainer.translation.judge import draw_sheet, even_rows
     from trainer.translation.pictures import load_pictures

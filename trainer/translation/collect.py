@@ -24,13 +24,13 @@ from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.geometry import bezier_points, bezier_tangents
+from robot.navigation.road_map import RoadMap
 from robot.recording.reader import read_frames
-from robot.road_map import RoadMap
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.pool import LookPool, Looks
-from sim_pybullet.ray_camera import RayCamera
-from sim_pybullet.sensor import apply_sensor
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.sensing.sensor import apply_sensor
 
 Tick = Callable[[int], None]  # so many more frames are done
 

@@ -1,4 +1,4 @@
-"""From torch to the ONNX files that `robot.translator` opens."""
+"""From torch to the ONNX files that `robot.inference.translator` opens."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import onnx
 import torch
 
 from robot.errors import ContractError
-from robot.translator import DIRECTIONS, OnnxTranslator, TranslatorContract
+from robot.inference.translator import DIRECTIONS, OnnxTranslator, TranslatorContract
 from trainer.export import IR_VERSION, OPSET
 from trainer.run import atomically
 from trainer.translation.folder import TranslationFolder

@@ -24,7 +24,7 @@ class TranslationFolder:
         self.tensorboard = path / "tensorboard"
 
     def onnx(self, direction: str) -> Path:
-        """The translator in this direction, see `robot.translator.DIRECTIONS`."""
+        """The translator in this direction, see `robot.inference.translator.DIRECTIONS`."""
         return self.path / f"{direction.replace('-', '_')}.onnx"
 
     def create(self, config: TranslationConfig) -> None:

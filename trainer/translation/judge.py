@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robot.translator import OnnxTranslator
+from robot.inference.translator import OnnxTranslator
 from trainer.run import atomically
 from trainer.translation.distance import features, frechet_distance, kernel_distance
 from trainer.translation.lanes import overlap, true_masks

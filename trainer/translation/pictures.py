@@ -13,7 +13,7 @@ from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.preprocess import preprocess
+from robot.inference.preprocess import preprocess
 from sim_pybullet.classes import SemanticClass
 
 PAINTS = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from robot.contract import ImageSpec
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.show_looks import draws
 from trainer.translation.pictures import load_pictures

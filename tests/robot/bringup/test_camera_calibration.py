@@ -22,10 +22,10 @@ from robot.bringup.target import (
     sheet_svg,
 )
 from robot.cli import main
-from robot.cli.output import write_png
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError, HardwareError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
+from robot.output import write_png
 from robot.typed_config import load_yaml
 from tests.robot.bringup.boards import floor_picture, held_boards
 

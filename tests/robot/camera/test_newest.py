@@ -8,7 +8,7 @@ import pytest
 
 from robot.camera.newest import NewestFrame
 from robot.errors import HardwareError
-from robot.preprocess import FRAME_SHAPE
+from robot.inference.preprocess import FRAME_SHAPE
 
 
 class FakeStream:

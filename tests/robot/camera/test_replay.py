@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robot.camera.replay import ReplayCamera
 from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError, ContractError
-from robot.preprocess import FRAME_SHAPE
+from robot.inference.preprocess import FRAME_SHAPE
 from tests.robot.clocks import FakeClock
 
 

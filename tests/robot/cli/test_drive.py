@@ -13,12 +13,12 @@ from typing import Any, Iterator, List
 
 import pytest
 
-from robot.assemble import open_robot
 from robot.cli import drive, main
 from robot.geometry import Pose
-from robot.runtime import Runtime
-from robot.safety import State
-from tests.robot.test_assemble import BlackCamera, RollingMotors
+from robot.runtime.assemble import open_robot
+from robot.runtime.loop import Runtime
+from robot.safety.state_machine import State
+from tests.robot.runtime.test_assemble import BlackCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 

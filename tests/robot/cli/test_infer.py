@@ -18,7 +18,7 @@ from robot.cli.sheet import (
     draw_tile,
 )
 from robot.contract import Action, ImageSpec
-from robot.preprocess import FRAME_SHAPE
+from robot.inference.preprocess import FRAME_SHAPE
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 COLOURS = {"a_red": (255, 0, 0), "b_green": (0, 255, 0), "c_blue": (0, 0, 255)}

@@ -3,9 +3,9 @@ from __future__ import annotations
 from typing import List
 
 from robot.cli.terminal import Terminal
-from robot.safety import Command, State
+from robot.safety.state_machine import Command, State
 from tests.robot.camera.test_newest import eventually
-from tests.robot.test_runtime import Bench
+from tests.robot.runtime.test_loop import Bench
 
 
 def typed(*lines: str) -> "tuple[Terminal, List[str]]":

@@ -10,14 +10,14 @@ import numpy as np
 from robot.camera.source import Frame
 from robot.config import RobotConfig
 from robot.geometry import Pose, WheelSpeeds
+from robot.inference.policy import OnnxPolicy
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance, Tick
-from robot.policy import OnnxPolicy
-from robot.preprocess import FRAME_SHAPE
 from robot.recording.config import RecordingConfig
 from robot.recording.recorder import Recorder
 from robot.recording.subject import Subject, describe
-from robot.runtime import Runtime
-from robot.safety import Command, Safety
+from robot.runtime.loop import Runtime
+from robot.safety.state_machine import Command, Safety
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import FakeCamera, FakeMotors, FakeNavigator
 from tests.robot.tiny_onnx import navigation_contract, write_policy

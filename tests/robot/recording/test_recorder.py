@@ -22,7 +22,7 @@ from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, Recorder
 from robot.recording.scribe import Scribe
 from robot.recording.subject import MODEL
 from robot.recording.turn import Turn
-from robot.safety import Command
+from robot.safety.state_machine import Command
 from robot.typed_config import from_plain
 from tests.robot.recording.drives import WALL_S, Robot, record
 

@@ -7,7 +7,7 @@ import torch
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.translator import OnnxTranslator
+from robot.inference.translator import OnnxTranslator
 from trainer.cli import main
 from trainer.config import preset
 from trainer.parsing.classes import ROAD, RoadClass

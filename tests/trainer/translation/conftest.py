@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robot.road_map import load_map
+from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
 from trainer.translation.collect import Source, collect_simulator
 

@@ -6,8 +6,8 @@ import pytest
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.navigation.road_map import load_map
 from robot.recording.reader import read_frames
-from robot.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
 from trainer.cli import main

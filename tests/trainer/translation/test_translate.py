@@ -10,7 +10,7 @@ import torch
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.translator import DIRECTIONS, open_translator
+from robot.inference.translator import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.config import preset
 from trainer.translation.bright_lines import bright_lines

@@ -1,0 +1,103 @@
+"""``OnnxPolicy``: a trained network on one CPU thread, refused unless it keeps the contract."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Dict, Optional, Union
+
+import numpy as np
+
+from robot.contract import ACTION_WHEELS, ActionTable
+from robot.errors import ContractError
+from robot.inference.policy_file import open_session, read_contract
+
+
+class OnnxPolicy:
+    """A policy from an ONNX file.
+
+    Args:
+        path: the model; its metadata holds a ``PolicyContract``.
+        threads: of one inference. One is as fast as four for these networks, and leaves the
+            other cores of a Jetson Nano to the camera and the motors.
+        actions: the table that the policy must have been trained for.
+
+    Raises:
+        ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
+            metadata, or its actions, inputs, outputs or values are not those of the contract.
+    """
+
+    def __init__(
+        self, path: Union[str, Path], threads: int = 1, actions: ActionTable = ACTION_WHEELS
+    ) -> None:
+        self.path = Path(path)
+        self.contract = read_contract(self.path, actions)
+        self._session = open_session(self.path, self.contract, threads)
+        self._warm_up()
+
+    def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        """What each action is worth: (N, actions) float32; the best is the greatest.
+
+        Args:
+            images: (N, H, W, 3 frames) uint8 RGB, as ``preprocess`` makes each for
+                ``contract.image``.
+            path: (N, path_points) float32 in [-1, 1] for a navigating policy, else None.
+
+        Raises:
+            ContractError: a wrong shape or kind, or the network answered NaN or infinity.
+        """
+        feeds = {"image": self._checked_images(images), **self._checked_path(images, path)}
+        values = self._session.run(["values"], feeds)[0]
+        expected = (len(images), len(self.contract.actions))
+        if values.shape != expected:
+            raise ContractError(
+                f"{self.path}: expected values {expected}, got {values.shape}; export it again"
+            )
+        if not np.isfinite(values).all():
+            raise ContractError(
+                f"{self.path}: expected finite values, got {values.tolist()}; "
+                "the network is broken: take an earlier checkpoint"
+            )
+        return values
+
+    def act(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        """The greedy actions (N,) int64; arguments and errors as of ``values``."""
+        return self.values(images, path).argmax(axis=1)
+
+    def _checked_images(self, images: np.ndarray) -> np.ndarray:
+        shape = self.contract.picture_shape
+        if images.ndim != 4 or images.shape[1:] != shape or images.dtype != np.uint8:
+            raise ContractError(
+                f"image: expected (N, {', '.join(map(str, shape))}) uint8, got {images.shape} "
+                f"{images.dtype}; make it with preprocess(frame, policy.contract.image)"
+            )
+        return np.ascontiguousarray(images)
+
+    def _checked_path(
+        self, images: np.ndarray, path: Optional[np.ndarray]
+    ) -> Dict[str, np.ndarray]:
+        points = self.contract.path_points
+        if points == 0 and path is None:
+            return {}
+        expected = f"({len(images)}, {points}) float32 in [-1, 1]" if points else "no path"
+        if path is None or points == 0:
+            got = "none" if path is None else f"{np.shape(path)}"
+            raise ContractError(
+                f"path: expected {expected}, got {got}; "
+                f"{self.path.name} is a {self.contract.task} policy"
+            )
+        path = np.ascontiguousarray(path, dtype=np.float32)
+        # A NaN fails the comparison too.
+        if path.shape != (len(images), points) or not (np.abs(path) <= 1.0).all():
+            raise ContractError(
+                f"path: expected {expected}, got {path.shape} {path.tolist()}; "
+                "make it with path_input"
+            )
+        return {"path": path}
+
+    def _warm_up(self) -> None:
+        """Two batch sizes, dark and bright: slow first calls and broken exports show here."""
+        for count in (2, 1):
+            ramp = np.linspace(0, 255, num=int(np.prod(self.contract.picture_shape)))
+            image = ramp.astype(np.uint8).reshape(self.contract.picture_shape)
+            path = np.zeros((count, self.contract.path_points), np.float32)
+            self.values(np.stack([image] * count), path if path.size else None)

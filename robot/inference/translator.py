@@ -1,0 +1,165 @@
+"""Pictures of one world as another shows them: simulation as reality, or the other way.
+
+A translator stands between the preprocessed picture and the policy. In training it makes simulated
+pictures look real (Bousmalis et al. 2018 call it pixel-level adaptation); on the robot another one
+makes real pictures look simulated. Whatever makes the file, CycleGAN or pix2pix, keeps this
+contract.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Optional, Protocol, Tuple, Union
+
+import numpy as np
+
+from robot.contract import ImageSpec, PolicyContract
+from robot.errors import ContractError, DuckpilotError, nearest
+from robot.inference.network_file import Tensor, open_network, read_metadata
+from robot.parts import Policy
+from robot.typed_config import from_plain, to_plain
+
+DIRECTIONS = ("sim-to-real", "real-to-sim")
+REMEDY = "export the translator with python -m trainer translate export"
+
+
+class Translator(Protocol):
+    """Turns pictures into others of the same size."""
+
+    @property
+    def image(self) -> ImageSpec:
+        """The pictures that it takes and gives."""
+
+    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+        """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array."""
+
+
+@dataclass(frozen=True)
+class TranslatorContract:
+    """Travels inside every translator file, as JSON under the key ``duckpilot-translator``.
+
+    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same.
+
+    Raises:
+        ContractError: an unknown direction, with the nearest one.
+    """
+
+    method: str  # cyclegan, pix2pix
+    direction: str  # one of DIRECTIONS
+    image: ImageSpec
+    run: str = ""  # name of the training run
+    trained_steps: int = 0
+    schema: int = 1
+    notes: Tuple[str, ...] = ()
+
+    METADATA_KEY = "duckpilot-translator"
+
+    def __post_init__(self) -> None:
+        if self.direction not in DIRECTIONS:
+            raise ContractError(
+                f"direction: unknown {self.direction!r}; {nearest(self.direction, DIRECTIONS)}"
+            )
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(to_plain(self), sort_keys=True)
+
+
+class OnnxTranslator:
+    """A translator from an ONNX file.
+
+    Args:
+        path: the model; its metadata holds a ``TranslatorContract``.
+        threads: of one call.
+
+    Raises:
+        ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
+            metadata, or its input or output are not those of the contract.
+    """
+
+    def __init__(self, path: Union[str, Path], threads: int = 1) -> None:
+        self.path = Path(path)
+        text = read_metadata(self.path, TranslatorContract.METADATA_KEY, REMEDY)
+        try:
+            self.contract = from_plain(TranslatorContract, json.loads(text), "translator metadata")
+        except (DuckpilotError, json.JSONDecodeError) as error:
+            raise ContractError(f"{path}: {error}; {REMEDY}") from error
+        axes = (None, *self.contract.image.shape)
+        inputs = [Tensor("image", "tensor(uint8)", axes)]
+        outputs = [Tensor("translation", "tensor(uint8)", axes)]
+        self._session = open_network(self.path, inputs, outputs, threads, REMEDY)
+
+    @property
+    def image(self) -> ImageSpec:
+        """The pictures that it takes and gives."""
+        return self.contract.image
+
+    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+        """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array.
+
+        Raises:
+            ContractError: pictures of another size or kind.
+        """
+        shape = self.contract.image.shape
+        if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
+            raise ContractError(
+                f"pictures: expected (N, {shape[0]}, {shape[1]}, 3) uint8, got {pictures.shape} "
+                f"{pictures.dtype}; {self.path.name} was trained for {self.contract.image}"
+            )
+        if not len(pictures):
+            return pictures.copy()
+        feeds = {"image": np.ascontiguousarray(pictures)}
+        return np.asarray(self._session.run(["translation"], feeds)[0])
+
+
+def open_translator(
+    path: Union[str, Path], image: ImageSpec, direction: Optional[str] = None
+) -> OnnxTranslator:
+    """A translator of these pictures.
+
+    Args:
+        path: of its ONNX file.
+        image: the policy's picture.
+        direction: one of DIRECTIONS, where only that one makes sense.
+
+    Raises:
+        ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
+    """
+    translator = OnnxTranslator(path)
+    if translator.image != image:
+        raise ContractError(
+            f"{path}: expected a translator of the policy's pictures, {image}, got one of "
+            f"{translator.image}; train one with the policy's preset"
+        )
+    if direction is not None and translator.contract.direction != direction:
+        raise ContractError(
+            f"{path}: expected a translator {direction}, got {translator.contract.direction}; "
+            "export the other direction"
+        )
+    return translator
+
+
+class TranslatingPolicy:
+    """A policy that sees every picture through a translator; keeps `robot.parts.Policy`."""
+
+    def __init__(self, policy: Policy, translator: Translator) -> None:
+        self._policy, self._translator = policy, translator
+
+    @property
+    def contract(self) -> PolicyContract:
+        """The policy's."""
+        return self._policy.contract
+
+    def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        """(N, actions) for images (N, H, W, 3 F), F stacked frames as they are untranslated."""
+        count, height, width, channels = images.shape
+        stacked = images.reshape(count, height, width, channels // 3, 3)
+        frames = np.moveaxis(stacked, 3, 1)
+        translated = self._translator(frames.reshape(-1, height, width, 3)).reshape(frames.shape)
+        return self._policy.values(np.moveaxis(translated, 1, 3).reshape(images.shape), path)
+
+    def act(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        """The greedy actions (N,) int64; arguments as of ``values``."""
+        return self.values(images, path).argmax(axis=1)

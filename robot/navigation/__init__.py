@@ -1,0 +1,1 @@
+"""Where the robot is, where it should go and along which path."""

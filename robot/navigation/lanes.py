@@ -1,0 +1,101 @@
+"""Lane centre lines: cubic Beziers per tile kind, with traffic on the right.
+
+The curves are those of gym-duckietown 6.1.34, so that lanes agree with its maps to rounding, with
+two exceptions that follow the map files' own meaning (``reference=True`` keeps the simulator's):
+
+* ``3way_right`` is the mirror of ``3way_left``: the side road leaves to the right. The simulator
+  draws the left one for both.
+* The outer lane of ``curve_right`` is the mirror of ``curve_left``'s. The simulator's bulges and
+  meets the next tile 11 degrees askew (its issue 227).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, Tuple
+
+import numpy as np
+
+from robot.navigation.tiles import Tile
+
+Curve = Tuple[Tuple[float, float], ...]
+
+# Control points in tiles from the tile's centre, x east and y north, for orientation S.
+_SOUTH: Curve = ((-0.2, 0.5), (-0.2, 0.25), (-0.2, -0.25), (-0.2, -0.5))
+_NORTH: Curve = ((0.2, -0.5), (0.2, -0.25), (0.2, 0.25), (0.2, 0.5))
+_SOUTH_TO_EAST: Curve = ((-0.2, 0.5), (-0.2, 0.0), (0.0, -0.2), (0.5, -0.2))
+_SOUTH_TO_WEST: Curve = ((-0.2, 0.5), (-0.2, 0.2), (-0.3, 0.2), (-0.5, 0.2))
+
+_CURVES: Dict[str, Tuple[Curve, ...]] = {
+    "straight": (_SOUTH, _NORTH),
+    "curve_left": (_SOUTH_TO_EAST, ((0.5, 0.2), (0.3, 0.2), (0.2, 0.3), (0.2, 0.5))),
+    "curve_right": (_SOUTH_TO_WEST, ((-0.5, -0.2), (0.0, -0.2), (0.2, 0.0), (0.2, 0.5))),
+    "3way_left": (
+        _SOUTH,
+        _SOUTH_TO_EAST,
+        _NORTH,
+        ((0.5, 0.2), (0.3, 0.2), (0.2, 0.2), (0.2, 0.5)),
+        ((0.2, -0.5), (0.2, -0.2), (0.3, -0.2), (0.5, -0.2)),
+        ((0.5, 0.2), (0.3, 0.2), (-0.2, 0.0), (-0.2, -0.5)),
+    ),
+    "4way": (_SOUTH_TO_EAST, _SOUTH, _SOUTH_TO_WEST),  # repeated for the four quarter turns
+}
+_REFERENCE_CURVE_RIGHT: Tuple[Curve, ...] = (
+    _SOUTH_TO_WEST,
+    ((-0.5, -0.2), (-0.3, -0.2), (0.3, 0.0), (0.2, 0.5)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """One lane through one tile: the control points of its centre line, in driving direction."""
+
+    tile_row: int
+    tile_column: int
+    control_points_m: np.ndarray  # (4, 2), world frame
+
+
+def tile_lanes(
+    tile: Tile, tile_size_m: float, rows: int, reference: bool = False
+) -> Tuple[Lane, ...]:
+    """The lanes through a tile of a grid of ``rows`` rows; none where the tile is no road.
+
+    ``reference`` gives the curves that gym-duckietown uses, oddities included.
+    """
+    if not tile.is_road:
+        return ()
+    centre = np.array([tile.column + 0.5, rows - tile.row - 0.5])
+    return tuple(
+        Lane(tile.row, tile.column, (points + centre) * tile_size_m)
+        for points in _tile_curves(tile, reference)
+    )
+
+
+def _tile_curves(tile: Tile, reference: bool) -> Tuple[np.ndarray, ...]:
+    if tile.kind == "4way":
+        return tuple(_turned(curve, k) for k in range(4) for curve in _CURVES["4way"])
+    kind, turns = tile.kind, tile.quarter_turns
+    if kind == "3way_right":
+        kind, turns = "3way_left", (turns if reference else turns + 2)
+    curves = _CURVES[kind]
+    if kind == "curve_right" and reference:
+        curves = _REFERENCE_CURVE_RIGHT
+    return tuple(_turned(curve, turns) for curve in curves)
+
+
+def _turned(curve: Curve, quarter_turns: int) -> np.ndarray:
+    """The curve (4, 2) turned counter-clockwise about the tile's centre."""
+    points = np.array(curve)
+    for _ in range(quarter_turns % 4):
+        points = np.stack((-points[:, 1], points[:, 0]), axis=1)
+    return points
+
+
+def border_point(point_m: np.ndarray, tile_size_m: float) -> Tuple[int, int]:
+    """A hashable name for the place where lanes meet: its coordinates in tenths of a tile.
+
+    Every lane begins and ends 0.2 tiles beside the middle of a tile's side, so that rounding to
+    tenths is safe. Traffic keeps right, so that lanes which meet also agree in direction.
+    """
+    x, y = np.rint(np.asarray(point_m) * (10.0 / tile_size_m)).astype(int).tolist()
+    return x, y

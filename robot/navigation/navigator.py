@@ -1,0 +1,189 @@
+"""``MissionNavigator``: from a destination to the path input of each moment.
+
+Overhead poses, late and noisy, are fused with the wheels' steps; A* plans from where the robot
+believes to be; then it follows that path until it arrives or has left it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Callable, Optional, Tuple
+
+import numpy as np
+
+from robot.errors import PlanError
+from robot.geometry import Pose, wrap_angle
+from robot.link.freshness import PoseGate, PoseLimits
+from robot.link.messages import PoseMessage
+from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, MissionStatus, thin_path
+from robot.link.wire import tidy_text
+from robot.navigation.fusion import PoseFusion
+from robot.navigation.guidance import path_input
+from robot.navigation.path import Path
+from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.road_map import RoadMap
+from robot.parts import Guidance, Tick
+from robot.safety.state_machine import State
+
+ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
+# The middle of the yellow line, seen from the middle of the lane: beyond it the robot is on the
+# wrong side, whatever the pose's error.
+OFF_PATH_TILES = 0.25
+MAX_HEADING_ERROR_RAD = math.radians(100.0)
+MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
+USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
+JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
+
+
+class MissionNavigator:
+    """Plans and follows missions on one map; a ``Navigator`` and a ``Subscriber`` of the runtime.
+
+    Args:
+        road_map: where it drives.
+        receive: the newest overhead pose since the last call, or None; never blocks.
+        odometry: step odometry, from anywhere.
+        robot: its name in the poses.
+
+    Raises:
+        MapError: the map has no road.
+    """
+
+    def __init__(
+        self,
+        road_map: RoadMap,
+        receive: Callable[[], Optional[PoseMessage]],
+        odometry: Callable[[], Pose],
+        robot: str,
+    ) -> None:
+        margin, width, height = MAP_MARGIN_M, road_map.width_m, road_map.height_m
+        bounds = (-margin, -margin, width + margin, height + margin)
+        self.status: Optional[MissionStatus] = None
+        self.path_points: Tuple[XY, ...] = ()  # of the mission, for the monitor
+        self.overhead: Optional[PoseMessage] = None  # the newest that came, believed or not
+        self._road_map = road_map
+        self._graph = LaneGraph(road_map)
+        self._receive, self._odometry = receive, odometry
+        self._gate = PoseGate(robot, PoseLimits(bounds_m=bounds))
+        self._fusion = PoseFusion()
+        self._odometer = odometry()
+        self._jumps = 0
+        self._arrived_s = -math.inf  # when the last pose came that the fusion took
+        self._driving = False
+        self._path: Optional[Path] = None
+        self._hint: Optional[int] = None
+
+    @property
+    def pose(self) -> Optional[Pose]:
+        """Where the robot believes to be; None until the first overhead pose."""
+        x_m, y_m, heading_rad = (float(value) for value in self._fusion.poses[0])
+        return Pose(x_m, y_m, heading_rad) if math.isfinite(x_m + y_m + heading_rad) else None
+
+    def begin(self, mission: str, destination_m: XY) -> None:
+        """Plan from here to ``destination_m`` [m]; a mission under way is replaced.
+
+        Raises:
+            PlanError: where the robot is, is not known yet, or there is no way.
+        """
+        if self.pose is None:
+            raise PlanError(
+                "expected an overhead pose of this robot before a mission, got none yet; "
+                "does the localizer see it, and does the link reach it?"
+            )
+        self._path = plan_path(self._graph, self.pose, destination_m)
+        self._hint = None
+        self.path_points = thin_path(self._path.points_m)
+        self.status = MissionStatus(mission, destination_m, remaining_m=self._path.length_m)
+
+    def end(self, phase: str, reason: str = "") -> None:
+        """The mission is over: ``stopped`` or ``failed``, and why."""
+        if self.status is not None and self.status.phase == "driving":
+            self.status = replace(
+                self.status, phase=phase, reason=tidy_text(reason, TEXT_LIMIT_BYTES)
+            )
+        self._path, self.path_points = None, ()
+
+    def on_tick(self, tick: Tick) -> None:
+        """A mission ends when the policy no longer drives: nobody may resume it unawares."""
+        state = tick.verdict.state
+        if self._driving and state is not State.AUTO:
+            self.end("stopped", tick.verdict.sentence)
+        self._driving = state is State.AUTO
+
+    def look(self, now_s: float) -> Guidance:
+        """Take what poses and steps have come, and see where that is on the path."""
+        self._move(now_s)
+        self._measure(now_s)
+        pose = self.pose
+        guidance = Guidance(
+            pose=pose,
+            pose_age_s=self._pose_age_s(now_s),
+            off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
+            pose_jump=self._jumps >= JUMPS,
+            duplicate_publisher=self._gate.stream.conflict(now_s),
+        )
+        if pose is None or self._path is None or self.status is None:
+            return guidance
+        return self._follow(guidance, self._path, pose, self.status)
+
+    def _follow(
+        self, guidance: Guidance, path: Path, pose: Pose, status: MissionStatus
+    ) -> Guidance:
+        at = path.project(pose.x_m, pose.y_m, self._hint)
+        self._hint = at.index
+        remaining_m = max(0.0, path.length_m - at.arc_m)
+        arrived = remaining_m <= ARRIVAL_M
+        self.status = replace(
+            status,
+            progress=min(1.0, at.arc_m / path.length_m),
+            remaining_m=remaining_m,
+            offset_m=at.offset_m,
+            phase="arrived" if arrived else status.phase,
+        )
+        astray = abs(at.offset_m) > OFF_PATH_TILES * self._road_map.tile_size_m
+        turned = abs(float(wrap_angle(pose.heading_rad - at.heading_rad))) > MAX_HEADING_ERROR_RAD
+        return guidance._replace(
+            path=path_input(path, pose, at.index),
+            arrived=arrived,
+            off_path=astray or turned,
+        )
+
+    def _move(self, now_s: float) -> None:
+        last, self._odometer = self._odometer, self._odometry()
+        forward_m, left_m = last.to_robot(np.array(self._odometer[:2]))
+        turn_rad = float(wrap_angle(self._odometer.heading_rad - last.heading_rad))
+        # The arc whose chord this is.
+        arc_m = math.copysign(math.hypot(forward_m, left_m), forward_m)
+        arc_m /= np.sinc(turn_rad / (2.0 * math.pi))
+        self._fusion.move(np.array([arc_m]), np.array([turn_rad]), now_s)
+
+    def _measure(self, now_s: float) -> None:
+        message = self._receive()
+        if message is None:
+            return
+        self.overhead = message
+        jumps = self._unbelievable
+        if self._gate.take(message, now_s):
+            age_s = float(self._fusion.age_s(now_s)[0])
+            heading_rad = math.nan if message.heading_rad is None else message.heading_rad
+            measured = np.array([[message.x_m, message.y_m, heading_rad]])
+            self._fusion.measure(measured, np.array([now_s - self._gate.age_s(now_s)]))
+            self._jumps = int(self._fusion.rejected[0])
+            if self._fusion.age_s(now_s)[0] < age_s:
+                self._arrived_s = now_s
+        elif self._unbelievable > jumps:
+            self._jumps += 1
+
+    def _pose_age_s(self, now_s: float) -> float:
+        """Time without a pose [s], and the delay of the last one beyond what is usual.
+
+        Steps bridge gaps, whatever the poses' steady delay: it is in the estimate already.
+        """
+        captured_ago_s = float(self._fusion.age_s(now_s)[0])
+        return max(now_s - self._arrived_s, captured_ago_s - USUAL_DELAY_S)
+
+    @property
+    def _unbelievable(self) -> int:
+        """Poses refused for their place so far."""
+        refused = self._gate.stream.refused
+        return refused["jump"] + refused["off the map"]

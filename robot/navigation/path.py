@@ -1,0 +1,169 @@
+"""``Path``: what a robot should drive along, as points evenly spaced by arc length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import FrozenSet, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from robot.errors import MapError, PlanError
+from robot.geometry import Pose, bezier_points, bezier_tangents
+from robot.navigation.lanes import Lane, border_point
+from robot.navigation.path_batch import NO_HINT, PathBatch
+from robot.navigation.road_map import RoadMap
+
+SPACING_M = 0.02
+MAX_GAP_M = 0.02  # between the end of one Bezier and the start of the next
+_SAMPLES = 128  # per Bezier, to measure arc length
+
+
+@dataclass(frozen=True)
+class PathPosition:
+    """Where a position lies on a path."""
+
+    index: int  # of the nearest segment: the hint for the next call
+    arc_m: float  # length of the path up to the nearest point
+    offset_m: float  # distance from the path, positive to the left
+    heading_rad: float  # of the path there
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Points (M, 2) and headings (M,) at arc lengths (M,) [m]; a closed path returns to the first.
+
+    For many robots at once use `robot.navigation.path_batch.PathBatch`, which this class is a
+    batch of one of.
+    """
+
+    points_m: np.ndarray
+    headings_rad: np.ndarray
+    arc_m: np.ndarray
+    closed: bool
+    length_m: float
+
+    @classmethod
+    def from_beziers(
+        cls, curves: Sequence[np.ndarray], spacing_m: float = SPACING_M, closed: bool = False
+    ) -> Path:
+        """A path along cubic Beziers, each (4, 2) [m], that follow one another.
+
+        The points lie on the curves, at most about ``spacing_m`` apart.
+
+        Raises:
+            PlanError: no curves, or a gap of more than `MAX_GAP_M` between two of them.
+        """
+        _check_chain(curves, closed)
+        t = np.linspace(0.0, 1.0, _SAMPLES + 1)
+        dense = np.array([bezier_points(curve, t) for curve in curves])
+        chords = np.hypot(*np.moveaxis(np.diff(dense, axis=1), -1, 0)).ravel()
+        arc = np.concatenate(([0.0], np.cumsum(chords)))
+        length_m = float(arc[-1])
+        segments = max(int(np.ceil(length_m / spacing_m - 1e-6)), 3 if closed else 1)
+        arc_m = np.arange(segments if closed else segments + 1) * (length_m / segments)
+        along = np.interp(arc_m, arc, np.arange(len(arc)) / _SAMPLES)
+        curve_of = np.minimum(along.astype(int), len(curves) - 1)
+        points, headings = np.zeros((len(along), 2)), np.zeros(len(along))
+        for i, curve in enumerate(curves):
+            here = curve_of == i
+            points[here] = bezier_points(curve, along[here] - i)
+            tangents = bezier_tangents(curve, along[here] - i)
+            headings[here] = np.arctan2(tangents[:, 1], tangents[:, 0])
+        return cls(points, headings, arc_m, closed, length_m)
+
+    def project(self, x_m: float, y_m: float, hint: Optional[int] = None) -> PathPosition:
+        """The nearest point of the path to a position in the world.
+
+        Args:
+            x_m: position [m].
+            y_m: position [m].
+            hint: ``index`` of the last call: the search then follows the path from there, in time
+                that does not depend on its length. Without it the whole path is searched.
+        """
+        hints = np.array([NO_HINT if hint is None else hint])
+        found = self.batch.project(np.array([[x_m, y_m]]), hints)
+        return PathPosition(
+            int(found.index[0]),
+            float(found.arc_m[0]),
+            float(found.offset_m[0]),
+            float(found.heading_rad[0]),
+        )
+
+    def point_at(self, arc_m: np.ndarray) -> np.ndarray:
+        """Points (..., 2) at arc lengths (...) [m]; an open path goes on straight at its ends."""
+        arc = np.asarray(arc_m, dtype=float)
+        return self.batch.points_at(arc.reshape(1, -1))[0].reshape((*arc.shape, 2))
+
+    def pose_at(self, arc_m: float) -> Pose:
+        """The pose of a robot that drives exactly along the path, after ``arc_m``."""
+        x_m, y_m = self.point_at(np.array(arc_m))
+        heading = self.batch.headings_at(np.array([[arc_m]]))[0, 0]
+        return Pose(float(x_m), float(y_m), float(heading))
+
+    @cached_property
+    def batch(self) -> PathBatch:
+        """This path as a batch of one."""
+        return PathBatch((self,))
+
+
+def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
+    """The closed outer lane of a ring of road (driven counter-clockwise), or the inner one.
+
+    Of several rings the one with the longest lane is taken.
+
+    Raises:
+        MapError: the road has a junction or an end, so that no lane closes by itself.
+    """
+    junction = next((tile for tile in road_map.road_tiles if tile.is_junction), None)
+    if junction is not None:
+        raise MapError(
+            f"{road_map.name}: expected a ring of road without junctions, got {junction.kind} at "
+            f"row {junction.row}, column {junction.column}; plan a route with "
+            "robot.navigation.planner.plan_path, or use a ring such as the shipped map loop"
+        )
+    loops = _loops(road_map.lanes, road_map.tile_size_m)
+    if not loops:
+        raise MapError(
+            f"{road_map.name}: expected a closed ring of road, but every lane leads off the road; "
+            "use a ring such as the shipped map loop"
+        )
+    paths = [
+        Path.from_beziers([lane.control_points_m for lane in loop], closed=True) for loop in loops
+    ]
+    longest = max(range(len(loops)), key=lambda i: paths[i].length_m)
+    ring = _tiles(loops[longest])
+    both = [path for path, loop in zip(paths, loops) if _tiles(loop) == ring]
+    return (max if outer else min)(both, key=lambda path: path.length_m)
+
+
+def _loops(lanes: Sequence[Lane], tile_size_m: float) -> List[List[Lane]]:
+    """The closed chains of lanes, where at most one lane begins at a point."""
+    beginning = {border_point(lane.control_points_m[0], tile_size_m): lane for lane in lanes}
+    loops = []
+    while beginning:
+        start = place = next(iter(beginning))
+        chain = []
+        while place in beginning:
+            chain.append(beginning.pop(place))
+            place = border_point(chain[-1].control_points_m[3], tile_size_m)
+        if place == start:
+            loops.append(chain)
+    return loops
+
+
+def _tiles(loop: Sequence[Lane]) -> FrozenSet[Tuple[int, int]]:
+    return frozenset((lane.tile_row, lane.tile_column) for lane in loop)
+
+
+def _check_chain(curves: Sequence[np.ndarray], closed: bool) -> None:
+    if not len(curves):
+        raise PlanError("expected at least one Bezier to make a path of, got none")
+    pairs = list(zip(curves, [*curves[1:], curves[0]] if closed else curves[1:]))
+    for i, (one, other) in enumerate(pairs):
+        gap_m = float(np.hypot(*(np.asarray(other)[0] - np.asarray(one)[3])))
+        if gap_m > MAX_GAP_M:
+            raise PlanError(
+                f"expected Beziers that follow one another, got a gap of {gap_m:.3f} m after "
+                f"number {i}; order them along the path"
+            )

@@ -1,0 +1,284 @@
+"""Routes by A* on the directed graph of lanes.
+
+A node is a place on the border between two tiles with a direction of travel; an edge is a lane
+through a tile. Traffic keeps right, so the two directions over one border are two nodes and no lane
+joins them: a route cannot contain a U-turn (paper A, section 3.3).
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass
+from typing import Dict, List, Tuple, Union
+
+import numpy as np
+
+from robot.errors import MapError, PlanError, nearest
+from robot.geometry import Pose, bezier_points, wrap_angle
+from robot.navigation.lanes import border_point
+from robot.navigation.path import Path
+from robot.navigation.road_map import RoadMap
+
+COSTS = ("unit", "metric")  # lanes on the way, as in the paper, or metres
+_OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near too
+_SHORTEST = 1e-3  # of a lane: a route to where the robot already stands
+_SAMPLES = 64  # per lane, to measure its length
+
+Edge = Tuple[int, float, int]  # node at the lane's end, cost, lane
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The cheapest way between two nodes: its lanes in order (indices) and its cost."""
+
+    lanes: Tuple[int, ...]
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """The cheapest way between two places: the lanes it takes and the Beziers (4, 2) to follow.
+
+    The first and the last curve are the parts of their lanes that are driven.
+    """
+
+    lanes: Tuple[int, ...]
+    curves_m: Tuple[np.ndarray, ...]
+    cost: float
+
+
+class LaneGraph:
+    """The lanes of a road map as a directed graph.
+
+    Attributes:
+        lanes: the edges, as in ``road_map.lanes``.
+        lane_nodes: for every lane the nodes where it begins and ends.
+        node_poses: (nodes, 3) x [m], y [m], heading [rad].
+        lane_lengths_m: (lanes,).
+
+    Raises:
+        MapError: the map has no road.
+    """
+
+    def __init__(self, road_map: RoadMap) -> None:
+        if not road_map.lanes:
+            raise MapError(
+                f"{road_map.name}: expected a map with road, got none; "
+                "add tiles such as straight/E and curve_left/N"
+            )
+        self.road_map = road_map
+        self.lanes = road_map.lanes
+        control = np.array([lane.control_points_m for lane in self.lanes])
+        numbers: Dict[Tuple[int, int], int] = {}
+        self.lane_nodes: Tuple[Tuple[int, int], ...] = tuple(
+            (
+                numbers.setdefault(border_point(points[0], road_map.tile_size_m), len(numbers)),
+                numbers.setdefault(border_point(points[3], road_map.tile_size_m), len(numbers)),
+            )
+            for points in control
+        )
+        self.node_poses = _node_poses(control, self.lane_nodes)
+        t = np.linspace(0.0, 1.0, _SAMPLES + 1)
+        steps = np.diff([bezier_points(points, t) for points in control], axis=1)
+        self.lane_lengths_m = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)
+        self._edges = {cost: self._edge_lists(cost) for cost in COSTS}
+        self._bounds: Dict[Tuple[str, int], List[float]] = {}
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.node_poses)
+
+    def edges_from(self, node: int, cost: str = "unit") -> Tuple[Edge, ...]:
+        """The lanes that leave a node: (node at the end, cost, lane)."""
+        return self._edges[cost][node]
+
+    def step(self, lane: int, cost: str = "unit") -> float:
+        """The cost of driving a whole lane."""
+        return float(self.lane_lengths_m[lane]) if cost == "metric" else 1.0
+
+    def plan(self, start: int, goal: int, cost: str = "unit") -> Plan:
+        """The cheapest way from node to node, by A* with a consistent lower bound.
+
+        Raises:
+            PlanError: unknown cost, or no way.
+        """
+        if cost not in COSTS:
+            raise PlanError(f"unknown cost {cost!r}; {nearest(cost, COSTS)}")
+        edges, bounds = self._edges[cost], self._bounds_to(goal, cost)
+        reached: Dict[int, float] = {start: 0.0}
+        came: Dict[int, Tuple[int, int]] = {}
+        frontier = [(bounds[start], 0.0, start)]
+        while frontier:
+            _, minus_spent, node = heapq.heappop(frontier)
+            if node == goal:
+                return Plan(_trace(came, start, goal), -minus_spent)
+            if -minus_spent > reached[node]:
+                continue
+            for after, step, lane in edges[node]:
+                spent = step - minus_spent
+                if spent < reached.get(after, math.inf):
+                    reached[after] = spent
+                    came[after] = (node, lane)
+                    heapq.heappush(frontier, (spent + bounds[after], -spent, after))
+        raise PlanError(self._no_way(start, goal))
+
+    def _edge_lists(self, cost: str) -> List[Tuple[Edge, ...]]:
+        lists: List[List[Edge]] = [[] for _ in range(self.nodes)]
+        for lane, (start, end) in enumerate(self.lane_nodes):
+            lists[start].append((end, self.step(lane, cost), lane))
+        return [tuple(edges) for edges in lists]
+
+    def _bounds_to(self, goal: int, cost: str) -> List[float]:
+        """A lower bound of the cost from every node; kept, since a goal is asked for often.
+
+        Metres: the straight line. Lanes: each one leads into a neighbouring tile, hence the
+        difference in rows plus that in columns between the tiles that the nodes lead into.
+        """
+        key = (cost, goal)
+        if key not in self._bounds:
+            poses = self.node_poses
+            if cost == "metric":
+                bound = np.hypot(*(poses[:, :2] - poses[goal, :2]).T)
+            else:
+                ahead = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
+                tiles = np.floor(poses[:, :2] / self.road_map.tile_size_m + 0.25 * ahead)
+                bound = np.abs(tiles - tiles[goal]).sum(axis=1)
+            self._bounds[key] = bound.tolist()
+        return self._bounds[key]
+
+    def _no_way(self, start: int, goal: int) -> str:
+        places = [
+            "({:.2f}, {:.2f}) m heading {:.0f} deg".format(x, y, math.degrees(heading))
+            for x, y, heading in (self.node_poses[start], self.node_poses[goal])
+        ]
+        return (
+            f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn; "
+            "start in the other direction or choose a destination on a lane ahead"
+        )
+
+
+def plan_route(
+    graph: LaneGraph, start: Pose, goal_m: Tuple[float, float], cost: str = "unit"
+) -> Route:
+    """The cheapest route from the lane under a pose to the lane nearest to a position.
+
+    Where lanes overlap, as at the entry of a junction, all of them are tried. A goal behind the
+    robot is reached by driving round, since U-turns are not planned.
+
+    Raises:
+        PlanError: start or goal is not on the road, or the goal cannot be reached.
+    """
+    starts = _lanes_under(graph, start.x_m, start.y_m, "start", start.heading_rad)
+    goals = _lanes_under(graph, goal_m[0], goal_m[1], "goal")
+    routes, problem = [], None
+    for start_lane, start_t in starts:
+        for goal_lane, goal_t in goals:
+            try:
+                routes.append(route_between(graph, start_lane, start_t, goal_lane, goal_t, cost))
+            except PlanError as error:
+                problem = error
+    if not routes and problem is not None:
+        raise problem
+    return min(routes, key=lambda route: route.cost)
+
+
+def plan_path(
+    road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float, float], cost: str = "unit"
+) -> Path:
+    """The path of `plan_route`. Give the graph rather than the map when planning often.
+
+    Raises:
+        MapError: the map has no road.
+        PlanError: start or goal is not on the road, or the goal cannot be reached.
+    """
+    graph = road if isinstance(road, LaneGraph) else LaneGraph(road)
+    return Path.from_beziers(plan_route(graph, start, goal_m, cost).curves_m)
+
+
+def _lanes_under(
+    graph: LaneGraph, x_m: float, y_m: float, what: str, heading_rad: float = math.nan
+) -> List[Tuple[int, float]]:
+    """The lanes (index, parameter) nearest to a position, along the heading if there is one."""
+    road_map = graph.road_map
+    near = road_map.lane_index.near(x_m, y_m)
+    if not road_map.on_road(x_m, y_m):
+        lane = graph.lanes[int(near.distance_m.argmin())]
+        at = bezier_points(lane.control_points_m, near.t[near.distance_m.argmin()][None])[0]
+        raise PlanError(
+            f"{road_map.name}: expected the {what} on the road, got ({x_m:.2f}, {y_m:.2f}) m; "
+            f"the nearest lane is at ({at[0]:.2f}, {at[1]:.2f}) m"
+        )
+    angles = np.abs(np.asarray(wrap_angle(heading_rad - near.heading_rad)))
+    allowed = np.isnan(angles) | (angles <= math.pi / 2)
+    if not allowed.any():
+        raise PlanError(
+            f"{road_map.name}: no lane leads in the direction of the {what} at ({x_m:.2f}, "
+            f"{y_m:.2f}) m; turn the robot along the road"
+        )
+    distance_m = np.where(allowed, near.distance_m, math.inf)
+    lanes = np.flatnonzero(distance_m <= distance_m.min() + _OVERLAP_M)
+    return [(int(lane), float(near.t[lane])) for lane in lanes]
+
+
+def route_between(
+    graph: LaneGraph,
+    start_lane: int,
+    start_t: float,
+    goal_lane: int,
+    goal_t: float,
+    cost: str = "unit",
+) -> Route:
+    """The cheapest route from a point on one lane to a point on another.
+
+    Lanes are indices into ``graph.lanes``; points on them are parameters of the Bezier, 0 to 1.
+
+    Raises:
+        PlanError: the goal cannot be reached.
+    """
+    first, last = (graph.lanes[lane].control_points_m for lane in (start_lane, goal_lane))
+    if start_lane == goal_lane and goal_t > start_t - _SHORTEST:
+        end_t = min(max(goal_t, start_t + _SHORTEST), 1.0)
+        return Route((start_lane,), (_part(first, min(start_t, end_t - _SHORTEST), end_t),), 0.0)
+    plan = graph.plan(graph.lane_nodes[start_lane][1], graph.lane_nodes[goal_lane][0], cost)
+    lanes = [*plan.lanes, goal_lane]
+    curves = [graph.lanes[lane].control_points_m for lane in plan.lanes]
+    curves.append(_part(last, 0.0, max(goal_t, _SHORTEST)))
+    driven = goal_t * graph.step(goal_lane, cost)
+    if start_t < 1.0 - _SHORTEST:
+        lanes.insert(0, start_lane)
+        curves.insert(0, _part(first, start_t, 1.0))
+        driven += (1.0 - start_t) * graph.step(start_lane, cost)
+    return Route(tuple(lanes), tuple(curves), plan.cost + driven)
+
+
+def _part(control: np.ndarray, t0: float, t1: float) -> np.ndarray:
+    """The control points (4, 2) of a Bezier between two of its parameters (its blossom)."""
+    arguments = ((t0, t0, t0), (t0, t0, t1), (t0, t1, t1), (t1, t1, t1))
+    points = []
+    for triple in arguments:
+        level = control
+        for t in triple:
+            level = (1.0 - t) * level[:-1] + t * level[1:]
+        points.append(level[0])
+    return np.array(points)
+
+
+def _node_poses(control: np.ndarray, lane_nodes: Tuple[Tuple[int, int], ...]) -> np.ndarray:
+    poses = np.zeros((1 + max(node for pair in lane_nodes for node in pair), 3))
+    for points, (start, end) in zip(control, lane_nodes):
+        for node, place, along in (
+            (end, points[3], points[3] - points[2]),
+            (start, points[0], points[1] - points[0]),
+        ):
+            poses[node] = (*place, math.atan2(along[1], along[0]))
+    return poses
+
+
+def _trace(came: Dict[int, Tuple[int, int]], start: int, goal: int) -> Tuple[int, ...]:
+    lanes = []
+    while goal != start:
+        goal, lane = came[goal]
+        lanes.append(lane)
+    return tuple(reversed(lanes))

@@ -1,0 +1,198 @@
+"""Road maps: Duckietown map files read as they are, in our world frame.
+
+The world's origin is the south-west corner of the grid, x east, y north, metres. In the files rows
+count from the north; the simulator's frame has z pointing south: y = rows * tile_size - z.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Dict, Optional, Tuple, Union
+
+from robot.errors import ConfigError, MapError, nearest
+from robot.geometry import Pose, wrap_angle
+from robot.navigation.lane_pose import LaneIndex
+from robot.navigation.lanes import Lane, tile_lanes
+from robot.navigation.map_objects import (
+    Grid,
+    MapObject,
+    number,
+    numbers,
+    read_objects,
+    refuse_misspelt_keys,
+)
+from robot.navigation.tiles import Tile, parse_tile
+from robot.typed_config import read_yaml
+
+MAPS_FOLDER = Path(__file__).parent.parent / "maps"
+_KEYS = ("tiles", "tile_size", "objects", "start_tile", "start_pose", "version")
+
+
+@dataclass(frozen=True)
+class RoadMap:
+    """A grid of tiles and the objects on it. ``compat`` maps keep the simulator's oddities."""
+
+    name: str
+    tile_size_m: float
+    tiles: Tuple[Tuple[Tile, ...], ...]  # rows from north to south
+    objects: Tuple[MapObject, ...] = ()
+    start_tile: Optional[Tuple[int, int]] = None  # (row, column)
+    start_pose: Optional[Pose] = None
+    compat: bool = False
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of tiles."""
+        return len(self.tiles)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of tiles."""
+        return len(self.tiles[0])
+
+    @property
+    def width_m(self) -> float:
+        """Extent along x [m]."""
+        return self.columns * self.tile_size_m
+
+    @property
+    def height_m(self) -> float:
+        """Extent along y [m]."""
+        return self.rows * self.tile_size_m
+
+    @cached_property
+    def road_tiles(self) -> Tuple[Tile, ...]:
+        """The tiles a robot may drive on, row by row from the north-west."""
+        return tuple(tile for row in self.tiles for tile in row if tile.is_road)
+
+    @cached_property
+    def lanes(self) -> Tuple[Lane, ...]:
+        """Every lane of every road tile, row by row from the north-west."""
+        return tuple(
+            lane
+            for tile in self.road_tiles
+            for lane in tile_lanes(tile, self.tile_size_m, self.rows, reference=self.compat)
+        )
+
+    @cached_property
+    def lane_index(self) -> LaneIndex:
+        """Finds the nearest points of all ``lanes``."""
+        return LaneIndex(self.lanes)
+
+    def tile_at(self, x_m: float, y_m: float) -> Optional[Tile]:
+        """The tile under a point of the world; None beyond the grid."""
+        if not (0.0 <= x_m < self.width_m and 0.0 <= y_m < self.height_m):
+            return None
+        column = min(int(x_m / self.tile_size_m), self.columns - 1)
+        row = max(self.rows - 1 - int(y_m / self.tile_size_m), 0)
+        return self.tiles[row][column]
+
+    def on_road(self, x_m: float, y_m: float) -> bool:
+        """Whether a point of the world lies on a road tile."""
+        tile = self.tile_at(x_m, y_m)
+        return tile is not None and tile.is_road
+
+
+def shipped_maps() -> Dict[str, Path]:
+    """The maps that come with this package, by name."""
+    return {path.stem: path for path in sorted(MAPS_FOLDER.glob("*.yaml"))}
+
+
+def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
+    """Read a Duckietown map: a YAML file, or the name of a shipped map (loop, arena, town).
+
+    Objects are placed by the documented meaning of the format. ``compat`` places them, and draws
+    the lanes, where gym-duckietown 6.1.34 does: ``pos`` shifted by rows - columns + 1 tiles to the
+    south and ``rotate`` mirrored, ``attach`` with a ``pose`` put at the world's origin, slot
+    offsets in tiles, its ``3way_right`` and ``curve_right`` curves (see `robot.navigation.lanes`).
+
+    A map without road (a calibration board, say) loads; what needs a road then says so. A
+    ``start_tile`` beyond the grid is dropped, as the simulator does.
+
+    Raises:
+        MapError: no such map, or not one that can be read, with row, column and valid choices.
+    """
+    path = _find(source)
+    try:
+        data = read_yaml(path)
+    except ConfigError as error:
+        raise MapError(str(error)) from error
+    return read_map(data, path.stem, compat)
+
+
+def read_map(data: Any, name: str, compat: bool = False) -> RoadMap:
+    """A map from the plain data of its YAML file; see `load_map`."""
+    if not isinstance(data, dict):
+        raise MapError(f"{name}: expected a mapping with tiles and tile_size, got {data!r}")
+    refuse_misspelt_keys(data, _KEYS, name)
+    if "tile_size" not in data:
+        raise MapError(f"{name}: tile_size is missing; add its edge in metres, as tile_size: 0.585")
+    tile_size_m = number(data["tile_size"], f"{name}: tile_size")
+    if tile_size_m <= 0.0:
+        raise MapError(f"{name}: tile_size: expected a length above 0 m, got {tile_size_m}")
+    tiles = _read_tiles(data.get("tiles"), name)
+    grid = Grid(len(tiles), len(tiles[0]), tile_size_m, compat)
+    objects = read_objects(data.get("objects"), grid, f"{name}: objects")
+    start_tile = _start_tile(data.get("start_tile"), grid, name)
+    start_pose = _start_pose(data.get("start_pose"), start_tile, grid, name)
+    return RoadMap(name, tile_size_m, tiles, objects, start_tile, start_pose, compat)
+
+
+def _find(source: Union[str, Path]) -> Path:
+    shipped = shipped_maps()
+    if str(source) in shipped:
+        return shipped[str(source)]
+    path = Path(source)
+    if not path.is_file():
+        close = difflib.get_close_matches(path.stem, shipped, n=1)
+        raise MapError(
+            f"{source}: expected a map file or a shipped map; {nearest(path.stem, shipped)}"
+            if close or not path.suffix
+            else f"{source}: no such map file; shipped maps: {', '.join(shipped)}"
+        )
+    return path
+
+
+def _read_tiles(rows: Any, name: str) -> Tuple[Tuple[Tile, ...], ...]:
+    if not isinstance(rows, list) or not rows:
+        raise MapError(f"{name}: tiles: expected a list of rows of tiles, got {rows!r}")
+    for i, row in enumerate(rows):
+        if not isinstance(row, list) or not row:
+            raise MapError(f"{name}: row {i}: expected a list of tiles, got {row!r}")
+        if len(row) != len(rows[0]):
+            raise MapError(
+                f"{name}: row {i}: expected {len(rows[0])} tiles as in row 0, got {len(row)}"
+            )
+    return tuple(
+        tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
+        for i, row in enumerate(rows)
+    )
+
+
+def _start_tile(value: Any, grid: Grid, name: str) -> Optional[Tuple[int, int]]:
+    """(row, column) from the file's [column, row]."""
+    if value is None:
+        return None
+    column, row = (int(item) for item in numbers(value, 2, f"{name}: start_tile"))
+    return (row, column) if 0 <= row < grid.rows and 0 <= column < grid.columns else None
+
+
+def _start_pose(
+    value: Any, start_tile: Optional[Tuple[int, int]], grid: Grid, name: str
+) -> Optional[Pose]:
+    """The file's [[x, height, z], angle]: metres from the start tile's north-west corner."""
+    if value is None or start_tile is None:
+        return None
+    where = f"{name}: start_pose"
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise MapError(f"{where}: expected [[x, 0, z], angle], got {value!r}")
+    east_m, _, south_m = numbers(value[0], 3, where)
+    row, column = start_tile
+    return Pose(
+        column * grid.tile_size_m + east_m,
+        (grid.rows - row) * grid.tile_size_m - south_m,
+        float(wrap_angle(number(value[1], where))),
+    )

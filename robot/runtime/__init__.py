@@ -1,0 +1,1 @@
+"""The robot's loop and what it is put together from."""

@@ -1,0 +1,215 @@
+"""From a configuration to a robot that can drive: opens what it names, and closes it again."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack, contextmanager, nullcontext
+from pathlib import Path
+from typing import Callable, ContextManager, Iterator, List, Optional, Protocol, Tuple
+
+from robot.camera.gstreamer import GstStream, csi_command
+from robot.camera.newest import NewestFrame, Stream
+from robot.camera.replay import ReplayCamera
+from robot.camera.socket_stream import SocketStream
+from robot.camera.source import Camera
+from robot.camera.v4l2 import V4l2Stream
+from robot.config import CameraConfig, RobotConfig
+from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
+from robot.errors import ConfigError
+from robot.geometry import Pose
+from robot.hat.clock import Clock, MonotonicClock
+from robot.hat.thread import real_motors
+from robot.health import Health
+from robot.inference.policy import OnnxPolicy
+from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.link.config import LinkConfig
+from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
+from robot.link.sockets import Link
+from robot.link.telemetry import Reading, Telemetry
+from robot.navigation.navigator import MissionNavigator
+from robot.navigation.road_map import load_map
+from robot.parts import Ask, Motors, Operator, Policy, Subscriber
+from robot.recording.recorder import Recorder
+from robot.recording.subject import describe
+from robot.runtime.loop import Runtime
+from robot.runtime.remote import RemoteOperator
+from robot.runtime.telemetry_feed import TelemetryFeed
+from robot.runtime.watchdog import Watchdog
+from robot.safety.state_machine import Safety, State
+
+FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
+CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
+
+
+class DrivenMotors(Motors, Protocol):
+    """Motors that count their steps."""
+
+    @property
+    def pose(self) -> Pose:
+        """Step odometry."""
+
+
+@contextmanager
+def open_robot(
+    config: RobotConfig,
+    operators: Tuple[Operator, ...] = (),
+    subscribers: Tuple[Subscriber, ...] = (),
+    camera: Optional[ContextManager[Camera]] = None,
+    motors: Optional[ContextManager[DrivenMotors]] = None,
+) -> Iterator[Runtime]:
+    """Everything that ``config`` names, put together, with a watchdog; DISARMED.
+
+    Args:
+        config: of the robot.
+        operators: beside the one behind the link.
+        subscribers: beside the telemetry.
+        camera: instead of the configured one.
+        motors: instead of the HAT.
+
+    Raises:
+        DuckpilotError: model, map, configuration or keys are wrong.
+        HardwareError: the HAT is not there.
+    """
+    clock = MonotonicClock()
+    watchdog = Watchdog(lambda: runtime.watch())
+    policy = open_policy(config)
+    navigates = policy.contract.path_points > 0
+    if navigates and not config.map:
+        raise ConfigError(
+            f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
+        )
+    with ExitStack() as stack:
+        link = stack.enter_context(config.link.open()) if config.link else None
+        eye = stack.enter_context(camera or open_camera(config.camera, clock))
+        wheels = stack.enter_context(motors or real_motors(config.hat))
+        navigator: Optional[MissionNavigator] = None
+        everybody: List[Operator] = list(operators)
+        audience: List[Subscriber] = [watchdog, *subscribers]
+        if link is not None and config.link is not None:
+            if navigates:
+                navigator = open_navigator(config, config.link, link, wheels)
+                audience.append(navigator)
+            everybody.append(RemoteOperator(config.link.command_server(link), navigator))
+        audience += open_reports(config, link, navigator, wheels, stack)
+        runtime = Runtime(
+            eye,
+            policy,
+            wheels,
+            Safety(clock.now, config.safety),
+            clock,
+            audience,
+            Operators(tuple(everybody)),
+            navigator,
+        )
+        stack.enter_context(watchdog)
+        yield runtime
+
+
+def open_policy(config: RobotConfig) -> Policy:
+    """The configured policy, behind the configured translator if there is one.
+
+    Raises:
+        ContractError: a file that cannot be used, or a translator of other pictures.
+    """
+    policy = OnnxPolicy(config.model)
+    if not config.translator:
+        return policy
+    translator = open_translator(config.translator, policy.contract.image, "real-to-sim")
+    return TranslatingPolicy(policy, translator)
+
+
+def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
+    """The configured camera, running inside its ``with`` block.
+
+    Raises:
+        ConfigError: a replay of something that cannot be played.
+    """
+    if config.kind == "replay":
+        return nullcontext(ReplayCamera(config.path, config.fps, clock.now))
+    return NewestFrame(lambda: open_stream(config, CAPTURE_PX), clock.now)
+
+
+def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
+    """The configured camera's pictures, one after the other; not of a replay.
+
+    Raises:
+        HardwareError: the device does not open.
+    """
+    if config.kind == "v4l2":
+        return V4l2Stream(config.number, size_px, config.fps)
+    if config.kind == "socket":
+        return SocketStream(config.path, FRAME_PX)
+    return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)
+
+
+def open_navigator(
+    config: RobotConfig, streams: LinkConfig, link: Link, motors: DrivenMotors
+) -> MissionNavigator:
+    """Plans on the configured map, from the localizer's poses and the motors' steps."""
+    poses = streams.subscriber(link, PosesMessage)
+    road_map = load_map(config.map)
+
+    def receive() -> Optional[PoseMessage]:
+        seen = poses.receive()
+        return None if seen is None else seen.of(config.name)
+
+    return MissionNavigator(road_map, receive, lambda: motors.pose, config.name)
+
+
+def open_reports(
+    config: RobotConfig,
+    link: Optional[Link],
+    navigator: Optional[MissionNavigator],
+    motors: DrivenMotors,
+    stack: ExitStack,
+) -> List[Subscriber]:
+    """What tells of each turn: reports and pictures for the monitor, and the recording."""
+    others: List[Callable[[], Reading]] = []
+    recorders: List[Subscriber] = []
+    if config.recording is not None:
+        subject = describe(
+            config,
+            odometry=lambda: motors.pose,
+            report=lambda: feed.newest,
+            overhead=lambda: navigator.overhead if navigator is not None else None,
+        )
+        recorder = stack.enter_context(Recorder(config.recording, subject))
+        recorders.append(recorder)
+        others.append(recorder.reading)
+    health = Health(time.monotonic, tuple(others))
+    feed = open_feed(config, link, navigator, health)
+    return [feed, *recorders]
+
+
+def open_feed(
+    config: RobotConfig,
+    link: Optional[Link],
+    navigator: Optional[MissionNavigator],
+    health: Health,
+) -> TelemetryFeed:
+    """Makes reports of each turn, and publishes them with their pictures where there is a link."""
+    about = Telemetry(
+        config.name, State.DISARMED.value, model=Path(config.model).stem, map=config.map
+    )
+    publish, show = None, None
+    if link is not None and config.link is not None:
+        publish = config.link.publisher(link, Telemetry).send
+        show = config.link.publisher(link, FrameMessage).send
+    return TelemetryFeed(publish, show, about, config.safety, navigator, health.readings)
+
+
+class Operators:
+    """Several people at once; what any of them asks for counts."""
+
+    def __init__(self, operators: Tuple[Operator, ...]) -> None:
+        self._operators = operators
+
+    def serve(self, ask: Ask) -> None:
+        """Let each of them ask."""
+        for operator in self._operators:
+            operator.serve(ask)
+
+    def age_s(self) -> Optional[float]:
+        """The longest silence among those who must be heard [s]."""
+        ages = [age_s for age_s in (each.age_s() for each in self._operators) if age_s is not None]
+        return max(ages, default=None)

@@ -1,0 +1,84 @@
+"""A runtime that drives nowhere: a camera that makes up pictures, motors that do nothing.
+
+For measuring the loop itself, on any computer.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Optional
+
+import numpy as np
+
+from robot.camera.source import Frame
+from robot.contract import ACTION_WHEELS, PATH_POINTS, Action, PolicyContract
+from robot.geometry import WheelSpeeds
+from robot.hat.clock import Clock, MonotonicClock
+from robot.inference.preprocess import FRAME_SHAPE
+from robot.parts import Guidance, Policy
+from robot.runtime.loop import Runtime
+from robot.safety.gates import SafetyLimits
+from robot.safety.state_machine import Command, Safety
+
+# A stall of the computer must not end a measurement of stalls.
+PATIENT = SafetyLimits(frame_age_s=60.0, loop_age_s=60.0)
+
+
+class _NoiseCamera:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._rng = np.random.default_rng(0)
+        self._sequence = 0
+
+    def read(self) -> Frame:
+        self._sequence += 1
+        picture = self._rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
+        return Frame(picture, self._sequence, self._clock.now())
+
+
+class _StraightOn:
+    contract = PolicyContract("lane", "none")
+
+    def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
+        assert path is None
+        return np.eye(len(ACTION_WHEELS), dtype=np.float32)[[Action.STRAIGHT] * len(images)]
+
+
+class _NoMotors:
+    def set_wheels(self, wheels: WheelSpeeds) -> None:
+        pass
+
+    def stop(self) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
+
+    def mend(self) -> None:
+        pass
+
+
+class _StraightPath:
+    def look(self, now_s: float) -> Guidance:  # noqa: ARG002  the path is always straight
+        return Guidance(np.zeros(PATH_POINTS, np.float32), pose_age_s=0.0)
+
+
+def dry_runtime(model: Optional[Path], clock: Optional[Clock] = None) -> Runtime:
+    """A runtime in AUTO on noise pictures; without a model it drives straight on.
+
+    Raises:
+        ContractError: the model keeps no contract.
+    """
+    import onnxruntime  # noqa: F401  part of the robot's footprint with any policy
+
+    from robot.inference.policy import OnnxPolicy
+
+    clock = clock or MonotonicClock()
+    policy: Policy = OnnxPolicy(model) if model else _StraightOn()
+    safety = Safety(clock.now, PATIENT)
+    camera, path = _NoiseCamera(clock), _StraightPath()
+    runtime = Runtime(camera, policy, _NoMotors(), safety, clock, navigator=path)
+    runtime.step()
+    for command in (Command.ARM, Command.AUTO):
+        runtime.ask(command)
+    return runtime

@@ -1,0 +1,267 @@
+"""The robot's loop: observe, decide, limit, apply, tell the subscribers.
+
+Whatever goes wrong in any part, the motors have stopped by the end of the same turn, and stay
+stopped until a person has cleared the fault and armed again.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+from typing import Any, Callable, Iterable, Optional, Tuple, TypeVar
+
+import numpy as np
+
+from robot.camera.source import Camera, Frame
+from robot.contract import ACTION_WHEELS, CONTROL_DT_S, Action
+from robot.errors import ContractError, HardwareError
+from robot.geometry import WheelSpeeds
+from robot.hat.clock import Clock
+from robot.inference.decision import best_action, values_of
+from robot.inference.preprocess import check_frame
+from robot.parts import Guidance, Motors, Navigator, Operator, Policy, Subscriber, Tick
+from robot.runtime.rate import RateKeeper
+from robot.safety.gates import Inputs, Reason
+from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
+from robot.safety.wheel_limits import STILL, Drive
+
+T = TypeVar("T")
+logger = logging.getLogger(__name__)
+
+
+class Runtime:
+    """Puts the parts together; ``step`` is one turn, ``run`` keeps turning on time.
+
+    ``watch`` may be called by one other thread; everything else belongs to one thread.
+
+    Args:
+        camera: gives the newest frame.
+        policy: decides among the actions of the contract.
+        motors: in a ``with`` block of the caller's.
+        safety: boots DISARMED.
+        clock: monotonic; the one that ``safety`` and the camera use.
+        subscribers: told of every turn, in this order.
+        operator: where a person's requests come from; ``ask`` is another way.
+        navigator: needed by a policy with a path input.
+
+    Raises:
+        ContractError: a navigating policy without a navigator.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        policy: Policy,
+        motors: Motors,
+        safety: Safety,
+        clock: Clock,
+        subscribers: Iterable[Subscriber] = (),
+        operator: Optional[Operator] = None,
+        navigator: Optional[Navigator] = None,
+    ) -> None:
+        if policy.contract.path_points and navigator is None:
+            raise ContractError(
+                f"policy: expected one without a path input, got a {policy.contract.task} policy; "
+                "give the robot a map and a link to the localizer, or use a lane policy"
+            )
+        self.safety = safety
+        self._camera, self._policy, self._motors = camera, policy, motors
+        self._clock = clock
+        self._subscribers = tuple(subscribers)
+        self._operator, self._navigator = operator, navigator
+        self._guard_motion = threading.RLock()  # safety, motors and what was last sent to them
+        self._number = 0
+        self._wheels = STILL
+        self._drove: Optional[Drive] = None  # in this turn
+        self._sent_s = clock.now()
+        self._resting: Optional[State] = None  # the state that the motors were last put to rest in
+        self._manual: Optional[Tuple[WheelSpeeds, float]] = None
+        self._frame: Optional[Frame] = None
+        self._repeats = 0
+
+    def ask(self, command: Command, wheels: Optional[WheelSpeeds] = None) -> Answer:
+        """What a person asks for; ``wheels`` [m/s] go with MANUAL, and hold for half a second.
+
+        A fault is cleared only when the motors work again.
+        """
+        with self._guard_motion:
+            if command is Command.CLEAR and self.safety.verdict.state is State.FAULT:
+                try:
+                    self._motors.mend()
+                except HardwareError as error:
+                    return Answer(False, f"clear is refused: {error}")
+            answer = self.safety.command(command)
+            if answer.accepted and command is Command.MANUAL:
+                self._manual = (wheels or STILL, self._clock.now())
+            self._rest_unless_moving()
+        return answer
+
+    def step(self, lag_s: float = 0.0) -> Tick:
+        """One turn. Errors of the parts become faults, not exceptions."""
+        began_s = self._clock.now()
+        link_age_s = self._try(Reason.OPERATOR, self._listen)
+        frame = self._try(Reason.CAMERA, self._look)
+        guidance = None
+        if self._navigator is not None:
+            guidance = self._try(Reason.NAVIGATOR, self._navigator.look, began_s)
+        values = self._try(Reason.POLICY, self._values, frame, guidance)
+        action = best_action(values)
+        self._drove = None
+        inputs = self._try(Reason.RUNTIME, self._act, frame, guidance, action, link_age_s)
+        duration_s = self._clock.now() - began_s
+        tick = Tick(
+            *(self._number, began_s, frame, values, action, self._wheels, self.safety.verdict),
+            *(inputs or Inputs(math.inf), guidance, duration_s, lag_s, self._drove),
+        )
+        self._number += 1
+        for subscriber in self._subscribers:
+            self._try(Reason.SUBSCRIBER, subscriber.on_tick, tick)
+        return tick
+
+    def run(self, turns: Optional[int] = None, ending: Callable[[], bool] = lambda: False) -> None:
+        """Turn every ``CONTROL_DT_S`` until ``ending()``, or for a number of turns.
+
+        However it ends, the motors are released then; a robot without a fault is DISARMED.
+        """
+        rate = RateKeeper(CONTROL_DT_S, self._clock)
+        last = math.inf if turns is None else self._number + turns
+        try:
+            while self._number < last and not ending():
+                self.step(rate.wait())
+        finally:
+            self.ask(Command.DISARM)
+
+    def watch(self) -> None:
+        """Stop the motors when the loop hangs; for a second thread, several times a second."""
+        with self._guard_motion:
+            self.safety.watch()
+            self._rest_unless_moving()
+
+    def _listen(self) -> Optional[float]:
+        """Serve the operator; returns the age of their last sign of life [s]."""
+        if self._operator is None:
+            return None
+        self._operator.serve(self.ask)
+        return self._operator.age_s()
+
+    def _look(self) -> Optional[Frame]:
+        frame = self._camera.read()
+        if frame is not None:
+            check_frame(frame.image)
+            if not math.isfinite(frame.time_s):
+                raise ContractError(f"frame: expected a finite time [s], got {frame.time_s}")
+        return frame
+
+    def _values(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[np.ndarray]:
+        path = None if guidance is None else guidance.path
+        return values_of(self._policy, None if frame is None else frame.image, path)
+
+    def _act(
+        self,
+        frame: Optional[Frame],
+        guidance: Optional[Guidance],
+        action: Optional[Action],
+        link_age_s: Optional[float],
+    ) -> Inputs:
+        """Look at the gates, then drive or rest. After this only a subscriber can still fail."""
+        with self._guard_motion:
+            now_s = self._clock.now()
+            inputs = self._inputs(now_s, frame, guidance, action is not None, link_age_s)
+            self.safety.check(inputs)
+            if guidance is not None and guidance.arrived:
+                self.safety.arrived()
+            wanted = self._wanted(action)
+            if wanted is not None:
+                self._try(Reason.MOTORS, self._drive, wanted, now_s)
+            self._rest_unless_moving()
+        return inputs
+
+    def _inputs(
+        self,
+        now_s: float,
+        frame: Optional[Frame],
+        guidance: Optional[Guidance],
+        decided: bool,
+        link_age_s: Optional[float],
+    ) -> Inputs:
+        navigates = self._policy.contract.path_points > 0
+        sight = guidance or Guidance()
+        no_mission = navigates and sight.path is None
+        return Inputs(
+            frame_age_s=math.inf if frame is None else now_s - frame.time_s,
+            frame_repeats=self._count_repeats(frame),
+            values_finite=decided or no_mission,  # without a path nobody asked it
+            pose_age_s=sight.pose_age_s if navigates else None,
+            link_age_s=link_age_s,
+            manual_age_s=None if self._manual is None else now_s - self._manual[1],
+            no_mission=no_mission,
+            off_path=sight.off_path,
+            off_map=sight.off_map,
+            pose_jump=sight.pose_jump,
+            duplicate_publisher=sight.duplicate_publisher,
+        )
+
+    def _count_repeats(self, frame: Optional[Frame]) -> int:
+        """New frames in a row with the bytes of the one before, while the wheels turn.
+
+        A robot that stands may well see the same picture twice.
+        """
+        last, self._frame = self._frame, frame
+        if frame is None or last is None or self._wheels == STILL:
+            self._repeats = 0
+        elif frame.sequence != last.sequence:
+            same = np.array_equal(frame.image, last.image)
+            self._repeats = self._repeats + 1 if same else 0
+        return self._repeats
+
+    def _wanted(self, action: Optional[Action]) -> Optional[WheelSpeeds]:
+        state = self.safety.verdict.state
+        if state is State.AUTO and action is not None:
+            return ACTION_WHEELS[action]
+        if state is State.MANUAL and self._manual is not None:
+            return self._manual[0]
+        return None
+
+    def _drive(self, wanted: WheelSpeeds, now_s: float) -> None:
+        limits = self.safety.limits
+        dt_s = min(max(now_s - self._sent_s, 0.0), limits.loop_age_s)
+        drive = Drive(wanted, self._wheels, dt_s)
+        wheels = drive.limited(limits.max_wheel_mps)
+        self._resting = None
+        self._motors.set_wheels(wheels)
+        self._drove = drive
+        self._wheels, self._sent_s = wheels, now_s
+
+    def _rest_unless_moving(self) -> None:
+        """Put the motors to rest, once in each state; again in every turn while that fails."""
+        if self.safety.verdict.state in MOVING or self.safety.verdict.state is self._resting:
+            return
+        self._wheels, self._manual = STILL, None
+        rested, _ = self._attempt(Reason.MOTORS, self._motors.stop)
+        if self.safety.verdict.state in COILS_OFF:
+            released, _ = self._attempt(Reason.MOTORS, self._motors.release)
+            rested = rested and released
+        self._resting = self.safety.verdict.state if rested else None
+
+    def _try(self, reason: Reason, part: Callable[..., T], *arguments: Any) -> Optional[T]:
+        """Call a part; None after an error, with the motors at rest."""
+        done, result = self._attempt(reason, part, *arguments)
+        if not done:
+            with self._guard_motion:
+                self._rest_unless_moving()
+        return result
+
+    def _attempt(
+        self, reason: Reason, part: Callable[..., T], *arguments: Any
+    ) -> Tuple[bool, Optional[T]]:
+        """Call a part; whatever it raises becomes a fault of this reason."""
+        try:
+            return True, part(*arguments)
+        except Exception as error:
+            with self._guard_motion:
+                before = self.safety.verdict
+                sentence = f"{reason.value}: {str(error) or type(error).__name__}"
+                if self.safety.fault(reason, sentence) is not before:
+                    logger.error("fault: %s", sentence, exc_info=error)
+            return False, None

@@ -1,0 +1,117 @@
+"""What the robot says about itself after every turn, for the monitor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Callable, Optional, Tuple
+
+import numpy as np
+
+from robot.camera.source import Frame
+from robot.link.messages import FrameMessage
+from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Reading, Telemetry
+from robot.link.wire import tidy_text
+from robot.navigation.navigator import MissionNavigator
+from robot.parts import Tick
+from robot.safety.gates import Inputs, SafetyLimits
+from robot.safety.state_machine import MOVING
+
+JPEG_QUALITY = 85
+SMOOTHING = 0.1  # of the rate of decisions: ten turns' memory
+
+
+class TelemetryFeed:
+    """Publishes each turn and its picture; keeps ``robot.parts.Subscriber``.
+
+    Args:
+        publish: sends a report; None without a link.
+        show: sends a picture; None without a link.
+        about: what never changes: the robot's name, its model and its map.
+        limits: told beside the ages of the inputs.
+        navigator: knows the mission; None for a robot that keeps its lane.
+        health: how the robot's computer is.
+    """
+
+    def __init__(
+        self,
+        publish: Optional[Callable[[Telemetry], object]],
+        show: Optional[Callable[[FrameMessage], object]],
+        about: Telemetry,
+        limits: SafetyLimits,
+        navigator: Optional[MissionNavigator] = None,
+        health: Callable[[], Tuple[Reading, ...]] = tuple,
+    ) -> None:
+        self.newest: Optional[Telemetry] = None
+        self._publish, self._show = publish, show
+        self._about, self._limits = about, limits
+        self._navigator, self._health = navigator, health
+        self._shown = -1
+        self._last_s: Optional[float] = None
+        self._period_s = 0.0
+
+    def on_tick(self, tick: Tick) -> None:
+        """Report this turn."""
+        self.newest = self._report(tick)
+        if self._publish is not None:
+            self._publish(self.newest)
+        if self._show is not None and tick.frame is not None and tick.frame.sequence != self._shown:
+            self._shown = tick.frame.sequence
+            self._show(_jpeg(tick.frame))
+
+    def _report(self, tick: Tick) -> Telemetry:
+        guidance, navigator = tick.guidance, self._navigator
+        pose = guidance.pose if guidance is not None else None
+        moving = tick.verdict.state in MOVING
+        return replace(
+            self._about,
+            state=tick.verdict.state.value,
+            reason=tidy_text(tick.verdict.sentence, TEXT_LIMIT_BYTES),
+            action=int(tick.action) if moving and tick.action is not None else None,
+            values=_finite(tick.values),
+            pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
+            path=navigator.path_points if navigator else (),
+            mission=navigator.status if navigator else None,
+            inputs=_ages(tick.inputs, self._limits),
+            health=self._health(),
+            fps=self._rate(tick.time_s),
+            lag_s=_age(tick.inputs.frame_age_s) or 0.0,
+        )
+
+    def _rate(self, now_s: float) -> float:
+        """Decisions a second."""
+        if self._last_s is not None:
+            period_s = max(now_s - self._last_s, 1e-3)
+            share = SMOOTHING if self._period_s else 1.0
+            self._period_s += share * (period_s - self._period_s)
+        self._last_s = now_s
+        return 1.0 / self._period_s if self._period_s else 0.0
+
+
+def _ages(inputs: Inputs, limits: SafetyLimits) -> Tuple[InputAge, ...]:
+    ages = [InputAge("camera", _age(inputs.frame_age_s), limits.frame_age_s)]
+    if inputs.pose_age_s is not None:
+        ages.append(InputAge("pose", _age(inputs.pose_age_s), limits.pose_age_s))
+    if inputs.link_age_s is not None:
+        ages.append(InputAge("operator", _age(inputs.link_age_s), limits.link_age_s))
+    return tuple(ages)
+
+
+def _age(age_s: float) -> Optional[float]:
+    """An age that a message takes: None for one that never came."""
+    return max(age_s, 0.0) if math.isfinite(age_s) else None
+
+
+def _finite(values: Optional[np.ndarray]) -> Tuple[float, ...]:
+    if values is None or not np.isfinite(values).all():
+        return ()
+    return tuple(round(float(value), 4) for value in values)
+
+
+def _jpeg(frame: Frame) -> FrameMessage:
+    import cv2
+
+    height, width = frame.image.shape[:2]
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    data = cv2.imencode(".jpg", frame.image[..., ::-1], quality)[1].tobytes()
+    return FrameMessage(data, width, height, max(frame.time_s, 0.0))

@@ -1,0 +1,1 @@
+"""Whether the robot may move, and how fast."""

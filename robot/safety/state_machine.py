@@ -1,0 +1,202 @@
+"""Whether the robot may move: arming, states and what each fault leads to. Pure; no hardware.
+
+The robot boots DISARMED. Only a person's command leads towards motion, and only while every gate
+of the state asked for holds. Trouble always leads away from it: to HOLD when the world outside let
+the robot down (a late pose, a lost link), to FAULT when the robot itself is in doubt. Neither is
+ever left without a person.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Callable, Dict, FrozenSet, NamedTuple, Optional, Tuple
+
+from robot.safety.gates import Inputs, Reason, SafetyLimits, Trip, trips
+
+
+class State(Enum):
+    """What the robot is doing about motion."""
+
+    DISARMED = "DISARMED"  # coils off
+    READY = "READY"  # armed, standing
+    AUTO = "AUTO"  # the policy drives
+    MANUAL = "MANUAL"  # a person drives
+    HOLD = "HOLD"  # stopped, coils hold
+    FAULT = "FAULT"  # stopped, coils off, until a person clears it
+
+
+class Command(Enum):
+    """What a person can ask for."""
+
+    ARM = "arm"
+    AUTO = "auto"
+    MANUAL = "manual"
+    STOP = "stop"  # the emergency stop: always taken
+    DISARM = "disarm"  # always taken
+    CLEAR = "clear"  # acknowledge a fault
+
+
+MOVING: FrozenSet[State] = frozenset((State.AUTO, State.MANUAL))
+COILS_OFF: FrozenSet[State] = frozenset((State.DISARMED, State.FAULT))
+
+# Every way that a person's command can take. Nothing else leads to READY, AUTO or MANUAL.
+TRANSITIONS: Dict[Tuple[State, Command], State] = {
+    (State.DISARMED, Command.ARM): State.READY,
+    (State.HOLD, Command.ARM): State.READY,
+    (State.READY, Command.AUTO): State.AUTO,
+    (State.READY, Command.MANUAL): State.MANUAL,
+    (State.AUTO, Command.MANUAL): State.MANUAL,
+    (State.MANUAL, Command.AUTO): State.AUTO,
+    (State.FAULT, Command.CLEAR): State.DISARMED,
+    (State.READY, Command.STOP): State.HOLD,
+    (State.AUTO, Command.STOP): State.HOLD,
+    (State.MANUAL, Command.STOP): State.HOLD,
+    (State.READY, Command.DISARM): State.DISARMED,
+    (State.AUTO, Command.DISARM): State.DISARMED,
+    (State.MANUAL, Command.DISARM): State.DISARMED,
+    (State.HOLD, Command.DISARM): State.DISARMED,
+}
+ALWAYS_TAKEN: FrozenSet[Command] = frozenset((Command.STOP, Command.DISARM))
+
+_ROBOT = frozenset((Reason.LOOP_LATE, Reason.FRAME_STALE, Reason.FRAME_FROZEN, Reason.LINK_LOST))
+_ROUTE = frozenset(
+    (
+        Reason.DUPLICATE_PUBLISHER,
+        Reason.POSE_JUMP,
+        Reason.POSE_STALE,
+        Reason.OFF_MAP,
+        Reason.OFF_PATH,
+        Reason.NO_MISSION,
+    )
+)
+# The gates of each armed state. A person who drives by hand may bring a lost robot back to its
+# path.
+WATCHED: Dict[State, FrozenSet[Reason]] = {
+    State.READY: _ROBOT,
+    State.AUTO: _ROBOT | _ROUTE | {Reason.NON_FINITE},
+    State.MANUAL: _ROBOT | {Reason.MANUAL_STALE},
+}
+# What comes in the same turn as the wish to drive; the gates look at it before the wheels turn.
+COMES_WITH_THE_WISH: FrozenSet[Reason] = frozenset((Reason.MANUAL_STALE, Reason.NO_MISSION))
+HOLDS: FrozenSet[Reason] = frozenset(
+    (
+        Reason.POSE_STALE,
+        Reason.OFF_MAP,
+        Reason.OFF_PATH,
+        Reason.NO_MISSION,
+        Reason.LINK_LOST,
+        Reason.MANUAL_STALE,
+        Reason.ARRIVED,
+    )
+)
+
+
+class Verdict(NamedTuple):
+    """The state, since when, and why, in a code and in words."""
+
+    state: State
+    reason: Reason
+    sentence: str
+    since_s: float
+
+    @property
+    def may_move(self) -> bool:
+        """Whether the wheels may turn."""
+        return self.state in MOVING
+
+
+class Answer(NamedTuple):
+    """Whether a command was done; the sentence says why not."""
+
+    accepted: bool
+    sentence: str
+
+
+class Safety:
+    """The supervisor. Its caller looks at ``verdict.may_move`` before every motion.
+
+    Not for several threads at once.
+
+    Args:
+        clock: monotonic time [s].
+        limits: of the gates.
+    """
+
+    def __init__(self, clock: Callable[[], float], limits: Optional[SafetyLimits] = None) -> None:
+        self.limits = limits or SafetyLimits()
+        self._clock = clock
+        self._inputs: Optional[Inputs] = None
+        self._looked_s = clock()
+        self.verdict = Verdict(
+            State.DISARMED, Reason.BOOT, "started; a person must arm", self._looked_s
+        )
+
+    def check(self, inputs: Inputs) -> Verdict:
+        """Look at every gate; call once per turn of the loop, however bad the turn was."""
+        now_s = self._clock()
+        loop_age_s = now_s - self._looked_s
+        self._inputs, self._looked_s = inputs, now_s
+        self._act_on(loop_age_s)
+        return self.verdict
+
+    def watch(self) -> Verdict:
+        """Look whether ``check`` is overdue; for a second thread, in case the first one hangs."""
+        self._act_on(self._clock() - self._looked_s, alone=Reason.LOOP_LATE)
+        return self.verdict
+
+    def fault(self, reason: Reason, sentence: str) -> Verdict:
+        """A part failed. The first fault is kept until a person clears it."""
+        if self.verdict.state is not State.FAULT:
+            self._enter(State.FAULT, reason, sentence)
+        return self.verdict
+
+    def arrived(self) -> Verdict:
+        """The destination is reached: stand."""
+        if self.verdict.state is State.AUTO:
+            self._enter(State.HOLD, Reason.ARRIVED, "arrived")
+        return self.verdict
+
+    def command(self, command: Command) -> Answer:
+        """Do what a person asks, if it is possible from here and the gates hold."""
+        state = self.verdict.state
+        target = TRANSITIONS.get((state, command))
+        if target is None:
+            if command in ALWAYS_TAKEN or command.value == state.value.lower():
+                return Answer(True, f"already {state.value}")
+            return Answer(False, _not_from(state, command))
+        if target in WATCHED:
+            problem = self._problem(target)
+            if problem:
+                return Answer(False, f"{command.value} is refused: {problem}")
+        self._enter(target, Reason.PERSON, f"{command.value}, by a person")
+        return Answer(True, "")
+
+    def _problem(self, target: State) -> str:
+        if self._inputs is None:
+            return "the control loop has not run yet"
+        loop_age_s = self._clock() - self._looked_s
+        trip = self._trip(WATCHED[target] - COMES_WITH_THE_WISH, loop_age_s)
+        return trip.sentence if trip else ""
+
+    def _trip(self, watched: FrozenSet[Reason], loop_age_s: float) -> Optional[Trip]:
+        """The gravest trip among these gates; none before the first look."""
+        if self._inputs is None:
+            return None
+        every = trips(self._inputs, loop_age_s, self.limits)
+        tripped = [trip for trip in every if trip.reason in watched]
+        return min(tripped, key=lambda trip: trip.reason in HOLDS, default=None)
+
+    def _act_on(self, loop_age_s: float, alone: Optional[Reason] = None) -> None:
+        watched = WATCHED.get(self.verdict.state, frozenset())
+        trip = self._trip(watched if alone is None else watched & {alone}, loop_age_s)
+        if trip is not None:
+            state = State.HOLD if trip.reason in HOLDS else State.FAULT
+            self._enter(state, trip.reason, trip.sentence)
+
+    def _enter(self, state: State, reason: Reason, sentence: str) -> None:
+        self.verdict = Verdict(state, reason, sentence, self._clock())
+
+
+def _not_from(state: State, command: Command) -> str:
+    possible = sorted(c.value for s, c in TRANSITIONS if s is state)
+    return f"{command.value} is not possible in {state.value}; possible: {', '.join(possible)}"

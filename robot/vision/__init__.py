@@ -1,0 +1,1 @@
+"""What the robot recognises in a picture without a network."""

@@ -1,0 +1,1 @@
+"""Race tracks, their ground and walls, and cars with speed dynamics."""

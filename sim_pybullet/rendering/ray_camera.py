@@ -1,0 +1,142 @@
+"""``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numba
+import numpy as np
+
+from robot.contract import ImageSpec
+from robot.lens import CameraRig
+from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
+from sim_pybullet.rendering.mip_texture import mip_texture
+from sim_pybullet.rendering.ray_tables import RigTables, SolidRows, gather_solids
+from sim_pybullet.rendering.rays import LEVELS, floor_shade, pixel_rays
+from sim_pybullet.rendering.sky import background
+from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
+from sim_pybullet.rendering.solid_table import light_row
+from sim_pybullet.scene import Scene
+
+
+class RayCamera:
+    """Draws N robots' pictures in one call; keeps ``sim_pybullet.rendering.camera.Camera``.
+
+    Every robot may have its own scene and rig. Equal rigs share tables and scenes with the same
+    ``Ground`` under the same light share its packed floor, so a Scene with other solids costs
+    little. Neither may be changed in place after it was given.
+    """
+
+    def __init__(self, image: ImageSpec, n_robots: int, threads: int | None = None) -> None:
+        """``threads``: how many cores to use; None leaves numba's setting as it is."""
+        self._image = image
+        self._threads = threads
+        height, width, _ = image.shape
+        self._scenes: list[Scene | None] = [None] * n_robots
+        self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
+        self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
+        self._addresses = np.zeros(n_robots, np.int64)
+        self._levels = np.zeros((n_robots, LEVELS, 3), np.int32)
+        self._origins = np.zeros((n_robots, 3))  # west [m], north [m], texel [m]
+        self._eyes = np.zeros((n_robots, 3))
+        self._lights = np.zeros((n_robots, 5))
+        self._tables = RigTables(n_robots, image)
+        self._solids: SolidRows | None = None
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(H, W, 3) of one picture."""
+        return self._image.shape
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Give robot ``i`` its world and its camera."""
+        ground, light = scene.ground, scene.light
+        texture = mip_texture(ground, floor_shade(light))
+        self._scenes[i] = scene
+        self._solids = None
+        sky, self._sky_kinds[i] = background(pixel_rays(rig, self._image), scene)
+        self._skies[i] = sky.ravel()
+        self._addresses[i] = texture.texels.ctypes.data
+        self._levels[i] = texture.levels
+        self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
+        self._eyes[i] = rig.mount.position_m
+        self._lights[i] = light_row(light)
+        self._tables.put(i, rig, ground.texel_m)
+
+    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+        """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
+
+        With ``robots``, indices of some of them, poses and pictures are only theirs.
+        """
+        skies = self._skies if robots is None else self._skies[robots]
+        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
+        poses = self._checked(poses, len(robots))
+        pictures = np.empty((len(poses), *self.shape), np.uint8)
+        flat = pictures.reshape(len(poses), self._skies.shape[1])
+        with self._using_threads() as threads:
+            blocks = -(-2 * threads // max(1, len(poses)))
+            draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
+            views = self._solid_views(poses, robots)
+            if len(views.rows):
+                draw_solids(pictures, views)
+        return pictures
+
+    def segment(self, poses: np.ndarray) -> np.ndarray:
+        """(N, H, W) uint8, values of SemanticClass."""
+        robots = np.arange(len(self._scenes))
+        poses = self._checked(poses, len(robots))
+        labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
+        with self._using_threads():
+            flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
+            label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
+            views = self._solid_views(poses, robots)
+            if len(views.rows):
+                draw_solids(labels[..., None], views)
+        return labels
+
+    def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
+        poses = np.ascontiguousarray(poses, dtype=np.float64)
+        ready = sum(scene is not None for scene in self._scenes)
+        if poses.shape != (robots, 3) or ready < len(self._scenes):
+            raise ValueError(
+                f"RayCamera: expected poses ({robots}, 3) and set_robot for each robot, "
+                f"got poses {poses.shape} and {ready} robots set"
+            )
+        return poses
+
+    def _floor_views(self, poses: np.ndarray, robots: np.ndarray) -> FloorViews:
+        west, north, texel = self._origins[robots].T
+        x, y, heading = poses.T
+        placed = np.stack(
+            ((x - west) / texel, (north - y) / texel, np.cos(heading), np.sin(heading)), axis=-1
+        )
+        slots = self._tables.slots[robots]
+        return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
+
+    def _solid_views(self, poses: np.ndarray, robots: np.ndarray) -> SolidViews:
+        if self._solids is None:
+            self._solids = gather_solids([scene for scene in self._scenes if scene is not None])
+        tables = self._tables
+        return SolidViews(
+            poses,
+            self._eyes[robots],
+            self._lights[robots],
+            self._solids.rows,
+            self._solids.first[robots],
+            self._solids.last[robots],
+            tables.slots[robots],
+            tables.directions,
+            tables.cells,
+            tables.pixel_rad,
+        )
+
+    @contextmanager
+    def _using_threads(self) -> Iterator[int]:
+        before = numba.get_num_threads()
+        threads = self._threads or before
+        numba.set_num_threads(threads)
+        try:
+            yield threads
+        finally:
+            numba.set_num_threads(before)

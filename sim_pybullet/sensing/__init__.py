@@ -1,0 +1,1 @@
+"""What reaches a policy of what there is: sensor, delays, repeated pictures, wrong poses."""

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract
+from robot.errors import ContractError
+from robot.inference.network_file import MAX_IR_VERSION, MAX_OPSET
+from robot.inference.onnx_header import read_header
+from robot.inference.policy import OnnxPolicy
+from robot.inference.policy_file import read_contract
+from tests.robot.tiny_onnx import (
+    BIAS,
+    COLOUR_WEIGHTS,
+    FIXTURES,
+    build_network,
+    lane_contract,
+    navigation_contract,
+    write_network,
+    write_policy,
+)
+
+SMALL = ImageSpec(16, 12, 4)
+RED, GREEN, BLUE, BLACK = (255, 0, 0), (0, 255, 0), (0, 0, 255), (0, 0, 0)
+
+
+def plain(*colours: tuple, spec: ImageSpec = SMALL) -> np.ndarray:
+    return np.stack([np.full(spec.shape, colour, np.uint8) for colour in colours])
+
+
+def test_reads_the_contract_and_decides(tmp_path: Path) -> None:
+    contract = lane_contract(image=SMALL, run="run-1", trained_steps=7, score=0.5)
+    policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", contract))
+    assert policy.contract == contract
+    actions = policy.act(plain(RED, GREEN, BLUE, BLACK))
+    assert actions.tolist() == [
+        Action.LEFT,
+        Action.SLIGHT_LEFT,
+        Action.STRAIGHT,
+        Action.STRAIGHT,
+    ]
+
+
+def test_a_path_steers_a_navigating_policy(tmp_path: Path) -> None:
+    policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", navigation_contract(image=SMALL)))
+    ones = np.ones((1, PATH_POINTS), np.float32)
+    images = plain(BLACK, BLACK, BLACK)
+    actions = policy.act(images, np.concatenate((ones, 0 * ones, -ones)))
+    assert actions.tolist() == [Action.SLIGHT_LEFT, Action.STRAIGHT, Action.SLIGHT_RIGHT]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(count=st.integers(1, 5), seed=st.integers(0, 99))
+def test_values_are_the_networks_and_rows_do_not_mix(tmp_path: Path, count: int, seed: int) -> None:
+    policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", lane_contract(image=SMALL)))
+    images = np.random.default_rng(seed).integers(0, 256, (count, *SMALL.shape), dtype=np.uint8)
+    values = policy.values(images)
+    assert values.dtype == np.float32
+    expected = images.reshape(count, -1, 3).mean(1) / 255.0 @ COLOUR_WEIGHTS + BIAS
+    np.testing.assert_allclose(values, expected, atol=1e-5)
+    for image, row in zip(images, values):
+        np.testing.assert_allclose(policy.values(image[None])[0], row, atol=1e-6)
+
+
+def test_header_is_what_the_file_holds() -> None:
+    header = read_header(FIXTURES / "lane.onnx")
+    assert (header.ir_version, header.opset, header.metadata) == (9, 17, {})
+
+
+def test_header_agrees_with_onnx_on_a_large_model(tmp_path: Path) -> None:
+    onnx = pytest.importorskip("onnx")
+    big = onnx.load(FIXTURES / "lane.onnx")
+    weights = np.zeros((1 << 19,), np.float32)
+    big.graph.initializer.append(onnx.numpy_helper.from_array(weights, "big"))
+    onnx.helper.set_model_props(big, {"a": "é", "b": "x" * 300})
+    onnx.save(big, tmp_path / "big.onnx")
+    assert read_header(tmp_path / "big.onnx") == (9, 17, {"a": "é", "b": "x" * 300})
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(cut=st.integers(0, 400), junk=st.binary(max_size=40))
+def test_a_damaged_file_is_refused_and_never_crashes(tmp_path: Path, cut: int, junk: bytes) -> None:
+    good = write_policy(tmp_path / "good.onnx", lane_contract(image=SMALL)).read_bytes()
+    (tmp_path / "bad.onnx").write_bytes(good[:cut] + junk)
+    with pytest.raises(ContractError, match=r"bad\.onnx"):
+        OnnxPolicy(tmp_path / "bad.onnx")
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(ContractError) as caught:
+        OnnxPolicy(path)
+    message = str(caught.value)
+    assert "expected" in message
+    assert "got" in message
+    return message
+
+
+def test_an_absent_file_is_refused(tmp_path: Path) -> None:
+    assert "No such file" in refusal(tmp_path / "none.onnx")
+    assert "directory" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("version", [MAX_IR_VERSION + 1, 14])
+def test_a_file_too_new_for_the_robot_is_refused(tmp_path: Path, version: int) -> None:
+    path = write_policy(tmp_path / "m.onnx", lane_contract(), ir_version=version)
+    assert f"expected IR version 1 to 10, got {version}" in refusal(path)
+
+
+def test_an_opset_too_new_for_the_robot_is_refused(tmp_path: Path) -> None:
+    path = write_policy(tmp_path / "m.onnx", lane_contract(), opset=MAX_OPSET + 1)
+    assert "expected opset 1 to 21, got 22" in refusal(path)
+
+
+def test_metadata_must_be_there_and_ours(tmp_path: Path) -> None:
+    network = (FIXTURES / "lane.onnx").read_bytes()
+    path = tmp_path / "m.onnx"
+    assert "got keys ['other']" in refusal(write_network(path, network, {"other": "1"}))
+    key = PolicyContract.METADATA_KEY
+    assert "expected JSON" in refusal(write_network(path, network, {key: "{"}))
+    assert "expected schema 1" in refusal(write_network(path, network, {key: "[]"}))
+    typo = lane_contract().to_json().replace('"task"', '"taks"')
+    with pytest.raises(ContractError, match="did you mean 'task'"):
+        read_contract(write_network(path, network, {key: typo}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"actions": ((0.1, 0.1),) * 5}, "trained for another robot"),
+        ({"actions": lane_contract().actions[:4]}, "trained for another robot"),
+        ({"control_dt_s": 0.05}, "a decision every 0.1 s, got 0.05"),
+        ({"path_points": 3}, "expected 0 or 10 path points, got 3"),
+    ],
+)
+def test_another_drive_is_refused(tmp_path: Path, changes: dict, said: str) -> None:
+    assert said in refusal(write_policy(tmp_path / "m.onnx", lane_contract(**changes)))
+
+
+@pytest.mark.parametrize(
+    ("network", "said"),
+    [
+        ({"image_kind": "FLOAT"}, "got image tensor(float)"),
+        ({"output": "q"}, "expected outputs values tensor(float) (N, 5), got q"),
+        ({"actions": 4}, "got values tensor(float) (N, 4)"),
+        ({"batch": 1}, "got image tensor(uint8) (1, H, W, 3)"),
+        ({"path_points": 10}, "path tensor(float) (N, 10)"),
+        ({"scale": float("nan")}, "expected finite values"),
+        ({"scale": float("inf")}, "expected finite values"),
+    ],
+)
+def test_another_signature_is_refused(tmp_path: Path, network: dict, said: str) -> None:
+    metadata = {PolicyContract.METADATA_KEY: lane_contract(image=SMALL).to_json()}
+    message = refusal(write_network(tmp_path / "m.onnx", build_network(**network), metadata))
+    assert said in message
+
+
+def test_a_navigation_contract_needs_a_path_input(tmp_path: Path) -> None:
+    metadata = {PolicyContract.METADATA_KEY: navigation_contract().to_json()}
+    network = (FIXTURES / "lane.onnx").read_bytes()
+    assert "expected inputs image" in refusal(write_network(tmp_path / "m", network, metadata))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        plain(RED)[0],
+        plain(RED, spec=ImageSpec(16, 12, 3)),
+        plain(RED).astype(np.float32),
+        plain(RED)[..., :2],
+    ],
+)
+def test_a_wrong_picture_is_refused(tmp_path: Path, wrong: np.ndarray) -> None:
+    policy = OnnxPolicy(write_policy(tmp_path / "m.onnx", lane_contract(image=SMALL)))
+    with pytest.raises(ContractError, match=r"expected \(N, 8, 16, 3\) uint8, got"):
+        policy.values(wrong)
+
+
+def test_a_wrong_path_is_refused(tmp_path: Path) -> None:
+    lane = OnnxPolicy(write_policy(tmp_path / "a.onnx", lane_contract(image=SMALL)))
+    with pytest.raises(ContractError, match=r"expected no path, got \(1, 10\).*lane policy"):
+        lane.values(plain(RED), np.zeros((1, 10), np.float32))
+    drive = OnnxPolicy(write_policy(tmp_path / "b.onnx", navigation_contract(image=SMALL)))
+    with pytest.raises(ContractError, match=r"got none; .*navigation policy"):
+        drive.values(plain(RED))
+    for wrong in (
+        np.zeros((2, 10)),
+        np.zeros((1, 9)),
+        np.full((1, 10), np.nan),
+        np.full((1, 10), 2),
+    ):
+        with pytest.raises(ContractError, match=r"expected \(1, 10\) float32 in \[-1, 1\]"):
+            drive.values(plain(RED), wrong)

@@ -1,0 +1,177 @@
+import math
+from typing import Tuple
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.geometry import Pose, wrap_angle
+from robot.navigation.fusion import FusionConfig, PoseFusion, between, compose
+
+poses = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3)).map(lambda p: np.array([p]))
+NEVER = np.full((1, 3), np.nan)
+
+
+def drive(
+    fusion: PoseFusion, true: np.ndarray, v: float, w: float, now: float, dt: float = 0.1
+) -> np.ndarray:
+    """Let the filter and the true robot drive the same arc; the new true pose."""
+    fusion.move(np.array([v * dt]), np.array([w * dt]), now)
+    return np.array([Pose(*true[0]).moved(v * dt, w * dt)])
+
+
+@given(poses, poses)
+def test_between_undoes_compose(start: np.ndarray, step: np.ndarray) -> None:
+    assert np.allclose(between(start, compose(start, step)), step, atol=1e-9)
+
+
+def test_unknown_until_the_first_pose_then_exactly_there() -> None:
+    fusion = PoseFusion()
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    assert np.isnan(fusion.poses).all()
+    fusion.measure(np.array([[1.0, 2.0, 0.5]]), np.array([0.0]))
+    assert np.allclose(fusion.poses, [[1.0, 2.0, 0.5]])
+    assert fusion.age_s(0.25)[0] == 0.25
+
+
+def test_a_late_true_pose_is_carried_forward_by_the_steps() -> None:
+    fusion, true, trace = PoseFusion(), np.array([[0.0, 0.0, 0.0]]), []
+    for tick in range(40):
+        now = 0.1 * tick
+        true = drive(fusion, true, 0.3, 1.5, now)
+        trace.append(true)
+        if tick >= 2:
+            fusion.measure(trace[tick - 2], np.array([now - 0.2]))
+            assert np.allclose(fusion.poses, true, atol=1e-6)
+
+
+def test_without_overhead_poses_the_steps_bridge_the_gap_and_doubt_grows() -> None:
+    fusion, true = PoseFusion(), np.array([[1.0, 1.0, 0.3]])
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(true, np.array([0.0]))
+    doubt = fusion.position_sd_m[0]
+    for tick in range(1, 11):
+        true = drive(fusion, true, 0.3, -0.9, 0.1 * tick)
+        fusion.measure(NEVER, np.array([-math.inf]))
+    assert np.allclose(fusion.poses, true, atol=1e-9)
+    assert fusion.position_sd_m[0] > doubt
+
+
+def test_an_outlier_is_counted_not_believed() -> None:
+    fusion, true = PoseFusion(), np.array([[1.0, 1.0, 0.0]])
+    for tick in range(30):
+        true = drive(fusion, true, 0.2, 0.0, 0.1 * tick)
+        fusion.measure(true, np.array([0.1 * tick]))
+    before = fusion.poses.copy()
+    fusion.move(np.zeros(1), np.zeros(1), 3.0)
+    fusion.measure(true + np.array([[0.6, -0.5, 0.0]]), np.array([3.0]))
+    assert np.allclose(fusion.poses, before)
+    assert fusion.rejected[0] == 1
+
+
+def test_a_repeated_or_older_picture_changes_nothing() -> None:
+    fusion = PoseFusion()
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(np.array([[0.0, 0.0, 0.0]]), np.array([0.0]))
+    fusion.move(np.zeros(1), np.zeros(1), 0.1)
+    fusion.measure(np.array([[0.02, 0.0, 0.0]]), np.array([0.0]))
+    assert np.allclose(fusion.poses, 0.0)
+
+
+def test_a_position_without_heading_still_corrects_the_position() -> None:
+    fusion = PoseFusion()
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(np.array([[0.0, 0.0, 0.2]]), np.array([0.0]))
+    for tick in range(1, 200):
+        fusion.move(np.zeros(1), np.zeros(1), 0.1 * tick)
+        fusion.measure(np.array([[0.04, 0.0, np.nan]]), np.array([0.1 * tick]))
+    assert 0.01 < fusion.poses[0, 0] < 0.04
+    assert abs(fusion.poses[0, 2] - 0.2) < 1e-6
+
+
+def test_robots_do_not_disturb_each_other() -> None:
+    both, alone = PoseFusion(2), PoseFusion(1)
+    rng = np.random.default_rng(0)
+    for tick in range(50):
+        forward, turn = rng.uniform(0, 0.03, 2), rng.uniform(-0.2, 0.2, 2)
+        measured = rng.normal(0, 0.02, (2, 3))
+        now = 0.1 * tick
+        both.move(forward, turn, now)
+        alone.move(forward[:1], turn[:1], now)
+        captured = np.array([now, -math.inf])
+        measured[1] = np.nan
+        both.measure(measured, captured)
+        alone.measure(measured[:1], captured[:1])
+    assert np.allclose(both.poses[0], alone.poses[0])
+    assert np.isnan(both.poses[1]).all()
+
+
+def test_fusion_undoes_delay_gaps_and_outliers() -> None:
+    """3 cm and 5 degrees drifting over 2 s, 200 ms late, with gaps; steps 3 % and turns 5 % off."""
+    rms_m, late_rms_m, fusion, _ = drift_along(scale_sd=0.03, scrub_sd=0.05, drift_sd=0.0)
+    assert rms_m < 0.035
+    assert rms_m < 0.7 * late_rms_m
+    assert 0.5 < rms_m / fusion.position_sd_m.mean() < 2.0, "the filter knows how good it is"
+
+
+def test_fusion_learns_how_a_robot_drives() -> None:
+    """Turns 10 % off, and wheels whose difference turns the robot by 0.3 rad in a metre."""
+    rms_m, late_rms_m, fusion, turned = drift_along(scale_sd=0.05, scrub_sd=0.1, drift_sd=0.3)
+    assert rms_m < 0.04
+    assert rms_m < 0.75 * late_rms_m
+    assert 0.5 < rms_m / fusion.position_sd_m.mean() < 2.0
+    first, last = turned[20:60], turned[-100:]
+    assert np.sqrt(np.mean(last**2)) < 0.85 * np.sqrt(np.mean(first**2))
+
+
+def drift_along(
+    scale_sd: float, scrub_sd: float, drift_sd: float
+) -> Tuple[float, float, PoseFusion, np.ndarray]:
+    """Error of the filter [m], of the late poses [m], the filter, heading errors (T, N) [rad]."""
+    rng, count, dt = np.random.default_rng(1), 40, 0.1
+    fusion, true, error = PoseFusion(count), np.zeros((count, 3)), np.zeros((count, 3))
+    scale, scrub = rng.normal(1, scale_sd, count), rng.normal(1, scrub_sd, count)
+    drift = rng.normal(0, drift_sd, count)  # [rad/m]
+    deviation, keep = np.array([0.03, 0.03, math.radians(5)]), math.exp(-dt / 2.0)
+    seen, squared, late, turned = [], [], [], []
+    for tick in range(300):
+        turn = 1.2 * np.sin(0.05 * tick + np.arange(count)) * dt
+        forward = np.full(count, 0.28 * dt)
+        true = compose(true, np.stack((forward, 0 * forward, turn), axis=1))
+        fresh = rng.normal(0, deviation, (count, 3))
+        error = keep * error + math.sqrt(1 - keep**2) * fresh
+        seen.append(true + error)
+        if rng.random() < 0.005:
+            seen[-1][:, :2] += rng.uniform(-1, 1, (count, 2))
+        fusion.move(forward * scale, turn * scrub + drift * forward, tick * dt)
+        if tick >= 2 and tick % 40 < 32:  # then a gap of 0.8 s
+            fusion.measure(seen[tick - 2], np.full(count, (tick - 2) * dt))
+            squared.append((fusion.poses - true)[:, :2] ** 2)
+            late.append((seen[tick - 2] - true)[:, :2] ** 2)
+            turned.append(np.asarray(wrap_angle((fusion.poses - true)[:, 2])))
+    rms_m, late_rms_m = math.sqrt(np.mean(squared[50:])), math.sqrt(np.mean(late[50:]))
+    return rms_m, late_rms_m, fusion, np.array(turned)
+
+
+def test_overhead_poses_with_fresh_errors_are_averaged() -> None:
+    """A localizer better than configured, whose errors do not drift."""
+    rng, fusion, true = np.random.default_rng(0), PoseFusion(20), np.zeros((20, 3))
+    errors = []
+    for tick in range(200):
+        true = compose(true, np.tile([0.03, 0.0, 0.05], (20, 1)))
+        fusion.move(np.full(20, 0.03), np.full(20, 0.05), 0.1 * tick)
+        measured = true + rng.normal(0, [0.015, 0.015, 0.04], (20, 3))
+        fusion.measure(measured, np.full(20, 0.1 * tick))
+        errors.append((fusion.poses - true)[:, :2])
+    assert math.sqrt(np.mean(np.square(errors[50:]))) < 0.011
+
+
+def test_a_robot_that_was_carried_away_is_found_again() -> None:
+    fusion, config = PoseFusion(), FusionConfig()
+    for tick in range(20):
+        fusion.move(np.zeros(1), np.zeros(1), 0.1 * tick)
+        fusion.measure(np.array([[0.0, 0.0, 0.0]]), np.array([0.1 * tick]))
+    for tick in range(20, 21 + config.rejections):
+        fusion.move(np.zeros(1), np.zeros(1), 0.1 * tick)
+        fusion.measure(np.array([[2.0, 1.0, 1.0]]), np.array([0.1 * tick]))
+    assert np.allclose(fusion.poses, [[2.0, 1.0, 1.0]])

@@ -1,0 +1,177 @@
+"""Routes: as cheap as Dijkstra's, without U-turns, continuous, and refused with a reason."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from pathlib import Path as FilePath
+from typing import Iterator
+
+import numpy as np
+import pytest
+
+from robot.errors import MapError, PlanError
+from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
+from robot.navigation.planner import COSTS, LaneGraph, plan_path, plan_route
+from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
+
+SIDES = {(1, 0): "E", (-1, 0): "W", (0, 1): "N", (0, -1): "S"}
+
+
+@pytest.fixture(scope="session")
+def all_maps(data_dir: FilePath) -> list[RoadMap]:
+    files = sorted((data_dir / "maps").rglob("*.yaml"))
+    maps = [load_map(source) for source in [*files, *shipped_maps()]]
+    return [road_map for road_map in maps if road_map.lanes]
+
+
+def dijkstra(graph: LaneGraph, start: int, cost: str) -> dict[int, float]:
+    reached: dict[int, float] = {}
+    frontier = [(0.0, start)]
+    while frontier:
+        spent, node = heapq.heappop(frontier)
+        if node in reached:
+            continue
+        reached[node] = spent
+        for after, step, _ in graph.edges_from(node, cost):
+            heapq.heappush(frontier, (spent + step, after))
+    return reached
+
+
+def check_against_dijkstra(graph: LaneGraph, cost: str) -> None:
+    for start in range(graph.nodes):
+        cheapest = dijkstra(graph, start, cost)
+        for goal in range(graph.nodes):
+            if goal in cheapest:
+                assert graph.plan(start, goal, cost).cost == pytest.approx(cheapest[goal])
+            else:
+                with pytest.raises(PlanError, match="without a U-turn"):
+                    graph.plan(start, goal, cost)
+
+
+@pytest.mark.parametrize("cost", COSTS)
+@pytest.mark.parametrize("name", ["loop", "arena", "town"])
+def test_a_star_is_as_cheap_as_dijkstra_on_shipped_maps(name: str, cost: str) -> None:
+    check_against_dijkstra(LaneGraph(load_map(name)), cost)
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_a_star_is_as_cheap_as_dijkstra_on_every_map(all_maps: list[RoadMap], cost: str) -> None:
+    for road_map in all_maps:
+        check_against_dijkstra(LaneGraph(road_map), cost)
+
+
+def test_plans_are_chains_of_lanes(all_maps: list[RoadMap]) -> None:
+    rng = np.random.default_rng(0)
+    for road_map in all_maps:
+        graph = LaneGraph(road_map)
+        for start, goal in rng.integers(0, graph.nodes, (40, 2)).tolist():
+            try:
+                plan = graph.plan(start, goal)
+            except PlanError:
+                continue
+            node = start
+            for lane in plan.lanes:
+                assert graph.lane_nodes[lane][0] == node
+                node = graph.lane_nodes[lane][1]
+            assert node == goal
+            assert plan.cost == len(plan.lanes)
+
+
+def test_no_lane_turns_back_and_lanes_meet_in_the_same_direction(all_maps: list[RoadMap]) -> None:
+    for road_map in all_maps:
+        graph = LaneGraph(road_map)
+        for lane, (start, end) in zip(graph.lanes, graph.lane_nodes):
+            tangents = bezier_tangents(lane.control_points_m, np.array([0.0, 1.0]))
+            headings = np.arctan2(tangents[:, 1], tangents[:, 0])
+            turn = wrap_angle(headings[1] - headings[0])
+            assert abs(turn) < math.radians(100), "a U-turn"
+            for node, heading in zip((start, end), headings):
+                gap = wrap_angle(heading - graph.node_poses[node, 2])
+                assert abs(gap) < math.radians(1), "lanes meet at an angle"
+
+
+def test_an_arena_node_never_leads_to_its_opposite_within_one_tile() -> None:
+    graph = LaneGraph(load_map("arena"))
+    for start in range(graph.nodes):
+        for end, _, _ in graph.edges_from(start):
+            x, y, heading = graph.node_poses[start]
+            back = abs(abs(wrap_angle(graph.node_poses[end, 2] - heading)) - math.pi) < 0.1
+            near = np.hypot(*(graph.node_poses[end, :2] - (x, y))) < 0.44
+            assert not (back and near)
+
+
+def tasks(graph: LaneGraph, count: int, seed: int) -> Iterator[tuple[Pose, tuple[float, float]]]:
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        t = rng.uniform(0.0, 1.0, 2)
+        one, other = rng.integers(0, len(graph.lanes), 2)
+        control = graph.lanes[one].control_points_m
+        x, y = bezier_points(control, t[:1])[0]
+        tangent = bezier_tangents(control, t[:1])[0]
+        goal = bezier_points(graph.lanes[other].control_points_m, t[1:])[0]
+        yield Pose(x, y, math.atan2(tangent[1], tangent[0])), (goal[0], goal[1])
+
+
+def test_paths_are_continuous_and_lead_from_start_to_goal(all_maps: list[RoadMap]) -> None:
+    planned = 0
+    for road_map in all_maps:
+        graph = LaneGraph(road_map)
+        for start, goal in tasks(graph, 12, seed=1):
+            try:
+                route = plan_route(graph, start, goal)
+            except PlanError:
+                continue
+            planned += 1
+            for one, other in zip(route.curves_m, route.curves_m[1:]):
+                assert np.hypot(*(other[0] - one[3])) < 1e-6
+                out, into = one[3] - one[2], other[1] - other[0]
+                angle = math.atan2(out[0] * into[1] - out[1] * into[0], out @ into)
+                assert abs(angle) < math.radians(2)
+            path = plan_path(graph, start, goal)
+            assert np.hypot(*(path.points_m[0] - start[:2])) < 0.011
+            assert np.hypot(*(path.points_m[-1] - goal)) < 0.011
+            assert np.hypot(*np.diff(path.points_m, axis=0).T).max() <= 0.02002
+    assert planned > 200
+
+
+def test_a_route_costs_what_it_is_long() -> None:
+    graph = LaneGraph(load_map("town"))
+    for start, goal in tasks(graph, 100, seed=2):
+        metric = plan_route(graph, start, goal, "metric")
+        path = plan_path(graph, start, goal, "metric")
+        assert metric.cost == pytest.approx(path.length_m, abs=0.1)
+        assert metric.cost <= plan_path(graph, start, goal, "unit").length_m + 0.1
+
+
+def test_a_goal_ahead_on_the_lane_is_driven_to_and_one_behind_is_driven_round_to() -> None:
+    arena = load_map("arena")
+    right_lane_m = 4.5 * 0.44 + 0.2 * 0.44  # column 4, northbound
+    start = Pose(right_lane_m, 0.6, math.pi / 2)
+    assert plan_path(arena, start, (right_lane_m, 0.8)).length_m == pytest.approx(0.2, abs=1e-3)
+    assert plan_path(arena, start, (right_lane_m, 0.5)).length_m > 2.0
+    assert plan_path(arena, start, (right_lane_m, 0.6)).length_m < 0.01
+
+
+def test_the_start_takes_the_lane_along_its_heading() -> None:
+    arena = load_map("arena")
+    north = plan_path(arena, Pose(1.98, 0.6, math.pi / 2), (1.0, 2.55))
+    south = plan_path(arena, Pose(1.98, 0.6, -math.pi / 2), (1.0, 2.55))
+    assert north.headings_rad[0] == pytest.approx(math.pi / 2)
+    assert south.headings_rad[0] == pytest.approx(-math.pi / 2)
+
+
+def test_what_cannot_be_planned_says_why() -> None:
+    arena = load_map("arena")
+    on_road = Pose(2.07, 0.6, 0.0)
+    with pytest.raises(PlanError, match=r"start on the road, got \(0\.70, 0\.70\).*nearest lane"):
+        plan_path(arena, Pose(0.7, 0.7, 0.0), (2.0, 0.6))
+    with pytest.raises(PlanError, match="goal on the road"):
+        plan_path(arena, on_road, (5.0, 5.0))
+    with pytest.raises(PlanError, match="did you mean 'metric'"):
+        plan_path(arena, on_road, (1.0, 2.55), cost="metrik")
+    dead_end = read_map({"tiles": [["straight/E"] * 3], "tile_size": 0.5}, "dead end")
+    with pytest.raises(PlanError, match="without a U-turn"):
+        plan_path(dead_end, Pose(1.2, 0.15, 0.0), (0.2, 0.35))
+    with pytest.raises(MapError, match="map with road"):
+        LaneGraph(read_map({"tiles": [["grass"]], "tile_size": 0.5}, "meadow"))

@@ -1,0 +1,251 @@
+"""A whole robot in real time: link, navigator and policy, on made-up camera and wheels."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from contextlib import closing, contextmanager, nullcontext
+from pathlib import Path
+from typing import Callable, Iterator, List, Optional
+
+import numpy as np
+import pytest
+
+from robot.camera.newest import NewestFrame
+from robot.camera.replay import ReplayCamera
+from robot.camera.source import Frame
+from robot.config import CameraConfig, RobotConfig
+from robot.contract import DRIVE
+from robot.errors import ConfigError, HardwareError
+from robot.geometry import Pose, WheelSpeeds
+from robot.hat.clock import MonotonicClock
+from robot.link.commands import Ack, Mission
+from robot.link.config import LinkConfig
+from robot.link.messages import PosesMessage, Sighting
+from robot.link.telemetry import Telemetry
+from robot.navigation.planner import plan_path
+from robot.navigation.road_map import load_map
+from robot.recording import topics
+from robot.recording.config import RecordingConfig
+from robot.recording.reader import entries
+from robot.runtime.assemble import Operators, open_camera, open_robot
+from robot.runtime.loop import Runtime
+from robot.safety.gates import Reason, SafetyLimits
+from robot.safety.state_machine import Command, State
+from tests.robot.fakes import FakeOperator, FakeSubscriber
+from tests.robot.link.conftest import free_base_port
+from tests.robot.navigation.test_navigator import GRAPH
+from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
+
+# The computers that run the tests may be busy; what is tested here is the wiring, not the limits.
+PATIENT = SafetyLimits(frame_age_s=2.0, loop_age_s=2.0, link_age_s=0.6, pose_age_s=2.0)
+
+
+class BlackCamera:
+    """The tiny policy steers by the path alone on black pictures."""
+
+    def __init__(self) -> None:
+        self._sequence = 0
+
+    def read(self) -> Frame:
+        self._sequence += 1
+        picture = np.zeros((120, 160, 3), np.uint8)
+        picture[0, 0] = self._sequence % 250  # no frozen picture
+        return Frame(picture, self._sequence, time.monotonic())
+
+
+class RollingMotors:
+    """Wheels that roll as told, by the clock; ``pose`` is where they have come."""
+
+    def __init__(self, start: Pose) -> None:
+        self._pose, self._wheels, self._rolled_s = start, WheelSpeeds(0.0, 0.0), time.monotonic()
+
+    @property
+    def pose(self) -> Pose:
+        now_s = time.monotonic()
+        twist, dt_s = DRIVE.twist(self._wheels), now_s - self._rolled_s
+        self._pose = self._pose.moved(twist.forward_mps * dt_s, twist.turn_radps * dt_s)
+        self._rolled_s = now_s
+        return self._pose
+
+    def set_wheels(self, wheels: WheelSpeeds) -> None:
+        _ = self.pose
+        self._wheels = wheels
+
+    def stop(self) -> None:
+        self.set_wheels(WheelSpeeds(0.0, 0.0))
+
+    def release(self) -> None:
+        self.stop()
+
+    def mend(self) -> None:
+        pass
+
+    @property
+    def rolling(self) -> bool:
+        return self._wheels != WheelSpeeds(0.0, 0.0)
+
+
+class Overhead:
+    """Localizer and operator in one thread of the test."""
+
+    def __init__(self, links: LinkConfig, motors: RollingMotors) -> None:
+        self._link = links.open()
+        self._poses = links.publisher(self._link, PosesMessage)
+        self._client = links.command_client(self._link)
+        self._reports = links.subscriber(self._link, Telemetry)
+        self._motors = motors
+        self.report: Optional[Telemetry] = None
+        self.acks: List[Ack] = []
+        self.beating = True
+
+    def ask(self, kind: str, mission: Optional[Mission] = None) -> Ack:
+        wanted = self._client.send(kind, mission)
+        self.until(lambda: any(ack.id == wanted for ack in self.acks))
+        return next(ack for ack in self.acks if ack.id == wanted)
+
+    def until(self, holds: Callable[[], bool], patience_s: float = 15.0) -> None:
+        deadline_s = time.monotonic() + patience_s
+        while not holds():
+            assert time.monotonic() < deadline_s, f"waited in vain; last report: {self.report}"
+            pose, now_s = self._motors.pose, time.monotonic()
+            self._poses.send(PosesMessage((Sighting("robot", *pose, 0.9),), now_s))
+            self.acks += self._client.poll(self.beating)
+            self.report = self._reports.receive() or self.report
+            time.sleep(0.02)
+
+    def met(self) -> bool:
+        """The robot has heard us and the localizer, and we have heard the robot."""
+        told = self.report is not None and self.report.pose is not None
+        return told and self._client.silence_s() < 0.5
+
+    def state(self) -> str:
+        return self.report.state if self.report else ""
+
+    def close(self) -> None:
+        self._link.close()
+
+
+@contextmanager
+def running(runtime: Runtime) -> Iterator[None]:
+    """The loop in a thread, as on the robot's main one."""
+    ended = threading.Event()
+    thread = threading.Thread(target=lambda: runtime.run(ending=ended.is_set))
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_a_mission_from_the_monitor_to_the_wheels(tmp_path: Path) -> None:
+    pytest.importorskip("zmq")
+    lane = next(lane for lane in GRAPH.lanes if _is_straight(np.asarray(lane.control_points_m)))
+    a, b = np.asarray(lane.control_points_m)[[0, 3]]
+    start = Pose(*a, math.atan2(*(b - a)[::-1]))
+    goal = (float(b[0]), float(b[1]))
+    assert plan_path(load_map("town"), start, goal).length_m > 0.4
+    motors = RollingMotors(start)
+    links = LinkConfig(plaintext=True, base_port=free_base_port())
+    model = write_policy(tmp_path / "nav.onnx", navigation_contract())
+    config = RobotConfig(str(model), map="town", link=links, safety=PATIENT)
+    with closing(Overhead(links, motors)) as overhead, open_robot(
+        config, camera=nullcontext(BlackCamera()), motors=nullcontext(motors)
+    ) as runtime, running(runtime):
+        overhead.until(overhead.met)
+        refused = overhead.ask("mission", Mission(goal))
+        assert not refused.accepted
+        assert "not possible in DISARMED" in refused.reason
+        assert overhead.ask("arm").accepted
+        assert overhead.ask("mission", Mission(goal)).accepted
+        overhead.until(lambda: motors.rolling)
+        overhead.until(lambda: overhead.state() == "HOLD")
+        assert overhead.report is not None
+        assert overhead.report.mission is not None
+        assert overhead.report.mission.phase == "arrived"
+        assert math.hypot(motors.pose.x_m - goal[0], motors.pose.y_m - goal[1]) < 0.1
+        assert not motors.rolling
+        # Again, but this time the operator's machine falls silent under way.
+        assert overhead.ask("arm").accepted
+        assert overhead.ask("stop").accepted
+        assert overhead.ask("arm").accepted
+        overhead.until(lambda: overhead.state() == "READY")
+        overhead.beating = False
+        overhead.until(lambda: overhead.state() == "HOLD")
+        assert runtime.safety.verdict.reason is Reason.LINK_LOST
+    assert runtime.safety.verdict.state is State.DISARMED
+
+
+def _is_straight(control: np.ndarray) -> bool:
+    chord = control[3] - control[0]
+    along = control[1] - control[0]
+    return abs(float(chord[0] * along[1] - chord[1] * along[0])) < 1e-9
+
+
+def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path) -> None:
+    model = write_policy(tmp_path / "lane.onnx", lane_contract())
+    motors = RollingMotors(Pose(0.0, 0.0, 0.0))
+    operator, heard = FakeOperator(), FakeSubscriber()
+    operator.silent_s = None
+    parts = {"camera": nullcontext(BlackCamera()), "motors": nullcontext(motors)}
+    config = RobotConfig(str(model), recording=RecordingConfig(str(tmp_path / "drives"), 0.0))
+    with open_robot(config, (operator,), (heard,), **parts) as runtime:
+        runtime.run(turns=2)
+        operator.wishes = [(Command.ARM, None)]
+        runtime.run(turns=2)
+    assert len(heard.ticks) == 4
+    assert heard.ticks[-1].inputs.link_age_s is None
+    (path,) = (tmp_path / "drives").iterdir()
+    reports = [entry.message() for entry in entries(path, topics.TELEMETRY)]
+    assert [report["state"] for report in reports] == ["READY", "READY"]
+    assert "recorded" in [reading["name"] for reading in reports[-1]["health"]]
+
+
+def test_a_robot_without_its_watchdog_does_not_drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: Runtime) -> None:
+        raise KeyError("bug")
+
+    monkeypatch.setattr(Runtime, "watch", broken)
+    model = write_policy(tmp_path / "lane.onnx", lane_contract())
+    parts = {
+        "camera": nullcontext(BlackCamera()),
+        "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
+    }
+    with open_robot(RobotConfig(str(model)), **parts) as runtime:
+        runtime.run(turns=3)
+        assert runtime.safety.verdict.state is State.FAULT
+        assert "watchdog thread: KeyError" in runtime.safety.verdict.sentence
+
+
+def test_what_is_missing_is_said_before_anything_moves(tmp_path: Path) -> None:
+    model = write_policy(tmp_path / "nav.onnx", navigation_contract())
+    with pytest.raises(ConfigError, match="expected the map to navigate on"):
+        open_robot(RobotConfig(str(model))).__enter__()
+    lane = write_policy(tmp_path / "lane.onnx", lane_contract())
+    with pytest.raises(HardwareError, match="/dev/i2c-"):
+        open_robot(RobotConfig(str(lane)), camera=nullcontext(BlackCamera())).__enter__()
+
+
+def test_each_kind_of_camera_opens_in_a_block(tmp_path: Path) -> None:
+    import cv2
+
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((120, 160, 3), np.uint8))
+    clock = MonotonicClock()
+    with open_camera(CameraConfig("replay", path=str(tmp_path)), clock) as camera:
+        assert isinstance(camera, ReplayCamera)
+        assert camera.read() is not None
+    for kind in ("csi", "v4l2"):
+        with open_camera(CameraConfig(kind, number=977), clock) as camera:
+            assert isinstance(camera, NewestFrame)
+            assert camera.read() is None
+
+
+def test_the_longest_silence_of_several_operators_counts() -> None:
+    first, second, beside = FakeOperator(), FakeOperator(), FakeOperator()
+    first.silent_s, second.silent_s, beside.silent_s = 0.2, 0.7, None
+    assert Operators((first, second, beside)).age_s() == 0.7
+    assert Operators((beside,)).age_s() is None

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import math
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
+import pytest
+
+from robot.contract import ACTION_WHEELS
+from robot.errors import DuckpilotError
+from robot.geometry import WheelSpeeds
+from robot.link.commands import KINDS, Command, Mission
+from robot.link.messages import FrameMessage
+from robot.link.telemetry import Telemetry
+from robot.runtime.remote import RemoteOperator
+from robot.runtime.telemetry_feed import TelemetryFeed
+from robot.safety.gates import SafetyLimits
+from robot.safety.state_machine import Answer, State
+from robot.safety.state_machine import Command as Request
+from robot.safety.wheel_limits import STILL
+from tests.robot.navigation.test_navigator import GOAL, World, driving
+from tests.robot.runtime.test_loop import FAULTS, Bench, heal
+
+
+class FakeServer:
+    """Hands over commands as the link does, and keeps the answers."""
+
+    def __init__(self) -> None:
+        self.waiting: List[Command] = []
+        self.refusals: List[str] = []
+
+    def serve(self, handle: Callable[[Command], None]) -> None:
+        waiting, self.waiting = self.waiting, []
+        for command in waiting:
+            try:
+                handle(command)
+                self.refusals.append("")
+            except DuckpilotError as error:
+                self.refusals.append(str(error))
+
+    def operator_age_s(self) -> float:
+        return 0.25
+
+
+def command(kind: str, mission: Optional[Mission] = None, action: Optional[int] = None) -> Command:
+    return Command("1" * 16, "2" * 16, kind, mission, action)
+
+
+class Asked:
+    def __init__(self, answer: Answer = Answer(True, "")) -> None:  # noqa: B008
+        self.requests: List[Tuple[Request, Optional[WheelSpeeds]]] = []
+        self.answer = answer
+
+    def __call__(self, request: Request, wheels: Optional[WheelSpeeds]) -> Answer:
+        self.requests.append((request, wheels))
+        return self.answer
+
+
+def test_every_kind_of_the_link_is_a_request() -> None:
+    server, asked, world = FakeServer(), Asked(), driving()
+    operator = RemoteOperator(server, world.navigator)
+    for kind in KINDS:
+        if kind != "beat":
+            server.waiting.append(command(kind, Mission(GOAL) if kind == "mission" else None))
+    operator.serve(asked)
+    assert server.refusals == [""] * (len(KINDS) - 1)
+    assert {request for request, _ in asked.requests} == set(Request)
+    assert operator.age_s() == 0.25
+
+
+def test_a_manual_action_becomes_its_wheel_speeds() -> None:
+    server, asked = FakeServer(), Asked()
+    server.waiting = [command("manual", action=0), command("manual")]
+    RemoteOperator(server, None).serve(asked)
+    assert asked.requests == [(Request.MANUAL, ACTION_WHEELS[0]), (Request.MANUAL, STILL)]
+
+
+def test_refusals_go_back_with_their_reason() -> None:
+    server, asked = FakeServer(), Asked(Answer(False, "arm is refused: no frame"))
+    server.waiting = [command("arm"), command("mission", Mission(GOAL))]
+    RemoteOperator(server, None).serve(asked)
+    assert server.refusals[0] == "arm is refused: no frame"
+    assert "lane policy, which knows no destination" in server.refusals[1]
+    assert [request for request, _ in asked.requests] == [Request.ARM]
+
+
+def test_a_mission_that_may_not_start_has_failed() -> None:
+    world = driving()
+    server, asked = FakeServer(), Asked(Answer(False, "auto is not possible in DISARMED"))
+    server.waiting = [command("mission", Mission(GOAL))]
+    RemoteOperator(server, world.navigator).serve(asked)
+    assert world.navigator.status is not None
+    assert world.navigator.status.phase == "failed"
+    assert "DISARMED" in world.navigator.status.reason
+
+
+def test_a_mission_that_cannot_be_planned_asks_for_nothing() -> None:
+    server, asked = FakeServer(), Asked()
+    server.waiting = [command("mission", Mission((900.0, 900.0)))]
+    RemoteOperator(server, World(driving().pose).navigator).serve(asked)
+    assert "expected an overhead pose" in server.refusals[0]
+    assert asked.requests == []
+
+
+class Wire:
+    """Keeps what is published, as bytes that must survive the way."""
+
+    def __init__(self) -> None:
+        self.reports: List[Telemetry] = []
+        self.pictures: List[FrameMessage] = []
+
+    def publish(self, report: Telemetry) -> None:
+        self.reports.append(Telemetry.from_bytes(report.to_bytes()))
+
+    def show(self, picture: FrameMessage) -> None:
+        self.pictures.append(FrameMessage.from_bytes(picture.to_bytes()))
+
+
+def feed(wire: Wire, world: Optional[World] = None) -> TelemetryFeed:
+    about = Telemetry("robot", "DISARMED", model="lane_dueling", map="town")
+    navigator = world.navigator if world else None
+    return TelemetryFeed(wire.publish, wire.show, about, SafetyLimits(), navigator)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_turn_can_be_told(name: str) -> None:
+    bench, wire = Bench().drive(), Wire()
+    subscriber = feed(wire)
+    subscriber.on_tick(bench.runtime.step())
+    assert (wire.reports[-1].state, wire.reports[-1].action) == ("AUTO", 2)
+    FAULTS[name][1](bench)
+    tick = bench.runtime.step()
+    subscriber.on_tick(tick)
+    report = wire.reports[-1]
+    assert report.state == tick.verdict.state.value
+    assert report.reason
+    if tick.verdict.state in (State.HOLD, State.FAULT):
+        assert report.action is None
+    heal(bench)
+
+
+def test_the_report_tells_mission_and_ages() -> None:
+    world, wire, bench = driving(), Wire(), Bench()
+    bench.navigator.guidance = world.guidance._replace(pose_age_s=math.inf)
+    feed(wire, world).on_tick(bench.runtime.step())
+    report = wire.reports[0]
+    assert (report.model, report.map) == ("lane_dueling", "town")
+    assert report.mission is not None
+    assert report.mission.destination == pytest.approx(GOAL)
+    assert len(report.path) > 2
+    assert report.pose == pytest.approx(tuple(world.pose), abs=0.02)
+    ages = {each.name: each.age_s for each in report.inputs}
+    assert ages["pose"] is None
+    assert ages["operator"] == pytest.approx(0.1)
+    assert ages["camera"] is not None
+
+
+def test_each_picture_is_shown_once_and_the_rate_is_told() -> None:
+    bench, wire = Bench(), Wire()
+    subscriber = feed(wire)
+    frame = bench.camera.read()
+    for _ in range(3):
+        subscriber.on_tick(bench.runtime.step())
+        bench.clock.now_s += 0.09
+    assert len(wire.pictures) == 3
+    assert wire.reports[-1].fps == pytest.approx(10.0, rel=0.05)
+    bench.camera.broken = lambda new: frame and frame._replace(time_s=new.time_s)
+    for _ in range(3):
+        subscriber.on_tick(bench.runtime.step())
+    assert len(wire.pictures) == 4
+
+
+def test_the_picture_looks_like_the_frame() -> None:
+    import cv2
+
+    bench, wire = Bench(), Wire()
+    plain = np.full((120, 160, 3), (200, 40, 90), np.uint8)
+    bench.camera.broken = lambda frame: frame._replace(image=plain)
+    feed(wire).on_tick(bench.runtime.step())
+    picture = cv2.imdecode(np.frombuffer(wire.pictures[0].jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert np.abs(picture[..., ::-1].astype(int) - plain).max() <= 4

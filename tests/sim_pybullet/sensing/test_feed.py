@@ -1,0 +1,102 @@
+"""Late and repeated pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robot.contract import ImageSpec
+from sim_pybullet.look import NOMINAL, Look, SensorLook, TimingLook
+from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.scene import Ground, Scene
+from sim_pybullet.sensing.feed import CameraFeed
+from tests.sim_pybullet.flat_camera import PoseCamera, shown_poses
+
+FLOOR = np.zeros((8, 8), np.uint8)
+SCENE = Scene(
+    Ground(np.zeros((8, 8, 3), np.uint8), FLOOR, 0.1, 0.0, 0.8, (0, 0, 0)),
+    (),
+    NOMINAL.sky,
+    NOMINAL.light,
+)
+
+
+def feed_of(*timings: TimingLook) -> CameraFeed:
+    feed = CameraFeed(PoseCamera(len(timings)), len(timings))
+    for i, timing in enumerate(timings):
+        feed.begin(i, SCENE, replace(NOMINAL, timing=timing), np.array([float(i), 0.0, 3.0]))
+    return feed
+
+
+def test_pictures_are_as_late_as_the_look_says() -> None:
+    rng = np.random.default_rng(0)
+    feed = feed_of(TimingLook(), TimingLook(camera_delay_s=2.5 * PHYSICS_DT_S))
+    for k in range(1, 8):
+        feed.record(np.array([[0.3 * k, 0.0, 3.0], [1.0 + 0.3 * k, 0.0, 3.0 + 0.1 * k]]))
+    late = shown_poses(feed.pictures(rng))
+    assert late[0] == pytest.approx((2.1, 0.0, 3.0), abs=2e-3)
+    assert late[1, 0] == pytest.approx(1.0 + 0.3 * 4.5, abs=2e-3)
+    turned = (3.0 + 0.45 + np.pi) % (2 * np.pi) - np.pi  # across the jump from pi to -pi
+    assert late[1, 2] == pytest.approx(turned, abs=2e-3)
+
+
+def test_skipped_frames_repeat_the_last_one_but_never_the_last_episodes() -> None:
+    rng = np.random.default_rng(0)
+    feed = feed_of(TimingLook(frame_skip=1.0), TimingLook())
+    first = shown_poses(feed.pictures(rng))
+    feed.record(np.array([[0.5, 0.5, 0.0], [0.7, 0.7, 0.0]]))
+    second = shown_poses(feed.pictures(rng))
+    assert second[0] == pytest.approx(first[0])
+    assert second[1] == pytest.approx((0.7, 0.7, 0.0))
+    feed.begin(0, SCENE, Look(timing=TimingLook(frame_skip=1.0)), np.array([0.2, 0.1, 0.0]))
+    assert shown_poses(feed.pictures(rng, np.array([0])))[0] == pytest.approx((0.2, 0.1, 0.0))
+
+
+def test_a_share_of_frames_is_skipped() -> None:
+    rng, repeats = np.random.default_rng(0), 0
+    feed = feed_of(TimingLook(frame_skip=0.25))
+    last = shown_poses(feed.pictures(rng))
+    for k in range(1, 1001):
+        feed.record(np.array([[0.001 * k, 0.0, 0.0]]))
+        now = shown_poses(feed.pictures(rng))
+        repeats += int(np.array_equal(now, last))
+        last = now
+    assert 0.2 < repeats / 1000 < 0.3
+
+
+def test_the_sensor_is_that_of_the_robots_look() -> None:
+    feed = CameraFeed(PoseCamera(2), 2)
+    for i, exposure in enumerate((1.0, 0.5)):
+        look = Look(sensor=SensorLook(exposure=exposure))
+        feed.begin(i, SCENE, look, np.array([0.1, 0.2, 0.3]))
+    bright, dim = feed.pictures(np.random.default_rng(0)).astype(int)
+    assert np.abs(bright - 2 * dim).max() <= 1
+    assert bright.max() > 0
+
+
+def test_pictures_share_no_memory() -> None:
+    rng = np.random.default_rng(0)
+    feed = feed_of(TimingLook(frame_skip=0.5))
+    first, second = feed.pictures(rng), feed.pictures(rng)
+    assert not np.shares_memory(first, second)
+    kept = second.copy()
+    first[:] = 0
+    second[:] = 0
+    assert np.array_equal(feed.pictures(rng), kept)
+
+
+class Negative:
+    image = ImageSpec()
+
+    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+        return 255 - pictures
+
+
+def test_the_translator_sees_what_the_sensor_gives() -> None:
+    look = Look(sensor=SensorLook(exposure=0.5))
+    seen = []
+    for translator in (None, Negative()):
+        feed = CameraFeed(PoseCamera(1), 1, translator=translator)
+        feed.begin(0, SCENE, look, np.array([0.1, 0.2, 0.3]))
+        seen.append(feed.pictures(np.random.default_rng(0)))
+    np.testing.assert_array_equal(seen[1], 255 - seen[0])
