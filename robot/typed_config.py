@@ -72,10 +72,13 @@ def read_yaml(path: Union[str, Path]) -> Any:
         raise ConfigError(
             f"{path}: expected a readable YAML file, got: {error.strerror}"
         ) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: expected a YAML file in UTF-8, got: {error}") from error
     try:
         return yaml.safe_load(text) or {}
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: expected YAML, got: {error}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: 2026-99-99
+        told = " ".join(str(error).split())
+        raise ConfigError(f"{path}: expected YAML, got: {told}") from error
 
 
 @functools.lru_cache(maxsize=None)

@@ -85,12 +85,15 @@ def open_network(
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3  # its errors come as exceptions; its warnings are not for users
-    # onnxruntime's exceptions share no base class of its own.
+    # onnxruntime's exceptions share no base class of its own; it quotes damaged names as they are.
     damaged = (state.Fail, state.InvalidGraph, state.InvalidProtobuf, state.InvalidArgument)
+    garbled = (UnicodeDecodeError,)
     unsupported = (state.NotImplemented, state.RuntimeException, state.NoSuchFile)
     try:
-        session = ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except (*damaged, *unsupported) as error:
+        session = ort.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+    except (*damaged, *garbled, *unsupported) as error:
         raise ContractError(
             f"{path}: expected a model that onnxruntime {ort.__version__} loads, got: "
             f"{str(error).strip()}; {remedy}"

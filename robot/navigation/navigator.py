@@ -1,7 +1,8 @@
 """``MissionNavigator``: from a destination to the path input of each moment.
 
 Overhead poses, late and noisy, are fused with the wheels' steps; A* plans from where the robot
-believes to be; then it follows that path until it arrives or has left it.
+believes to be; then it follows that path until it arrives or has left it. A robot that missed a
+turn, but drives in another lane, is led on from there.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
 # wrong side, whatever the pose's error.
 OFF_PATH_TILES = 0.25
 MAX_HEADING_ERROR_RAD = math.radians(100.0)
+IN_LANE_TILES = 0.1  # from its middle, along it within
+IN_LANE_RAD = math.radians(30.0)
+DETOURS = 3  # in one mission; then something is wrong with the robot
 MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
 USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
@@ -72,6 +76,7 @@ class MissionNavigator:
         self._driving = False
         self._path: Optional[Path] = None
         self._hint: Optional[int] = None
+        self._detours = 0
 
     @property
     def pose(self) -> Optional[Pose]:
@@ -90,10 +95,9 @@ class MissionNavigator:
                 "expected an overhead pose of this robot before a mission, got none yet; "
                 "does the localizer see it, and does the link reach it?"
             )
-        self._path = plan_path(self._graph, self.pose, destination_m)
-        self._hint = None
-        self.path_points = thin_path(self._path.points_m)
-        self.status = MissionStatus(mission, destination_m, remaining_m=self._path.length_m)
+        path = self._take(plan_path(self._graph, self.pose, destination_m))
+        self._detours = 0
+        self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)
 
     def end(self, phase: str, reason: str = "") -> None:
         """The mission is over: ``stopped`` or ``failed``, and why."""
@@ -142,11 +146,34 @@ class MissionNavigator:
         )
         astray = abs(at.offset_m) > OFF_PATH_TILES * self._road_map.tile_size_m
         turned = abs(float(wrap_angle(pose.heading_rad - at.heading_rad))) > MAX_HEADING_ERROR_RAD
+        detour = self._detour(pose, status) if astray and not turned else None
+        if detour is not None:
+            told = f"missed a turn; detour {self._detours} of at most {DETOURS}"
+            return self._follow(guidance, detour, pose, replace(status, reason=told))
         return guidance._replace(
             path=path_input(path, pose, at.index),
             arrived=arrived,
             off_path=astray or turned,
         )
+
+    def _detour(self, pose: Pose, status: MissionStatus) -> Optional[Path]:
+        """Another way, for a robot that drives in another lane than planned; None in none."""
+        near = self._road_map.lane_index.near(pose.x_m, pose.y_m)
+        turned_rad = np.abs(np.asarray(wrap_angle(pose.heading_rad - near.heading_rad)))
+        in_lane = near.distance_m <= IN_LANE_TILES * self._road_map.tile_size_m
+        if self._detours == DETOURS or not (in_lane & (turned_rad <= IN_LANE_RAD)).any():
+            return None
+        try:
+            path = plan_path(self._graph, pose, status.destination)
+        except PlanError:
+            return None
+        self._detours += 1
+        return self._take(path)
+
+    def _take(self, path: Path) -> Path:
+        self._path, self._hint = path, None
+        self.path_points = thin_path(path.points_m)
+        return path
 
     def _move(self, now_s: float) -> None:
         last, self._odometer = self._odometer, self._odometry()

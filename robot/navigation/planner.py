@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Tuple, Union
+from typing import Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from robot.navigation.road_map import RoadMap
 
 COSTS = ("unit", "metric")  # lanes on the way, as in the paper, or metres
 _OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near too
+_TURNED_RAD = math.radians(6.0)  # likewise along the heading of a robot that stands there
 _SHORTEST = 1e-3  # of a lane: a route to where the robot already stands
 _SAMPLES = 64  # per lane, to measure its length
 
@@ -164,17 +165,21 @@ def plan_route(
 ) -> Route:
     """The cheapest route from the lane under a pose to the lane nearest to a position.
 
-    Where lanes overlap, as at the entry of a junction, all of them are tried. A goal behind the
-    robot is reached by driving round, since U-turns are not planned.
+    Where lanes overlap, as at the entry of a junction, all of them are tried; a robot that has
+    begun to turn there goes on as it is turned, unless no way leads on. A goal behind the robot is
+    reached by driving round, since U-turns are not planned.
 
     Raises:
         PlanError: start or goal is not on the road, or the goal cannot be reached.
     """
     starts = _lanes_under(graph, start.x_m, start.y_m, "start", start.heading_rad)
     goals = _lanes_under(graph, goal_m[0], goal_m[1], "goal")
-    routes, problem = [], None
-    for start_lane, start_t in starts:
-        for goal_lane, goal_t in goals:
+    routes: List[Route] = []
+    problem: Optional[PlanError] = None
+    for start_lane, start_t, as_turned in starts:
+        if routes and not as_turned:
+            break
+        for goal_lane, goal_t, _ in goals:
             try:
                 routes.append(route_between(graph, start_lane, start_t, goal_lane, goal_t, cost))
             except PlanError as error:
@@ -199,8 +204,10 @@ def plan_path(
 
 def _lanes_under(
     graph: LaneGraph, x_m: float, y_m: float, what: str, heading_rad: float = math.nan
-) -> List[Tuple[int, float]]:
-    """The lanes (index, parameter) nearest to a position, along the heading if there is one."""
+) -> List[Tuple[int, float, bool]]:
+    """The lanes nearest to a position, along the heading if there is one: index, parameter, and
+    whether none of the others leads more as the heading does; those first.
+    """
     road_map = graph.road_map
     near = road_map.lane_index.near(x_m, y_m)
     if not road_map.on_road(x_m, y_m):
@@ -219,7 +226,10 @@ def _lanes_under(
         )
     distance_m = np.where(allowed, near.distance_m, math.inf)
     lanes = np.flatnonzero(distance_m <= distance_m.min() + _OVERLAP_M)
-    return [(int(lane), float(near.t[lane])) for lane in lanes]
+    angles = np.nan_to_num(angles[lanes])
+    as_turned = angles <= angles.min() + _TURNED_RAD
+    found = zip(lanes.tolist(), near.t[lanes].tolist(), as_turned.tolist())
+    return sorted(found, key=lambda lane: not lane[2])
 
 
 def route_between(

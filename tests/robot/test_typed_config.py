@@ -56,9 +56,11 @@ def test_what_does_not_fit_is_refused_by_name(data: object, message: str) -> Non
 def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="readable"):
         load_yaml(Car, tmp_path / "none.yaml")
-    (tmp_path / "bad.yaml").write_text("a: [1")
-    with pytest.raises(ConfigError, match="expected YAML"):
-        load_yaml(Car, tmp_path / "bad.yaml")
+    for text in (b"a: [1", b"a: 2026-99-99", b"[" * 5000, b"\xff\xfe\x00", b"a: \x07"):
+        (tmp_path / "bad.yaml").write_bytes(text)
+        with pytest.raises(ConfigError, match=r"expected (a )?YAML") as refused:
+            load_yaml(Car, tmp_path / "bad.yaml")
+        assert "\n" not in str(refused.value), "one line"
 
 
 def test_policy_contract_survives_json() -> None:

@@ -116,6 +116,7 @@ def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
         "arrived": record.arrived,
         "phase": record.phase,
         "reason": record.reason,
+        "detours": record.detours,
         "seconds": record.seconds,
         "missed_m": record.missed_m,
         "mean_path_distance_m": float(offsets.mean()),
@@ -148,6 +149,7 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
         ),
         "position_rms_m": mean("position_rms_m"),
         "heading_rms_rad": mean("heading_rms_rad"),
+        "detours": sum(r["detours"] for r in rows),
         "stops": [r["reason"] for r in rows if not r["arrived"]],
         "rows": rows,
     }

@@ -35,6 +35,7 @@ class MissionRecord:
     missed_m: float = math.nan  # true distance to the destination at the end
     offsets_m: list[float] = field(default_factory=list)  # true distance from the planned path
     errors: list[tuple[float, float]] = field(default_factory=list)  # of the robot's pose: m, rad
+    detours: int = 0  # the robot missed a turn, and planned anew
 
     @property
     def arrived(self) -> bool:
@@ -92,7 +93,12 @@ class Driver:
         began_s = self.bench.now_s
         self.bench.until(lambda: self._look() == "driving", ANSWER_S, "the mission to begin")
         path = plan_path(self._graph, record.start, record.destination)
+        told = ""
         while self._look() == "driving" and self._in_time(began_s, record):
+            if operator.mission["reason"] != told:
+                told = operator.mission["reason"]
+                record.detours += 1
+                path = plan_path(self._graph, self.bench.town.pose, record.destination)
             at = path.project(*self.bench.town.pose[:2])
             record.offsets_m.append(abs(at.offset_m))
             self._judge(record)

@@ -12,7 +12,8 @@ from robot.geometry import Pose, wrap_angle
 from robot.link.messages import PoseMessage
 from robot.navigation.guidance import path_input
 from robot.navigation.navigator import ARRIVAL_M, JUMPS, OFF_PATH_TILES, MissionNavigator
-from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.path import Path
+from robot.navigation.planner import LaneGraph, plan_path, plan_route
 from robot.navigation.road_map import load_map
 from robot.parts import Guidance
 from robot.safety.state_machine import Command
@@ -233,3 +234,46 @@ def test_a_mission_ends_when_the_policy_no_longer_drives() -> None:
     )
     assert world.turn().path is None
     assert world.navigator.path_points == ()
+
+
+def past_a_turn() -> Path:
+    """From the mission's start, past its first turn at a junction by the lane beside it."""
+    route = plan_route(GRAPH, START, GOAL)
+    for number, lane in enumerate(route.lanes):
+        begins = GRAPH.lane_nodes[lane][0]
+        for end, _, other in GRAPH.edges_from(begins):
+            if other == lane or number == 0:
+                continue
+            after = [GRAPH.lanes[n].control_points_m for _, _, n in GRAPH.edges_from(end)[:1]]
+            curves = [*route.curves_m[:number], GRAPH.lanes[other].control_points_m, *after]
+            return Path.from_beziers(curves)
+    raise AssertionError("no junction on the way")
+
+
+def miss_the_turn(world: World) -> None:
+    """Drive past it until the navigator minds."""
+    past = past_a_turn()
+    before = world.navigator.path_points
+    while world.navigator.path_points == before and not world.guidance.off_path:
+        assert past.project(*world.pose[:2]).arc_m < past.length_m - 0.1, "it never minded"
+        world.follow(path_input(past, world.pose))
+
+
+def test_a_robot_that_missed_a_turn_goes_another_way() -> None:
+    world = driving()
+    miss_the_turn(world)
+    assert not world.guidance.off_path
+    assert world.navigator.status is not None
+    assert "detour 1" in world.navigator.status.reason
+    while not world.guidance.arrived:
+        assert world.guidance.path is not None
+        assert not world.guidance.off_path
+        world.follow(world.guidance.path)
+    assert math.hypot(world.pose.x_m - GOAL[0], world.pose.y_m - GOAL[1]) < ARRIVAL_M + 0.05
+
+
+def test_but_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot.navigation.navigator.DETOURS", 0)
+    world = driving()
+    miss_the_turn(world)
+    assert world.guidance.off_path

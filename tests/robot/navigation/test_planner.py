@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 import math
 from pathlib import Path as FilePath
 from typing import Iterator
@@ -159,6 +160,37 @@ def test_the_start_takes_the_lane_along_its_heading() -> None:
     south = plan_path(arena, Pose(1.98, 0.6, -math.pi / 2), (1.0, 2.55))
     assert north.headings_rad[0] == pytest.approx(math.pi / 2)
     assert south.headings_rad[0] == pytest.approx(-math.pi / 2)
+
+
+def test_a_robot_that_has_begun_to_turn_goes_on_as_it_is_turned() -> None:
+    """Where the lanes of a junction part, the nearer one is not always the one it drives on."""
+    graph = LaneGraph(load_map("arena"))
+    begun = Pose(1.011, 0.384, -1.407)  # to the left; 8 mm nearer to the lane to the right
+    right = (0.6, 0.31)
+    path = plan_path(graph, begun, right)
+    assert path.headings_rad[8] > begun.heading_rad, "on to the left, and round"
+    turning_right = begun._replace(heading_rad=-1.68)
+    assert plan_path(graph, turning_right, right).length_m < 0.5
+
+
+def test_unless_no_way_leads_on() -> None:
+    """Every arm of this junction is a dead end."""
+    arms = [["grass", "straight/N", "grass"], ["straight/E", "4way", "straight/E"]]
+    arms.append(["grass", "straight/N", "grass"])
+    graph = LaneGraph(read_map({"tiles": arms, "tile_size": 0.44}, "cross"))
+    parted = 0
+    for one, other in itertools.permutations(range(len(graph.lanes)), 2):
+        if graph.lane_nodes[one][0] != graph.lane_nodes[other][0]:
+            continue
+        control = graph.lanes[one].control_points_m
+        t = np.array([0.12])
+        (place,), (ahead,) = bezier_points(control, t), bezier_tangents(control, t)
+        start = Pose(*place, math.atan2(ahead[1], ahead[0]))
+        x_m, y_m = bezier_points(graph.lanes[other].control_points_m, np.array([0.9]))[0]
+        if graph.road_map.lane_index.near(*place).distance_m[other] < 0.01:
+            parted += 1
+            assert plan_route(graph, start, (x_m, y_m)).lanes == (other,)
+    assert parted
 
 
 def test_what_cannot_be_planned_says_why() -> None:
