@@ -47,6 +47,7 @@ class A3C(ChannelLast, BaseAlgorithm):
         assert isinstance(config.learn, A3cConfig)
         self._config, self._learn, self._make_env = config, config.learn, make_env
         self.replaced = 0  # workers that were killed
+        self.workers_cpu_s = 0.0  # CPU seconds of processes other than this one
         super().__init__(
             ActorCriticPolicy,
             env,
@@ -124,6 +125,7 @@ class A3C(ChannelLast, BaseAlgorithm):
             square = {"step": torch.tensor(0.0), "square_avg": part.view_as(parameter)}
             self.policy.optimizer.state[parameter] = square
         self.num_timesteps = begun + int(shared.steps.sum())
+        self.workers_cpu_s = float(shared.cpu_ms.sum()) / 1000.0
 
     def _squares(self) -> torch.Tensor:
         """(P,) the statistics of the run so far; zeros at its beginning."""

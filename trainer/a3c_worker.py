@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -176,9 +177,11 @@ def run_worker(orders: Orders, pipe: Connection) -> None:
     torch.set_num_threads(orders.config.threads)
     numba.set_num_threads(1)
     trainer = multiprocessing.parent_process()
-    worker = Worker(orders)
+    worker, cpu_ms = Worker(orders), orders.shared.cpu_ms
+    before_ms = int(cpu_ms[orders.number])  # of those whose place this one has taken
     while not orders.shared.stopped and trainer is not None and trainer.is_alive():
         ended = worker.learn()
+        cpu_ms[orders.number] = before_ms + round(1000.0 * time.process_time())
         if ended:
             pipe.send(ended)
     worker.close()

@@ -43,7 +43,8 @@ class Stopwatch(BaseCallback):
 
     def _on_step(self) -> bool:
         self._state.seconds = self._clock() - self._started
-        self._state.cpu_seconds = time.process_time() - self._cpu_started
+        workers_s = getattr(self.model, "workers_cpu_s", 0.0)  # of A3C
+        self._state.cpu_seconds = time.process_time() + workers_s - self._cpu_started
         if self._budget_s is not None and self._state.seconds >= self._budget_s:
             self._state.stopped_by = "seconds"
         return not self._state.stopped_by

@@ -39,7 +39,7 @@ class TrainState:
 
     seconds: float = 0.0  # wall clock of training, evaluations included
     evaluation_seconds: float = 0.0
-    cpu_seconds: float = 0.0  # of this process, all threads
+    cpu_seconds: float = 0.0  # of all threads, and of A3C.s workers
     evaluations: list[Evaluated] = field(default_factory=list)
     stopped_by: str = ""  # steps, seconds, solved or interrupted; empty while it runs
 

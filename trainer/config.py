@@ -157,6 +157,8 @@ class EvaluationConfig:
     every_steps: int = 2_000  # and after 8,000 steps a quarter of the steps so far
     every_share: float = 0.0  # of all steps of the run, where that is more
     stop_after_perfect: int = 2  # evaluations in a row without a failure; 0 never stops
+    maps: tuple[str, ...] = ()  # where, if not where it is trained
+    look: str = ""  # in which look, if not in that of the training; nothing is translated then
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,15 @@ class RunConfig:
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {self}")
         if not 0.0 <= self.rate_left <= 1.0:
             raise ConfigError(f"rate_left: expected a share from 0 to 1, got {self.rate_left}")
+
+
+def judged(config: RunConfig) -> RunConfig:
+    """The run in whose world the greedy driving between updates takes place."""
+    elsewhere = config.evaluation
+    config = replace(config, start_spread=1.0, maps=elsewhere.maps or config.maps)
+    if not elsewhere.look:
+        return config
+    return replace(config, look=elsewhere.look, translate=None, without=())
 
 
 _PAPER_NET = NetConfig((32, 64, 64), image_fc=512, path_fc=(64, 128), head_fc=256)

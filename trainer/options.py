@@ -43,6 +43,10 @@ class TrainOptions:
     """none or arena, in place of the look's own."""
     translate: str | None = None
     """An ONNX translator that every picture passes through."""
+    judge_map: tuple[str, ...] = ()
+    """Where the policy is judged between updates, if not where it is trained."""
+    judge_look: str = ""
+    """In which look it is judged, if not in that of the training; untranslated."""
     full: bool = False
     """Use all the steps, even when the task has been learned."""
 
@@ -57,11 +61,13 @@ class TrainOptions:
         config = replace(config, look=self.look, pose_error=self.pose_error)
         config = replace(config, translate=self.translate, without=self.without)
         load_look_sampler(self.look, self.pose_error, self.without)
-        check_places(self.task, config.maps)
+        check_places(self.task, (*config.maps, *self.judge_map))
+        judging = replace(config.evaluation, maps=self.judge_map, look=self.judge_look)
+        if self.judge_look:
+            load_look_sampler(self.judge_look)
         if self.full:
-            endless = replace(config.evaluation, stop_after_perfect=0)
-            config = replace(config, evaluation=endless)
-        return config
+            judging = replace(judging, stop_after_perfect=0)
+        return replace(config, evaluation=judging)
 
 
 @dataclass(frozen=True)

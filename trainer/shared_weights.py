@@ -33,9 +33,11 @@ class Shared:
     def __init__(self, file: int, parameters: int, workers: int) -> None:
         self._file, self._parameters, self._workers = file, parameters, workers
         memory = mmap.mmap(file, _size(parameters, workers))
-        counts = np.frombuffer(memory, _COUNT, workers + 1)
+        counts = np.frombuffer(memory, _COUNT, 2 * workers + 1)
         floats = np.frombuffer(memory, _FLOAT, 2 * parameters, counts.nbytes)
-        self.steps = torch.from_numpy(counts[:-1])  # (W,) decisions; each worker writes its own
+        # Each worker writes its own; (W,) both:
+        self.steps = torch.from_numpy(counts[:workers])  # decisions
+        self.cpu_ms = torch.from_numpy(counts[workers:-1])  # milliseconds of CPU, of processes
         self._stop = torch.from_numpy(counts[-1:])
         self.weights, self.squares = torch.from_numpy(floats).split(parameters)  # (P,) both
 
@@ -71,7 +73,7 @@ def _received(file: Any, parameters: int, workers: int) -> Shared:
 
 def _size(parameters: int, workers: int) -> int:
     """In bytes."""
-    return (workers + 1) * _COUNT.itemsize + 2 * parameters * _FLOAT.itemsize
+    return (2 * workers + 1) * _COUNT.itemsize + 2 * parameters * _FLOAT.itemsize
 
 
 def _unnamed_file() -> int:

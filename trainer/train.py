@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -26,7 +26,7 @@ from trainer.callbacks import (
     stop_on_signal,
 )
 from trainer.checkpoint import Evaluated, TrainState, load_checkpoint
-from trainer.config import A3cConfig, RunConfig
+from trainer.config import A3cConfig, RunConfig, judged
 from trainer.envs import ScaledReward
 from trainer.export import export_run
 from trainer.replay import MappedReplayBuffer
@@ -97,8 +97,7 @@ class _Session:
     ) -> None:
         self.config, self.folder = config, folder
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
-        usual = replace(config, start_spread=1.0)
-        self.evaluation_env = make_env(usual, drivers, config.seed)
+        self.evaluation_env = make_env(judged(config), drivers, config.seed)
         asynchronous = isinstance(config.learn, A3cConfig)  # workers have worlds of their own
         robots = self.evaluation_env
         if not asynchronous:

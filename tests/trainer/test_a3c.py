@@ -144,5 +144,6 @@ def test_a_killed_worker_is_replaced() -> None:
     model.learn(10**7, callback)
     assert callback.killed
     assert model.replaced == 1
+    assert model.workers_cpu_s > 0.0
     assert not multiprocessing.active_children()
     assert model.num_timesteps > 0

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from robot.contract import ImageSpec
+from trainer.experiments.figure5 import Figure5Options
 from trainer.experiments.six_models import SixModelsOptions
 from trainer.sweep import SweepOptions, run_sweep
 
@@ -20,6 +21,7 @@ experiment_app = tyro.extras.SubcommandApp()
 
 IMAGE = ImageSpec(80, 60, 20)  # preset fast
 _SIX = SixModelsOptions()
+_FIGURE5 = Figure5Options()
 _SWEEP = SweepOptions()
 
 
@@ -105,6 +107,41 @@ def six_models_command(
     write_json(out / "six_models.json", transfer)
     draw_transfer_curves(out, options, out / "six_models.png")
     console.print(as_table(transfer))
+    return 0
+
+
+@experiment_app.command(name="figure5")
+def figure5_command(
+    out: Path,
+    options: Annotated[Figure5Options, tyro.conf.arg(name="")] = _FIGURE5,
+    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
+) -> int:
+    """Compare an Oracle, translation through parsing, randomisation and neither: paper B, 3.2.
+
+    Called again, it goes on where it was cut off; with more --steps or --repeats it adds to what
+    is there. A3C uses all cores: ask for --workers 1.
+
+    Args:
+        out: folder for frames, translator, runs, figure5.json and figure5.png.
+        options: what is trained, and where it is judged.
+        many: processes at once, or a Ray cluster.
+    """
+    import torch
+
+    from trainer.experiments.figure5 import trainings, translator
+    from trainer.experiments.figure5_chart import as_table, draw_figure, gather
+    from trainer.run import write_json
+
+    torch.set_num_threads(1)
+    console = Console(soft_wrap=True)
+    jobs = trainings(out, options, translator(out, options, console))
+    status = run_sweep(jobs, many, console)
+    if status != 0:
+        return status
+    found = gather(out, options)
+    write_json(out / "figure5.json", found)
+    draw_figure(found, out / "figure5.png")
+    console.print(as_table(found))
     return 0
 
 

@@ -103,8 +103,10 @@ def translate_command(
     out: Path,
     sim: Path,
     real: Path,
-    parser: Path,
+    parser: Path | None = None,
     preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
+    task: str = "lane",
+    labels: str = "road",
     net: str = "small",
     steps: int = 2000,
     seed: int = 0,
@@ -115,9 +117,11 @@ def translate_command(
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
         sim: a collection from the simulator.
-        real: a folder of photographs.
-        parser: what labels them (python -m trainer parse train --labels road), .pt.
+        real: a folder of photographs, or a collection of another look that stands for them.
+        parser: what labels photographs (python -m trainer parse train --labels road), .pt.
         preset_name: the pictures are those of the policies of this preset.
+        task: and of this task.
+        labels: road, or camvid for race tracks: kerbs, grass, walls and sky are told apart.
         net: small or paper.
         steps: updates of each of the two networks.
         seed: of everything random.
@@ -128,7 +132,9 @@ def translate_command(
     from trainer.parsing.translation_run import TranslationRun, begin, finish
 
     torch.set_num_threads(1)
-    run = TranslationRun(str(sim), str(real), str(parser), preset_name, net, steps, seed)
+    run = TranslationRun(
+        str(sim), str(real), str(parser or ""), preset_name, net, steps, seed, task, labels
+    )
     path = finish(out, begin(out, run, resume), Console())
     Console(soft_wrap=True).print(str(path))
     return 0

@@ -49,7 +49,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
     Raises:
         ConfigError: no pairs there, a picture without its label, or CamVid's with other labels.
     """
-    simulated = (folder / "collection.yaml").exists()
+    simulated = is_collection(folder)
     pairs = _pairs(folder)
     if not simulated and labels is not CAMVID:
         raise ConfigError(
@@ -65,6 +65,11 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
         values = np.where(values < classes, values, VOID).astype(np.uint8)
         truth.append(labels.from_simulator(values) if simulated else values)
     return Labelled(labels, tuple(i.stem for i, _ in pairs), np.stack(frames), np.stack(truth))
+
+
+def is_collection(folder: Path) -> bool:
+    """Whether the simulator's frames and labels lie there (``python -m trainer collect``)."""
+    return (folder / "collection.yaml").exists() and (folder / "label").is_dir()
 
 
 def _pairs(folder: Path) -> list[tuple[Path, Path]]:

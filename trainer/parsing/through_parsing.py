@@ -1,8 +1,9 @@
 """Paper B's realistic translation network: virtual -> parsing -> real, two pix2pix in a row.
 
 The first learns from the simulator's frames and labels, the second from photographs and what a
-parser sees in them. Between the two the picture is read: each pixel becomes the nearest class's
-colour, as the second network learned to take it.
+parser sees in them; or from the frames and labels of another simulated world, which then stands
+for the real one (paper B, section 3.2). Between the two the picture is read: each pixel becomes the
+nearest class's colour, as the second network learned to take it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ class Pairs:
     given: np.ndarray
     wanted: np.ndarray
 
+    def reversed(self) -> Pairs:
+        """The other way."""
+        return Pairs(self.wanted, self.given)
+
     def draw(self, count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """``count`` pairs (N, 3, H, W) in [-1, 1], half of them in the mirror."""
         chosen = rng.integers(len(self.given), size=count)
@@ -47,17 +52,17 @@ class Pairs:
         return parts[0], parts[1]
 
 
-def virtual_pairs(collection: Path, image: ImageSpec) -> Pairs:
+def virtual_pairs(collection: Path, image: ImageSpec, labels: LabelSet = ROAD) -> Pairs:
     """A simulator's frames and their labels painted, as a policy's pictures.
 
     Raises:
         ConfigError: not a collection.
     """
-    data = load_pairs(collection, ROAD, FRAME)
+    data = load_pairs(collection, labels, FRAME)
     given = np.stack([preprocess(frame, image) for frame in data.frames])
     # labels are made small as frames are, so that a thin line does not come and go
-    painted = np.stack([preprocess(ROAD.paint(truth), image) for truth in data.truth])
-    return Pairs(given, ROAD.paint(ROAD.read(painted)))
+    painted = np.stack([preprocess(labels.paint(truth), image) for truth in data.truth])
+    return Pairs(given, labels.paint(labels.read(painted)))
 
 
 def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:

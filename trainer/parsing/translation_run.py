@@ -14,6 +14,8 @@ from robot.errors import ConfigError, nearest
 from robot.inference.translator import DIRECTIONS, TranslatorContract
 from robot.typed_config import load_yaml, to_plain
 from trainer.config import preset
+from trainer.parsing.classes import label_set
+from trainer.parsing.labelled import is_collection
 from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix, UNet
 from trainer.parsing.sheet import write_png
 from trainer.parsing.through_parsing import (
@@ -36,16 +38,23 @@ class TranslationRun:
     """``config.yaml``."""
 
     sim: str  # a collection
-    real: str  # a folder of photographs
-    parser: str  # its file
+    real: str  # a folder of photographs, or a collection that stands for them
+    parser: str  # of the photographs, its file
     preset: str
     net: str
     steps: int
     seed: int
+    task: str = "lane"  # of the policies whose pictures these are
+    labels: str = "road"
 
     def __post_init__(self) -> None:
         if self.net not in PIX2PIX:
             raise ConfigError(f"net: unknown {self.net!r}; {nearest(self.net, PIX2PIX)}")
+        if bool(self.parser) == is_collection(Path(self.real)):
+            raise ConfigError(
+                f"parser: expected one for photographs and none for a collection, got "
+                f"{self.parser or 'none'} for {self.real}"
+            )
 
 
 def begin(out: Path, run: TranslationRun, resume: bool) -> TranslationRun:
@@ -75,17 +84,20 @@ def finish(out: Path, run: TranslationRun, console: Console) -> Path:
         ConfigError: the simulator's frames, the photographs or the parser do not fit.
         ContractError: torch and ONNX disagree.
     """
-    image = preset("lane", "dueling", run.preset).image
+    image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
     net = PIX2PIX[run.net]
-    virtual = virtual_pairs(Path(run.sim), image)
-    real = real_pairs(Path(run.real), load_parser(Path(run.parser)), image)
+    virtual = virtual_pairs(Path(run.sim), image, labels)
+    if run.parser:
+        real = real_pairs(Path(run.real), load_parser(Path(run.parser)), image)
+    else:
+        real = virtual_pairs(Path(run.real), image, labels).reversed()
 
     def taught(name: str, pairs: Pairs) -> UNet:
         model = Pix2Pix(net, run.seed)
         return teach_pairs(model, pairs, run.steps, run.seed, out / f"{name}.pt", console)
 
     to_parsing = taught("virtual_to_parsing", virtual)
-    network = ThroughParsing(to_parsing, taught("parsing_to_real", real))
+    network = ThroughParsing(to_parsing, taught("parsing_to_real", real), labels)
     contract = TranslatorContract(
         "pix2pix", DIRECTIONS[0], image, out.resolve().name, run.steps, notes=("through parsing",)
     )

@@ -13,9 +13,8 @@ from rich.table import Table
 from tqdm import tqdm
 
 from robot.errors import ConfigError
-from robot.navigation.road_map import load_map
 from robot.typed_config import to_plain
-from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.racing.track import is_track
 
 translate_app = tyro.extras.SubcommandApp()
 
@@ -35,12 +34,13 @@ def collect_command(
         out: a folder that does not exist yet; gets image/, and from the simulator label/ and lane/.
         pictures: a folder of pictures, a video or a robot's recording (.mcap); without it the
             simulator is asked.
-        map_names: simulator: map files, or names of shipped maps.
+        map_names: simulator: map or track files, or names of shipped ones; not both kinds.
         look: simulator: a look or a distribution of looks, a file or a shipped name.
         frames: how many at most.
         every: pictures: take one of so many.
         seed: simulator: of everything random.
     """
+    from trainer.envs import find_looks, load_places
     from trainer.translation.collect import (
         Source,
         collect_pictures,
@@ -56,8 +56,9 @@ def collect_command(
             frames = collect_pictures(out, pictures_at(pictures, every), source, bar.update)
         else:
             source = Source("simulator", map_names, frames, look, seed)
-            road_maps = [load_map(name) for name in map_names]
-            collect_simulator(out, road_maps, load_look_sampler(look), source, bar.update)
+            task = "track" if any(map(is_track, map_names)) else "lane"
+            places, looks = load_places(task, map_names), find_looks(task, look, None)
+            collect_simulator(out, places, looks, source, bar.update)
     Console(soft_wrap=True).print(f"{out}: {frames} frames")
     return 0
 

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import count as counted
 from itertools import islice
 from pathlib import Path
@@ -29,14 +30,18 @@ from robot.recording.reader import read_frames
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.pool import LookPool, Looks
+from sim_pybullet.racing.track import centre_line
 from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scenery.place import Place
 from sim_pybullet.sensing.sensor import apply_sensor
 
+_centre_line = lru_cache(8)(centre_line)
 Tick = Callable[[int], None]  # so many more frames are done
 
 LANE_LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE)
 _BATCH = 32
 _OFFSET_M = 0.04  # standard deviations of where a learning robot is in its lane
+_OFFSET_TRACK = 0.5  # likewise of a race car, in half-widths of the road
 _HEADING_RAD = 0.25
 _ASTRAY = 0.1  # share of frames with any heading: robots that have lost their lane see these
 
@@ -54,13 +59,13 @@ class Source:
 
 
 def collect_simulator(
-    out: Path, road_maps: Sequence[RoadMap], looks: Looks, source: Source, tick: Tick
+    out: Path, road_maps: Sequence[Place], looks: Looks, source: Source, tick: Tick
 ) -> None:
-    """Frames of robots on random places of the lanes, in randomly drawn looks.
+    """Frames of robots on random places of the lanes or tracks, in randomly drawn looks.
 
     Args:
         out: a folder that does not exist yet; appears when all frames are there.
-        road_maps: each frame is on one of them.
+        road_maps: or tracks; each frame is on one of them.
         looks: see `sim_pybullet.pool.LookPool`.
         source: how many frames, and the seed.
         tick: hears of each frame.
@@ -124,6 +129,23 @@ def collect_pictures(out: Path, pictures: Iterable[np.ndarray], source: Source, 
     return taken
 
 
+def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) poses near the middle of random lanes, or of the road of a track.
+
+    Raises:
+        ConfigError: the map has no lanes, or the track is not closed.
+    """
+    if isinstance(place, RoadMap):
+        return lane_positions(place, count, rng)
+    line = _centre_line(place)
+    arc_m = rng.uniform(0.0, line.path.length_m, count)
+    along = np.array([line.path.pose_at(each) for each in arc_m.tolist()])
+    offset = rng.normal(0.0, _OFFSET_TRACK * line.half_width_m, count)
+    left = np.stack((-np.sin(along[:, 2]), np.cos(along[:, 2])), axis=1)
+    turned = rng.normal(0.0, _HEADING_RAD, count)
+    return np.column_stack((along[:, :2] + offset[:, None] * left, along[:, 2] + turned))
+
+
 def lane_positions(road_map: RoadMap, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3) poses near the middle of random lanes, some of them heading anywhere.
 
@@ -145,7 +167,7 @@ def lane_positions(road_map: RoadMap, count: int, rng: np.random.Generator) -> n
 
 
 def _snapshots(
-    road_maps: Sequence[RoadMap], pool: LookPool, count: int, rng: np.random.Generator
+    road_maps: Sequence[Place], pool: LookPool, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """(count, 120, 160, 3) frames and (count, 120, 160) labels."""
     camera = RayCamera(ImageSpec(), count)
@@ -153,7 +175,7 @@ def _snapshots(
     for i, chosen in enumerate(rng.integers(len(road_maps), size=count).tolist()):
         world, look = pool.draw(chosen, rng)
         camera.set_robot(i, pool.worlds[world].scene, look.rig())
-        poses[i] = lane_positions(road_maps[chosen], 1, rng)[0]
+        poses[i] = positions(road_maps[chosen], 1, rng)[0]
         sensors.append(look.sensor)
     return apply_sensor(camera.render(poses), sensors, rng), camera.segment(poses)
 

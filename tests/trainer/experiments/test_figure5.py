@@ -1,0 +1,99 @@
+"""Figure 5 of paper B: what its drivers differ in, and what is made of their records."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_pybullet.randomise import looks_of
+from trainer.cli import main
+from trainer.config import RunConfig, judged
+from trainer.experiments.figure5 import VARIANTS, Figure5Options, trainings
+from trainer.experiments.figure5_chart import (
+    Curve,
+    Figure5,
+    as_table,
+    half_interval,
+    on_common_steps,
+)
+
+OPTIONS = Figure5Options(repeats=2)
+TRANSLATOR = Path("translator.onnx")
+
+
+def configs() -> dict[str, RunConfig]:
+    """Of the first seed, by driver; the translator does not exist."""
+    jobs = trainings(Path("out"), OPTIONS, TRANSLATOR)
+    return {job.out.name.removesuffix("_0"): job.options.config() for job in jobs[: len(VARIANTS)]}
+
+
+def test_drivers_differ_in_what_is_compared_only() -> None:
+    found = configs()
+    assert set(found) == set(VARIANTS)
+    alike = {repr(replace(c, maps=(), look="nominal", translate=None)) for c in found.values()}
+    assert len(alike) == 1
+    assert [name for name, c in found.items() if c.translate] == ["translated"]
+    assert [name for name, c in found.items() if len(looks_of(c.look)) > 1] == ["dr"]
+    assert len(looks_of(found["dr"].look)) == 10
+    assert len(trainings(Path("out"), OPTIONS, TRANSLATOR)) == 2 * len(VARIANTS)
+
+
+def test_only_the_oracle_learns_where_all_are_judged() -> None:
+    for name, config in configs().items():
+        test = judged(config)
+        assert (test.maps, test.look) == ((OPTIONS.test_map,), OPTIONS.test_look)
+        assert test.translate is None
+        assert (config.maps == test.maps) == (config.look == test.look) == (name == "oracle")
+        assert Path(OPTIONS.test_look).name not in [f.stem for f in looks_of(config.look)] or (
+            name == "oracle"
+        )
+
+
+def curve(variant: str, *learned: float) -> Curve:
+    steps = tuple((10 + k, 20, 30 + k) for k in range(len(learned)))
+    rewards = tuple((0.0, reward / 2.0, reward) for reward in learned)
+    return Curve(variant, steps, rewards, learned, tuple(0.5 for _ in learned))
+
+
+def test_claims_follow_the_means() -> None:
+    found = Figure5(
+        OPTIONS,
+        (curve("oracle", 9, 11), curve("translated", 8, 6), curve("dr", 8, 7), curve("none", 1, 2)),
+    )
+    assert found.claims == {
+        "oracle over translated": True,
+        "translated over dr": False,
+        "dr over none": True,
+    }
+    assert as_table(found).row_count == 4
+
+
+def test_the_interval_is_students() -> None:
+    # of 1, 2, 3: standard deviation 1, two degrees of freedom
+    assert half_interval(np.array([1.0, 2.0, 3.0])) == pytest.approx(4.303 / np.sqrt(3.0))
+    assert np.isnan(half_interval(np.array([1.0])))
+
+
+def test_seeds_are_compared_at_steps_that_all_have_reached() -> None:
+    grid, rewards = on_common_steps(curve("dr", 6.0, 8.0))
+    assert (grid[0], grid[-1]) == (11, 30)
+    assert rewards[0, -1] == 6.0
+    assert rewards[1, -1] < 8.0
+
+
+@pytest.mark.slow
+def test_the_command_compares_and_does_nothing_twice(tmp_path: Path) -> None:
+    out = tmp_path / "f"
+    command = ["experiment", "figure5", "--out", str(out), "--algo", "ppo", "--preset", "debug"]
+    command += ["--map", "karting", "--test-map", "karting", "--frames", "8", "--workers", "1"]
+    command += ["--translator-steps", "2", "--repeats", "1", "--steps", "256"]
+    assert main(command) == 0
+    found = json.loads((out / "figure5.json").read_text())
+    assert [c["variant"] for c in found["curves"]] == list(VARIANTS)
+    assert all(c["steps"][0][-1] == 256 for c in found["curves"])
+    assert (out / "figure5.png").exists()
+    before = {file: file.stat().st_mtime_ns for file in out.glob("*/*.*")}
+    assert main(command) == 0
+    assert before == {file: file.stat().st_mtime_ns for file in out.glob("*/*.*")}

@@ -1,0 +1,139 @@
+"""Figure 5 of paper B: the way through scene parsing beside domain randomisation, on race tracks.
+
+All drivers learn by the same algorithm and are judged, while they learn, on the same track in the
+same look. One learns right there (the paper's "Oracle"), the others on another track in other
+looks: seen through a translator into the look of the test, in ten looks, or as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+
+from trainer.jobs import TrainJob
+from trainer.options import TrainOptions
+from trainer.run import RunFolder
+
+
+@dataclass(frozen=True)
+class Figure5Options:
+    """What is trained, where, and how long."""
+
+    algo: str = "a3c"
+    """a3c, a2c or ppo."""
+    preset: str = "fast"
+    """paper, fast or debug."""
+    map: str = "airfield"
+    """The track of all trainings but the Oracle's."""
+    look: str = "tracks/day"
+    """The look of the trainings on it."""
+    looks: str = "tracks"
+    """The looks of domain randomisation."""
+    test_map: str = "forest"
+    """The track on which all are judged."""
+    test_look: str = "tracks_unseen/canyon"
+    """The look in which all are judged; not one of those of domain randomisation."""
+    steps: int = 600_000
+    """Decisions of each training."""
+    repeats: int = 3
+    """Trainings of each kind, with seeds 0, 1, 2 …"""
+    frames: int = 2000
+    """From which each half of the translator learns; the paper has 15,000."""
+    translator_steps: int = 3000
+    """Updates of each half."""
+
+
+class Variant(NamedTuple):
+    """A kind of driver."""
+
+    title: str
+    at_the_test: bool  # learns where it is judged
+    randomised: bool = False
+    translated: bool = False
+
+
+VARIANTS = {  # in the paper's order, the best first
+    "oracle": Variant("Oracle", at_the_test=True),
+    "translated": Variant("translated through parsing", at_the_test=False, translated=True),
+    "dr": Variant("domain randomisation", at_the_test=False, randomised=True),
+    "none": Variant("untranslated", at_the_test=False),
+}
+
+
+def translator(out: Path, options: Figure5Options, console: Console) -> Path:
+    """The ONNX translator from the training's look into the test's; made where it is missing.
+
+    Raises:
+        DuckpilotError: a track or look that does not exist.
+    """
+    from trainer.envs import find_looks, load_places
+    from trainer.parsing.translation_run import TranslationRun, begin, finish
+    from trainer.translation.collect import Source, collect_simulator
+
+    path = out / "translator"
+    halves = {
+        "frames": (options.map, options.look),
+        "test_frames": (options.test_map, options.test_look),
+    }
+    for name, (place, look) in halves.items():
+        if not (out / name).exists():
+            console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
+            source = Source("simulator", (place,), options.frames, look)
+            places = load_places("track", (place,))
+            looks = find_looks("track", look, None)
+            out.mkdir(parents=True, exist_ok=True)
+            collect_simulator(out / name, places, looks, source, lambda _: None)
+    if (path / "sim_to_real.onnx").exists():
+        return path / "sim_to_real.onnx"
+    wanted = TranslationRun(
+        sim=str(out / "frames"),
+        real=str(out / "test_frames"),
+        parser="",
+        preset=options.preset,
+        net="small",
+        steps=options.translator_steps,
+        seed=0,
+        task="track",
+        labels="camvid",
+    )
+    return finish(path, begin(path, wanted, resume=True), console)
+
+
+def run_folder(out: Path, variant: str, seed: int) -> RunFolder:
+    """Of one training."""
+    return RunFolder(out / f"{variant}_{seed}")
+
+
+def trainings(out: Path, options: Figure5Options, translator: Path) -> list[TrainJob]:
+    """All of them, seed by seed, so that every kind has come equally far."""
+    return [
+        TrainJob(
+            run_folder(out, name, seed).path,
+            _training(options, variant, seed, translator),
+            resume=True,
+        )
+        for seed in range(options.repeats)
+        for name, variant in VARIANTS.items()
+    ]
+
+
+def _training(
+    options: Figure5Options, variant: Variant, seed: int, translator: Path
+) -> TrainOptions:
+    look = options.looks if variant.randomised else options.look
+    return TrainOptions(
+        task="track",
+        algo=options.algo,
+        preset=options.preset,
+        map=(options.test_map if variant.at_the_test else options.map,),
+        steps=options.steps,
+        seed=seed,
+        look=options.test_look if variant.at_the_test else look,
+        translate=str(translator) if variant.translated else None,
+        judge_map=(options.test_map,),
+        judge_look=options.test_look,
+        full=True,
+    )
