@@ -6,10 +6,12 @@ import pytest
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.navigation.path_batch import PathBatch
 from robot.navigation.road_map import load_map
 from robot.recording.reader import read_frames
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.racing.track import centre_line, load_track
 from trainer.cli import main
 from trainer.translation.collect import (
     LANE_LINES,
@@ -18,6 +20,7 @@ from trainer.translation.collect import (
     collect_simulator,
     lane_positions,
     pictures_at,
+    positions,
 )
 from trainer.translation.pictures import load_paint, load_pictures
 
@@ -48,6 +51,16 @@ def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
     for part in ("image", "label"):
         ours, again = (read(folder / part / "000004.png") for folder in (sim, tmp_path / "a"))
         np.testing.assert_array_equal(ours, again)
+
+
+def test_frames_of_a_track_show_its_road_from_everywhere_along_it() -> None:
+    track = load_track("karting")
+    poses = positions(track, 200, np.random.default_rng(0))
+    line = centre_line(track)
+    at = PathBatch([line.path] * 200).project(poses[:, :2])
+    assert np.abs(at.offset_m).mean() < line.half_width_m
+    counts, _ = np.histogram(at.arc_m, bins=8, range=(0.0, line.path.length_m))
+    assert counts.min() > 8
 
 
 def test_takes_every_nth_picture(real: Path, tmp_path: Path) -> None:
