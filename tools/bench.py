@@ -19,6 +19,7 @@ from tqdm import tqdm
 from robot.contract import ACTION_WHEELS, ImageSpec
 from robot.errors import DuckpilotError
 from robot.geometry import bezier_points, bezier_tangents
+from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import RoadMap, load_map
 from tools.timing import in_turn, seconds_per_call
 
@@ -191,7 +192,7 @@ def main() -> int:
     """Measure, write and show."""
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/bench.json"))
-    parser.add_argument("--model", type=Path, default=Path("robot/models/lane_dueling.onnx"))
+    parser.add_argument("--model", type=Path, default=SHIPPED_MODELS / "lane_dueling.onnx")
     options = parser.parse_args()
     try:
         if not options.model.exists():

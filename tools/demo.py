@@ -19,10 +19,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from robot.inference.policy_file import SHIPPED_MODELS
+
 TRAIN_SECONDS = 75.0
 EPISODES = 20
 MISSIONS = 100
-NAVIGATOR = Path("robot/models/nav_dueling.onnx")
+NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
 LAPS = 2
 
 

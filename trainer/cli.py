@@ -165,17 +165,17 @@ def report_command(
 
 
 @app.command(name="explain")
-def explain_command(policy: tyro.conf.Positional[Path], images: Path, out: Path) -> int:
+def explain_command(model: Path, images: Path, out: Path) -> int:
     """Show what a policy looks at: its attention laid over pictures, the yellower the more.
 
     Args:
-        policy: an ONNX file, a run folder, or a checkpoint in one.
+        model: an ONNX file, a run folder, or a checkpoint in one.
         images: a picture, a folder of pictures, or a video.
         out: folder for the pictures, or the video, and sheet.png.
     """
     from trainer.explain import write_explained
 
-    count = write_explained(policy, images, out)
+    count = write_explained(model, images, out)
     Console(soft_wrap=True).print(f"{out}: {count} pictures, some of them on sheet.png")
     return 0
 

@@ -12,6 +12,7 @@ from robot.errors import ContractError, DuckpilotError
 from robot.inference.network_file import Tensor, open_network, read_metadata
 
 SPEED_TOLERANCE_MPS = 1e-6  # between the action table of a model and ours
+SHIPPED_MODELS = Path(__file__).parent.parent / "models"
 REMEDY = "export the policy with python -m trainer export"
 
 

@@ -9,21 +9,28 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robot.camera.socket_stream import SocketStream
-from robot.errors import HardwareError
+from robot.errors import HardwareError, PlanError
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.socket_bus import SocketBus
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
+from robot.navigation.lane_pose import lane_pose
+from robot.navigation.road_map import load_map
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
-from tools.loop.bench import free_ports
+from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
+from tools.loop.missions import Driver
 from tools.loop.proxy import Proxy
 from tools.loop.pursuit import write_pursuit
 from tools.loop.shared_time import SharedTime
@@ -149,3 +156,20 @@ def test_pure_pursuit_turns_to_where_the_path_goes(tmp_path: Path) -> None:
     angles = np.array([0.9, 0.25, 0.0, -0.25, -0.9], np.float32)
     chosen = [int(policy.act(picture, np.full((1, 10), angle, np.float32))[0]) for angle in angles]
     assert chosen == [0, 1, 2, 3, 4]
+
+
+@settings(max_examples=20)
+@given(st.floats(0.0, 2.6), st.floats(0.0, 3.1))
+def test_a_start_is_put_on_the_nearest_lane_or_refused(x_m: float, y_m: float) -> None:
+    road_map = load_map("arena")
+    bench = SimpleNamespace(road_map=road_map)
+    driver = Driver(cast(Bench, bench), np.random.default_rng(0))
+    if not road_map.on_road(x_m, y_m):
+        with pytest.raises(PlanError, match="expected a start on the road"):
+            driver.on_lane(x_m, y_m)
+        return
+    pose = driver.on_lane(x_m, y_m)
+    found = lane_pose(road_map, *pose)
+    assert found is not None
+    assert abs(found.distance_m) < 1e-3
+    assert abs(found.angle_rad) < 0.01

@@ -169,7 +169,7 @@ def test_a_folder_or_a_picture_is_explained(model: Path, folder: Path, tmp_path:
         "sheet.png",
     }
     assert read_picture(tmp_path / "all" / "0_explained.png").shape == (240, 960, 3)
-    arguments = ["explain", str(model), "--images", str(folder / "1.png")]
+    arguments = ["explain", "--model", str(model), "--images", str(folder / "1.png")]
     assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
     assert len(list((tmp_path / "one").iterdir())) == 2
 
@@ -202,13 +202,13 @@ def test_a_checkpoint_looks_where_its_export_looks(tmp_path: Path) -> None:
 
 def test_wrong_sources_are_status_2(model: Path, folder: Path, tmp_path: Path) -> None:
     out = ["--out", str(tmp_path / "out")]
-    assert main(["explain", str(model), "--images", str(tmp_path / "none"), *out]) == 2
-    assert main(["explain", str(folder), "--images", str(folder), *out]) == 2
+    assert main(["explain", "--model", str(model), "--images", str(tmp_path / "none"), *out]) == 2
+    assert main(["explain", "--model", str(folder), "--images", str(folder), *out]) == 2
     run = RunFolder(tmp_path / "run")
     run.create(preset("lane", "ppo", "debug"))
-    assert main(["explain", str(run.path), "--images", str(folder), *out]) == 2
+    assert main(["explain", "--model", str(run.path), "--images", str(folder), *out]) == 2
     run.best.write_bytes(b"nothing")
-    assert main(["explain", str(run.best), "--images", str(folder), *out]) == 2
+    assert main(["explain", "--model", str(run.best), "--images", str(folder), *out]) == 2
     assert not (tmp_path / "out").exists()
 
 

@@ -1,7 +1,7 @@
 """``python -m tools.faults``: every fault in the loop with the real processes; a table.
 
 In lock-step by default: the same on every machine, and times are those of the robot's own clock,
-without what a slow computer adds. ``--real-time`` measures by the wall clock.
+without what a slow computer adds. ``--realtime`` measures by the wall clock.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
     parser.add_argument("--family", action="append", choices=list(FAMILIES), help="only these")
     parser.add_argument("--case", action="append", help="only these, by name")
-    parser.add_argument("--real-time", action="store_true", help="by the wall clock")
+    parser.add_argument("--realtime", action="store_true", help="by the wall clock")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, help="write the outcomes; goes on from there")
     parser.add_argument("--report", type=Path, help="write the table, such as docs/faults.md")
@@ -111,7 +111,7 @@ def _play(
     if not todo:
         return
     bench = BenchOptions(
-        options.model, seed=options.seed, lockstep=not options.real_time, record=True
+        options.model, seed=options.seed, lockstep=not options.realtime, record=True
     )
     with Stage(bench, folder) as stage, tqdm(total=len(cases), initial=len(done)) as bar:
         for family, case in todo:

@@ -39,7 +39,7 @@ def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ())
 def _how(outcomes: list[Outcome]) -> str:
     passed = sum(outcome.passed for outcome in outcomes)
     lockstep = all(outcome.lockstep for outcome in outcomes)
-    flag = "" if lockstep else " --real-time"
+    flag = "" if lockstep else " --realtime"
     clock = "lock-step: times are the robot's own clock's" if lockstep else "real time"
     return (
         f"Made by `python -m tools.faults --model MODEL{flag} --report docs/faults.md`, {clock}. "

@@ -1,4 +1,4 @@
-"""``python -m tools.loop``: laps in one process, or missions with all programs as processes."""
+"""``python -m tools.loop``: missions with all programs as processes, or laps in one process."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import sys
 
 
 def main(arguments: list[str]) -> int:
-    """``--missions`` asks for the bench with all programs; without it one robot drives laps."""
-    if any(word.split("=")[0] == "--missions" for word in arguments):
-        from tools.loop import drive
+    """``--laps`` asks for one robot's laps; else all programs are started and drive missions."""
+    if any(word.split("=")[0] == "--laps" for word in arguments):
+        from tools.loop import laps
 
-        return drive.main(arguments)
-    from tools.loop import laps
+        return laps.main(arguments)
+    from tools.loop import drive
 
-    return laps.main(arguments)
+    return drive.main(arguments)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""``python -m tools.loop --missions N``: the whole system drives missions on the bench.
+"""``python -m tools.loop``: the whole system drives missions on the bench.
 
 A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the programs
 as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
@@ -13,6 +13,7 @@ import os
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,29 +22,48 @@ import numpy as np
 from tqdm import tqdm
 
 from robot.errors import DuckpilotError
+from robot.inference.policy_file import SHIPPED_MODELS
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.film import Film
 from tools.loop.missions import Driver, MissionRecord
 from tools.loop.timekeeper import BenchError
 
+MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
+
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
-    parser.add_argument("--missions", type=int, required=True, help="how many")
-    parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
-    parser.add_argument("--map", default="arena", help="map file, or the name of a shipped one")
-    parser.add_argument("--look", default="nominal", help="YAML file, or a shipped look")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--real-time", action="store_true", help="by the wall clock, not in step")
-    parser.add_argument("--robot-python", default=sys.executable, help="runs the robot's process")
-    parser.add_argument("--video", type=Path, help="write an MP4: both cameras and the map")
-    parser.add_argument("--json", type=Path, help="write the figures; goes on with what is there")
+    add = parser.add_argument
+    add("--map", default="arena", help="map file, or the name of a shipped one")
+    add("--model", type=Path, default=MODEL, help="ONNX policy for navigation")
+    add("--missions", type=int, default=1, help="how many, each to a random place")
+    add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
+    add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
+    add("--look", default="nominal", help="YAML file, or a shipped look")
+    add("--seed", type=int, default=0)
+    add("--realtime", action="store_true", help="by the wall clock, not in step")
+    add("--robot-python", default=sys.executable, help="runs the robot's process")
+    add("--video", type=Path, help="write an MP4: both cameras and the map")
+    add("--json", type=Path, help="write the figures; goes on with what is there")
     options = parser.parse_args(arguments)
     if options.missions < 1:
         parser.error(f"--missions: expected 1 or more, got {options.missions}")
+    if options.goal is not None and options.missions > 1:
+        parser.error(f"--goal: expected one mission, got --missions {options.missions}")
     return options
+
+
+def place(text: str) -> tuple[float, float]:
+    """``X,Y`` in metres."""
+    try:
+        x_m, y_m = (float(word) for word in text.split(","))
+    except ValueError:
+        x_m = y_m = math.nan
+    if not math.isfinite(x_m + y_m):
+        raise argparse.ArgumentTypeError(f"expected X,Y in metres, got {text!r}; e.g. 1.2,0.4")
+    return x_m, y_m
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -75,20 +95,20 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
             options.map,
             look,
             options.seed,
-            not options.real_time,
+            not options.realtime,
             robot_python=options.robot_python,
         ),
         folder,
     )
     driver = Driver(bench, rng)
-    bench.town.world.place(driver.random_start())
+    bench.town.world.place(driver.on_lane(*options.start) if options.start else driver.anywhere())
     began_s = time.monotonic()
     with bench, tqdm(total=options.missions, initial=len(rows), desc="missions") as bar:
         film = Film(bench) if options.video else None
         driver = Driver(bench, rng, film.watch if film else lambda: None)
         lived_s = bench.now_s
         while len(rows) < options.missions:
-            record = driver.drive()
+            record = driver.drive(options.goal)
             rows.append(row(record, time.monotonic() - began_s, bench.now_s - lived_s))
             began_s, lived_s = time.monotonic(), bench.now_s
             figures = summary(rows, options)
@@ -117,6 +137,7 @@ def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
         "phase": record.phase,
         "reason": record.reason,
         "detours": record.detours,
+        "stop": asdict(record.stop) if record.stop else None,
         "seconds": record.seconds,
         "missed_m": record.missed_m,
         "mean_path_distance_m": float(offsets.mean()),
@@ -150,7 +171,7 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
         "position_rms_m": mean("position_rms_m"),
         "heading_rms_rad": mean("heading_rms_rad"),
         "detours": sum(r["detours"] for r in rows),
-        "stops": [r["reason"] for r in rows if not r["arrived"]],
+        "stops": [r["stop"] for r in rows if r["stop"]],
         "rows": rows,
     }
 
@@ -165,8 +186,9 @@ def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
     """What the figures depend on."""
-    names = ("map", "look", "seed", "real_time")
-    return {"model": str(options.model), **{n: getattr(options, n) for n in names}}
+    names = ("map", "look", "seed", "realtime")
+    places = {n: list(p) if (p := getattr(options, n)) else None for n in ("start", "goal")}
+    return {"model": str(options.model), **{n: getattr(options, n) for n in names}, **places}
 
 
 def _write(path: Path | None, figures: dict[str, Any]) -> None:

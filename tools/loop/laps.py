@@ -1,4 +1,4 @@
-"""``python -m tools.loop``: the robot's runtime drives through virtual hardware, in lock-step.
+"""``python -m tools.loop --laps N``: the runtime drives through virtual hardware, in lock-step.
 
 Town, motors and camera are virtual; everything between the camera's frame and the bus's bytes is
 the robot's own code. Time is simulated, so the drive is the same on every machine.
@@ -24,12 +24,14 @@ from robot.contract import CONTROL_DT_S, Action
 from robot.errors import DuckpilotError
 from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
+from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from sim_pybullet.randomise import load_look_sampler
 from tools.lap_drive import LapDrive, LapRecord
 from tools.video import MapView, side_by_side, write_mp4
 
+MODEL = SHIPPED_MODELS / "lane_dueling.onnx"
 VIDEO_HEIGHT_PX = 360
 
 
@@ -67,6 +69,7 @@ def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
     errors = np.array(record.odometry_errors)
     rms = np.sqrt(np.mean(errors**2, axis=0))
     arrived = record.laps >= options.laps
+    stop = {"fault": record.reason, "latency_s": None, "state": record.state}
     return {
         "schema": 1,
         "inputs": {
@@ -87,7 +90,7 @@ def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
         "lost_steps": list(record.lost_steps),
         "state": record.state,
         "reason": record.reason,
-        "stops": [],
+        "stops": [] if arrived else [stop],
     }
 
 
@@ -123,8 +126,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
     parser.add_argument("--map", default="loop", help="map file, or the name of a shipped one")
-    parser.add_argument("--model", type=Path, required=True, help="ONNX policy for lane keeping")
-    parser.add_argument("--laps", type=float, default=2.0)
+    parser.add_argument("--model", type=Path, default=MODEL, help="ONNX policy for lane keeping")
+    parser.add_argument("--laps", type=float, required=True, help="how many")
     parser.add_argument("--look", default="nominal", help="YAML file, or a shipped look")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--video", type=Path, help="write an MP4: camera and map")

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robot.errors import PlanError
-from robot.geometry import Pose, wrap_angle
+from robot.geometry import Pose, bezier_points, wrap_angle
 from robot.navigation.planner import LaneGraph, plan_path
 from tools.loop.bench import Bench
 from tools.loop.timekeeper import BenchError
@@ -19,7 +19,17 @@ SHORTEST_M = 1.0  # a mission is at least so long
 DAWDLE_MPS = 0.1  # a mission slower than this on average is given up
 SETTLE_S = 3.0  # until a robot that was carried is found again
 ANSWER_S = 10.0
+STILL_S = 0.5  # without a step: the robot stands
 PAUSE_S = 1.0  # a person looks before they arm again
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The robot gave up a mission."""
+
+    fault: str  # the reason that the page shows
+    latency_s: float  # from the report of it to the last step of a motor
+    state: str
 
 
 @dataclass
@@ -36,6 +46,7 @@ class MissionRecord:
     offsets_m: list[float] = field(default_factory=list)  # true distance from the planned path
     errors: list[tuple[float, float]] = field(default_factory=list)  # of the robot's pose: m, rad
     detours: int = 0  # the robot missed a turn, and planned anew
+    stop: Stop | None = None
 
     @property
     def arrived(self) -> bool:
@@ -61,7 +72,7 @@ class Driver:
         self._truth: list[Pose] = []
         self._judged = -1
 
-    def random_start(self) -> Pose:
+    def anywhere(self) -> Pose:
         """A place in the middle of some lane."""
         lanes = self.bench.road_map.lanes
         points = np.asarray(lanes[int(self._rng.integers(len(lanes)))].control_points_m)
@@ -72,9 +83,26 @@ class Driver:
         ahead = ahead + 2 * share * (1 - share) * (points[2] - points[1])
         return Pose(float(middle[0]), float(middle[1]), math.atan2(ahead[1], ahead[0]))
 
+    def on_lane(self, x_m: float, y_m: float) -> Pose:
+        """On the lane nearest to a place, along it.
+
+        Raises:
+            PlanError: the place is not on the road.
+        """
+        road_map = self.bench.road_map
+        near = road_map.lane_index.near(x_m, y_m)
+        i = int(near.distance_m.argmin())
+        at = bezier_points(road_map.lanes[i].control_points_m, near.t[i : i + 1])[0]
+        if not road_map.on_road(x_m, y_m):
+            raise PlanError(
+                f"{road_map.name}: expected a start on the road, got ({x_m:g}, {y_m:g}) m; "
+                f"the nearest lane is at ({at[0]:.2f}, {at[1]:.2f}) m"
+            )
+        return Pose(float(at[0]), float(at[1]), float(near.heading_rad[i]))
+
     def carry(self) -> None:
         """Put the robot down somewhere, and wait until it knows where it is."""
-        pose = self.random_start()
+        pose = self.anywhere()
         self.bench.town.world.place(pose)
         self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
 
@@ -106,10 +134,20 @@ class Driver:
         record.reason = "" if record.phase == "arrived" else operator.reason
         record.seconds = self.bench.now_s - began_s
         record.missed_m = math.dist(self.bench.town.pose[:2], record.destination)
+        if record.phase != "arrived" and operator.state in ("HOLD", "FAULT"):
+            record.stop = self._standing()
         if record.phase != "arrived":
             operator.ask("stop")
             operator.ask("clear" if operator.state == "FAULT" else "disarm")
         return record
+
+    def _standing(self) -> Stop:
+        """How the robot stopped that reports HOLD or FAULT, once it stands."""
+        operator, town = self.bench.operator, self.bench.town
+        fault, state, told_s = operator.reason, operator.state, operator.robot["t_sent_s"]
+        while self.bench.now_s < max(told_s, town.moved_s) + STILL_S:
+            self._look()
+        return Stop(fault, max(town.moved_s - told_s, 0.0), state)
 
     def _draw(self, destination: tuple[float, float] | None) -> MissionRecord:
         start = self.bench.town.pose
@@ -117,7 +155,7 @@ class Driver:
             length_m = plan_path(self._graph, start, destination).length_m
             return MissionRecord(start, destination, length_m)
         for _ in range(1000):
-            goal = self.random_start()
+            goal = self.anywhere()
             place = (goal.x_m, goal.y_m)
             try:
                 path = plan_path(self._graph, start, place)
