@@ -10,14 +10,14 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from trainer.config import SHAPES, A2cConfig, A3cConfig, DaggerConfig, PpoConfig, QConfig, RunConfig
 from trainer.dagger import Dagger
 from trainer.dqn import ChannelLast, DoubleDQN
-from trainer.networks import DrivingFeatures, DuelingPolicy, QPolicy
+from trainer.networks import DrivingActorCritic, DrivingFeatures, DuelingPolicy, QPolicy
 from trainer.replay import MappedReplayBuffer
 
 
@@ -80,15 +80,19 @@ def build_policy(config: RunConfig) -> BasePolicy:
 def policy_class(config: RunConfig) -> type[BasePolicy]:
     """Which stable-baselines3 policy the algorithm trains."""
     if isinstance(config.learn, (PpoConfig, A2cConfig, A3cConfig)):
-        return ActorCriticPolicy
+        return DrivingActorCritic
     return DuelingPolicy if config.algorithm == "dueling" else QPolicy
 
 
 def policy_arguments(config: RunConfig) -> dict[str, Any]:
     """What stable-baselines3 calls ``policy_kwargs``."""
     head = [config.net.head_fc]
-    actor_critic = policy_class(config) is ActorCriticPolicy
+    learn = config.learn
+    actor_critic = policy_class(config) is DrivingActorCritic
+    # in an actor-critic's loss it is multiplied by the weight of the entropy
+    share = learn.entropy if isinstance(learn, (PpoConfig, A2cConfig, A3cConfig)) else 1.0
     return {
+        "true_path": config.true_path / share,
         "features_extractor_class": DrivingFeatures,
         "features_extractor_kwargs": {"net": config.net},
         "net_arch": {"pi": head, "vf": head} if actor_critic else head,

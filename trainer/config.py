@@ -182,6 +182,7 @@ class RunConfig:
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
     start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
+    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.true_path`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
@@ -247,8 +248,15 @@ def _navigation(run: RunConfig) -> RunConfig:
     evaluation = EvaluationConfig(
         episodes=60, rounds=3, every_steps=8_000, every_share=0.25, stop_after_perfect=0
     )
+    told = isinstance(learn, (QConfig, PpoConfig, A2cConfig))
     return replace(
-        run, learn=learn, steps=steps, evaluation=evaluation, start_spread=2.5, rate_left=0.03
+        run,
+        learn=learn,
+        steps=steps,
+        evaluation=evaluation,
+        start_spread=4.0,
+        true_path=1.0 if told else 0.0,
+        rate_left=0.03,
     )
 
 

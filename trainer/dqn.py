@@ -11,7 +11,7 @@ every 0.1 s one wrong action costs next to nothing, so that without it noise cho
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -19,6 +19,8 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import smooth_l1_loss
+
+from trainer.networks import QPolicy
 
 
 class ChannelLast:
@@ -53,8 +55,10 @@ class DoubleDQN(ChannelLast, DQN):
             target = batch.rewards + (1.0 - batch.dones) * batch.discounts * following
             if self.action_gap:
                 target -= self.action_gap * self._shortfall(batch)
-        values = self.q_net(batch.observations).gather(1, batch.actions.long())
-        return self._descend(smooth_l1_loss(values, target))
+        policy = cast(QPolicy, self.policy)
+        values, path_loss = policy.values_and_path_loss(batch.observations)
+        chosen = values.gather(1, batch.actions.long())
+        return self._descend(smooth_l1_loss(chosen, target) + path_loss)
 
     def _shortfall(self, batch: Any) -> torch.Tensor:
         """(B, 1) by how much the actions taken are worth less than the best ones."""

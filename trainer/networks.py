@@ -9,7 +9,7 @@ happen in here, so that an exported policy takes raw frames.
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -19,8 +19,10 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from torch import nn
 
+from robot.contract import PATH_POINTS
 from robot.errors import ContractError
 from trainer.config import NetConfig
+from trainer.true_path import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 
@@ -81,22 +83,80 @@ class _Dueling(nn.Sequential):
 
 
 class QPolicy(DQNPolicy):
-    """Online and target network; orthogonal weights."""
+    """Online and target network; orthogonal weights.
+
+    Args:
+        true_path: weight of the auxiliary task, see `trainer.true_path`.
+    """
 
     network: type[QNetwork] = QNetwork
+
+    def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
+        self.true_path = true_path
+        super().__init__(*args, **kwargs)
 
     def make_q_net(self) -> QNetwork:
         """A fresh network with a feature extractor of its own."""
         arguments = self._update_features_extractor(self.net_args, features_extractor=None)
-        network = self.network(**arguments).to(self.device)
+        network = self.network(**arguments)
         network.q_net.apply(_orthogonal)
-        return network
+        if self.true_path:
+            network.path_head = nn.Linear(self.net_arch[-1], PATH_POINTS)
+        return network.to(self.device)
+
+    def values_and_path_loss(self, observation: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        """What actions are worth (N, actions), and the weighted loss of the auxiliary task."""
+        network = self.q_net
+        features = network.extract_features(observation, network.features_extractor)
+        values = network.q_net(features)
+        if not self.true_path:
+            return values, values.new_zeros(())
+        fused = self._chooser(network)[:-1](features)
+        error = cast(nn.Linear, network.path_head)(fused) - observation[TRUE_PATH]
+        return values, self.true_path * error.square().mean()
+
+    @staticmethod
+    def _chooser(network: QNetwork) -> nn.Sequential:
+        return network.q_net
 
 
 class DuelingPolicy(QPolicy):
     """As `QPolicy`, with two streams."""
 
     network = DuelingQNetwork
+
+    @staticmethod
+    def _chooser(network: QNetwork) -> nn.Sequential:
+        return cast(nn.Sequential, network.q_net[1])
+
+
+class DrivingActorCritic(ActorCriticPolicy):
+    """Actor and critic, with the auxiliary task of `trainer.true_path` where it has a weight.
+
+    Args:
+        true_path: that weight, as a multiple of the weight of the entropy.
+    """
+
+    def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
+        self.true_path = true_path
+        super().__init__(*args, **kwargs)
+
+    def _build_mlp_extractor(self) -> None:
+        super()._build_mlp_extractor()
+        if self.true_path:
+            self.path_head = nn.Linear(self.mlp_extractor.latent_dim_pi, PATH_POINTS)
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """As of stable-baselines3; it maximises the entropy, so the auxiliary loss comes off it."""
+        latent, latent_value = self.mlp_extractor(self.extract_features(obs))
+        chosen = self._get_action_dist_from_latent(latent)
+        entropy = chosen.entropy()
+        if self.true_path and entropy is not None:
+            error = self.path_head(latent) - obs[TRUE_PATH]
+            entropy = entropy - self.true_path * error.square().mean(dim=1)
+        return self.value_net(latent_value), chosen.log_prob(actions), entropy
 
 
 class GreedyNetwork(nn.Module):

@@ -32,6 +32,7 @@ from trainer.export import export_run
 from trainer.replay import MappedReplayBuffer
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
+from trainer.true_path import WithTruePath
 
 
 class EnvMaker(Protocol):
@@ -102,6 +103,8 @@ class _Session:
         robots = self.evaluation_env
         if not asynchronous:
             robots = make_env(config, config.learn.robots, config.seed)
+        if config.true_path:
+            robots = WithTruePath(robots)
         self.env = ScaledReward(robots, config.reward_scale)
         if not folder.config.exists():
             folder.create(config)

@@ -1,0 +1,53 @@
+"""Learning to tell the true path: an auxiliary task for navigation.
+
+Reward says little of where on its lane a robot is: a wrong decision costs next to nothing. What it
+needs to know the simulator knows: the path input that the true pose would give. While it learns, a
+network also says that path, from the layer that its choice is made of; so the picture soon
+corrects the path that comes of a wrong pose. Auxiliary tasks after Jaderberg et al. 2017
+("Reinforcement Learning with Unsupervised Auxiliary Tasks"); nothing of it is in what is exported.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from robot.contract import PATH_POINTS
+from robot.guidance import path_inputs
+from sim_pybullet.vec_env import DuckpilotVecEnv
+
+TRUE_PATH = "true_path"
+
+
+class WithTruePath(VecEnvWrapper):
+    """Adds ``true_path`` to what N robots see: (N, PATH_POINTS) as `robot.guidance`, without error.
+
+    The last observation of an ended episode has zeros there: nobody learns from it.
+    """
+
+    def __init__(self, env: VecEnv) -> None:
+        assert isinstance(env.observation_space, spaces.Dict), "the task guides"
+        seen = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+        space = spaces.Dict({**env.observation_space.spaces, TRUE_PATH: seen})
+        super().__init__(env, space)
+        self._world = cast(DuckpilotVecEnv, env).world
+
+    def reset(self) -> VecEnvObs:
+        """As of the environment, with the true paths."""
+        return self._with_path(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """As of the environment, with the true paths."""
+        observation, rewards, done, infos = self.venv.step_wait()
+        for i in np.flatnonzero(done):
+            infos[i]["terminal_observation"][TRUE_PATH] = np.zeros(PATH_POINTS, np.float32)
+        return self._with_path(observation), rewards, done, infos
+
+    def _with_path(self, observation: Any) -> dict[str, np.ndarray]:
+        world = self._world
+        true = path_inputs(world.task.paths, world.poses, world.task.course.arc_m)
+        return {**observation, TRUE_PATH: true}
