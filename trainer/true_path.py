@@ -17,14 +17,14 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from robot.contract import PATH_POINTS
-from robot.guidance import path_inputs
+from robot.navigation.guidance import path_inputs
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
 TRUE_PATH = "true_path"
 
 
 class WithTruePath(VecEnvWrapper):
-    """Adds ``true_path`` to what N robots see: (N, PATH_POINTS) as `robot.guidance`, without error.
+    """Adds ``true_path`` to what N robots see: (N, PATH_POINTS) as `robot.navigation.guidance`, without error.
 
     The last observation of an ended episode has zeros there: nobody learns from it.
     """
