@@ -26,7 +26,8 @@ TRUE_PATH = "true_path"
 class WithTruePath(VecEnvWrapper):
     """Adds ``true_path`` to what N robots see: the path inputs (N, PATH_POINTS) of true poses.
 
-    See `robot.navigation.guidance`. The last observation of an ended episode has zeros there: nobody learns from it.
+    See `robot.navigation.guidance`. The last observation of an ended episode has zeros there:
+    nobody learns from it.
     """
 
     def __init__(self, env: VecEnv) -> None:
