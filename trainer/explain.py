@@ -49,7 +49,7 @@ class Explainer:
     def __init__(self, path: Path) -> None:
         self.contract: PolicyContract = read_contract(path)
         model = onnx.load(path)
-        self._layers = _convolution_outputs(model.graph)
+        self._layers = convolution_outputs(model.graph)
         if not self._layers:
             raise ContractError(f"{path}: expected a network with convolutions, found none")
         for name in self._layers:
@@ -242,7 +242,7 @@ def _enlarge(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
 
 
-def _convolution_outputs(graph: onnx.GraphProto) -> list[str]:
+def convolution_outputs(graph: onnx.GraphProto) -> list[str]:
     """What the rectifier after each convolution gives, first layer first."""
     reader = {node.input[0]: node for node in graph.node if node.input}
     names = []

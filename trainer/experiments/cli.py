@@ -145,6 +145,37 @@ def figure5_command(
     return 0
 
 
+@experiment_app.command(name="real-photographs")
+def real_photographs_command(
+    data: Path,
+    out: Path,
+    policy: tuple[str, ...],
+    frames: int = 4000,
+    seeds: int = 3,
+    steps: int = 400,
+) -> int:
+    """What policies make of photographs that people annotated: attention, lines, pose, steering.
+
+    Called again, it goes on where it was cut off. The pictures that it draws show photographs:
+    mind their licences before you pass them on.
+
+    Args:
+        data: a folder with the sites' folders (duckietown_dtcore_sites, duckietown_udem,
+            donkeycar_dashed_track).
+        out: folder for the figures, tables.md, the lane-pose heads and their sheets.
+        policy: name=model.onnx of policies for robots.
+        frames: simulated frames that the lane-pose heads learn from.
+        seeds: how many supervised networks the steering is compared with.
+        steps: updates of each.
+    """
+    from trainer.experiments.photographs.run import Photographs, look_at_photographs, named
+
+    console = Console(soft_wrap=True)
+    asked = Photographs(data, out, named(policy), frames, seeds, steps)
+    console.print(look_at_photographs(asked, console), markup=False)
+    return 0
+
+
 def _show(table: Table, console: Console) -> None:
     from trainer.experiments.table1 import PAPER
 

@@ -15,6 +15,7 @@ from functools import lru_cache
 from itertools import count as counted
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -58,6 +59,15 @@ class Source:
     every: int = 1  # of how many pictures one was taken
 
 
+class Snapshots(NamedTuple):
+    """Frames of N robots, and what they show."""
+
+    frames: np.ndarray  # (N, 120, 160, 3) uint8 RGB
+    labels: np.ndarray  # (N, 120, 160) uint8, values of `SemanticClass`
+    poses: np.ndarray  # (N, 3) x [m], y [m], heading [rad]
+    road_maps: np.ndarray  # (N,) which map each robot is on
+
+
 def collect_simulator(
     out: Path, road_maps: Sequence[Place], looks: Looks, source: Source, tick: Tick
 ) -> None:
@@ -78,12 +88,12 @@ def collect_simulator(
     with _appearing(out, source, ("image", "label", "lane")) as folder:
         for first in range(0, source.frames, _BATCH):
             count = min(_BATCH, source.frames - first)
-            frames, labels = _snapshots(road_maps, pool, count, rng)
-            lanes = np.where(np.isin(labels, LANE_LINES), 255, 0).astype(np.uint8)
+            seen = snapshots(road_maps, pool, count, rng)
+            lanes = np.where(np.isin(seen.labels, LANE_LINES), 255, 0).astype(np.uint8)
             for k in range(count):
                 name = f"{first + k:06d}.png"
-                _write(folder / "image" / name, frames[k, ..., ::-1])
-                _write(folder / "label" / name, labels[k])
+                _write(folder / "image" / name, seen.frames[k, ..., ::-1])
+                _write(folder / "label" / name, seen.labels[k])
                 _write(folder / "lane" / name, lanes[k])
             tick(count)
 
@@ -166,18 +176,20 @@ def lane_positions(road_map: RoadMap, count: int, rng: np.random.Generator) -> n
     return poses
 
 
-def _snapshots(
+def snapshots(
     road_maps: Sequence[Place], pool: LookPool, count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """(count, 120, 160, 3) frames and (count, 120, 160) labels."""
+) -> Snapshots:
+    """Robots on random places of lanes or tracks, each in a look drawn from the pool of those maps."""
     camera = RayCamera(ImageSpec(), count)
     poses, sensors = np.empty((count, 3)), []
-    for i, chosen in enumerate(rng.integers(len(road_maps), size=count).tolist()):
+    places = rng.integers(len(road_maps), size=count)
+    for i, chosen in enumerate(places.tolist()):
         world, look = pool.draw(chosen, rng)
         camera.set_robot(i, pool.worlds[world].scene, look.rig())
         poses[i] = positions(road_maps[chosen], 1, rng)[0]
         sensors.append(look.sensor)
-    return apply_sensor(camera.render(poses), sensors, rng), camera.segment(poses)
+    frames = apply_sensor(camera.render(poses), sensors, rng)
+    return Snapshots(frames, camera.segment(poses), poses, places)
 
 
 @contextmanager
