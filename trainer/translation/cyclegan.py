@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from typing import Any, NamedTuple
 
@@ -13,6 +14,9 @@ from torch.nn import functional
 from trainer.translation.config import TranslationConfig
 from trainer.translation.losses import adversarial, structure
 from trainer.translation.networks import PatchCritic, build_generator
+
+
+AVERAGED_STEPS = 500  # over which the weights that are kept are averaged
 
 
 class Batch(NamedTuple):
@@ -44,13 +48,21 @@ class ImagePool:
 
 
 class CycleGan:
-    """Two generators, two critics, their optimisers and pools."""
+    """Two generators, two critics, their optimisers and pools.
+
+    ``kept_to_real`` and ``kept_to_sim`` are the generators to use: running means of the weights.
+    Generators and critics chase each other; a mean stands still (Yazici et al. 2019).
+    """
 
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
         torch.manual_seed(config.seed)
         self.config, self.device = config, device
         self.to_real = build_generator(config).to(device)
         self.to_sim = build_generator(config).to(device)
+        self.kept_to_real, self.kept_to_sim = (
+            copy.deepcopy(generator).requires_grad_(False)
+            for generator in (self.to_real, self.to_sim)
+        )
         critics = [PatchCritic(config.critic_width, config.critic_layers) for _ in range(2)]
         self.real_critic, self.sim_critic = (critic.to(device) for critic in critics)
         self.generators = self._adam(self.to_real, self.to_sim)
@@ -68,6 +80,7 @@ class CycleGan:
         losses["critic_sim"] = self._judge(self.sim_critic, batch.sim, made_sim, self.sim_pool)
         self._apply(self.critics, losses["critic_real"] + losses["critic_sim"])
         self.steps += 1
+        self._average()
         return {name: float(loss.detach()) for name, loss in losses.items()}
 
     def state(self) -> dict[str, Any]:
@@ -127,6 +140,13 @@ class CycleGan:
         earlier = pool.exchanged(made)
         return 0.5 * (adversarial(critic(real), True) + adversarial(critic(earlier), False))
 
+    @torch.no_grad()
+    def _average(self) -> None:
+        share = 1.0 / min(self.steps, AVERAGED_STEPS)
+        pairs = ((self.kept_to_real, self.to_real), (self.kept_to_sim, self.to_sim))
+        for kept, newest in pairs:
+            torch._foreach_lerp_(list(kept.parameters()), list(newest.parameters()), share)
+
     def _set_rate(self) -> None:
         config = self.config
         begin = config.decay_from * config.steps
@@ -147,7 +167,8 @@ class CycleGan:
         )
 
     def _networks(self) -> tuple[nn.Module, ...]:
-        return (self.to_real, self.to_sim, self.real_critic, self.sim_critic)
+        critics = (self.real_critic, self.sim_critic)
+        return (self.to_real, self.to_sim, *critics, self.kept_to_real, self.kept_to_sim)
 
     def _critic_parameters(self) -> itertools.chain[nn.Parameter]:
         return itertools.chain(self.real_critic.parameters(), self.sim_critic.parameters())

@@ -28,7 +28,9 @@ def export_translators(folder: TranslationFolder) -> list[Path]:
         ContractError: torch and ONNX disagree.
     """
     model, written = load_model(folder), []
-    for direction, generator in zip(DIRECTIONS, (model.to_real, model.to_sim), strict=True):
+    for direction, generator in zip(
+        DIRECTIONS, (model.kept_to_real, model.kept_to_sim), strict=True
+    ):
         contract = TranslatorContract(
             "cyclegan", direction, model.config.image, folder.path.resolve().name, model.steps
         )

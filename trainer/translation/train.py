@@ -111,10 +111,12 @@ def chosen_device(name: str) -> str:
 def _show(writer: SummaryWriter, model: CycleGan, batch: Batch) -> None:
     """Rows: picture, translation, cycle."""
     with torch.no_grad():
-        there = model.to_real(batch.sim)
-        rows = {"sim-to-real": (batch.sim, there, model.to_sim(there))}
-        back = model.to_sim(batch.real)
-        rows["real-to-sim"] = (batch.real, back, model.to_real(back))
+        to_real, to_sim = model.kept_to_real, model.kept_to_sim
+        there, back = to_real(batch.sim), to_sim(batch.real)
+        rows = {
+            "sim-to-real": (batch.sim, there, to_sim(there)),
+            "real-to-sim": (batch.real, back, to_real(back)),
+        }
     for name, parts in rows.items():
         grid = np.vstack([np.hstack(list(as_bytes(part).cpu().numpy())) for part in parts])
         writer.add_image(name, grid, model.steps, dataformats="HWC")

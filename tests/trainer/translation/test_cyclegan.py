@@ -60,8 +60,19 @@ def test_the_rate_falls_to_nothing() -> None:
     for k in range(4):
         model.step(batch(k))
         rates.append(model.generators.param_groups[0]["lr"])
-    assert rates[0] == rates[1] == rates[2] == pytest.approx(6e-4)
-    assert rates[3] == pytest.approx(3e-4)
+    assert rates[0] == rates[1] == rates[2] == pytest.approx(config().learning_rate)
+    assert rates[3] == pytest.approx(0.5 * config().learning_rate)
+
+
+def test_the_kept_generators_are_means_of_the_weights_so_far() -> None:
+    model = CycleGan(config(), CPU)
+    seen = []
+    for k in range(3):
+        model.step(batch(k))
+        seen.append([p.detach().clone() for p in model.to_real.parameters()])
+    for kept, *steps in zip(model.kept_to_real.parameters(), *seen, strict=True):
+        torch.testing.assert_close(kept, torch.stack(steps).mean(0))
+        assert not kept.requires_grad
 
 
 def test_the_pool_gives_back_earlier_pictures() -> None:
