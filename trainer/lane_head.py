@@ -20,10 +20,10 @@ from torch import nn
 from tqdm import tqdm
 
 from robot.contract import ImageSpec
-from robot.navigation.lane_pose import lane_pose
 from robot.inference.network_file import Tensor, open_network
 from robot.inference.policy_file import read_contract
 from robot.inference.preprocess import preprocess_batch
+from robot.navigation.lane_pose import lane_pose
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.pool import LookPool, Looks
 from trainer.explain import convolution_outputs

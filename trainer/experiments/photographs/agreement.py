@@ -1,4 +1,4 @@
-"""How often `robot.yellow_line` says of a photograph what a person says of it."""
+"""How often `robot.vision.yellow_line` says of a photograph what a person says of it."""
 
 from __future__ import annotations
 

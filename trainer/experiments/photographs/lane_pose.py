@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from robot.contract import ImageSpec
-from robot.lens import CameraRig
 from robot.inference.preprocess import preprocess
+from robot.lens import CameraRig
 from trainer.experiments.photographs.lines import Drawn, drawn_line, frames_of, load_lines
 from trainer.lane_head import LanePoseHead
 
