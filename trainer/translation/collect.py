@@ -179,7 +179,7 @@ def lane_positions(road_map: RoadMap, count: int, rng: np.random.Generator) -> n
 def snapshots(
     road_maps: Sequence[Place], pool: LookPool, count: int, rng: np.random.Generator
 ) -> Snapshots:
-    """Robots on random places of lanes or tracks, each in a look drawn from the pool of those maps."""
+    """Robots on random places of lanes or tracks, each in a look drawn from the maps' pool."""
     camera = RayCamera(ImageSpec(), count)
     poses, sensors = np.empty((count, 3)), []
     places = rng.integers(len(road_maps), size=count)
