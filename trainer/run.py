@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -18,6 +18,7 @@ from robot.errors import ConfigError
 from robot.typed_config import load_yaml, to_plain
 from trainer.config import RunConfig
 
+CONFIG = "config.yaml"  # of every kind of run: what it was begun with
 _TAIL_BYTES = 2_048  # of progress.csv: about fifty lines
 
 
@@ -47,6 +48,41 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
+Config = TypeVar("Config")
+
+
+def refuse_run(folder: Path) -> None:
+    """Make sure that no run lies in a folder.
+
+    Raises:
+        ConfigError: one does.
+    """
+    if (folder / CONFIG).exists():
+        raise ConfigError(
+            f"{folder}: expected no run here yet, got one; "
+            "add --resume to go on with it, or choose another --out"
+        )
+
+
+def begin_run(folder: Path, config: object) -> None:
+    """Make the folder of a run, with its configuration; ConfigError as of `refuse_run`."""
+    refuse_run(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomically(folder / CONFIG) as temporary:
+        temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))
+
+
+def read_run(kind: type[Config], folder: Path) -> Config:
+    """The configuration that a run was begun with.
+
+    Raises:
+        ConfigError: no run lies here.
+    """
+    if not (folder / CONFIG).exists():
+        raise ConfigError(f"{folder}: expected the folder of a run, found no {CONFIG}")
+    return load_yaml(kind, folder / CONFIG)
+
+
 @dataclass(frozen=True)
 class Episode:
     """One line of ``progress.csv``."""
@@ -64,7 +100,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.config = path / "config.yaml"
+        self.config = path / CONFIG
         self.checkpoint = path / "checkpoint.pt"
         self.best = path / "best.pt"
         self.replay = path / "replay"
@@ -81,33 +117,16 @@ class RunFolder:
         return self.path.resolve().name
 
     def refuse_run(self) -> None:
-        """Make sure that no run lies here.
-
-        Raises:
-            ConfigError: one does.
-        """
-        if self.config.exists():
-            raise ConfigError(
-                f"{self.path}: expected no run here yet, got one; "
-                "add --resume to go on with it, or choose another --out"
-            )
+        """ConfigError if a run lies here."""
+        refuse_run(self.path)
 
     def create(self, config: RunConfig) -> None:
-        """Begin a run here; ConfigError as of `refuse_run`."""
-        self.refuse_run()
-        self.path.mkdir(parents=True, exist_ok=True)
-        with atomically(self.config) as temporary:
-            temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))
+        """Begin a run here; ConfigError if one lies here."""
+        begin_run(self.path, config)
 
     def load_config(self) -> RunConfig:
-        """The configuration that this run was begun with.
-
-        Raises:
-            ConfigError: no run lies here.
-        """
-        if not self.config.exists():
-            raise ConfigError(f"{self.path}: expected the folder of a run, found no config.yaml")
-        return load_yaml(RunConfig, self.config)
+        """The configuration that this run was begun with; ConfigError if there is none."""
+        return read_run(RunConfig, self.path)
 
     def episodes(self) -> list[Episode]:
         """All of ``progress.csv``."""

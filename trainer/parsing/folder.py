@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from robot.errors import ConfigError
-from robot.typed_config import load_yaml, to_plain
 from trainer.parsing.annotations import load_annotated, load_annotations
 from trainer.parsing.classes import label_set
 from trainer.parsing.labelled import Labelled, load_pairs, split_by_sequence
 from trainer.parsing.train import ParseConfig
-from trainer.run import atomically
+from trainer.run import CONFIG, begin_run, read_run
 
 
 @dataclass(frozen=True)
@@ -68,27 +65,16 @@ class ParseFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.config = path / "config.yaml"
+        self.config = path / CONFIG
         self.checkpoint = path / "checkpoint.pt"
         self.parser = path / "parser.pt"
         self.scores = path / "scores.json"
         self.sheet = path / "sheet.png"
 
     def begin(self, run: ParseRun) -> None:
-        """Write ``config.yaml``.
-
-        Raises:
-            ConfigError: a run lies here already.
-        """
-        if self.config.exists():
-            raise ConfigError(
-                f"{self.path}: expected no run here yet, got one; add --resume to go on with it, "
-                "or choose another --out"
-            )
-        self.path.mkdir(parents=True, exist_ok=True)
-        with atomically(self.config) as temporary:
-            temporary.write_text(yaml.safe_dump(to_plain(run), sort_keys=False))
+        """Write ``config.yaml``; ConfigError if a run lies here already."""
+        begin_run(self.path, run)
 
     def load(self) -> ParseRun:
         """What the run was begun with."""
-        return load_yaml(ParseRun, self.config)
+        return read_run(ParseRun, self.path)

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
 from rich.console import Console
 
 from robot.errors import ConfigError, nearest
 from robot.inference.translator import DIRECTIONS, TranslatorContract
-from robot.typed_config import load_yaml, to_plain
 from trainer.config import preset
 from trainer.parsing.classes import label_set
 from trainer.parsing.labelled import is_collection
@@ -27,7 +25,7 @@ from trainer.parsing.through_parsing import (
     virtual_pairs,
 )
 from trainer.parsing.train import load_parser
-from trainer.run import atomically
+from trainer.run import CONFIG, begin_run, read_run
 from trainer.translation.export import export_translator
 
 ROWS = 6
@@ -63,17 +61,9 @@ def begin(out: Path, run: TranslationRun, resume: bool) -> TranslationRun:
     Raises:
         ConfigError: a run lies here and it is not to be resumed.
     """
-    config = out / "config.yaml"
-    if config.exists() and resume:
-        return load_yaml(TranslationRun, config)
-    if config.exists():
-        raise ConfigError(
-            f"{out}: expected no run here yet, got one; add --resume to go on with it, or choose "
-            "another --out"
-        )
-    out.mkdir(parents=True, exist_ok=True)
-    with atomically(config) as temporary:
-        temporary.write_text(yaml.safe_dump(to_plain(run), sort_keys=False))
+    if resume and (out / CONFIG).exists():
+        return read_run(TranslationRun, out)
+    begin_run(out, run)
     return run
 
 

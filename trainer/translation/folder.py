@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import yaml
 
 from robot.errors import ConfigError
-from robot.typed_config import load_yaml, to_plain
-from trainer.run import atomically
+from trainer.run import CONFIG, atomically, begin_run, read_run
 from trainer.translation.config import TranslationConfig
 
 
@@ -19,7 +17,7 @@ class TranslationFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.config = path / "config.yaml"
+        self.config = path / CONFIG
         self.checkpoint = path / "checkpoint.pt"
         self.tensorboard = path / "tensorboard"
 
@@ -28,29 +26,12 @@ class TranslationFolder:
         return self.path / f"{direction.replace('-', '_')}.onnx"
 
     def create(self, config: TranslationConfig) -> None:
-        """Begin a run here.
-
-        Raises:
-            ConfigError: a run lies here already.
-        """
-        if self.config.exists():
-            raise ConfigError(
-                f"{self.path}: expected no run here yet, got one; "
-                "add --resume to go on with it, or choose another --out"
-            )
-        self.path.mkdir(parents=True, exist_ok=True)
-        with atomically(self.config) as temporary:
-            temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))
+        """Begin a run here; ConfigError if one lies here."""
+        begin_run(self.path, config)
 
     def load_config(self) -> TranslationConfig:
-        """The configuration that this run was begun with.
-
-        Raises:
-            ConfigError: no run lies here.
-        """
-        if not self.config.exists():
-            raise ConfigError(f"{self.path}: expected the folder of a run, found no config.yaml")
-        return load_yaml(TranslationConfig, self.config)
+        """The configuration that this run was begun with; ConfigError if there is none."""
+        return read_run(TranslationConfig, self.path)
 
     def save(self, state: dict[str, Any]) -> None:
         """Write the checkpoint."""
