@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from robot.geometry import Pose
-from trainer.mp4 import write_mp4 as write_mp4
 
 ROBOT_RGB = (255, 70, 160)
 TRAIL_RGB = (255, 150, 200)

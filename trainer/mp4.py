@@ -3,30 +3,59 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from pathlib import Path
 
 import numpy as np
 
+SETTINGS = ["-preset", "veryfast"]  # half the time of ffmpeg's default, files a tenth larger
+
+
+class Mp4:
+    """A video while it is written, as H.264; it appears under its name when it is whole.
+
+    Args:
+        path: of the video; its folder exists.
+        frames_per_s: of the frames that are added.
+        quality: 0 to 10.
+    """
+
+    def __init__(self, path: Path, frames_per_s: float, quality: float = 7.0) -> None:
+        self._path, self._frames_per_s, self._quality = path, frames_per_s, quality
+        self._partial = path.with_name(f".{path.stem}.partial.mp4")
+        self._writer: Generator[None, bytes | None, None] | None = None
+
+    def add(self, frame: np.ndarray) -> None:
+        """One more frame (H, W, 3) uint8 RGB, of the same even size as the others."""
+        import imageio_ffmpeg
+
+        if self._writer is None:
+            self._writer = imageio_ffmpeg.write_frames(
+                str(self._partial),
+                (frame.shape[1], frame.shape[0]),
+                fps=self._frames_per_s,
+                quality=self._quality,
+                macro_block_size=2,
+                output_params=SETTINGS,
+            )
+            self._writer.send(None)
+        self._writer.send(np.ascontiguousarray(frame).tobytes())
+
+    def close(self) -> None:
+        """Complete it.
+
+        Raises:
+            ValueError: it has no frame.
+        """
+        if self._writer is None:
+            raise ValueError(f"{self._path}: expected at least one frame, got none")
+        self._writer.close()
+        os.replace(self._partial, self._path)
+
 
 def write_mp4(path: Path, frames: Iterable[np.ndarray], frames_per_s: float) -> None:
-    """Encode frames (H, W, 3) uint8 RGB as H.264; the file appears under its name when whole."""
-    import imageio_ffmpeg
-
-    partial = path.with_name(f".{path.stem}.partial.mp4")
-    writer = None
-    try:
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = imageio_ffmpeg.write_frames(
-                    str(partial), size, fps=frames_per_s, quality=7, macro_block_size=2
-                )
-                writer.send(None)
-            writer.send(np.ascontiguousarray(frame).tobytes())
-    finally:
-        if writer is not None:
-            writer.close()
-    if writer is None:
-        raise ValueError(f"{path}: expected at least one frame, got none")
-    os.replace(partial, path)
+    """A video of these frames (H, W, 3) uint8 RGB; ValueError without any."""
+    video = Mp4(path, frames_per_s)
+    for frame in frames:
+        video.add(frame)
+    video.close()

@@ -4,7 +4,8 @@ import imageio_ffmpeg
 import numpy as np
 
 from robot.geometry import Pose
-from tools.video import MapView, even, side_by_side, write_mp4
+from tools.video import MapView, even, side_by_side
+from trainer.mp4 import write_mp4
 
 
 def view() -> MapView:

@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 from tqdm import tqdm
 
-from robot.errors import DuckpilotError, nearest
+from robot.errors import DuckpilotError, HardwareError, nearest
 from tools.faults import (
     camera,
     i2c,
@@ -33,6 +33,7 @@ from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
+from tools.loop.drive import read_figures
 from tools.loop.timekeeper import BenchError
 
 FAMILIES: dict[str, tuple[Case, ...]] = {
@@ -85,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
         outcomes = _done(options.json)
         with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
             _play(cases, outcomes, options, Path(folder))
-    except (DuckpilotError, BenchError) as error:
+    except (DuckpilotError, BenchError, HardwareError) as error:
         print(f"faults: {error}", file=sys.stderr)
         return 2 if isinstance(error, DuckpilotError) else 1
     if options.report:
@@ -124,7 +125,7 @@ def _play(
 def _done(path: Path | None) -> list[Outcome]:
     if path is None or not path.exists():
         return []
-    return [Outcome(**row) for row in json.loads(path.read_text(encoding="utf-8"))["outcomes"]]
+    return [Outcome(**row) for row in read_figures(path).get("outcomes", ())]
 
 
 def _write(path: Path | None, outcomes: list[Outcome]) -> None:

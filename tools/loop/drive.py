@@ -13,6 +13,8 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from robot.errors import DuckpilotError
+from robot.errors import ConfigError, DuckpilotError, HardwareError
 from robot.inference.policy_file import SHIPPED_MODELS
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop.bench import Bench, BenchOptions
@@ -73,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with tempfile.TemporaryDirectory(prefix="duckpilot-loop-") as folder:
             figures = run(options, Path(folder))
-    except (DuckpilotError, BenchError) as error:
+    except (DuckpilotError, BenchError, HardwareError) as error:
         print(f"loop: {error}", file=sys.stderr)
         return 2 if isinstance(error, DuckpilotError) else 1
     print(
@@ -87,41 +89,48 @@ def main(arguments: list[str] | None = None) -> int:
 def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
     rows = _rows_so_far(options)
+    if len(rows) == options.missions:
+        return summary(rows, options)
     rng = np.random.default_rng((options.seed, len(rows)))
     look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
-    bench = Bench(
-        BenchOptions(
-            options.model,
-            options.map,
-            look,
-            options.seed,
-            not options.realtime,
-            robot_python=options.robot_python,
-        ),
-        folder,
+    bench_options = BenchOptions(
+        options.model,
+        options.map,
+        look,
+        options.seed,
+        not options.realtime,
+        robot_python=options.robot_python,
     )
-    driver = Driver(bench, rng)
-    bench.town.world.place(driver.on_lane(*options.start) if options.start else driver.anywhere())
-    began_s = time.monotonic()
-    with bench, tqdm(total=options.missions, initial=len(rows), desc="missions") as bar:
-        film = Film(bench) if options.video else None
-        driver = Driver(bench, rng, film.watch if film else lambda: None)
-        lived_s = bench.now_s
+    bench = Bench(bench_options, folder)
+    placer = Driver(bench, rng)
+    bench.town.world.place(placer.on_lane(*options.start) if options.start else placer.anywhere())
+    with ExitStack() as stack:
+        stack.enter_context(bench)
+        watch: Callable[[], None] = lambda: None  # noqa: E731  nobody films
+        if options.video:
+            film = Film(bench, options.video)
+            stack.callback(film.close)
+            watch = film.watch
+        _drive(Driver(bench, rng, watch), rows, options)
+        robot = {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
+    figures = {**summary(rows, options), "robot": robot}
+    _write(options.json, figures)
+    return figures
+
+
+def _drive(driver: Driver, rows: list[dict[str, Any]], options: argparse.Namespace) -> None:
+    """Drive until there is a row for every mission; each is written at once."""
+    bench = driver.bench
+    began_s, lived_s = time.monotonic(), bench.now_s
+    with tqdm(total=options.missions, initial=len(rows), desc="missions") as bar:
         while len(rows) < options.missions:
             record = driver.drive(options.goal)
             rows.append(row(record, time.monotonic() - began_s, bench.now_s - lived_s))
             began_s, lived_s = time.monotonic(), bench.now_s
-            figures = summary(rows, options)
-            _write(options.json, figures)
+            _write(options.json, summary(rows, options))
             bar.update()
             if not record.arrived and len(rows) < options.missions:
                 driver.carry()
-        robot = {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
-    figures = {**summary(rows, options), "robot": robot}
-    _write(options.json, figures)
-    if film is not None:
-        film.write(options.video)
-    return figures
 
 
 def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
@@ -179,9 +188,21 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
 def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
     if options.json is None or not options.json.exists():
         return []
-    before = json.loads(options.json.read_text(encoding="utf-8"))
-    same = before["inputs"] == inputs_of(options)
+    before = read_figures(options.json)
+    same = before.get("inputs") == inputs_of(options)
     return list(before["rows"])[: options.missions] if same else []
+
+
+def read_figures(path: Path) -> dict[str, Any]:
+    """The JSON object that an earlier run wrote.
+
+    Raises:
+        ConfigError: another file.
+    """
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(f"{path}: expected the JSON of an earlier run, got: {error}") from error
 
 
 def inputs_of(options: argparse.Namespace) -> dict[str, Any]:

@@ -8,23 +8,27 @@ import cv2
 import numpy as np
 
 from tools.loop.bench import Bench
-from tools.video import MapView, side_by_side, write_mp4
+from tools.video import MapView, side_by_side
+from trainer.mp4 import Mp4
 
 HEIGHT_PX = 400
 EVERY_S = 0.1
+QUALITY = 5.0
 PATH_RGB = (90, 200, 255)
 GOAL_RGB = (255, 220, 60)
 
 
 class Film:
-    """Keeps a picture every ``EVERY_S`` of the bench's time, as small JPEGs, until written."""
+    """A video with a picture for every ``EVERY_S`` of the bench's time; ``close`` it."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
         ground = bench.town.world.scene.ground
         self._bench = bench
         self._view = MapView(ground.rgb, ground.west_m, ground.north_m, ground.texel_m, HEIGHT_PX)
-        self._frames: list[np.ndarray] = []
+        self._video = Mp4(path, 1.0 / EVERY_S, QUALITY)
         self._due_s = bench.now_s
+        self._filmed = False
 
     def watch(self) -> None:
         """Take a picture when it is time."""
@@ -41,14 +45,13 @@ class Film:
         mission = operator.mission
         left_m = f"{mission['remaining_m']:.1f} m to drive" if mission else ""
         caption = f"{operator.state}: {operator.reason}   {left_m}"
-        both = side_by_side(seen, right, caption)
-        self._frames.append(cv2.imencode(".jpg", both[..., ::-1])[1])
+        self._filmed = True
+        self._video.add(side_by_side(seen, right, caption))
 
-    def write(self, path: Path) -> None:
-        """As H.264."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        decoded = (np.asarray(cv2.imdecode(f, cv2.IMREAD_COLOR))[..., ::-1] for f in self._frames)
-        write_mp4(path, decoded, 1.0 / EVERY_S)
+    def close(self) -> None:
+        """Complete the video, if there is anything in it."""
+        if self._filmed:
+            self._video.close()
 
     def _map(self) -> np.ndarray:
         picture = self._view.draw(self._bench.town.pose)

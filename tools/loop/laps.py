@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -29,21 +28,23 @@ from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from sim_pybullet.randomise import load_look_sampler
 from tools.lap_drive import LapDrive, LapRecord
-from tools.video import MapView, side_by_side, write_mp4
+from tools.video import MapView, side_by_side
+from trainer.mp4 import Mp4
 
 MODEL = SHIPPED_MODELS / "lane_dueling.onnx"
 VIDEO_HEIGHT_PX = 360
 
 
 class Film:
-    """Keeps the frames of a drive, as small JPEGs, until they are written as a video."""
+    """A video of a drive; ``close`` it."""
 
-    def __init__(self, drive: LapDrive) -> None:
+    def __init__(self, drive: LapDrive, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
         ground = drive.world.scene.ground
         self._view = MapView(
             ground.rgb, ground.west_m, ground.north_m, ground.texel_m, VIDEO_HEIGHT_PX
         )
-        self._frames: list[np.ndarray] = []
+        self._video = Mp4(path, 1.0 / CONTROL_DT_S)
 
     def watch(self, tick: Tick, pose: Pose, record: LapRecord) -> None:
         """Add one turn of the loop."""
@@ -52,16 +53,11 @@ class Film:
         action = "-" if tick.action is None else Action(tick.action).name.replace("_", " ").lower()
         caption = f"lap {record.laps:4.2f}   {action:12s} {tick.verdict.state.value}"
         above = self._view.draw(pose)
-        both = side_by_side(tick.frame.image, above, caption)
-        self._frames.append(cv2.imencode(".jpg", both[..., ::-1])[1])
+        self._video.add(side_by_side(tick.frame.image, above, caption))
 
-    def write(self, path: Path) -> None:
-        """As H.264."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        frames = (
-            np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))[..., ::-1] for data in self._frames
-        )
-        write_mp4(path, frames, 1.0 / CONTROL_DT_S)
+    def close(self) -> None:
+        """Complete the video."""
+        self._video.close()
 
 
 def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
@@ -107,7 +103,7 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
     look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
     policy = OnnxPolicy(options.model)
     lap_drive = LapDrive(load_map(options.map), look, policy, options.seed)
-    film = Film(lap_drive) if options.video else None
+    film = Film(lap_drive, options.video) if options.video else None
     with progress(options.laps) as bar:
 
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
@@ -118,7 +114,7 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
         record = lap_drive.drive(options.laps, watch)
     lap_drive.close()
     if film is not None:
-        film.write(options.video)
+        film.close()
     return summary(record, options)
 
 
