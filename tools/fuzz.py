@@ -267,6 +267,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, help="write the figures")
     options = parser.parse_args(arguments)
+    if options.count < 1:
+        parser.error(f"--count: expected 1 or more, got {options.count}")
     fuzzer = Fuzzer(np.random.default_rng(options.seed), seeds())
     with tqdm(total=options.count, desc="messages") as bar:
         fuzzer.run(options.count, bar.update)

@@ -119,7 +119,13 @@ def main(arguments: list | None = None) -> int:
     except (IndexError, ValueError):
         print("long_drive: expected MODEL HOURS [EVERY_S], positive numbers", file=sys.stderr)
         return 2
-    drive(model, hours, lambda row: print(json.dumps(row), flush=True), every_s)
+    from robot.errors import DuckpilotError
+
+    try:
+        drive(model, hours, lambda row: print(json.dumps(row), flush=True), every_s)
+    except DuckpilotError as error:
+        print(f"long_drive: {error}", file=sys.stderr)
+        return 2
     return 0
 
 

@@ -33,7 +33,7 @@ from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
-from tools.loop.drive import read_figures
+from tools.loop.drive import expect_navigator, read_figures
 from tools.loop.timekeeper import BenchError
 
 FAMILIES: dict[str, tuple[Case, ...]] = {
@@ -83,6 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     cv2.setNumThreads(1)
     try:
         cases = chosen(options)
+        expect_navigator(options.model)
         outcomes = _done(options.json)
         with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
             _play(cases, outcomes, options, Path(folder))

@@ -205,10 +205,17 @@ class Bench:
         """Until the robot knows where it is and the page shows it."""
 
         def met() -> bool:
+            self._expect_alive()
             self.operator.look()
             return bool(self.operator.robot.get("pose")) and self.operator.age_s("operator") < 0.5
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
+
+    def _expect_alive(self) -> None:
+        for process in self.processes.values():
+            if not process.alive:
+                last = process.said().strip().rpartition("\n")[2]
+                raise BenchError(f"{process.name}: expected it to run, it ended: {last}")
 
     def until(
         self, holds: Callable[[], bool], patience_s: float, what: str, pause_s: float = 0.0

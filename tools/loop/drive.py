@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 import os
+import shutil
 import sys
 import tempfile
 import time
@@ -23,8 +24,8 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from robot.errors import ConfigError, DuckpilotError, HardwareError
-from robot.inference.policy_file import SHIPPED_MODELS
+from robot.errors import ConfigError, ContractError, DuckpilotError, HardwareError
+from robot.inference.policy_file import SHIPPED_MODELS, read_contract
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.film import Film
@@ -54,6 +55,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         parser.error(f"--missions: expected 1 or more, got {options.missions}")
     if options.goal is not None and options.missions > 1:
         parser.error(f"--goal: expected one mission, got --missions {options.missions}")
+    if shutil.which(options.robot_python) is None:
+        parser.error(f"--robot-python: expected a Python to start, got {options.robot_python}")
     return options
 
 
@@ -88,6 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
+    expect_navigator(options.model)
     rows = _rows_so_far(options)
     if len(rows) == options.missions:
         return summary(rows, options)
@@ -116,6 +120,16 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     figures = {**summary(rows, options), "robot": robot}
     _write(options.json, figures)
     return figures
+
+
+def expect_navigator(model: Path) -> None:
+    """ContractError unless this is a policy that follows missions."""
+    task = read_contract(model).task
+    if task != "navigation":
+        raise ContractError(
+            f"{model}: expected a navigation policy, to follow missions, got a {task} policy; "
+            "give such as robot/models/nav_dueling.onnx"
+        )
 
 
 def _drive(driver: Driver, rows: list[dict[str, Any]], options: argparse.Namespace) -> None:
