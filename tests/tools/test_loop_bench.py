@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     folder = tmp_path_factory.mktemp("bench")
-    options = BenchOptions(write_pursuit(folder / "pursuit.onnx"))
+    options = BenchOptions(write_pursuit(folder / "pursuit.onnx"), record=True)
     with Stage(options, folder) as stage:
         yield stage
 

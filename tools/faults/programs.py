@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import signal
 
+from robot.recording.reader import read_turns
 from tools.faults.case import Act, Case
 from tools.faults.stage import Stage
 
 LINK_AGE_S = 1.0
+LOSS_S = 1.0
 HOLD = ("HOLD",)
 
 
@@ -36,12 +39,20 @@ def _page_open(stage: Stage) -> None:
 def _coils_off(stage: Stage) -> str:
     if stage.bench.town.hat.chip.outputs.any_high:
         return "the coils carry current"
-    return ""
+    return _recorded(stage)
+
+
+def _recorded(stage: Stage) -> str:
+    """Nothing is lost from the recording but its last second."""
+    newest = max(stage.bench.recordings.iterdir(), key=lambda path: path.stat().st_mtime)
+    last_s = max((turn.time_s for turn, _ in read_turns(newest)), default=-math.inf)
+    lost_s = stage.bench.town.moved_s - last_s
+    return "" if lost_s <= LOSS_S else f"{lost_s:.1f} s are lost from the recording"
 
 
 CASES = (
     Case("robot SIGTERM", "", _ended("robot", signal.SIGTERM), silent=True, check=_coils_off),
-    Case("robot SIGKILL", "", _ended("robot", signal.SIGKILL), silent=True),
+    Case("robot SIGKILL", "", _ended("robot", signal.SIGKILL), silent=True, check=_recorded),
     Case("robot SIGSTOP", "and SIGCONT", _paused("robot"), silent=True),
     Case("monitor SIGTERM", "", _ended("monitor", signal.SIGTERM), LINK_AGE_S, HOLD, "operator"),
     Case("monitor SIGKILL", "", _ended("monitor", signal.SIGKILL), LINK_AGE_S, HOLD, "operator"),

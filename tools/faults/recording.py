@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import resource
 
+from robot.recording.drive_file import UNFINISHED
 from tools.faults.case import Case
 from tools.faults.stage import Stage
+from tools.loop.timekeeper import BenchError
 
 UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
 
 
-def _largest(stage: Stage) -> int:
-    """The recording being written [bytes]."""
-    files = [path for path in stage.bench.recordings.rglob("*") if path.is_file()]
-    return max((path.stat().st_size for path in files), default=0)
-
-
 def _full(stage: Stage) -> None:
+    """The recording that is being written may grow no more, nor may what is smaller."""
     pid = stage.bench.processes["robot"].child.pid
-    limit = max(_largest(stage), 4096)
-    resource.prlimit(pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    written = [path.stat().st_size for path in stage.bench.recordings.glob(f"*{UNFINISHED}")]
+    if not written:
+        raise BenchError("expected the robot to record, found no recording under way")
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (max(written), resource.RLIM_INFINITY))
 
 
 def _room(stage: Stage) -> None:
