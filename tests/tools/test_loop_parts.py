@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from robot.camera.socket_stream import SocketStream
 from robot.errors import HardwareError, PlanError
+from robot.geometry import Pose
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.socket_bus import SocketBus
@@ -30,7 +31,7 @@ from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
-from tools.loop.missions import Driver
+from tools.loop.missions import Driver, distance_m
 from tools.loop.proxy import Proxy
 from tools.loop.pursuit import write_pursuit
 from tools.loop.shared_time import SharedTime
@@ -173,3 +174,9 @@ def test_a_start_is_put_on_the_nearest_lane_or_refused(x_m: float, y_m: float) -
     assert found is not None
     assert abs(found.distance_m) < 1e-3
     assert abs(found.angle_rad) < 0.01
+
+
+def test_the_distance_from_a_line() -> None:
+    line = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 2.0)]
+    for place, wanted_m in (((0.4, 0.3), 0.3), ((1.5, 1.0), 0.5), ((-0.3, 0.4), 0.5), ((1, 2), 0)):
+        assert distance_m(line, Pose(*place, 0.0)) == pytest.approx(wanted_m)

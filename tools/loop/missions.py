@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,7 +43,7 @@ class MissionRecord:
     reason: str = ""
     seconds: float = 0.0
     missed_m: float = math.nan  # true distance to the destination at the end
-    offsets_m: list[float] = field(default_factory=list)  # true distance from the planned path
+    offsets_m: list[float] = field(default_factory=list)  # true distance from the robot's path
     errors: list[tuple[float, float]] = field(default_factory=list)  # of the robot's pose: m, rad
     detours: int = 0  # the robot missed a turn, and planned anew
     stop: Stop | None = None
@@ -120,15 +120,11 @@ class Driver:
                 return record
         began_s = self.bench.now_s
         self.bench.until(lambda: self._look() == "driving", ANSWER_S, "the mission to begin")
-        path = plan_path(self._graph, record.start, record.destination)
         told = ""
         while self._look() == "driving" and self._in_time(began_s, record):
-            if operator.mission["reason"] != told:
-                told = operator.mission["reason"]
-                record.detours += 1
-                path = plan_path(self._graph, self.bench.town.pose, record.destination)
-            at = path.project(*self.bench.town.pose[:2])
-            record.offsets_m.append(abs(at.offset_m))
+            record.detours += operator.mission["reason"] != told
+            told = operator.mission["reason"]
+            record.offsets_m.append(distance_m(operator.robot["path"], self.bench.town.pose))
             self._judge(record)
         record.phase = operator.mission.get("phase", "lost")
         record.reason = "" if record.phase == "arrived" else operator.reason
@@ -197,3 +193,13 @@ class Driver:
         turn = share * float(wrap_angle(later.heading_rad - earlier.heading_rad))
         heading = float(wrap_angle(pose[2] - earlier.heading_rad - turn))
         record.errors.append((math.dist((x_m, y_m), pose[:2]), heading))
+
+
+def distance_m(line_m: Sequence[tuple[float, float]], pose: Pose) -> float:
+    """From the robot to a line through points x, y [m]."""
+    points = np.asarray(line_m, dtype=float)
+    place, ways = np.array(pose[:2]), np.diff(points, axis=0)
+    squares = np.maximum((ways**2).sum(axis=1), 1e-12)
+    shares = np.clip(((place - points[:-1]) * ways).sum(axis=1) / squares, 0.0, 1.0)
+    nearest = points[:-1] + shares[:, None] * ways
+    return float(np.hypot(*(nearest - place).T).min())
