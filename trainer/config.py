@@ -264,7 +264,7 @@ def _track(run: RunConfig) -> RunConfig:
     """Pictures reach up to the horizon, where a fast car looks; a reward is worth what it is."""
     learn = run.learn
     if isinstance(learn, A3cConfig):
-        learn = replace(learn, robots=4)
+        learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=16)
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=10_000)  # 46 kB a stack of pictures, kept twice: 0.9 GB
     if not isinstance(learn, DaggerConfig):
