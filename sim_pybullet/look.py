@@ -13,7 +13,8 @@ from pathlib import Path
 from robot.contract import FRAME_WIDTH_PX
 from robot.errors import ConfigError, nearest
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
-from robot.typed_config import from_plain, load_yaml
+from robot.typed_config import from_plain, read_yaml
+from sim_pybullet.look_limits import refuse_impossible
 
 Rgb = tuple[float, float, float]
 
@@ -213,9 +214,15 @@ def load_look(path: str | Path) -> Look:
     Raises:
         ConfigError: the file does not fit.
     """
-    return load_yaml(Look, path)
+    return look_from_plain(read_yaml(path), str(path))
 
 
-def look_from_plain(data: object) -> Look:
-    """A Look from plain nested data, as YAML gives it."""
-    return from_plain(Look, data, where="look")
+def look_from_plain(data: object, where: str = "look") -> Look:
+    """A Look from plain nested data, as YAML gives it.
+
+    Raises:
+        ConfigError: it does not fit, or cannot be (`sim_pybullet.look_limits`).
+    """
+    look = from_plain(Look, data, where=where)
+    refuse_impossible(look)
+    return look

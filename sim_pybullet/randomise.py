@@ -142,7 +142,7 @@ def _draw(node: Any, rng: np.random.Generator, where: str) -> Any:
         if name in _DRAWS:
             try:
                 return _DRAWS[name](rng, arguments)
-            except (TypeError, ValueError) as error:
+            except (TypeError, ValueError, IndexError, KeyError) as error:
                 raise ConfigError(f"{where}: cannot draw {name}: {arguments!r}: {error}") from error
     return {key: _draw(value, rng, f"{where}.{key}") for key, value in node.items()}
 

@@ -26,6 +26,13 @@ from trainer.sweep import SweepOptions, run_sweep
 from trainer.translation.cli import collect_command, traits_command, translate_app
 
 EXPORT_ROBOTS = 32
+WRONG_PATH = (
+    FileNotFoundError,
+    FileExistsError,
+    NotADirectoryError,
+    IsADirectoryError,
+    PermissionError,
+)
 _TRAIN = TrainOptions()
 _EVALUATE = EvaluateOptions()
 _SWEEP = SweepOptions()
@@ -204,5 +211,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return int(app.cli(args=arguments, prog="python -m trainer") or 0)
     except DuckpilotError as error:
-        Console(stderr=True, soft_wrap=True).print(f"trainer: {error}", markup=False)
-        return 2
+        told, status = str(error), 2
+    except OSError as error:  # a path that cannot be written is wrong input, a full disk is not
+        told = f"{error.filename}: {error.strerror}"
+        status = 2 if isinstance(error, WRONG_PATH) else 1
+    Console(stderr=True, soft_wrap=True).print(f"trainer: {told}", markup=False)
+    return status

@@ -195,8 +195,9 @@ class RunConfig:
                 f"look: expected one to train in, got {self.look!r}: those in reality/ are kept "
                 "for judging policies; evaluate in it, or train in randomised"
             )
-        if self.steps < 1 or (self.seconds is not None and self.seconds <= 0):
-            raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {self}")
+        if self.steps < 1 or not (self.seconds is None or self.seconds > 0):
+            got = f"steps {self.steps}, seconds {self.seconds}"
+            raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {got}")
         if not 0.0 <= self.rate_left <= 1.0:
             raise ConfigError(f"rate_left: expected a share from 0 to 1, got {self.rate_left}")
 

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look, load_look, look_from_plain
+from sim_pybullet.look_limits import _LIMITS
 from sim_pybullet.randomise import (
     is_reality,
     load_look_sampler,
+    look_fields,
     look_sampler,
     shipped_looks,
 )
@@ -58,6 +60,12 @@ def test_a_look_survives_yaml(tmp_path: Path) -> None:
         ({"groud": {}}, "did you mean 'ground'"),
         ({"ground": {"brigthness": {"uniform": [0, 1]}}}, "did you mean 'brightness'"),
         ({"ground": {"wear": {"uniform": [1, 0]}}}, r"ground\.wear: cannot draw uniform"),
+        ({"ground": {"wear": {"uniform": [3]}}}, r"ground\.wear: cannot draw uniform"),
+        ({"ground": {"wear": float("nan")}}, r"ground\.wear: expected 0 to 1, got nan"),
+        ({"camera": {"height_m": -0.1}}, r"camera\.height_m: expected 0\.01 to 2, got -0\.1"),
+        ({"sensor": {"white_balance": [1, 1, -1]}}, r"sensor\.white_balance: expected 0 to 20"),
+        ({"sky": {"zenith_rgb": [0, 0, 256]}}, r"sky\.zenith_rgb: expected 0 to 255, got 256"),
+        ({"drive": {"delay_s": float("inf")}}, r"drive\.delay_s: expected 0 to 10, got inf"),
         ({"ground": {"wear": {"normal": [1]}}}, r"ground\.wear: cannot draw normal"),
         ({"ground": {"wear": {"unifrom": [0, 1]}}}, r"wear: expected float"),
         ({"ground": {"wear": "new"}}, r"wear: expected float, got 'new'"),
@@ -127,3 +135,7 @@ def test_reality_is_painted_by_nobody_who_paints_for_training() -> None:
         sample = load_look_sampler(path)
         painters = {sample(np.random.default_rng(seed)).ground.painter for seed in range(5)}
         assert painters == ({"strips"} if is_reality(name) else {"tiles"})
+
+
+def test_limits_name_numbers_of_a_look() -> None:
+    assert set(_LIMITS) <= set(look_fields())

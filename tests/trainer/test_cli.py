@@ -23,6 +23,15 @@ def test_report_of_no_run_is_status_2(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "expected the folder of a run" in capsys.readouterr().err
 
 
+def test_an_output_that_cannot_be_is_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    out = str(tmp_path / "file" / "run")
+    assert main(["train", "--preset", "debug", "--out", out]) == 2
+    assert "Not a directory" in capsys.readouterr().err
+
+
 def test_summary_names_every_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["summary", "--preset", "debug"]) == 0
     out = capsys.readouterr().out
