@@ -22,6 +22,8 @@ STABLE = [
     (trainer.cli.main, "report", "--out"),
     (trainer.cli.main, "export", ""),
     (trainer.cli.main, "experiment six-models", "--out --seeds --ray"),
+    (trainer.cli.main, "experiment paper-b-transfer", "--out --seeds --ray"),
+    (trainer.cli.main, "experiment paper-b-accuracy", "--out --seeds --data"),
     (robot, "infer", "--model --images --json"),
     *[
         (robot, name, "")

@@ -22,17 +22,23 @@ PERIOD_S = 0.5  # between looks at how the jobs are doing
 
 
 @dataclass(frozen=True)
-class SweepOptions:
+class WorkerOptions:
+    """Who does many jobs."""
+
+    workers: int | None = None
+    """Processes at once; else one for each core."""
+    ray: str | None = None
+    """On a Ray cluster: its address, or auto. All its nodes must share this folder."""
+
+
+@dataclass(frozen=True)
+class SweepOptions(WorkerOptions):
     """Several runs in the place of one."""
 
     seeds: int | None = None
     """So many, with the seeds from --seed on; those that are finished are skipped."""
     matrix: Path | None = None
     """A YAML file of options, each with a list of values: all combinations."""
-    workers: int | None = None
-    """Processes at once; else one for each core."""
-    ray: str | None = None
-    """On a Ray cluster: its address, or auto. All its nodes must share this folder."""
 
     @property
     def wanted(self) -> bool:
@@ -63,7 +69,7 @@ def combinations(options: T, many: SweepOptions, seed_step: int = 1) -> list[tup
     return list(found.items())
 
 
-def run_sweep(jobs: Sequence[Job], many: SweepOptions, console: Console) -> int:
+def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int:
     """Do all jobs that are not finished; 0, or 1 when any failed.
 
     Raises:
@@ -153,7 +159,7 @@ def _work(waiting: list[Job], workers: Workers, board: Board) -> list[Outcome]:
     return outcomes
 
 
-def _workers(many: SweepOptions) -> Workers:
+def _workers(many: WorkerOptions) -> Workers:
     if many.ray is not None:
         return RayWorkers(many.ray)
     count = len(os.sched_getaffinity(0)) if many.workers is None else many.workers

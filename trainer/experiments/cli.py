@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 from robot.contract import ImageSpec
 from trainer.experiments.figure5 import Figure5Options
 from trainer.experiments.six_models import SixModelsOptions
-from trainer.sweep import SweepOptions, run_sweep
+from trainer.sweep import WorkerOptions, run_sweep
 
 if TYPE_CHECKING:
     from trainer.experiments.table1 import Table
@@ -22,10 +22,10 @@ experiment_app = tyro.extras.SubcommandApp()
 IMAGE = ImageSpec(80, 60, 20)  # preset fast
 _SIX = SixModelsOptions()
 _FIGURE5 = Figure5Options()
-_SWEEP = SweepOptions()
+_WORKERS = WorkerOptions()
 
 
-@experiment_app.command(name="table1")
+@experiment_app.command(name="paper-b-accuracy")
 def table1_command(
     data: Path,
     out: Path,
@@ -83,7 +83,7 @@ def table1_command(
 def six_models_command(
     out: Path,
     options: Annotated[SixModelsOptions, tyro.conf.arg(name="")] = _SIX,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
+    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")] = _WORKERS,
 ) -> int:
     """Compare Dueling DQN and PPO with nothing, randomisation, CycleGAN and both: paper A, 4.4.
 
@@ -92,7 +92,7 @@ def six_models_command(
     Args:
         out: folder for the runs, six_models.json and six_models.png.
         options: what is trained, and where it is judged.
-        many: processes at once, or a Ray cluster.
+        workers: processes at once, or a Ray cluster.
     """
     from trainer.experiments.six_models import drives, trainings
     from trainer.experiments.transfer_tables import as_table, draw_transfer_curves, gather
@@ -100,7 +100,7 @@ def six_models_command(
 
     console = Console(soft_wrap=True)
     for jobs in (trainings, drives):
-        status = run_sweep(jobs(out, options), many, console)
+        status = run_sweep(jobs(out, options), workers, console)
         if status != 0:
             return status
     transfer = gather(out, options)
@@ -110,21 +110,21 @@ def six_models_command(
     return 0
 
 
-@experiment_app.command(name="figure5")
+@experiment_app.command(name="paper-b-transfer")
 def figure5_command(
     out: Path,
     options: Annotated[Figure5Options, tyro.conf.arg(name="")] = _FIGURE5,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
+    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")] = _WORKERS,
 ) -> int:
     """Compare an Oracle, translation through parsing, randomisation and neither: paper B, 3.2.
 
-    Called again, it goes on where it was cut off; with more --steps or --repeats it adds to what
+    Called again, it goes on where it was cut off; with more --steps or --seeds it adds to what
     is there. A3C uses all cores: ask for --workers 1.
 
     Args:
         out: folder for frames, translator, runs, figure5.json and figure5.png.
         options: what is trained, and where it is judged.
-        many: processes at once, or a Ray cluster.
+        workers: processes at once, or a Ray cluster.
     """
     import torch
 
@@ -135,7 +135,7 @@ def figure5_command(
     torch.set_num_threads(1)
     console = Console(soft_wrap=True)
     jobs = trainings(out, options, translator(out, options, console))
-    status = run_sweep(jobs, many, console)
+    status = run_sweep(jobs, workers, console)
     if status != 0:
         return status
     found = gather(out, options)

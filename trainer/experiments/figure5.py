@@ -38,7 +38,7 @@ class Figure5Options:
     """The look in which all are judged; not one of those of domain randomisation."""
     steps: int = 600_000
     """Decisions of each training."""
-    repeats: int = 3
+    seeds: int = 3
     """Trainings of each kind, with seeds 0, 1, 2 …"""
     frames: int = 2000
     """From which each half of the translator learns; the paper has 15,000."""
@@ -115,7 +115,7 @@ def trainings(out: Path, options: Figure5Options, translator: Path) -> list[Trai
             _training(options, variant, seed, translator),
             resume=True,
         )
-        for seed in range(options.repeats)
+        for seed in range(options.seeds)
         for name, variant in VARIANTS.items()
     ]
 

@@ -69,7 +69,7 @@ def gather(out: Path, options: Figure5Options) -> Figure5:
     """What all trainings have recorded."""
     curves = []
     for name in VARIANTS:
-        seeds = range(options.repeats)
+        seeds = range(options.seeds)
         runs = [read_state(run_folder(out, name, s).checkpoint).evaluations for s in seeds]
         last = [_last(run) for run in runs]
         curves.append(

@@ -58,7 +58,7 @@ class SixModelsOptions:
     """Of each navigation training."""
     lane_steps: int = 60_000
     """Of each lane training."""
-    repeats: int = 3
+    seeds: int = 3
     """Models of each kind, with seeds 0, 1, 2 …"""
 
 
@@ -85,7 +85,7 @@ def models(options: SixModelsOptions) -> list[Model]:
         for name, variant in VARIANTS.items()
         if options.translator is not None or not variant.translated
         for algorithm in ALGORITHMS
-        for seed in range(options.repeats)
+        for seed in range(options.seeds)
     ]
 
 

@@ -19,7 +19,7 @@ from trainer.experiments.figure5_chart import (
     on_common_steps,
 )
 
-OPTIONS = Figure5Options(repeats=2)
+OPTIONS = Figure5Options(seeds=2)
 TRANSLATOR = Path("translator.onnx")
 
 
@@ -86,9 +86,18 @@ def test_seeds_are_compared_at_steps_that_all_have_reached() -> None:
 @pytest.mark.slow
 def test_the_command_compares_and_does_nothing_twice(tmp_path: Path) -> None:
     out = tmp_path / "f"
-    command = ["experiment", "figure5", "--out", str(out), "--algo", "ppo", "--preset", "debug"]
+    command = [
+        "experiment",
+        "paper-b-transfer",
+        "--out",
+        str(out),
+        "--algo",
+        "ppo",
+        "--preset",
+        "debug",
+    ]
     command += ["--map", "karting", "--test-map", "karting", "--frames", "8", "--workers", "1"]
-    command += ["--translator-steps", "2", "--repeats", "1", "--steps", "256"]
+    command += ["--translator-steps", "2", "--seeds", "1", "--steps", "256"]
     assert main(command) == 0
     found = json.loads((out / "figure5.json").read_text())
     assert [c["variant"] for c in found["curves"]] == list(VARIANTS)

@@ -77,6 +77,13 @@ def test_a_policy_of_another_task_is_refused(tmp_path: Path) -> None:
 def test_a_policy_needs_a_name_of_the_table(
     policy_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["experiment", "table1", "--data", str(tmp_path), "--out", str(tmp_path / "out")]
+    command = [
+        "experiment",
+        "paper-b-accuracy",
+        "--data",
+        str(tmp_path),
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main([*command, "--policy", f"our={policy_file}"]) == 2
     assert "did you mean 'ours'" in capsys.readouterr().err

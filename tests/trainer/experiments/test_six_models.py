@@ -14,7 +14,7 @@ from trainer.experiments.six_models import (
 )
 from trainer.experiments.transfer_tables import TransferRow, as_table, gather
 
-OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", repeats=2)
+OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
 
 
 def test_six_models_without_a_translator_are_four():

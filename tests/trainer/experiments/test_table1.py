@@ -24,7 +24,7 @@ def write_drive(folder: Path, count: int) -> None:
 def test_a_plain_rule_is_learned_and_a_second_call_learns_no_more(tmp_path: Path) -> None:
     write_drive(tmp_path, 150)
     out = tmp_path / "out"
-    command = ["experiment", "table1", "--data", str(tmp_path), "--out", str(out)]
+    command = ["experiment", "paper-b-accuracy", "--data", str(tmp_path), "--out", str(out)]
     options = ["--seeds", "1", "--steps", "36"]
     assert main([*command, *options]) == 0
     first = json.loads((out / "table1.json").read_text())
