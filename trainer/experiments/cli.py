@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -87,26 +88,30 @@ def six_models_command(
 ) -> int:
     """Compare Dueling DQN and PPO with nothing, randomisation, CycleGAN and both: paper A, 4.4.
 
-    Called again, it goes on where it was cut off; what is finished is not done again.
+    Seed by seed, with the tables after each. Called again, it goes on where it was cut off; what is
+    finished is not done again.
 
     Args:
         out: folder for the runs, six_models.json and six_models.png.
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
-    from trainer.experiments.six_models import drives, trainings
+    from trainer.experiments.six_models import drives, models, trainings
     from trainer.experiments.transfer_tables import as_table, draw_transfer_curves, gather
     from trainer.run import write_json
 
     console = Console(soft_wrap=True)
-    for jobs in (trainings, drives):
-        status = run_sweep(jobs(out, options), workers, console)
-        if status != 0:
-            return status
-    transfer = gather(out, options)
-    write_json(out / "six_models.json", transfer)
-    draw_transfer_curves(out, options, out / "six_models.png")
-    console.print(as_table(transfer))
+    for seed in range(options.seeds):
+        among = [model for model in models(options) if model.seed == seed]
+        for jobs in (trainings(out, options, among), drives(out, options, among)):
+            status = run_sweep(jobs, workers, console)
+            if status != 0:
+                return status
+        done = replace(options, seeds=seed + 1)
+        transfer = gather(out, done)
+        write_json(out / "six_models.json", transfer)
+        draw_transfer_curves(out, done, out / "six_models.png")
+        console.print(as_table(transfer))
     return 0
 
 

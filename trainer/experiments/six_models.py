@@ -79,20 +79,20 @@ class Model(NamedTuple):
 
 
 def models(options: SixModelsOptions) -> list[Model]:
-    """All that can be trained, in the order of the paper's tables."""
+    """All that can be trained: seed by seed, each in the order of the paper's tables."""
     return [
         Model(algorithm, name, seed)
+        for seed in range(options.seeds)
         for name, variant in VARIANTS.items()
         if options.translator is not None or not variant.translated
         for algorithm in ALGORITHMS
-        for seed in range(options.seeds)
     ]
 
 
-def trainings(out: Path, options: SixModelsOptions) -> list[TrainJob]:
-    """Two for each model."""
+def trainings(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list[TrainJob]:
+    """Two for each of these models."""
     jobs = []
-    for model in models(options):
+    for model in among:
         variant = VARIANTS[model.variant]
         for task in ("navigation", "lane"):
             guided = task == "navigation"
@@ -112,15 +112,15 @@ def trainings(out: Path, options: SixModelsOptions) -> list[TrainJob]:
     return jobs
 
 
-def drives(out: Path, options: SixModelsOptions) -> list[EvaluateJob]:
-    """The three tests of each model. The policy sees what is there: nothing is translated."""
+def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list[EvaluateJob]:
+    """The three tests of each of these models. The policy sees what is there, untranslated."""
     places: dict[str, tuple[str, tuple[str, ...], str | None]] = {
         "laps": ("four_laps", (), None),
         "paths": ("manoeuvres", (options.test_map,), options.pose_error),
         "tasks": ("navigation", (options.test_map,), options.pose_error),
     }
     jobs = []
-    for model in models(options):
+    for model in among:
         for test, (task, maps, pose_error) in places.items():
             file = model.judged(out, test)
             job = EvaluateOptions(
