@@ -114,7 +114,8 @@ def test_every_kind_of_object_stands_on_the_floor_and_is_as_high_as_asked(kind: 
         return
     assert min(solid.base_m for solid in solids) == 0.0
     assert max(solid.base_m + solid.size_m[2] for solid in solids) == pytest.approx(0.2, abs=0.011)
-    assert any(solid.collides for solid in solids)
+    # nobody collides with a traffic light: maps put them into the way, as if they hung there
+    assert any(solid.collides for solid in solids) == (kind != "trafficlight")
     assert all(min(solid.size_m) > 0.0 for solid in solids)
 
 
