@@ -22,7 +22,7 @@ class TranslationConfig:
     real: tuple[str, ...]  # folders of photographs
     image: ImageSpec
     generator: str = "unet"
-    width: int = 16  # channels of the first layer
+    width: int = 12  # channels of the first layer
     blocks: int = 1  # residual blocks at the narrowest place
     critic_width: int = 16
     critic_layers: int = 2  # that halve; with 2 a patch is 22 px wide, with 3 it is 46

@@ -32,11 +32,7 @@ class UNet(nn.Module):
         self.up3 = _same(4 * w, 2 * w)
         self.up2 = _same(4 * w, w)
         self.up1 = nn.Sequential(nn.ReLU(), nn.Conv2d(2 * w, w // 2, 3, 1, 1))
-        self.last = nn.Sequential(
-            nn.Conv2d(w // 2 + 3, w // 2, 3, 1, 1),
-            nn.ReLU(),
-            _zero(nn.Conv2d(w // 2, 3, 3, 1, 1)),
-        )
+        self.last = _zero(nn.Conv2d(w // 2 + 3, 3, 3, 1, 1))
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         """The translation."""
