@@ -6,6 +6,7 @@ import threading
 from types import TracebackType
 from typing import Optional, Type
 
+from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.bus import I2cBus, SmbusBus
 from robot.hat.clock import Clock, MonotonicClock
@@ -60,21 +61,21 @@ class MotorThread(Worker):
     def set_wheels(self, wheels: WheelSpeeds) -> None:
         """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""
         with self._changed:
-            self.check()
+            self._expect_running()
             self._driver.set_wheels(wheels)
             self._changed.notify()
 
     def stop(self) -> None:
         """No further step, without a ramp; the coils hold."""
         with self._changed:
-            self.check()
+            self._expect_running()
             self._driver.stop()
             self._changed.notify()
 
     def release(self) -> None:
         """Stop and switch every output off."""
         with self._changed:
-            self.check()
+            self._expect_running()
             self._driver.release()
             self._changed.notify()
 
@@ -99,6 +100,11 @@ class MotorThread(Worker):
     def healthy(self) -> bool:
         """Whether the thread runs and no fault came up."""
         return self.alive and not self._driver.failed
+
+    def _expect_running(self) -> None:
+        self.check()
+        if not self.alive:
+            raise HardwareError("motor thread: expected it to run, it has ended")
 
     def _wake(self) -> None:
         with self._changed:

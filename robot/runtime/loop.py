@@ -85,12 +85,12 @@ class Runtime:
 
         A fault is cleared only when the motors work again.
         """
+        if command is Command.CLEAR and self.safety.verdict.state is State.FAULT:
+            try:
+                self._motors.mend()
+            except HardwareError as error:
+                return Answer(False, f"clear is refused: {error}")
         with self._guard_motion:
-            if command is Command.CLEAR and self.safety.verdict.state is State.FAULT:
-                try:
-                    self._motors.mend()
-                except HardwareError as error:
-                    return Answer(False, f"clear is refused: {error}")
             answer = self.safety.command(command)
             if answer.accepted and command is Command.MANUAL:
                 self._manual = (wheels or STILL, self._clock.now())

@@ -7,6 +7,7 @@ lets the process go on, the thread that is due first is woken, and then the next
 from __future__ import annotations
 
 import _thread
+import contextlib
 import math
 import os
 import socket
@@ -158,7 +159,8 @@ class Stepper:
         waiter.open()
 
     def _listen(self) -> None:
-        while self._connection.recv(1) == GO:
-            with self._lock:
-                self._look()
+        with contextlib.suppress(OSError):
+            while self._connection.recv(1) == GO:
+                with self._lock:
+                    self._look()
         os._exit(3)  # the bench is gone: nobody would give this process time any more
