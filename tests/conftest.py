@@ -16,6 +16,11 @@ settings.register_profile("quick", derandomize=True, max_examples=10, deadline=N
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--robot robot.yaml``: tests/robot/hardware drives this robot instead of a virtual one."""
+    parser.addoption("--robot", type=Path, help="YAML file of a real robot")
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The reference data (real photographs, map files, oracle figures); skips where absent."""

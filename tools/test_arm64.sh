@@ -42,7 +42,7 @@ fi
 
 rm -rf "$ROOT/work"
 mkdir -p "$ROOT"/{work,proc,dev,tmp}
-git ls-files -z robot localizer_node sim_pybullet tests docs pyproject.toml | tar -c --null -T - | tar -x -C "$ROOT/work"
+git ls-files -z robot localizer_node sim_pybullet tools tests docs pyproject.toml | tar -c --null -T - | tar -x -C "$ROOT/work"
 export ROOT QEMU_CPU=${QEMU_CPU:-cortex-a57}
 # In a mount table of its own, so that nothing is left mounted, however this ends.
 exec unshare --mount --propagation private bash -c '

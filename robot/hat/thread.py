@@ -130,6 +130,14 @@ def real_motors(config: HatConfig) -> MotorThread:
         HardwareError: there is no such bus, or this user may not use it.
     """
     clock = MonotonicClock()
-    bus: I2cBus = SocketBus(config.socket) if config.socket else SmbusBus(config.bus)
-    hat = StepperHat(bus, config, clock)
+    hat = StepperHat(open_bus(config), config, clock)
     return MotorThread(MotorDriver(hat, config, clock), clock)
+
+
+def open_bus(config: HatConfig) -> I2cBus:
+    """The configured I2C bus.
+
+    Raises:
+        HardwareError: there is no such bus, or this user may not use it.
+    """
+    return SocketBus(config.socket) if config.socket else SmbusBus(config.bus)

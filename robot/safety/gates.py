@@ -7,7 +7,7 @@ that jumped) counts as too old.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Iterator, NamedTuple, Optional
 
@@ -90,6 +90,15 @@ class Inputs:
     off_map: bool = False
     pose_jump: bool = False
     duplicate_publisher: bool = False
+
+    def aged(self, by_s: float) -> Inputs:
+        """The same, with pose and operator so much older [s]."""
+        pose_s, link_s = self.pose_age_s, self.link_age_s
+        return replace(
+            self,
+            pose_age_s=None if pose_s is None else pose_s + by_s,
+            link_age_s=None if link_s is None else link_s + by_s,
+        )
 
 
 class Trip(NamedTuple):

@@ -76,6 +76,9 @@ WATCHED: Dict[State, FrozenSet[Reason]] = {
     State.AUTO: _ROBOT | _ROUTE | {Reason.NON_FINITE},
     State.MANUAL: _ROBOT | {Reason.MANUAL_STALE},
 }
+# What grows old between two turns of the loop, too. Frames do not wait here: the next one may have
+# come already, and lies unseen until the next turn; a second of poses does not.
+GROWS_OLD: FrozenSet[Reason] = frozenset((Reason.LOOP_LATE, Reason.POSE_STALE, Reason.LINK_LOST))
 # What comes in the same turn as the wish to drive; the gates look at it before the wheels turn.
 COMES_WITH_THE_WISH: FrozenSet[Reason] = frozenset((Reason.MANUAL_STALE, Reason.NO_MISSION))
 HOLDS: FrozenSet[Reason] = frozenset(
@@ -136,12 +139,17 @@ class Safety:
         now_s = self._clock()
         loop_age_s = now_s - self._looked_s
         self._inputs, self._looked_s = inputs, now_s
-        self._act_on(loop_age_s)
+        self._act_on(inputs, loop_age_s, frozenset(Reason))
         return self.verdict
 
     def watch(self) -> Verdict:
-        """Look whether ``check`` is overdue; for a second thread, in case the first one hangs."""
-        self._act_on(self._clock() - self._looked_s, alone=Reason.LOOP_LATE)
+        """Look whether ``check`` is overdue, or a pose or the operator have grown too old since.
+
+        For a second thread, which looks more often, and also when the first one hangs.
+        """
+        if self._inputs is not None:
+            since_s = self._clock() - self._looked_s
+            self._act_on(self._inputs.aged(max(since_s, 0.0)), since_s, GROWS_OLD)
         return self.verdict
 
     def fault(self, reason: Reason, sentence: str) -> Verdict:
@@ -175,20 +183,20 @@ class Safety:
         if self._inputs is None:
             return "the control loop has not run yet"
         loop_age_s = self._clock() - self._looked_s
-        trip = self._trip(WATCHED[target] - COMES_WITH_THE_WISH, loop_age_s)
+        trip = self._trip(self._inputs, loop_age_s, WATCHED[target] - COMES_WITH_THE_WISH)
         return trip.sentence if trip else ""
 
-    def _trip(self, watched: FrozenSet[Reason], loop_age_s: float) -> Optional[Trip]:
-        """The gravest trip among these gates; none before the first look."""
-        if self._inputs is None:
-            return None
-        every = trips(self._inputs, loop_age_s, self.limits)
+    def _trip(
+        self, inputs: Inputs, loop_age_s: float, watched: FrozenSet[Reason]
+    ) -> Optional[Trip]:
+        """The gravest trip among these gates."""
+        every = trips(inputs, loop_age_s, self.limits)
         tripped = [trip for trip in every if trip.reason in watched]
         return min(tripped, key=lambda trip: trip.reason in HOLDS, default=None)
 
-    def _act_on(self, loop_age_s: float, alone: Optional[Reason] = None) -> None:
+    def _act_on(self, inputs: Inputs, loop_age_s: float, among: FrozenSet[Reason]) -> None:
         watched = WATCHED.get(self.verdict.state, frozenset())
-        trip = self._trip(watched if alone is None else watched & {alone}, loop_age_s)
+        trip = self._trip(inputs, loop_age_s, watched & among)
         if trip is not None:
             state = State.HOLD if trip.reason in HOLDS else State.FAULT
             self._enter(state, trip.reason, trip.sentence)

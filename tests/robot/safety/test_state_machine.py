@@ -152,12 +152,23 @@ def test_a_late_loop_or_a_jumping_clock_is_a_fault(state: State, gap_s: float) -
     assert other.watch().state is State.FAULT
 
 
-def test_the_watch_looks_at_nothing_but_the_loop() -> None:
+def test_the_watch_looks_at_the_loop_and_at_what_grows_old_meanwhile() -> None:
     safety, clock = reached(State.AUTO)
     clock.now_s += 0.15
     assert safety.watch().state is State.AUTO
     clock.now_s += 0.15
     assert safety.watch().reason is Reason.LOOP_LATE
+    for reason, field in ((Reason.POSE_STALE, "pose_age_s"), (Reason.LINK_LOST, "link_age_s")):
+        safety, clock = reached(State.AUTO)
+        safety.check(replace(GOOD, **{field: 0.97}))
+        assert safety.watch().state is State.AUTO
+        clock.now_s += 0.05
+        assert safety.watch().reason is reason
+        assert safety.verdict.state is State.HOLD
+    safety, clock = reached(State.AUTO)
+    safety.check(replace(GOOD, frame_age_s=0.17))
+    clock.now_s += 0.05
+    assert safety.watch().state is State.AUTO, "a newer frame may have come"
 
 
 def test_arming_is_refused_when_the_loop_hangs() -> None:
