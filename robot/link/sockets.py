@@ -60,6 +60,11 @@ class Link:
     def bind(self, kind: int, endpoint: str, limit_bytes: int) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that waits for peers of the allow-list."""
         socket = self._socket(kind, endpoint, limit_bytes)
+        # Who connects asks for signs of life, and tells with them how long to wait for the next.
+        # Who binds must not ask: libzmq 4.3.5 aborts when it wants to ask somebody who filled the
+        # queue and hung up (libzmq #4841).
+        socket.heartbeat_ivl = 0
+        socket.rcvhwm = RECEIVE_QUEUE
         if self.keys is not None:
             socket.curve_server = True
             socket.zap_domain = ZAP_DOMAIN
@@ -144,7 +149,6 @@ class Link:
         socket = self._context.socket(kind)
         socket.linger = 0
         socket.sndhwm = SEND_QUEUE
-        socket.rcvhwm = RECEIVE_QUEUE
         socket.maxmsgsize = limit_bytes + ENVELOPE_BYTES
         socket.heartbeat_ivl = HEARTBEAT_MS
         socket.heartbeat_timeout = HEARTBEAT_TIMEOUT_MS

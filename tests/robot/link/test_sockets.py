@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -212,3 +214,32 @@ def test_waiting_lets_allowed_peers_in(configs: Configs, open_link: Open) -> Non
         time.sleep(0.01)
     assert link.wait(2.0)
     assert subscriber.receive() is not None
+
+
+HANGING_ROBOT = """
+import sys, time
+from robot.link.config import LinkConfig
+config = LinkConfig(plaintext=True, base_port=int(sys.argv[1]))
+with config.open() as link:
+    server = config.command_server(link)
+    print("open", flush=True)
+    time.sleep(2.0)
+"""
+
+
+def test_who_floods_a_robot_that_hangs_and_hangs_up_does_not_end_it() -> None:
+    port = free_base_port()
+    endpoint = LinkConfig(plaintext=True, base_port=port).connect_endpoint("command")
+    command = [sys.executable, "-c", HANGING_ROBOT, str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as robot:
+        assert robot.stdout is not None
+        robot.stdout.readline()
+        with zmq.Context() as context:
+            for _ in range(4):
+                with context.socket(zmq.DEALER) as flood:
+                    flood.linger = 0
+                    flood.connect(endpoint)
+                    for _ in range(500):
+                        flood.send(bytes(99))
+                    time.sleep(0.15)
+        assert robot.wait(10.0) == 0
