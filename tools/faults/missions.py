@@ -30,7 +30,7 @@ def _carry(x_m: float, y_m: float) -> Case:
 
     return Case(
         *("carried away", f"somebody puts it down at ({x_m}, {y_m})", inject),
-        threshold_s=0.9,
+        threshold_s=1.0,  # five unbelievable poses in a row, or no believable one for so long
         states=("FAULT", "HOLD"),
     )
 

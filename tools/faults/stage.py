@@ -74,7 +74,7 @@ class Stage:
         if operator.state == "FAULT":
             operator.ask("clear")
             self.run(0.3)
-        operator.ask("disarm")
+        bench.until(lambda: operator.ask("disarm")[0], SETTLE_S, "the robot to be disarmed")
         bench.town.world.place(self.start)
 
         def there() -> bool:
