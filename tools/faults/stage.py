@@ -142,15 +142,19 @@ class Stage:
 
     def _shown(self) -> tuple[str, str]:
         """State and reason on the page, or at the robot's terminal where there is no page."""
+        state, reason = self._shown_anywhere()
+        return state, reason.replace(f"{self.bench.folder}/", "")
+
+    def _shown_anywhere(self) -> tuple[str, str]:
         bench = self.bench
         if bench.page_lives and not bench.operator.snapshot.get("silent"):
             return bench.operator.state, bench.operator.reason
-        told = re.findall(r"^([A-Z]+): (.*)$", bench.processes["robot"].said(), re.MULTILINE)
-        state, reason = told[-1] if told else ("", "")
-        if not bench.page_lives:
-            return state, reason
-        silence_s = bench.operator.snapshot["silence_s"]
-        return "silent", f"silent for {silence_s:.1f} s; at the robot {state}: {reason}"
+        last = bench.processes["robot"].said().strip().rpartition("\n")[2]
+        if bench.page_lives:
+            silence_s = bench.operator.snapshot["silence_s"]
+            return "silent", f"silent for {silence_s:.1f} s; at the robot's terminal {last}"
+        told = re.match(r"([A-Z]+): (.*)", last)
+        return (told[1], told[2]) if told else ("", last)
 
     def _stop_problem(self, case: Case, stopped_s: float) -> str:
         if case.goes_on:
