@@ -11,6 +11,7 @@ import torch
 
 from robot.errors import ConfigError
 from tests.trainer.chores import Chore, ToyTraining
+from tests.trainer.toy import toy_config
 from trainer.run import RunFolder
 from trainer.workers import Outcome, RayWorkers
 
@@ -18,14 +19,14 @@ ray = pytest.importorskip("ray")
 
 
 @pytest.fixture
-def address() -> Iterator[str]:
-    if not os.access("/dev/shm", os.W_OK):
-        pytest.skip("Ray keeps its objects in /dev/shm, which cannot be written to here")
+def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # else a busy machine leaves them no time
     from ray.cluster_utils import Cluster
 
-    cluster = Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False}
-    )
+    node: dict[str, object] = {"num_cpus": 2, "include_dashboard": False}
+    if not os.access("/dev/shm", os.W_OK):  # where Ray keeps its objects
+        node["plasma_directory"] = str(tmp_path)
+    cluster = Cluster(initialize_head=True, head_node_args=node)
     yield cluster.address
     cluster.shutdown()
 
@@ -70,7 +71,8 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
     assert int((training.out / "pid").read_text()) != killed
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
-    assert len(steps) >= 12_000 // 16  # of 16 decisions at most: none of them is missing
+    cut_off = 2 * toy_config("ppo", 1).learn.robots  # by the kill, and by the end
+    assert len(steps) >= 12_000 // 16 - cut_off  # of 16 decisions at most: none is missing
     assert 0 < reached < 12_000
 
 
