@@ -1,0 +1,64 @@
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+import tyro
+
+from tools.model_card import main, train_command
+from trainer.config import preset
+from trainer.options import TrainOptions
+from trainer.run import RunFolder
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    folder = RunFolder(tmp_path / "run")
+    folder.create(preset("navigation", "ppo", "fast"))
+    folder.metrics.write_text(
+        json.dumps({"train_steps": 3000, "train_seconds": 31.0, "cpu_seconds": 20.0})
+    )
+    for name in ("model.onnx", "model_int8.onnx"):
+        (folder.path / name).write_bytes(name.encode())
+    return folder.path
+
+
+def judge(run: Path, name: str, model: str, zero: str | None = None) -> None:
+    inputs = {"model": model, "maps": ["a/town.yaml", "arena"], "look": "randomised"}
+    inputs.update(pose_error="arena", zero=zero, seed=7)  # type: ignore[call-overload]
+    shares = {"episodes": 1000, "success_rate": 0.997, "success_rate_low": 0.991}
+    result = {"inputs": inputs, **shares, "survival_time_s": 9.0, "mean_path_distance_m": 0.0123}
+    (run / name).write_text(json.dumps(result))
+
+
+def test_policies_and_card_are_put_where_the_robot_finds_them(run: Path, tmp_path: Path) -> None:
+    models = tmp_path / "models"
+    models.mkdir()
+    judge(run, "a.json", "runs/x/model.onnx")
+    judge(run, "b.json", "runs/x/model_int8.onnx", "image")
+    assert main([str(run), "nav_new", "--models", str(models)]) == 0
+    assert (models / "nav_new.onnx").read_bytes() == b"model.onnx"
+    assert (models / "nav_new_int8.onnx").read_bytes() == b"model_int8.onnx"
+    text = (models / "nav_new.md").read_text(encoding="utf-8")
+    assert "| `nav_new.onnx` | town, arena | randomised, arena | 997 of 1000" in text
+    assert "| `nav_new_int8.onnx`, picture empty" in text
+    assert "3,000 steps" in text
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dueling"])
+def test_the_command_on_the_card_asks_for_the_same_run(algorithm: str) -> None:
+    asked = TrainOptions("navigation", algorithm, map=("hamlet", "yard"), steps=500, seed=3)
+    config = asked.config()
+    command = shlex.split(train_command(config, "runs/x"))
+    again = tyro.cli(TrainOptions, args=command[4 : command.index("--out")])
+    assert again.config() == config
+
+
+def test_a_run_that_is_not_done_or_not_exported_is_status_2(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run / "model_int8.onnx").unlink()
+    assert main([str(run), "nav_new", "--models", str(tmp_path)]) == 2
+    assert "trainer export" in capsys.readouterr().err
+    assert main([str(tmp_path / "none"), "nav_new", "--models", str(tmp_path)]) == 2
+    assert not (tmp_path / "nav_new.md").exists()

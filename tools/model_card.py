@@ -1,0 +1,144 @@
+"""``python -m tools.model_card RUN NAME``: ship a run's policy in ``robot/models`` with its card.
+
+Copies ``model.onnx`` and ``model_int8.onnx`` of a finished run as ``NAME.onnx`` and
+``NAME_int8.onnx`` and writes ``NAME.md``: what it was trained for, the command, and every
+evaluation that lies in the run's folder (``evaluate --json RUN/….json``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from robot.errors import ConfigError, DuckpilotError
+from robot.inference.policy_file import SHIPPED_MODELS
+from trainer.config import RunConfig
+from trainer.report.paper import NAMES
+from trainer.run import RunFolder, atomically
+
+PURPOSES: Mapping[str, str] = {
+    "lane": "Lane keeping: follows its lane by its picture alone, with no pose.",
+    "navigation": (
+        "Navigation: drives along a planned path (`path_input`), late and drifting as its pose may "
+        "be, by its picture.\nNothing tells it of other robots or of things on the road."
+    ),
+    "track": "Racing on tracks.",
+}
+_ZEROED = {None: "", "image": ", picture empty (`--zero image`)", "path": ", path empty"}
+
+
+def train_command(config: RunConfig, out: str) -> str:
+    """The command that begins this run again."""
+    options = [f"--task {config.task}", f"--algo {config.algorithm}", f"--preset {config.preset}"]
+    options += [f"--map {' '.join(_stems(config.maps))}", f"--look {config.look}"]
+    if config.without:
+        options.append(f"--without {' '.join(config.without)}")
+    for name in ("pose_error", "translate"):
+        value = getattr(config, name)
+        options += [f"--{name.replace('_', '-')} {value}"] if value else []
+    options += [f"--steps {config.steps}", f"--seed {config.seed}", f"--out {out}"]
+    return f"python -m trainer train {' '.join(options)}"
+
+
+def card(run: Path, name: str) -> str:
+    """The card, Markdown.
+
+    Raises:
+        ConfigError: the run has not ended.
+    """
+    config, metrics = RunFolder(run).load_config(), _read(run / "metrics.json")
+    judged = [_read(path) for path in sorted(run.glob("*.json")) if path.stem != "metrics"]
+    rows = [_row(result, name) for result in judged if "survival_time_s" in result]
+    seconds = f"{metrics['train_seconds']:.0f} s by the clock, {metrics['cpu_seconds']:.0f} of CPU"
+    height, width, _ = config.image.shape
+    picture = f"{width}×{height}"
+    lines = [
+        f"# {name}",
+        "",
+        PURPOSES[config.task],
+        "",
+        f"{NAMES[config.algorithm]}, preset `{config.preset}` ({picture} pictures), trained for "
+        f"{metrics['train_steps']:,} steps in {seconds}, evaluations included.",
+        f"Maps: {', '.join(f'`{stem}`' for stem in _stems(config.maps))}; look `{config.look}`; "
+        f"pose error {config.pose_error or 'of the look'}.",
+        "",
+        f"    {train_command(config, f'runs/{name}')}",
+        "",
+        "Judged by `python -m trainer evaluate`, one greedy episode for each seed:",
+        "",
+        "| file | maps | look, pose error | succeeded | from the path | first seed |",
+        "| --- | --- | --- | --- | --- | --- |",
+        *rows,
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def ship(run: Path, name: str, models: Path) -> None:
+    """Copy the policies of a run to ``models`` and write their card.
+
+    Raises:
+        ConfigError: the run has not ended or was not exported.
+    """
+    text = card(run, name)
+    for source, target in (
+        ("model.onnx", f"{name}.onnx"),
+        ("model_int8.onnx", f"{name}_int8.onnx"),
+    ):
+        if not (run / source).exists():
+            raise ConfigError(
+                f"{run}: expected {source}, found none; python -m trainer export {run} writes it"
+            )
+        with atomically(models / target) as temporary:
+            temporary.write_bytes((run / source).read_bytes())
+    with atomically(models / f"{name}.md") as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _row(result: Mapping[str, Any], name: str) -> str:
+    asked = result["inputs"]
+    file = f"{name}_int8.onnx" if Path(asked["model"]).stem.endswith("int8") else f"{name}.onnx"
+    succeeded = round(result["success_rate"] * result["episodes"])
+    cells = (
+        f"`{file}`{_ZEROED[asked['zero']]}",
+        ", ".join(_stems(asked["maps"])),
+        f"{Path(asked['look']).stem}, {asked['pose_error'] or 'of the look'}",
+        f"{succeeded} of {result['episodes']} (95 %: at least "
+        f"{100 * result['success_rate_low']:.1f} %)",
+        f"{100 * result['mean_path_distance_m']:.1f} cm",
+        str(asked["seed"]),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _stems(names: Sequence[str]) -> list[str]:
+    return [Path(name).stem for name in names]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise ConfigError(f"{path.parent}: expected the folder of a finished run, no {path.name}")
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit status 0 done, 2 wrong input."""
+    parser = argparse.ArgumentParser(prog="python -m tools.model_card", description=__doc__)
+    parser.add_argument("run", type=Path, help="the folder of a finished run")
+    parser.add_argument("name", help="of the policy, such as nav_ppo")
+    parser.add_argument("--models", type=Path, default=SHIPPED_MODELS)
+    options = parser.parse_args(arguments)
+    try:
+        ship(options.run, options.name, options.models)
+    except DuckpilotError as error:
+        sys.stderr.write(f"model_card: {error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
