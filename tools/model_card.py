@@ -68,6 +68,8 @@ def card(run: Path, name: str) -> str:
         "",
         f"    {train_command(config, f'runs/{name}')}",
         "",
+        f"`{name}_int8.onnx` is the same, its convolutions and the layer after them quantised.",
+        "",
         "Judged by `python -m trainer evaluate`, one greedy episode for each seed:",
         "",
         "| file | maps | look, pose error | succeeded | from the path | first seed |",
