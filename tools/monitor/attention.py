@@ -18,6 +18,7 @@ from robot.inference.preprocess import preprocess
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import Attention
 from robot.recording.drive_log import picture
+from robot.worker import Worker
 
 if TYPE_CHECKING:
     from trainer.explain import Explainer
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
 
 
-class AttentionThread:
+class AttentionThread(Worker):
     """Explains the newest picture, one at a time; ``close`` it.
 
     Args:
@@ -44,13 +45,17 @@ class AttentionThread:
                 "--model: expected the extra 'trainer' for the attention overlay, it is not "
                 "installed; pip install 'duckpilot[trainer]', or leave --model out"
             ) from error
-        self.newest: Attention | None = None
+        super().__init__("attention")
+        self._newest: Attention | None = None
         self._explainer = Explainer(model)
         self._changed = threading.Condition()
         self._waiting: FrameMessage | None = None
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="attention", daemon=True)
-        self._thread.start()
+        self.start()
+
+    @property
+    def newest(self) -> Attention | None:
+        """Of the newest picture; None before, for one that cannot be read, and without a thread."""
+        return self._newest if self.alive else None
 
     def offer(self, frame: FrameMessage) -> None:
         """Explain this picture next, instead of one that still waits; returns at once."""
@@ -60,22 +65,23 @@ class AttentionThread:
 
     def close(self) -> None:
         """End the thread."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify()
-        self._thread.join()
+        self.end()
 
-    def _run(self) -> None:
+    def _wake(self) -> None:
+        with self._changed:
+            self._changed.notify()
+
+    def _work(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
+                self._changed.wait_for(lambda: self._waiting is not None or self._ending.is_set())
                 frame, self._waiting = self._waiting, None
-                if self._closing or frame is None:
+                if self._ending.is_set() or frame is None:
                     return
             try:
-                self.newest = attention_of(self._explainer, fit_to_frame(picture(frame.jpeg)))
+                self._newest = attention_of(self._explainer, fit_to_frame(picture(frame.jpeg)))
             except ValueError:  # a JPEG that cannot be decoded
-                self.newest = None
+                self._newest = None
 
 
 def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:
