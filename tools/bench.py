@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from robot.errors import DuckpilotError
 from robot.geometry import bezier_points, bezier_tangents
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import RoadMap, load_map
+from robot.output import write_json
 from tools.timing import in_turn, seconds_per_call
 
 ROBOTS = 64
@@ -198,13 +198,10 @@ def main() -> int:
         if not options.model.exists():
             raise DuckpilotError(f"--model: expected an ONNX policy, no file {options.model}")
         figures = measure(options.model)
+        write_json(options.out, figures)
     except DuckpilotError as error:
         print(f"bench: {error}", file=sys.stderr)
         return 2
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    partial = options.out.with_name(f".{options.out.name}.partial")
-    partial.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    os.replace(partial, options.out)
     show(figures, Console())
     return 0
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robot.inference.policy_file import SHIPPED_MODELS
+from robot.output import write_json
 
 TRAIN_SECONDS = 75.0
 EPISODES = 20
@@ -146,9 +146,7 @@ def main() -> int:
         console.print(f"[red]demo stopped: {' '.join(error.cmd[1:])} ended with {error.returncode}")
         return 1
     metrics = summarise(out, total_s)
-    partial = out / ".metrics.json.partial"
-    partial.write_text(json.dumps(metrics, indent=2) + "\n", encoding="utf-8")
-    os.replace(partial, out / "metrics.json")
+    write_json(out / "metrics.json", metrics)
     show(metrics, out, console)
     return 0 if metrics["loop_laps"] >= LAPS else 1
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import re
 import sys
 import time
@@ -23,11 +22,12 @@ import numpy as np
 from tqdm import tqdm
 
 from robot import typed_config
-from robot.errors import ContractError
+from robot.errors import ConfigError, ContractError
 from robot.link import commands, messages, telemetry, wire
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry
+from robot.output import write_json
 
 TRACED = 1 / 32  # share of the inputs
 CORPUS = 4096
@@ -286,13 +286,13 @@ def main(arguments: list[str] | None = None) -> int:
         "seconds": found.seconds,
         "failures": found.failures[:100],
     }
-    text = json.dumps(figures, indent=1)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        partial = options.json.with_name(f".{options.json.name}.partial")
-        partial.write_text(text + "\n", encoding="utf-8")
-        os.replace(partial, options.json)
-    print(text)
+    print(json.dumps(figures, indent=1))
+    try:
+        if options.json:
+            write_json(options.json, figures)
+    except ConfigError as error:
+        print(f"fuzz: {error}", file=sys.stderr)
+        return 2
     return 1 if found.failures else 0
 
 

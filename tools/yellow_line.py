@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -27,6 +26,7 @@ from robot.errors import ConfigError, DuckpilotError
 from robot.lens import CameraRig
 from robot.navigation.path import Path as RoadPath
 from robot.navigation.road_map import load_map
+from robot.output import write_json
 from robot.vision.yellow_dashes import DEFAULT, floor_table
 from robot.vision.yellow_line import detect_yellow_line
 from sim_pybullet.classes import SemanticClass
@@ -145,17 +145,14 @@ def main(arguments: list[str] | None = None) -> int:
             raise ConfigError(f"--frames: expected 1 or more, got {options.frames}")
         look = load_look(options.look) if options.look else NOMINAL
         result = measure(options.map, look, options.frames, options.seed)
+        inputs = {key: str(value) for key, value in vars(options).items() if value is not None}
+        figures = {"schema": 1, "inputs": inputs, **asdict(result)}
+        print(json.dumps(figures, indent=2))
+        if options.json:
+            write_json(options.json, figures)
     except DuckpilotError as error:
         print(f"tools.yellow_line: {error}", file=sys.stderr)
         return 2
-    inputs = {key: str(value) for key, value in vars(options).items() if value is not None}
-    text = json.dumps({"schema": 1, "inputs": inputs, **asdict(result)}, indent=2)
-    print(text)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        temporary = options.json.with_suffix(".tmp")
-        temporary.write_text(text + "\n", encoding="utf-8")
-        os.replace(temporary, options.json)
     return 0
 
 

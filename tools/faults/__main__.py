@@ -7,8 +7,6 @@ without what a slow computer adds. ``--realtime`` measures by the wall clock.
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import sys
 import tempfile
 from dataclasses import asdict
@@ -18,6 +16,7 @@ import cv2
 from tqdm import tqdm
 
 from robot.errors import DuckpilotError, HardwareError, nearest
+from robot.output import write_json
 from tools.faults import (
     camera,
     i2c,
@@ -85,6 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
         cases = chosen(options)
         expect_navigator(options.model)
         outcomes = _done(options.json)
+        _write(options.json, outcomes)
         with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
             _play(cases, outcomes, options, Path(folder))
     except (DuckpilotError, BenchError, HardwareError) as error:
@@ -130,13 +130,8 @@ def _done(path: Path | None) -> list[Outcome]:
 
 
 def _write(path: Path | None, outcomes: list[Outcome]) -> None:
-    if path is None:
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    plain = {"schema": 1, "outcomes": [asdict(outcome) for outcome in outcomes]}
-    partial.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    if path is not None:
+        write_json(path, {"schema": 1, "outcomes": [asdict(outcome) for outcome in outcomes]})
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from robot.output import write_bytes
 from tools.faults.case import STOP_BUDGET_S, Outcome
 
 HEAD = f"""# Faults
@@ -31,9 +31,7 @@ def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ())
         lines.append("| fault | | counts after [ms] | last step [ms] | shown | |\n")
         lines.append("|---|---|---|---|---|---|\n")
         lines += [_row(outcome) for outcome in outcomes if outcome.family == family]
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text("".join(lines), encoding="utf-8")
-    os.replace(partial, path)
+    write_bytes(path, "".join(lines).encode("utf-8"))
 
 
 def _how(outcomes: list[Outcome]) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import shutil
 import sys
 import tempfile
@@ -26,6 +25,7 @@ from tqdm import tqdm
 
 from robot.errors import ConfigError, ContractError, DuckpilotError, HardwareError
 from robot.inference.policy_file import SHIPPED_MODELS, read_contract
+from robot.output import write_json
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.film import Film
@@ -95,6 +95,7 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     rows = _rows_so_far(options)
     if len(rows) == options.missions:
         return summary(rows, options)
+    _write(options.json, summary(rows, options))
     rng = np.random.default_rng((options.seed, len(rows)))
     look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
     bench_options = BenchOptions(
@@ -227,9 +228,5 @@ def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _write(path: Path | None, figures: dict[str, Any]) -> None:
-    if path is None:
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    if path is not None:
+        write_json(path, figures)

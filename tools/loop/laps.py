@@ -7,9 +7,7 @@ the robot's own code. Time is simulated, so the drive is the same on every machi
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,6 +23,7 @@ from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
+from robot.output import write_json
 from robot.parts import Tick
 from sim_pybullet.randomise import load_look_sampler
 from tools.lap_drive import LapDrive, LapRecord
@@ -139,15 +138,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     try:
         figures = drive(options)
+        if options.json:
+            write_json(options.json, figures)
     except DuckpilotError as error:
         print(f"loop: {error}", file=sys.stderr)
         return 2
-    text = json.dumps(figures, indent=2) + "\n"
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        partial = options.json.with_name(f".{options.json.name}.partial")
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, options.json)
     print(
         f"{figures['laps']:.2f} of {options.laps:g} laps in {figures['seconds']:.0f} s, "
         f"{100 * figures['mean_path_distance_m']:.1f} cm from the lane's middle on average, "
