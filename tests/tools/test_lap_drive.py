@@ -103,7 +103,7 @@ def test_a_network_that_answers_nan_stops_the_robot_and_nothing_restarts_it() ->
 
 
 def test_wrong_input_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert laps.main(["--model", str(tmp_path / "none.onnx")]) == 2
+    assert laps.main(["--laps", "1", "--model", str(tmp_path / "none.onnx")]) == 2
     assert "none.onnx" in capsys.readouterr().err
     with pytest.raises(SystemExit) as refusal:
         laps.main(["--model", "a.onnx", "--laps", "-1"])
@@ -112,7 +112,7 @@ def test_wrong_input_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_the_summary_has_the_promised_keys() -> None:
     record = LapRecord(laps=2.0, offsets_m=[0.01], odometry_errors=[(0.02, 0.01)])
-    figures = laps.summary(record, laps.parse(["--model", "a.onnx"]))
+    figures = laps.summary(record, laps.parse(["--laps", "2", "--model", "a.onnx"]))
     promised = {"schema", "inputs", "missions", "arrived", "stops", "position_rms_m"}
     assert promised | {"heading_rms_rad"} <= figures.keys()
     assert figures["arrived"] == 1

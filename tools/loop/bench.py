@@ -121,6 +121,8 @@ class Bench:
     def __enter__(self) -> Bench:
         with ExitStack() as stack:
             stack.callback(self.close)
+            if not self.options.lockstep:
+                self.town.warm_up()
             for name in ("localizer", "robot", "monitor"):
                 self.start(name)
             self.operator = self.log_in()

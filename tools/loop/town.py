@@ -88,6 +88,11 @@ class VirtualTown:
         """The overhead camera's picture (720, 1280, 3) of now."""
         return self._above.render(robot_sheets(self._marker, self.pose, self._board), self._rng)
 
+    def warm_up(self) -> None:
+        """Draw what both cameras see once: the first time takes seconds, the next ones do not."""
+        self.world.see()
+        self.see_above()
+
     def close(self) -> None:
         """Hang up, and free the physics."""
         for service in (self.bus_server, self.camera, self.overhead):
