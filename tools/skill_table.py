@@ -36,7 +36,16 @@ def skill_table(runs: Sequence[Path]) -> str:
         ConfigError: a folder without ``config.yaml`` or ``metrics.json``.
     """
     rows = [_skill_row(run) for run in runs]
-    head = "task", "algorithm", "seed", "steps to skill", "wall s", "CPU s", "paper A's steps"
+    head = (
+        "run",
+        "task",
+        "algorithm",
+        "seed",
+        "steps to skill",
+        "wall s",
+        "CPU s",
+        "paper A's steps",
+    )
     return _markdown((*head, "all steps", "wall s", "CPU s"), rows)
 
 
@@ -60,7 +69,7 @@ def _skill_row(run: Path) -> tuple[str, ...]:
     first = [_number(skilled.get(key)) for key in ("step", "seconds", "cpu_seconds")]
     whole = [_number(metrics.get(key)) for key in ("train_steps", "train_seconds", "cpu_seconds")]
     paper = PAPER_STEPS.get((config.task, config.algorithm), "-")
-    return (config.task, config.algorithm, str(config.seed), *first, paper, *whole)
+    return (run.name, config.task, config.algorithm, str(config.seed), *first, paper, *whole)
 
 
 def _driving_row(result: Mapping[str, Any]) -> tuple[str, ...]:

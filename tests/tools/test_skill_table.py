@@ -25,9 +25,9 @@ def test_the_first_good_evaluation_counts(run: Path, capsys: pytest.CaptureFixtu
     assert main([str(run)]) == 0
     row = next(line for line in capsys.readouterr().out.splitlines() if "dueling" in line)
     cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert cells[:6] == ["navigation", "dueling", "0", "2,000", "20", "10"]
-    assert cells[6].startswith("1,500,000")
-    assert cells[7:] == ["3,000", "31", "-"]
+    assert cells[:7] == ["some_run", "navigation", "dueling", "0", "2,000", "20", "10"]
+    assert cells[7].startswith("1,500,000")
+    assert cells[8:] == ["3,000", "31", "-"]
 
 
 def test_evaluations_in_the_folder_get_a_row(run: Path, tmp_path: Path) -> None:
