@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -135,16 +136,14 @@ def _detect(asked: Photographs) -> list[SiteAgreement]:
 
 def _poses(asked: Photographs) -> list[SitePose]:
     rows: list[SitePose] = []
-    samples: dict[ImageSpec, tuple[np.ndarray, np.ndarray]] = {}
+    sampled = lru_cache(_samples)  # policies of one preset see the same pictures
     for name, path in asked.policies:
         image = read_contract(path).image
         file = asked.out / f"{name}_{path.stat().st_size}_{asked.frames}_lane_pose.onnx"
         if not file.exists():
-            if image not in samples:
-                samples[image] = _samples(image, "randomised", asked.frames, 0)
-            teach_lane_pose(path, *samples[image], file)
+            teach_lane_pose(path, *sampled(image, "randomised", asked.frames, 0), file)
         head = LanePoseHead(file, image)
-        pictures, poses = _samples(image, TEST_LOOK, max(64, asked.frames // _TEST_SHARE), 1)
+        pictures, poses = sampled(image, TEST_LOOK, max(64, asked.frames // _TEST_SHARE), 1)
         rows.append(site_pose(name, f"simulated, {TEST_LOOK}", head(pictures), poses))
         found, sheet = read_photographs(name, head, image, asked.data, NOMINAL.rig())
         rows += found
