@@ -269,7 +269,7 @@ def _track(run: RunConfig) -> RunConfig:
     if isinstance(learn, (A2cConfig, A3cConfig)):
         # A reward is some 0.1. With 0.01 the brakes are given up before the car is fast enough
         # to need them, and drives end in the first long bend at full speed.
-        learn = replace(learn, entropy=0.04)
+        learn = replace(learn, entropy=0.02)
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=10_000)  # 46 kB a stack of pictures, kept twice: 0.9 GB
     if not isinstance(learn, DaggerConfig):
