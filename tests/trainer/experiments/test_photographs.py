@@ -135,9 +135,10 @@ def test_a_lane_pose_head_learns_what_its_policys_convolutions_show(tmp_path: Pa
         image[:, column : column + 8] = 220
     across = columns / width - 0.5
     poses = np.stack((0.2 * across, -across), axis=1).astype(np.float32)
-    head = teach_lane_pose(policy, images[:200], poses[:200], tmp_path / "head.onnx", 400)
-    errors = np.abs(head(images[200:]) - poses[200:]).mean(axis=0)
-    assert (errors < 0.5 * np.abs(poses - poses.mean(axis=0)).mean(axis=0)).all()
+    head = teach_lane_pose(policy, images[:200], poses[:200], tmp_path / "head.onnx")
+    read = head(images[200:])
+    for k in (0, 1):
+        assert np.corrcoef(read[:, k], poses[200:, k])[0, 1] > 0.8
     assert policy.read_bytes() == before
 
 
