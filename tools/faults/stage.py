@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import PlanError
-from robot.geometry import Pose
+from robot.geometry import Pose, wrap_angle
 from robot.navigation.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
@@ -24,6 +24,7 @@ HEALED_S = 1.2  # looked at after mending
 SETTLE_S = 20.0
 CONNECT_S = 0.05  # real time, at each turn, for a connection to come about
 TAKEOVER_S = 1.5  # until an earlier session is forgotten
+BELIEF_S = 3.0  # until a robot that was carried, just started, takes that for no error of the poses
 MOVING = ("READY", "AUTO", "MANUAL")
 
 
@@ -80,10 +81,13 @@ class Stage:
         def there() -> bool:
             operator.look()
             pose = operator.robot.get("pose")
-            near = pose is not None and math.dist(pose[:2], self.start[:2]) < 0.05
-            return near and operator.state == "DISARMED"
+            if pose is None or operator.state != "DISARMED":
+                return False
+            turned_rad = abs(float(wrap_angle(pose[2] - self.start.heading_rad)))
+            return math.dist(pose[:2], self.start[:2]) < 0.05 and turned_rad < 0.1
 
         bench.until(there, SETTLE_S, "the robot to be ready at the start")
+        self.run(BELIEF_S)
         bench.meet()
 
     def drive_off(self) -> None:
