@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -122,6 +123,7 @@ def test_figures_of_poses_that_agree_and_of_poses_that_are_mirrored() -> None:
 
 
 def test_a_lane_pose_head_learns_what_its_policys_convolutions_show(tmp_path: Path) -> None:
+    torch.manual_seed(1)  # four random filters show the column more or less: 0.76 to 0.93
     config = preset("navigation", "ddqn", "debug")
     policy = tmp_path / "policy.onnx"
     contract = PolicyContract("navigation", "ddqn", config.image, path_points=10)
