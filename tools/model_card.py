@@ -16,7 +16,7 @@ from typing import Any
 
 from robot.errors import ConfigError, DuckpilotError
 from robot.inference.policy_file import SHIPPED_MODELS
-from trainer.config import RunConfig
+from trainer.config import RunConfig, preset
 from trainer.report.paper import NAMES
 from trainer.run import RunFolder, atomically
 
@@ -40,7 +40,10 @@ def train_command(config: RunConfig, out: str) -> str:
     for name in ("pose_error", "translate"):
         value = getattr(config, name)
         options += [f"--{name.replace('_', '-')} {value}"] if value else []
-    options += [f"--steps {config.steps}", f"--seed {config.seed}", f"--out {out}"]
+    stops = preset(config.task, config.algorithm, config.preset).evaluation.stop_after_perfect
+    full = bool(stops) and not config.evaluation.stop_after_perfect
+    options += [f"--steps {config.steps}", *["--full"] * full]
+    options += [f"--seed {config.seed}", f"--out {out}"]
     return f"python -m trainer train {' '.join(options)}"
 
 

@@ -198,6 +198,11 @@ class RunConfig:
         if self.steps < 1 or not (self.seconds is None or self.seconds > 0):
             got = f"steps {self.steps}, seconds {self.seconds}"
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {got}")
+        if self.true_path and getattr(self.learn, "entropy", 1.0) <= 0.0:
+            raise ConfigError(
+                "true_path: expected learn.entropy above 0, whose weight in the loss it shares, "
+                f"got {getattr(self.learn, 'entropy', None)}; or set true_path to 0"
+            )
         if not 0.0 <= self.rate_left <= 1.0:
             raise ConfigError(f"rate_left: expected a share from 0 to 1, got {self.rate_left}")
 

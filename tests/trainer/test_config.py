@@ -46,3 +46,11 @@ def test_a_run_of_no_steps_is_refused() -> None:
 def test_a_rate_that_grows_is_refused() -> None:
     with pytest.raises(ConfigError, match="from 0 to 1"):
         replace(preset("lane", "ppo", "fast"), rate_left=1.5)
+
+
+def test_the_auxiliary_task_of_an_actor_critic_needs_a_weight_of_the_entropy() -> None:
+    config = preset("navigation", "ppo", "debug")
+    greedy = replace(config.learn, entropy=0.0)
+    with pytest.raises(ConfigError, match=r"expected learn\.entropy above 0"):
+        replace(config, learn=greedy)
+    assert replace(config, learn=greedy, true_path=0.0).learn == greedy
