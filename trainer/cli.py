@@ -18,11 +18,11 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
 from trainer.config import ALGORITHMS, TASKS, preset
 from trainer.experiments.cli import experiment_app
-from trainer.jobs import EvaluateJob, TrainJob, evaluate_jobs, train_jobs
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.parsing.cli import parse_app
 from trainer.run import RunFolder, write_json
-from trainer.sweep import SweepOptions, run_sweep
+from trainer.sweeps.jobs import EvaluateJob, TrainJob, evaluate_jobs, train_jobs
+from trainer.sweeps.sweep import SweepOptions, run_sweep
 from trainer.translation.cli import collect_command, traits_command, translate_app
 
 EXPORT_ROBOTS = 32
@@ -112,7 +112,7 @@ def endure_command(
         robots: each at a place and in a look of its own.
         seed: of everything random.
     """
-    from trainer.endurance import endure
+    from trainer.judging.endurance import endure
 
     policy, maps = OnnxPolicy(model), [load_map(name) for name in map_names]
     with Progress() as bar:
@@ -180,7 +180,7 @@ def explain_command(model: Path, images: Path, out: Path) -> int:
         images: a picture, a folder of pictures, or a video.
         out: folder for the pictures, or the video, and sheet.png.
     """
-    from trainer.explain import write_explained
+    from trainer.judging.explain import write_explained
 
     count = write_explained(model, images, out)
     Console(soft_wrap=True).print(f"{out}: {count} pictures, some of them on sheet.png")
@@ -194,7 +194,7 @@ def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = 
     Args:
         preset_name: paper, fast or debug.
     """
-    from trainer.summary import summarise
+    from trainer.judging.summary import summarise
 
     columns = ("task", "algorithm", "picture", "parameters", "driving", "MMAC")
     table = Table(*columns, title=preset_name)

@@ -46,7 +46,7 @@ SHAPES: Mapping[str, TaskShape] = {
 
 @dataclass(frozen=True)
 class NetConfig:
-    """Widths of the network; kernels and strides are in `trainer.networks`."""
+    """Widths of the network; kernels and strides are in `trainer.learners.networks`."""
 
     channels: tuple[int, ...] = (16, 32, 32)  # of the three or four convolutions
     image_fc: int = 256  # first fully connected layer, shared by actor and critic
@@ -70,7 +70,7 @@ class QConfig:
     epsilon_final: float = 0.02
     epsilon_steps: int = 4_000  # from 1 to final
     max_grad_norm: float = 10.0
-    action_gap: float = 0.0  # advantage learning, see `trainer.dqn`: 0 none, below 1
+    action_gap: float = 0.0  # advantage learning, see `trainer.learners.dqn`: 0 none, below 1
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class RunConfig:
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
     start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
-    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.true_path`
+    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.true_path`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster

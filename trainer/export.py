@@ -17,12 +17,12 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from trainer.algorithms import build_policy
-from trainer.checkpoint import load_policy, read_state
 from trainer.config import SHAPES, RunConfig
-from trainer.greedy import collect_observations
-from trainer.networks import GreedyNetwork
+from trainer.learners.algorithms import build_policy
+from trainer.learners.networks import GreedyNetwork
 from trainer.run import RunFolder, atomically
+from trainer.training.checkpoint import load_policy, read_state
+from trainer.training.greedy import collect_observations
 
 OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10

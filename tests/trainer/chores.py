@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from robot.errors import ConfigError
-from trainer.workers import Progressed
+from trainer.sweeps.workers import Progressed
 
 
 @dataclass(frozen=True)

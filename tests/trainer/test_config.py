@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from trainer.algorithms import build_policy
 from trainer.config import ALGORITHMS, TASKS, preset
+from trainer.learners.algorithms import build_policy
 from trainer.run import RunFolder
 
 PRESETS = ("paper", "fast", "debug")

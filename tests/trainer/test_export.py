@@ -9,10 +9,10 @@ from robot.contract import PATH_POINTS, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from tests.trainer.toy import make_toy, toy_config, train_toy
-from trainer.algorithms import build_policy
 from trainer.config import ALGORITHMS, RunConfig, preset
 from trainer.export import check_equal, export_network, export_run, quantise
-from trainer.networks import GreedyNetwork
+from trainer.learners.algorithms import build_policy
+from trainer.learners.networks import GreedyNetwork
 from trainer.run import RunFolder
 
 
@@ -77,7 +77,7 @@ def test_int8_loads_where_fp32_does_and_chooses_alike(tmp_path: Path) -> None:
 def test_both_inputs_are_exported(tmp_path: Path) -> None:
     from gymnasium import spaces
 
-    from trainer.algorithms import observation_space, policy_arguments, policy_class
+    from trainer.learners.algorithms import observation_space, policy_arguments, policy_class
 
     config = preset("lane", "dueling", "debug")
     path_space = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)

@@ -27,7 +27,7 @@ from trainer.config import (
     preset,
 )
 from trainer.run import RunFolder
-from trainer.train import train
+from trainer.training.train import train
 
 SIDE_PX = 36
 ACTIONS = 5

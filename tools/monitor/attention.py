@@ -21,7 +21,7 @@ from robot.recording.drive_log import picture
 from robot.worker import Worker
 
 if TYPE_CHECKING:
-    from trainer.explain import Explainer
+    from trainer.judging.explain import Explainer
 
 GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
 
@@ -39,7 +39,7 @@ class AttentionThread(Worker):
 
     def __init__(self, model: Path) -> None:
         try:
-            from trainer.explain import Explainer
+            from trainer.judging.explain import Explainer
         except ImportError as error:
             raise ConfigError(
                 "--model: expected the extra 'trainer' for the attention overlay, it is not "

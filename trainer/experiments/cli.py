@@ -13,7 +13,7 @@ from rich.table import Table as RichTable
 from robot.contract import ImageSpec
 from trainer.experiments.figure5 import Figure5Options
 from trainer.experiments.six_models import SixModelsOptions
-from trainer.sweep import WorkerOptions, run_sweep
+from trainer.sweeps.sweep import WorkerOptions, run_sweep
 
 if TYPE_CHECKING:
     from trainer.experiments.table1 import Table

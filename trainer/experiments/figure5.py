@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from trainer.jobs import TrainJob
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
+from trainer.sweeps.jobs import TrainJob
 
 
 @dataclass(frozen=True)

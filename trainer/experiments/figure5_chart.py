@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table as RichTable
 
-from trainer.checkpoint import Evaluated, read_state
 from trainer.experiments.figure5 import VARIANTS, Figure5Options, run_folder
 from trainer.run import atomically
+from trainer.training.checkpoint import Evaluated, read_state
 
 _COLOURS = {"oracle": "black", "translated": "darkred", "dr": "steelblue", "none": "darkorange"}
 _GRID = 200  # steps at which seeds are averaged

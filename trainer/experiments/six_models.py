@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from trainer.jobs import EvaluateJob, TrainJob
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.run import RunFolder
+from trainer.sweeps.jobs import EvaluateJob, TrainJob
 
 ALGORITHMS = ("dueling", "ppo")
 MAPS = ("hamlet", "village", "suburb", "blocks")  # not the arena, where they are judged

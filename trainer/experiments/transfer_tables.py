@@ -9,7 +9,6 @@ from statistics import median
 
 from rich.table import Table as RichTable
 
-from trainer.checkpoint import read_state
 from trainer.experiments.six_models import (
     ALGORITHMS,
     DRIVES,
@@ -22,6 +21,7 @@ from trainer.experiments.six_models import (
 from trainer.report.curves import draw_panels
 from trainer.report.paper import NAMES
 from trainer.run import RunFolder
+from trainer.training.checkpoint import read_state
 
 # Of 32 paths and of 50 missions; the models that are not named failed (fewer than 10 paths).
 PAPER = {("dueling", "cyclegan"): (27, 31), ("ppo", "cyclegan"): (24, 26)}

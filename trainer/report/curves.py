@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from trainer.checkpoint import Evaluated, read_state
 from trainer.config import RunConfig
 from trainer.report.paper import NAMES
 from trainer.run import Episode, RunFolder, atomically
+from trainer.training.checkpoint import Evaluated, read_state
 
 MEAN_EPISODES = 50  # paper A, Figures 30 to 39
 _TITLE_LETTERS = 56  # in a line above a panel

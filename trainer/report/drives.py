@@ -17,7 +17,7 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.tasks.following import HALF_LANE_TILES
-from trainer.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
+from trainer.judging.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
 from trainer.run import atomically
 
 MOST_TRACKS = 150  # drawn on one map, and every failure

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from robot.errors import MapError
 from robot.navigation.road_map import load_map
 from trainer.config import ALGORITHMS, TASKS
-from trainer.drive_log import WORST
+from trainer.judging.drive_log import WORST
 from trainer.report.curves import draw_curve, draw_panels
 from trainer.report.drives import draw_drives, draw_strips, strip_seconds
 from trainer.report.paper import NAMES, TASK_TITLES, paper_algorithms

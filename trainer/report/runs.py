@@ -9,11 +9,11 @@ from pathlib import Path
 
 from robot.errors import ConfigError
 from robot.typed_config import from_plain
-from trainer.checkpoint import Evaluated, TrainState, read_state
 from trainer.config import ALGORITHMS, TASKS, RunConfig
-from trainer.drive_log import DriveLog, drives_beside, load_drives
-from trainer.evaluate import Evaluation
+from trainer.judging.drive_log import DriveLog, drives_beside, load_drives
+from trainer.judging.evaluate import Evaluation
 from trainer.run import Episode, RunFolder
+from trainer.training.checkpoint import Evaluated, TrainState, read_state
 
 SKILLED = 0.99  # share of an evaluation's episodes; of twenty all
 

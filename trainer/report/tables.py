@@ -13,8 +13,8 @@ import numpy as np
 from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
-from trainer.drive_log import Track
-from trainer.evaluate import Inputs, wilson_low
+from trainer.judging.drive_log import Track
+from trainer.judging.evaluate import Inputs, wilson_low
 from trainer.report.paper import NAMES, NOTHING, PaperRow, paper_row
 from trainer.report.runs import Group, Judgement
 

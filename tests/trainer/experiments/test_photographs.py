@@ -12,7 +12,6 @@ from robot.lens import CameraRig
 from robot.vision.yellow_dashes import DEFAULT, floor_table
 from robot.vision.yellow_line import NOT_FOUND, YellowLine
 from sim_pybullet.look import NOMINAL
-from trainer.algorithms import build_policy
 from trainer.config import preset
 from trainer.experiments.photographs.agreement import (
     AGREES,
@@ -28,8 +27,9 @@ from trainer.experiments.photographs.lines import Drawn, DrawnLine, drawn_line, 
 from trainer.experiments.photographs.run import named
 from trainer.experiments.photographs.tables import agreement_table
 from trainer.export import export_network
-from trainer.lane_head import teach_lane_pose
-from trainer.networks import GreedyNetwork
+from trainer.judging.lane_head import teach_lane_pose
+from trainer.learners.algorithms import build_policy
+from trainer.learners.networks import GreedyNetwork
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 RIG = NOMINAL.rig()

@@ -10,17 +10,17 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from tests.trainer.test_drive_log import track
+from tests.trainer.judging.test_drive_log import track
 from tests.trainer.test_run import episode
-from trainer.checkpoint import Evaluated, TrainState
 from trainer.cli import main
 from trainer.config import preset
-from trainer.drive_log import DONE, DriveLog
-from trainer.evaluate import Evaluation, Inputs
+from trainer.judging.drive_log import DONE, DriveLog
+from trainer.judging.evaluate import Evaluation, Inputs
 from trainer.report.page import write_report
 from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
 from trainer.report.tables import driving_rows, learning_row
 from trainer.run import EpisodeLog, RunFolder, write_json
+from trainer.training.checkpoint import Evaluated, TrainState
 
 
 def make_run(path: Path, algorithm: str = "ppo", seed: int = 0, task: str = "lane") -> RunFolder:

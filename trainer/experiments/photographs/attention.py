@@ -12,7 +12,7 @@ import numpy as np
 
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
 from robot.inference.preprocess import preprocess
-from trainer.explain import Explainer, share_on
+from trainer.judging.explain import Explainer, share_on
 from trainer.parsing.annotations import load_annotated, load_annotations
 from trainer.parsing.classes import RoadClass
 

@@ -13,7 +13,7 @@ from robot.contract import ImageSpec
 from robot.inference.preprocess import preprocess
 from robot.lens import CameraRig
 from trainer.experiments.photographs.lines import Drawn, drawn_line, frames_of, load_lines
-from trainer.lane_head import LanePoseHead
+from trainer.judging.lane_head import LanePoseHead
 
 LANE_FROM_YELLOW_M = 0.2 * 0.585  # the middle of a lane is a fifth of a tile right of the line
 NEAR_M = 0.45  # lines farther away tell little of where the robot stands

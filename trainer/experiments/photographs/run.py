@@ -35,7 +35,7 @@ from trainer.experiments.photographs.steering import zero_shot
 from trainer.experiments.records import Turn, load_drive
 from trainer.experiments.supervised import teach_turns
 from trainer.experiments.table1 import Accuracy, chance, compare
-from trainer.lane_head import LanePoseHead, lane_samples, teach_lane_pose
+from trainer.judging.lane_head import LanePoseHead, lane_samples, teach_lane_pose
 from trainer.run import atomically, write_json
 
 DRIVE = "donkeycar_dashed_track"

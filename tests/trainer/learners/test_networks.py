@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+
+from robot.contract import ACTION_TWISTS, PATH_POINTS
+from robot.errors import ContractError
+from trainer.config import ALGORITHMS, RunConfig, preset
+from trainer.judging.summary import summarise
+from trainer.learners.algorithms import observation_space, policy_arguments, policy_class
+from trainer.learners.networks import DuelingPolicy, GreedyNetwork, QPolicy, observation_shapes
+
+ACTIONS = spaces.Discrete(len(ACTION_TWISTS))
+PATH = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+
+
+def policy_for(config: RunConfig, space: spaces.Space) -> torch.nn.Module:
+    return policy_class(config)(space, ACTIONS, lambda _: 1e-3, **policy_arguments(config))
+
+
+def pictures(count: int, config: RunConfig) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return torch.randint(
+        0, 256, (count, *config.image.shape), generator=generator, dtype=torch.uint8
+    )
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_values_for_a_picture_and_for_picture_and_path(algorithm: str) -> None:
+    config = preset("lane", algorithm, "debug")
+    image = pictures(3, config)
+    alone = GreedyNetwork(policy_for(config, observation_space(config)))
+    assert alone(image).shape == (3, 5)
+    assert torch.equal(alone(image), alone(image.float()))
+    both = spaces.Dict({"image": observation_space(config), "path": PATH})
+    network = GreedyNetwork(policy_for(config, both))
+    left, right = torch.full((3, PATH_POINTS), 0.5), torch.full((3, PATH_POINTS), -0.5)
+    assert network(image, left).shape == (3, 5)
+    assert not torch.equal(network(image, left), network(image, right))
+    assert not torch.equal(network(image, left), network(255 - image, left))
+
+
+def test_each_picture_of_a_batch_is_seen_alone() -> None:
+    config = preset("lane", "dueling", "fast")
+    network = GreedyNetwork(policy_for(config, observation_space(config)))
+    image = pictures(4, config)
+    one_by_one = torch.cat([network(image[i : i + 1]) for i in range(4)])
+    torch.testing.assert_close(network(image), one_by_one)
+
+
+def test_dueling_advantages_have_no_mean() -> None:
+    config = preset("lane", "dueling", "debug")
+    policy = policy_for(config, observation_space(config))
+    assert isinstance(policy, DuelingPolicy)
+    features = torch.rand(6, policy.q_net.features_dim)
+    value, _ = policy.q_net.q_net
+    torch.testing.assert_close(policy.q_net.q_net(features).mean(1, keepdim=True), value(features))
+
+
+def test_target_network_starts_equal_and_apart() -> None:
+    config = preset("lane", "dueling", "debug")
+    policy = policy_for(config, observation_space(config))
+    assert isinstance(policy, QPolicy)
+    pairs = zip(policy.q_net.parameters(), policy.q_net_target.parameters(), strict=True)
+    assert all(torch.equal(a, b) and a.data_ptr() != b.data_ptr() for a, b in pairs)
+
+
+def test_paper_network_has_the_size_of_nature_cnn_plus_its_third_layer() -> None:
+    assert summarise(preset("lane", "ddqn", "paper")).macs == pytest.approx(27.0e6, rel=0.01)
+
+
+def test_what_is_no_picture_is_refused() -> None:
+    with pytest.raises(ContractError, match="expected a picture"):
+        observation_shapes(spaces.Box(0, 255, (3, 40, 80), np.uint8))

@@ -1,0 +1,103 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+
+from robot.contract import PATH_POINTS
+from sim_pybullet.vec_env import DuckpilotVecEnv
+from trainer.config import RunConfig, preset
+from trainer.envs import make_env
+from trainer.learners.algorithms import build_model, build_policy, policy_arguments, policy_class
+from trainer.learners.networks import GreedyNetwork, QPolicy
+from trainer.learners.true_path import TRUE_PATH, WithTruePath
+
+ROBOTS = 3
+
+
+def run(algorithm: str, pose_error: str) -> RunConfig:
+    config = preset("navigation", algorithm, "debug")
+    return RunConfig(**{**vars(config), "pose_error": pose_error})
+
+
+def world(pose_error: str) -> WithTruePath:
+    return WithTruePath(make_env(run("dueling", pose_error), ROBOTS, seed=4))
+
+
+@pytest.mark.parametrize("pose_error", ["none", "arena"])
+def test_is_the_path_input_of_the_true_pose(pose_error: str) -> None:
+    env = world(pose_error)
+    seen = env.reset()
+    assert isinstance(seen, dict)
+    assert env.observation_space.contains({name: part[0] for name, part in seen.items()})
+    ended, errors = 0, []
+    for _ in range(120):
+        seen, _, done, infos = env.step(np.zeros(ROBOTS, dtype=int))
+        assert isinstance(seen, dict)
+        errors.append(np.abs(seen[TRUE_PATH] - seen["path"]).max(axis=1))
+        for i in np.flatnonzero(done):
+            last = infos[i]["terminal_observation"]
+            assert isinstance(env.observation_space, spaces.Dict)
+            assert env.observation_space.contains(last)
+            ended += 1
+    assert ended, "turning in circles ends an episode"
+    typical = float(np.median(errors))
+    assert typical < 1e-5 if pose_error == "none" else typical > 0.05
+    env.close()
+
+
+@pytest.mark.parametrize("algorithm", ["dueling", "ddqn", "a2c", "ppo"])
+def test_is_learned_and_then_left_behind(algorithm: str, tmp_path: Path) -> None:
+    config = run(algorithm, "arena")
+    env = WithTruePath(make_env(config, config.learn.robots, seed=1))
+    model = build_model(config, env, tmp_path / "replay")
+    head = [value for name, value in model.policy.named_parameters() if "path_head" in name]
+    before = [value.detach().clone() for value in head]
+    model.learn(200)
+    assert any(not torch.equal(a, b) for a, b in zip(before, head, strict=True))
+    greedy = GreedyNetwork(model.policy)
+    assert not any("path_head" in name for name, _ in greedy.named_parameters())
+    build_policy(config).load_state_dict(model.policy.state_dict())
+    env.close()
+
+
+def test_without_weight_there_is_no_such_task() -> None:
+    policy = build_policy(preset("lane", "dueling", "debug"))
+    assert isinstance(policy, QPolicy)
+    assert not any("path_head" in name for name, _ in policy.named_parameters())
+    image = torch.zeros(2, *preset("lane", "dueling", "debug").image.shape, dtype=torch.uint8)
+    values, loss = policy.values_and_path_loss(image)
+    assert values.shape == (2, 5)
+    assert loss == 0.0
+
+
+def test_loss_is_none_where_the_head_is_right() -> None:
+    config = run("dueling", "arena")
+    env = world("arena")
+    arguments = policy_arguments(config)
+    space, actions = env.observation_space, spaces.Discrete(5)
+    policy = policy_class(config)(space, actions, lambda _: 1e-3, **arguments)
+    env.close()
+    assert isinstance(policy, QPolicy)
+    head = policy.q_net.path_head
+    assert isinstance(head, torch.nn.Linear)
+    torch.nn.init.zeros_(head.weight)
+    torch.nn.init.constant_(head.bias, 0.25)
+    seen = {
+        "image": torch.zeros(2, *config.image.shape, dtype=torch.uint8),
+        "path": torch.zeros(2, PATH_POINTS),
+        TRUE_PATH: torch.full((2, PATH_POINTS), 0.25),
+    }
+    assert policy.values_and_path_loss(seen)[1] == 0.0
+    seen[TRUE_PATH] += 0.5
+    loss = policy.values_and_path_loss(seen)[1]
+    assert loss.item() == pytest.approx(0.25 * config.true_path)
+
+
+def test_wraps_the_worlds_of_the_simulator() -> None:
+    env = make_env(run("ppo", "none"), ROBOTS, seed=0)
+    assert isinstance(env, DuckpilotVecEnv)
+    wrapped = WithTruePath(env)
+    assert wrapped.num_envs == ROBOTS
+    wrapped.close()

@@ -1,0 +1,81 @@
+"""A training on a Ray cluster of two workers survives the death of the one that does it."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from robot.errors import ConfigError
+from tests.trainer.chores import Chore, ToyTraining
+from tests.trainer.toy import toy_config
+from trainer.run import RunFolder
+from trainer.sweeps.workers import Outcome, RayWorkers
+
+ray = pytest.importorskip("ray")
+
+
+@pytest.fixture
+def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # else a busy machine leaves them no time
+    from ray.cluster_utils import Cluster
+
+    node: dict[str, object] = {"num_cpus": 2, "include_dashboard": False}
+    if not os.access("/dev/shm", os.W_OK):  # where Ray keeps its objects
+        node["plasma_directory"] = str(tmp_path)
+    cluster = Cluster(initialize_head=True, head_node_args=node)
+    yield cluster.address
+    cluster.shutdown()
+
+
+def finish(workers: RayWorkers) -> list[Outcome]:
+    outcomes: list[Outcome] = []
+    while workers.busy:
+        outcomes += workers.ended(0.5)
+    return outcomes
+
+
+def wait_for(path: Path) -> None:
+    deadline = time.monotonic() + 120.0
+    while not path.exists():
+        assert time.monotonic() < deadline, f"no {path} in time"
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
+    training = ToyTraining(tmp_path / "toy", steps=12_000)
+    training.out.mkdir()
+    run = RunFolder(training.out)
+    workers = RayWorkers(address)
+    try:
+        for job in (training, Chore(tmp_path / "a"), Chore(tmp_path / "b", "refuse")):
+            workers.start(job)
+        wait_for(run.checkpoint)
+        killed = int((training.out / "pid").read_text())
+        os.kill(killed, signal.SIGKILL)
+        reached = int(torch.load(run.checkpoint, weights_only=True)["counters"]["num_timesteps"])
+        outcomes = {outcome.job.title: outcome for outcome in finish(workers)}
+    finally:
+        workers.close()
+    assert {title: outcome.status for title, outcome in outcomes.items()} == {
+        "toy": 0,
+        "a": 0,
+        "b": 2,
+    }
+    assert (tmp_path / "a").read_text() == "write 1"
+    assert outcomes["b"].said == "expected this, got that"
+    assert int((training.out / "pid").read_text()) != killed
+    steps = [episode.step for episode in run.episodes()]
+    assert steps == sorted(steps)
+    cut_off = 2 * toy_config("ppo", 1).learn.robots  # by the kill, and by the end
+    assert len(steps) >= 12_000 // 16 - cut_off  # of 16 decisions at most: none is missing
+    assert 0 < reached < 12_000
+
+
+def test_no_cluster_is_wrong_input() -> None:
+    with pytest.raises(ConfigError, match="expected the address of a running cluster"):
+        RayWorkers("nonsense")

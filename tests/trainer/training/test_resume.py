@@ -1,0 +1,85 @@
+"""A run that dies goes on; a run that is asked to stop leaves everything in order."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from tests.trainer.toy import toy_config, train_toy
+from trainer.run import RunFolder
+
+ROOT = Path(__file__).parents[3]
+ENDLESS = 10_000_000
+
+
+def start(algorithm: str, folder: Path) -> subprocess.Popen:
+    command = [sys.executable, "-m", "tests.trainer.toy", algorithm, str(folder), str(ENDLESS)]
+    return subprocess.Popen(command, cwd=ROOT)
+
+
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen) -> None:
+    deadline = time.monotonic() + 120.0
+    while not condition():
+        assert process.poll() is None, "the run ended by itself"
+        assert time.monotonic() < deadline, "no checkpoint within two minutes"
+        time.sleep(0.05)
+
+
+def checkpoint_step(folder: Path) -> int:
+    content = torch.load(folder / "checkpoint.pt", weights_only=True)
+    return int(content["counters"]["num_timesteps"])
+
+
+@pytest.mark.parametrize("algorithm", ["dueling", "ppo"])
+def test_killed_run_goes_on_where_its_checkpoint_lies(algorithm: str, tmp_path: Path) -> None:
+    run = RunFolder(tmp_path / "run")
+    process = start(algorithm, run.path)
+    try:
+        wait_for(run.checkpoint.exists, process)
+        time.sleep(0.3)
+    finally:
+        process.kill()
+        process.wait()
+    step = checkpoint_step(run.path)
+    assert step > 0
+    config = replace(run.load_config(), steps=step + 400)
+    metrics = train_toy(config, run.path)
+    assert step + 400 <= metrics.train_steps <= step + 1_000
+    steps = [episode.step for episode in run.episodes()]
+    assert steps == sorted(steps)
+    assert len(steps) == metrics.episodes
+    assert any(s <= step for s in steps)
+    assert any(s > step for s in steps)
+    assert run.onnx.exists()
+    assert run.curve.exists()
+
+
+@pytest.mark.parametrize("algorithm", ["dueling", "a3c"])
+def test_ctrl_c_leaves_a_run_that_can_go_on(algorithm: str, tmp_path: Path) -> None:
+    run = RunFolder(tmp_path / "run")
+    process = start(algorithm, run.path)
+    try:
+        wait_for(lambda: len(run.episodes()) > 0, process)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30.0) == 0
+    finally:
+        process.kill()
+        process.wait()
+    assert checkpoint_step(run.path) > 0
+    assert not run.metrics.exists(), "an interrupted run is not a finished one"
+    assert run.replay.exists() == (algorithm == "dueling")
+    assert not list(run.path.glob(".*")), "a temporary file was left"
+
+
+def test_finished_run_has_nothing_left_to_do(tmp_path: Path) -> None:
+    config = toy_config("ppo", 600)
+    first = train_toy(config, tmp_path)
+    again = train_toy(config, tmp_path)
+    assert again.train_steps == first.train_steps
+    assert again.evaluations == first.evaluations

@@ -1,0 +1,1 @@
+"""Networks, algorithms, replay buffers: what learns."""

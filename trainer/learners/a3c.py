@@ -1,0 +1,200 @@
+"""A3C: asynchronous workers, one shared policy, as a stable-baselines3 algorithm among the others.
+
+`trainer.learners.a3c_worker` learns; this module sends workers out, replaces those that were
+killed, and shows callbacks a still picture of the weights. A single worker learns in this very
+process, step by step with the callbacks: such a run is the same again for the same seed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Generator
+from contextlib import closing
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import VecEnv
+from torch import multiprocessing
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from trainer.config import A3cConfig, RunConfig
+from trainer.learners.a3c_worker import EnvMaker, EpisodeEnd, Orders, Worker, run_worker
+from trainer.learners.algorithms import build_policy
+from trainer.learners.dqn import ChannelLast
+from trainer.learners.shared_weights import Shared
+
+POLL_S = 0.1  # between two looks at what the workers did
+_LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
+_MOST_REPLACED = 100  # more deaths than that are no accidents
+
+
+class A3C(ChannelLast, BaseAlgorithm):
+    """See above.
+
+    Args:
+        config: of the run; its ``learn`` is an `A3cConfig`.
+        make_env: builds the world of a worker, in its process.
+        env: any world of this task; workers have their own.
+    """
+
+    def __init__(self, config: RunConfig, make_env: EnvMaker, env: VecEnv) -> None:
+        assert isinstance(config.learn, A3cConfig)
+        self._config, self._learn, self._make_env = config, config.learn, make_env
+        self.replaced = 0  # workers that were killed
+        self.workers_cpu_s = 0.0  # CPU seconds of processes other than this one
+        super().__init__(
+            ActorCriticPolicy,
+            env,
+            config.learn.learning_rate,
+            seed=config.seed,
+            device="cpu",
+            support_multi_env=True,
+        )
+        self._setup_model()
+
+    def _setup_model(self) -> None:
+        self.set_random_seed(self.seed)
+        policy = build_policy(self._config)
+        assert isinstance(policy, ActorCriticPolicy)
+        self.policy = policy
+        # Holds RMSProp's statistics in checkpoints; it never takes a step itself.
+        self.policy.optimizer = torch.optim.RMSprop(policy.parameters(), eps=1e-5)
+
+    def set_random_seed(self, seed: int | None = None) -> None:
+        """What the next workers' random numbers follow from."""
+        self._seed = seed or 0
+        super().set_random_seed(seed)
+
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: Any = None,
+        log_interval: int = 1,
+        tb_log_name: str = "",
+        reset_num_timesteps: bool = True,
+        progress_bar: bool = False,
+    ) -> A3C:
+        """So many decisions of all workers together, or until the callback says stop."""
+        total, callback = self._setup_learn(
+            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
+        )
+        if self.num_timesteps >= total:
+            return self
+        assert isinstance(self.policy, ActorCriticPolicy)
+        weights = parameters_to_vector(self.policy.parameters()).detach()
+        shared = Shared.of(weights, self._squares(), self._learn.workers)
+        begun = self.num_timesteps
+        callback.on_training_start(locals(), globals())
+        with closing(self._episodes(shared)) as batches:
+            for ended in batches:
+                self._take(shared, begun)
+                if not self._tell(callback, ended) or self.num_timesteps >= total:
+                    break
+        self._take(shared, begun)
+        callback.on_training_end()
+        return self
+
+    def _episodes(self, shared: Shared) -> Generator[list[EpisodeEnd], None, None]:
+        """Again and again the episodes that ended meanwhile."""
+        seeds = np.random.SeedSequence((self._seed, self.num_timesteps))
+        orders = [
+            Orders(self._config, self._make_env, shared, k, int(seed), self.num_timesteps)
+            for k, seed in enumerate(seeds.generate_state(self._learn.workers) % 2**31)
+        ]
+        if len(orders) == 1:
+            with closing(Worker(orders[0])) as worker:
+                while True:
+                    yield worker.learn()
+        with closing(_Crew(orders)) as crew:
+            while True:
+                yield crew.episodes()
+                self.replaced = crew.replaced
+
+    def _take(self, shared: Shared, begun: int) -> None:
+        """A copy of the shared weights and statistics, which go on changing."""
+        vector_to_parameters(shared.weights.clone(), self.policy.parameters())
+        parameters = list(self.policy.parameters())
+        sizes = [parameter.numel() for parameter in parameters]
+        for parameter, part in zip(parameters, shared.squares.clone().split(sizes), strict=True):
+            square = {"step": torch.tensor(0.0), "square_avg": part.view_as(parameter)}
+            self.policy.optimizer.state[parameter] = square
+        self.num_timesteps = begun + int(shared.steps.sum())
+        self.workers_cpu_s = float(shared.cpu_ms.sum()) / 1000.0
+
+    def _squares(self) -> torch.Tensor:
+        """(P,) the statistics of the run so far; zeros at its beginning."""
+        state = self.policy.optimizer.state
+        parts = [
+            state[p]["square_avg"].flatten() if p in state else torch.zeros(p.numel())
+            for p in self.policy.parameters()
+        ]
+        return torch.cat(parts)
+
+    def _tell(self, callback: BaseCallback, ended: list[EpisodeEnd]) -> bool:
+        callback.update_locals({"episodes": ended})
+        return callback.on_step()
+
+
+class _Crew:
+    """The worker processes; dead ones are replaced."""
+
+    def __init__(self, orders: list[Orders]) -> None:
+        # A server that has imported everything forks the workers: quick, and no threads are copied.
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(["trainer.learners.a3c_worker"])
+        self._orders, self._shared = orders, orders[0].shared
+        self._workers = [self._send_out(each) for each in orders]
+        self.replaced = 0
+
+    def episodes(self) -> list[EpisodeEnd]:
+        """What ended within the next moment."""
+        pipes = [pipe for _, pipe in self._workers]
+        deaths = [process.sentinel for process, _ in self._workers]
+        ready = wait([*pipes, *deaths], POLL_S)
+        ended = [_receive(pipe) for pipe in pipes if pipe in ready]
+        for k, (process, pipe) in enumerate(self._workers):
+            if process.exitcode is not None:
+                pipe.close()
+                self._replace(k, process.exitcode)
+        return list(itertools.chain.from_iterable(ended))
+
+    def close(self) -> None:
+        """Let the workers finish their rollouts and leave."""
+        self._shared.stop()
+        for process, pipe in self._workers:
+            process.join(_LEAVE_S)
+            process.kill()
+            process.join()
+            pipe.close()
+
+    def _send_out(self, orders: Orders) -> tuple[BaseProcess, Connection]:
+        ours, theirs = self._context.Pipe(duplex=False)
+        process = self._context.Process(target=run_worker, args=(orders, theirs), daemon=True)
+        process.start()
+        theirs.close()
+        return process, ours
+
+    def _replace(self, k: int, exitcode: int) -> None:
+        self.replaced += 1
+        if exitcode >= 0 or self.replaced > _MOST_REPLACED:
+            raise RuntimeError(
+                f"A3C: expected workers that go on until told to stop, worker {k} left with exit "
+                f"status {exitcode} ({self.replaced} replaced so far); its error is above"
+            )
+        again = self._orders[k]._replace(seed=self._orders[k].seed + self.replaced)
+        self._workers[k] = self._send_out(again)
+
+
+def _receive(pipe: Connection) -> list[EpisodeEnd]:
+    """A worker's news; none when it died while it was writing."""
+    try:
+        news: list[EpisodeEnd] = pipe.recv()
+    except (EOFError, OSError):
+        return []
+    return news

@@ -1,0 +1,212 @@
+"""One actor-learner of A3C: drives, takes n-step gradients, changes the shared weights.
+
+Mnih et al. 2016, "Asynchronous Methods for Deep Reinforcement Learning", algorithm S3: a worker
+copies the shared weights, drives a few steps, and adds its gradient to them through RMSProp whose
+running mean of squares is shared as well. Nobody locks anything (Hogwild, Niu et al. 2011), so a
+worker that is killed leaves nothing locked.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import VecEnv
+from torch.nn.functional import log_softmax, mse_loss
+from torch.nn.utils import clip_grad_norm_, parameters_to_vector, vector_to_parameters
+
+from sim_pybullet.randomise import looks_of
+from trainer.config import A3cConfig, RunConfig
+from trainer.envs import ScaledReward
+from trainer.learners.algorithms import build_policy, learning_rates
+from trainer.learners.shared_weights import Shared
+
+EnvMaker = Callable[[RunConfig, int, int], VecEnv]
+Tensors = dict[str, torch.Tensor]
+
+
+class EpisodeEnd(NamedTuple):
+    """An episode that ended."""
+
+    robot: int  # counted through all workers
+    reward: float  # summed, as the task gives it
+    length: int  # decisions
+    success: bool
+
+
+class Orders(NamedTuple):
+    """What a worker is sent out with."""
+
+    config: RunConfig
+    make_env: EnvMaker
+    shared: Shared
+    number: int  # of the worker
+    seed: int
+    first_step: int  # decisions before this process began
+
+
+class Worker:
+    """Drives `RunConfig.learn.robots` robots and learns from every few steps of them."""
+
+    def __init__(self, orders: Orders) -> None:
+        config, number = orders.config, orders.number
+        assert isinstance(config.learn, A3cConfig)
+        self._config, self._learn, self._shared = config, config.learn, orders.shared
+        self._number, self._first_step = number, orders.first_step
+        self._rates = learning_rates(config)
+        env = orders.make_env(_own_look(config, number), config.learn.robots, orders.seed)
+        self._env = ScaledReward(env, config.reward_scale)
+        self._env.seed(orders.seed)
+        policy = build_policy(config)
+        assert isinstance(policy, ActorCriticPolicy)
+        self._policy, self._weights = policy, orders.shared.weights.clone()
+        vector_to_parameters(self._weights, policy.parameters())  # now views of it
+        self._random = torch.Generator().manual_seed(orders.seed)
+        self._seen = _tensors(self._env.reset())
+        self._rewards = np.zeros(config.learn.robots)
+        self._lengths = np.zeros(config.learn.robots, dtype=int)
+
+    def close(self) -> None:
+        """Free the world."""
+        self._env.close()
+
+    def learn(self) -> list[EpisodeEnd]:
+        """Drive a few steps and change the shared weights; the episodes that ended."""
+        self._weights.copy_(self._shared.weights)
+        seen, actions, rewards, going_on, ended = [], [], [], [], []
+        for _ in range(self._learn.a3c_rollout):
+            seen.append(self._seen)
+            actions.append(self._act())
+            observation, reward, done, infos = self._env.step(actions[-1].numpy())
+            ended += self._ended(reward, done, infos)
+            rewards.append(torch.from_numpy(self._with_future(reward, done, infos)))
+            going_on.append(torch.from_numpy(1.0 - done.astype(np.float32)))
+            self._seen = _tensors(observation)
+        with torch.no_grad():
+            _, value = _evaluate(self._policy, self._seen)
+        returns = n_step_returns(rewards, going_on, value, self._learn.gamma)
+        self._descend(_joined(seen), torch.cat(actions), returns.flatten())
+        self._shared.steps[self._number] += len(rewards) * len(value)
+        return ended
+
+    def _act(self) -> torch.Tensor:
+        with torch.no_grad():
+            logits, _ = _evaluate(self._policy, self._seen)
+        return torch.multinomial(logits.softmax(1), 1, generator=self._random)[:, 0]
+
+    def _with_future(
+        self, reward: np.ndarray, done: np.ndarray, infos: list[dict[str, Any]]
+    ) -> np.ndarray:
+        """Where an episode was only cut off, what it would still have earned is added."""
+        reward = reward.astype(np.float32)
+        for i in np.flatnonzero(done):
+            if infos[i].get("TimeLimit.truncated"):
+                last = infos[i]["terminal_observation"]
+                parts = last if isinstance(last, dict) else {"image": last}
+                with torch.no_grad():
+                    alone = {name: torch.from_numpy(part[None]) for name, part in parts.items()}
+                    reward[i] += self._learn.gamma * float(_evaluate(self._policy, alone)[1])
+        return reward
+
+    def _ended(
+        self, reward: np.ndarray, done: np.ndarray, infos: list[dict[str, Any]]
+    ) -> list[EpisodeEnd]:
+        self._rewards += reward / self._config.reward_scale
+        self._lengths += 1
+        first, ends = self._number * len(done), []
+        for i in np.flatnonzero(done).tolist():
+            success = bool(infos[i].get("is_success", False))
+            total, length = float(self._rewards[i]), int(self._lengths[i])
+            ends.append(EpisodeEnd(first + i, total, length, success))
+            self._rewards[i], self._lengths[i] = 0.0, 0
+        return ends
+
+    def _descend(self, seen: Tensors, actions: torch.Tensor, returns: torch.Tensor) -> None:
+        learn, parameters = self._learn, list(self._policy.parameters())
+        logits, values = _evaluate(self._policy, seen)
+        logs = log_softmax(logits, 1)
+        chosen = logs.gather(1, actions[:, None])[:, 0]
+        gain = (chosen * (returns - values.detach())).mean()
+        entropy = -(logs.exp() * logs).sum(1).mean()
+        loss = -gain - learn.entropy * entropy + learn.value * mse_loss(values, returns)
+        for parameter in parameters:
+            parameter.grad = None
+        loss.backward()
+        clip_grad_norm_(parameters, learn.max_grad_norm)
+        gradient = parameters_to_vector([p.grad for p in parameters if p.grad is not None])
+        done = self._first_step + int(self._shared.steps.sum())
+        rate = self._rates(1.0 - done / self._config.steps)
+        shared_rmsprop(self._shared, gradient, rate, learn.rms_decay, learn.rms_epsilon)
+
+
+def shared_rmsprop(
+    shared: Shared, gradient: torch.Tensor, rate: float, decay: float, epsilon: float
+) -> None:
+    """One step of RMSProp on the shared weights with shared statistics (Mnih et al. 2016)."""
+    shared.squares.mul_(decay).addcmul_(gradient, gradient, value=1.0 - decay)
+    shared.weights.addcdiv_(gradient, (shared.squares + epsilon).sqrt_(), value=-rate)
+
+
+def n_step_returns(
+    rewards: list[torch.Tensor], going_on: list[torch.Tensor], value: torch.Tensor, gamma: float
+) -> torch.Tensor:
+    """(T, N) discounted sums to the end of the rollout, ``value`` (N,) standing for the rest.
+
+    ``going_on`` T times (N,): 0 where an episode ended with that step, else 1.
+    """
+    returns = []
+    for reward, on in zip(reversed(rewards), reversed(going_on), strict=True):
+        value = reward + gamma * on * value
+        returns.append(value)
+    return torch.stack(returns[::-1])
+
+
+def run_worker(orders: Orders, pipe: Connection) -> None:
+    """The main function of a worker's process: tells ``pipe`` of episodes until it shall stop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
+    torch.set_num_threads(orders.config.threads)
+    numba.set_num_threads(1)
+    trainer = multiprocessing.parent_process()
+    worker, cpu_ms = Worker(orders), orders.shared.cpu_ms
+    before_ms = int(cpu_ms[orders.number])  # of those whose place this one has taken
+    while not orders.shared.stopped and trainer is not None and trainer.is_alive():
+        ended = worker.learn()
+        cpu_ms[orders.number] = before_ms + round(1000.0 * time.process_time())
+        if ended:
+            pipe.send(ended)
+    worker.close()
+
+
+def _own_look(config: RunConfig, number: int) -> RunConfig:
+    """Of a folder of looks each worker takes one, where there are enough workers for all."""
+    assert isinstance(config.learn, A3cConfig)
+    looks: list[Path] = looks_of(config.look)
+    if not 1 < len(looks) <= config.learn.workers:
+        return config
+    return replace(config, look=str(looks[number % len(looks)]))
+
+
+def _evaluate(policy: ActorCriticPolicy, seen: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
+    """Logits (N, actions) and values (N,)."""
+    features = policy.features_extractor(seen["image"] if len(seen) == 1 else seen)
+    actor, critic = policy.mlp_extractor(features)
+    return policy.action_net(actor), policy.value_net(critic)[:, 0]
+
+
+def _tensors(observation: np.ndarray | Mapping[str, np.ndarray] | Any) -> Tensors:
+    parts = observation if isinstance(observation, Mapping) else {"image": observation}
+    return {name: torch.from_numpy(np.array(part)) for name, part in parts.items()}
+
+
+def _joined(seen: list[Tensors]) -> Tensors:
+    return {name: torch.cat([each[name] for each in seen]) for name in seen[0]}

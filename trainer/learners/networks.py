@@ -1,0 +1,228 @@
+"""The networks of the Duckiebot paper (Figures 7 and 15) as stable-baselines3 policies.
+
+Three convolutions, large kernels and strides first and no pooling, then three fully connected
+layers; actor and critic share the convolutions and the first of them. Pictures enter as the
+environment gives them, (N, H, W, 3) with values 0..255: the transposition and the division by 255
+happen in here, so that an exported policy takes raw frames.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any, cast
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
+from torch import nn
+
+from robot.contract import PATH_POINTS
+from robot.errors import ContractError
+from trainer.config import NetConfig
+from trainer.learners.true_path import TRUE_PATH
+
+KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
+
+_MOST_ACTIONS = 9  # outputs of a last layer, whose weights begin smaller
+
+Observation = torch.Tensor | dict[str, torch.Tensor]
+
+
+class DrivingFeatures(BaseFeaturesExtractor):
+    """Convolutions and first fully connected layer; with a path, both branches concatenated.
+
+    Takes a picture (N, H, W, 3 F) of F stacked frames, or a dict of ``image`` and ``path`` (N, P)
+    in [-1, 1].
+    """
+
+    def __init__(self, observation_space: spaces.Space, net: NetConfig) -> None:
+        image, path_points = observation_shapes(observation_space)
+        width = net.image_fc + (net.path_fc[1] if path_points else 0)
+        super().__init__(observation_space, width)
+        self.convolutions = _convolutions(image[2], net.channels)
+        with torch.no_grad():
+            flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
+        self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
+        self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
+        self.apply(_orthogonal)
+
+    def forward(self, observation: Observation) -> torch.Tensor:
+        """(N, features)."""
+        if self.path_fc is None:
+            assert isinstance(observation, torch.Tensor)
+            return self._look(observation)
+        assert isinstance(observation, dict)
+        return torch.cat((self._look(observation["image"]), self.path_fc(observation["path"])), 1)
+
+    def _look(self, image: torch.Tensor) -> torch.Tensor:
+        # permute alone leaves the pixels where they are: torch's "channels last", its fastest
+        pixels = image.float().permute(0, 3, 1, 2) / 255.0
+        return self.image_fc(self.convolutions(pixels).flatten(1))
+
+
+class DuelingQNetwork(QNetwork):
+    """Q = V + A - mean(A), a fully connected layer for each stream (Wang et al. 2016, eq. 9)."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        advantage = self.q_net
+        sizes = (self.features_dim, *self.net_arch)
+        self.q_net = _Dueling(nn.Sequential(_perceptron(sizes), nn.Linear(sizes[-1], 1)), advantage)
+
+
+class _Dueling(nn.Sequential):
+    def __init__(self, value: nn.Module, advantage: nn.Module) -> None:
+        super().__init__(value, advantage)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        value, advantage = self[0](features), self[1](features)
+        return value + advantage - advantage.mean(dim=1, keepdim=True)
+
+
+class QPolicy(DQNPolicy):
+    """Online and target network; orthogonal weights.
+
+    Args:
+        true_path: weight of the auxiliary task, see `trainer.learners.true_path`.
+    """
+
+    network: type[QNetwork] = QNetwork
+
+    def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
+        self.true_path = true_path
+        super().__init__(*args, **kwargs)
+
+    def make_q_net(self) -> QNetwork:
+        """A fresh network with a feature extractor of its own."""
+        arguments = self._update_features_extractor(self.net_args, features_extractor=None)
+        network = self.network(**arguments)
+        network.q_net.apply(_orthogonal)
+        if self.true_path:
+            network.path_head = nn.Linear(self.net_arch[-1], PATH_POINTS)
+        return network.to(self.device)
+
+    def values_and_path_loss(self, observation: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        """What actions are worth (N, actions), and the weighted loss of the auxiliary task."""
+        network = self.q_net
+        features = network.extract_features(observation, network.features_extractor)
+        values = network.q_net(features)
+        if not self.true_path:
+            return values, values.new_zeros(())
+        fused = self._chooser(network)[:-1](features)
+        error = cast(nn.Linear, network.path_head)(fused) - observation[TRUE_PATH]
+        return values, self.true_path * error.square().mean()
+
+    @staticmethod
+    def _chooser(network: QNetwork) -> nn.Sequential:
+        return network.q_net
+
+
+class DuelingPolicy(QPolicy):
+    """As `QPolicy`, with two streams."""
+
+    network = DuelingQNetwork
+
+    @staticmethod
+    def _chooser(network: QNetwork) -> nn.Sequential:
+        return cast(nn.Sequential, network.q_net[1])
+
+
+class DrivingActorCritic(ActorCriticPolicy):
+    """Actor and critic, with the auxiliary task of `true_path.py` where it has a weight.
+
+    Args:
+        true_path: that weight, as a multiple of the weight of the entropy.
+    """
+
+    def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
+        self.true_path = true_path
+        super().__init__(*args, **kwargs)
+
+    def _build_mlp_extractor(self) -> None:
+        super()._build_mlp_extractor()
+        if self.true_path:
+            self.path_head = nn.Linear(self.mlp_extractor.latent_dim_pi, PATH_POINTS)
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """As of stable-baselines3; it maximises the entropy, so the auxiliary loss comes off it."""
+        latent, latent_value = self.mlp_extractor(self.extract_features(obs))
+        chosen = self._get_action_dist_from_latent(latent)
+        entropy = chosen.entropy()
+        if self.true_path and entropy is not None:
+            error = self.path_head(latent) - obs[TRUE_PATH]
+            entropy = entropy - self.true_path * error.square().mean(dim=1)
+        return self.value_net(latent_value), chosen.log_prob(actions), entropy
+
+
+class GreedyNetwork(nn.Module):
+    """What drives: observation -> values (N, actions), of which the largest is chosen.
+
+    Q values of a `QPolicy`, logits of an actor. This is the part that is exported.
+    """
+
+    def __init__(self, policy: BasePolicy) -> None:
+        super().__init__()
+        if isinstance(policy, DQNPolicy):
+            self.features, self.head = policy.q_net.features_extractor, policy.q_net.q_net
+        elif isinstance(policy, ActorCriticPolicy):
+            actor = policy.mlp_extractor.policy_net
+            self.features = policy.pi_features_extractor
+            self.head = nn.Sequential(actor, policy.action_net)
+        else:
+            raise ContractError(f"expected a Q or actor-critic policy, got {type(policy).__name__}")
+
+    def forward(self, image: torch.Tensor, path: torch.Tensor | None = None) -> torch.Tensor:
+        """image (N, H, W, 3) uint8 or float 0..255, path (N, P) -> (N, actions)."""
+        return self.head(self.features(image if path is None else {"image": image, "path": path}))
+
+    @torch.no_grad()
+    def actions(self, observation: np.ndarray | dict[str, np.ndarray]) -> np.ndarray:
+        """The greedy choices (N,) int64 for a batch as the environment gives it."""
+        device = next(self.parameters()).device
+        parts = observation if isinstance(observation, dict) else {"image": observation}
+        tensors = {name: torch.from_numpy(part).to(device) for name, part in parts.items()}
+        return self(**tensors).argmax(dim=1).cpu().numpy()
+
+
+def observation_shapes(space: spaces.Space) -> tuple[tuple[int, int, int], int]:
+    """((H, W, 3 F), path points or 0) of an observation space.
+
+    Raises:
+        ContractError: neither a picture nor a dict of ``image`` and ``path``.
+    """
+    image = space.spaces.get("image") if isinstance(space, spaces.Dict) else space
+    path = space.spaces.get("path") if isinstance(space, spaces.Dict) else None
+    if not (isinstance(image, spaces.Box) and len(image.shape) == 3 and image.shape[2] % 3 == 0):
+        raise ContractError(f"observation: expected a picture (H, W, 3), got {image}")
+    points = path.shape[0] if path is not None and path.shape else 0
+    return (image.shape[0], image.shape[1], image.shape[2]), points
+
+
+def _convolutions(inputs: int, channels: tuple[int, ...]) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for outputs, (kernel, stride) in zip(channels, KERNELS_AND_STRIDES, strict=False):
+        layers += [nn.Conv2d(inputs, outputs, kernel, stride), nn.ReLU()]
+        inputs = outputs
+    return nn.Sequential(*layers)
+
+
+def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
+    pairs = itertools.pairwise(sizes)
+    return nn.Sequential(*(layer for a, b in pairs for layer in (nn.Linear(a, b), nn.ReLU())))
+
+
+def _orthogonal(module: nn.Module) -> None:
+    if isinstance(module, (nn.Conv2d, nn.Linear)):
+        gain = (
+            1.0
+            if isinstance(module, nn.Linear) and module.out_features <= _MOST_ACTIONS
+            else np.sqrt(2.0)
+        )
+        nn.init.orthogonal_(module.weight, gain=gain)
+        if module.bias is not None:
+            nn.init.zeros_(module.bias)

@@ -1,0 +1,1 @@
+"""Many trainings or evaluations at once: as jobs, in processes or on a Ray cluster."""

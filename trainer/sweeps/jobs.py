@@ -1,0 +1,199 @@
+"""What the commands ``train`` and ``evaluate`` do, as things that another process can do, too."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress
+
+from robot.errors import ConfigError
+from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.typed_config import to_plain
+from trainer.config import TESTS, choose
+from trainer.envs import find_looks, load_places
+from trainer.judging.drive_log import DriveLog, drives_beside
+from trainer.judging.evaluate import DrivingPolicy, Inputs, evaluate, open_policy, summarise
+from trainer.options import EvaluateOptions, TrainOptions, extended
+from trainer.run import RunFolder, write_json
+from trainer.sweeps.sweep import SweepOptions, combinations
+from trainer.sweeps.workers import Progressed
+
+
+@dataclass(frozen=True)
+class TrainJob:
+    """A training in a run folder."""
+
+    out: Path
+    options: TrainOptions
+    resume: bool
+
+    @property
+    def title(self) -> str:
+        """Its folder."""
+        return str(self.out)
+
+    @property
+    def log(self) -> Path:
+        """In the run folder."""
+        return self.out / "log.txt"
+
+    def finished(self) -> bool:
+        """Whether the run has used its steps or seconds, or has learned its task."""
+        folder, config = RunFolder(self.out), self.options.config()
+        if folder.config.exists():
+            found = folder.load_config()
+            if found != replace(config, steps=found.steps, seconds=found.seconds):
+                raise ConfigError(
+                    f"{self.out}: expected a run with the options asked for, got another one; "
+                    "choose another --out"
+                )
+        if not folder.metrics.exists():
+            return False
+        metrics = json.loads(folder.metrics.read_text(encoding="utf-8"))
+        return metrics["stopped_by"] != "steps" or metrics["train_steps"] >= config.steps
+
+    def progress(self) -> Progressed:
+        """By the episodes so far."""
+        recent = RunFolder(self.out).recent_episodes()
+        total = float(self.options.config().steps)
+        if not recent:
+            return Progressed(0.0, total, "")
+        reward = sum(e.reward for e in recent) / len(recent)
+        last = recent[-1]
+        return Progressed(last.step, total, f"reward {reward:.1f} · {last.seconds:.0f} s")
+
+    def run(self, console: Console) -> int:
+        """Train, and say how it went."""
+        folder, options = RunFolder(self.out), self.options
+        if not self.resume:
+            folder.refuse_run()
+        if folder.config.exists():
+            config = extended(folder.load_config(), options.steps, options.seconds)
+        else:
+            config = options.config()
+        from trainer.envs import make_env
+        from trainer.training.train import train
+
+        metrics = train(config, folder, make_env, console)
+        console.print(
+            f"{self.out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
+            f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
+        )
+        return 1 if metrics.stopped_by == "interrupted" else 0
+
+
+@dataclass(frozen=True)
+class EvaluateJob:
+    """An evaluation, into a JSON file where one is named."""
+
+    json: Path | None
+    options: EvaluateOptions
+    drives: bool  # kept beside the JSON file
+
+    @property
+    def title(self) -> str:
+        """What it writes."""
+        return str(self.json or self.options.model)
+
+    @property
+    def log(self) -> Path:
+        """Beside the JSON file."""
+        return (self.json or Path("evaluation.json")).with_suffix(".log")
+
+    def finished(self) -> bool:
+        """Whether the JSON file answers the same question."""
+        self.options.check()
+        if self.json is None or not self.json.exists():
+            return False
+        found = json.loads(self.json.read_text(encoding="utf-8"))["inputs"]
+        if found != to_plain(inputs(self.options, found["task"])):
+            raise ConfigError(
+                f"{self.json}: expected the evaluation asked for, got another one; "
+                "choose another --json"
+            )
+        return True
+
+    def progress(self) -> Progressed:
+        """Nobody knows before it ends."""
+        return Progressed(0.0, 0.0, "")
+
+    def run(self, console: Console) -> int:
+        """Drive, and say how it went."""
+        options = self.options
+        if self.json is not None:  # before the work, not after it
+            self.json.parent.mkdir(parents=True, exist_ok=True)
+        policy: DrivingPolicy = open_policy(Path(options.model), options.task)
+        if options.translate is not None:
+            translator = open_translator(options.translate, policy.contract.image)
+            policy = TranslatingPolicy(policy, translator)
+        asked = inputs(options, policy.contract.task)
+        if self.drives and asked.task == "track":
+            raise ConfigError("drives: expected a task on maps, got track: no map to draw on")
+        maps = load_places(asked.task, asked.maps)
+        looks = find_looks(asked.task, options.look, options.pose_error, options.without)
+        seeds = range(options.seed, options.seed + options.episodes)
+        log = DriveLog() if self.drives else None
+        columns = Progress.get_default_columns()
+        with Progress(*columns, MofNCompleteColumn(), console=console) as bar:
+            row = bar.add_task(f"{asked.task} {Path(options.model).name}", total=len(seeds))
+            drives = evaluate(
+                policy, asked.task, maps, looks, seeds, lambda _: bar.advance(row), asked.zero, log
+            )
+        result = summarise(asked, policy, drives)
+        if self.json is not None:
+            if log is not None:
+                log.save(drives_beside(self.json))
+            write_json(self.json, result)
+        console.print(
+            f"{options.model}: success {result.success_rate:.1%} of {options.episodes} (at least "
+            f"{result.success_rate_low:.1%} with 95 % confidence), "
+            f"{100 * result.mean_path_distance_m:.1f} cm from the path"
+        )
+        if asked.task == "track" and result.laps is not None:
+            console.print(
+                f"{result.laps:.2f} laps, {result.collisions} collisions, "
+                f"{result.mean_speed_mps:.1f} m/s on average (real track)"
+            )
+        return 0
+
+
+def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
+    """What an evaluation is asked for, defaults filled in; the policy's own task is the default."""
+    task = options.task or trained_for
+    return Inputs(
+        options.model,
+        task,
+        options.map or (choose("task", task, TESTS),),
+        options.look,
+        options.pose_error,
+        options.zero,
+        options.episodes,
+        options.seed,
+        options.translate,
+        options.without,
+    )
+
+
+def train_jobs(out: Path, options: TrainOptions, many: SweepOptions) -> list[TrainJob]:
+    """A training in a folder of ``out`` for each combination; ConfigError as of `combinations`."""
+    found = combinations(options, many)
+    return [TrainJob(out / name, each, resume=True) for name, each in found]
+
+
+def evaluate_jobs(
+    file: Path | None, options: EvaluateOptions, drives: bool, many: SweepOptions
+) -> list[EvaluateJob]:
+    """An evaluation for each combination, on episodes of its own for each of ``--seeds``.
+
+    Each goes to ``file`` with what is its own added to the name, or without ``file`` to
+    ``evaluation_….json`` beside its model. ConfigError as of `combinations`.
+    """
+    jobs = []
+    for name, each in combinations(options, many, seed_step=options.episodes):
+        beside = file or Path(each.model).parent / "evaluation.json"
+        path = beside.with_name("_".join(filter(None, (beside.stem, name))) + beside.suffix)
+        jobs.append(EvaluateJob(path, each, drives))
+    return jobs

@@ -1,0 +1,55 @@
+"""One or more episodes of each robot, driven greedily: the evaluation between updates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from trainer.learners.networks import GreedyNetwork
+
+RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
+
+
+@dataclass(frozen=True)
+class GreedyResult:
+    """The first R episodes of each of N robots."""
+
+    rewards: np.ndarray  # (R, N) summed over the episode
+    steps: np.ndarray  # (R, N) decisions
+    success: np.ndarray  # (R, N) bool
+
+
+def drive_greedily(network: GreedyNetwork, env: VecEnv, seed: int, rounds: int = 1) -> GreedyResult:
+    """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes."""
+    env.seed(seed)
+    observation = env.reset()
+    shape = (rounds + 1, env.num_envs)  # one more, for what is driven while others are waited for
+    rewards, steps, success = np.zeros(shape), np.zeros(shape, dtype=int), np.zeros(shape, bool)
+    which, robots = np.zeros(env.num_envs, dtype=int), np.arange(env.num_envs)
+    while (which < rounds).any():
+        observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
+        rewards[which, robots] += reward
+        steps[which, robots] += 1
+        for robot in np.flatnonzero(done):
+            success[which[robot], robot] = bool(infos[robot].get("is_success", False))
+        which = np.minimum(which + done, rounds)
+    return GreedyResult(rewards[:rounds], steps[:rounds], success[:rounds])
+
+
+def collect_observations(
+    network: GreedyNetwork, env: VecEnv, count: int, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """``count`` observations from driving with some random actions: {input name: (count, ...)}."""
+    observation = env.reset()
+    batches = []
+    for _ in range(-(-count // env.num_envs)):
+        parts = observation if isinstance(observation, dict) else {"image": observation}
+        batches.append({name: np.array(part) for name, part in parts.items()})
+        chosen = network.actions(observation)  # type: ignore[arg-type]
+        random = rng.integers(int(env.action_space.n), size=env.num_envs)  # type: ignore[attr-defined]
+        observation, *_ = env.step(
+            np.where(rng.random(env.num_envs) < RANDOM_SHARE, random, chosen)
+        )
+    return {name: np.concatenate([b[name] for b in batches])[:count] for name in batches[0]}

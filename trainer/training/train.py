@@ -1,0 +1,194 @@
+"""A training from beginning to end, or from where it was cut off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import torch
+from rich.console import Console
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.vec_env import VecEnv
+
+from trainer.config import A3cConfig, RunConfig, judged
+from trainer.envs import ScaledReward
+from trainer.export import export_run
+from trainer.learners.a3c import A3C
+from trainer.learners.algorithms import build_model
+from trainer.learners.replay import MappedReplayBuffer
+from trainer.learners.true_path import WithTruePath
+from trainer.report.curves import draw_curve
+from trainer.run import EpisodeLog, RunFolder, write_json
+from trainer.training.callbacks import (
+    MONOTONIC,
+    Checkpointer,
+    Clock,
+    Display,
+    EpisodeRecorder,
+    Evaluator,
+    Stopwatch,
+    stop_on_signal,
+)
+from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
+
+
+class EnvMaker(Protocol):
+    """Builds the environment of a run: training or evaluation, according to ``robots``."""
+
+    def __call__(self, config: RunConfig, robots: int, seed: int) -> VecEnv:
+        """A vector environment of so many robots."""
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """``metrics.json``."""
+
+    train_seconds: float  # wall clock, evaluations included
+    evaluation_seconds: float
+    cpu_seconds: float  # of the process, all threads, evaluations included
+    train_steps: int
+    episodes: int
+    success_rate: float  # of the kept policy, on its evaluation
+    stopped_by: str
+    solved_seconds: float  # first evaluation without a failure; NaN: none
+    solved_steps: float
+    seed: int
+    evaluations: tuple[Evaluated, ...]
+    schema: int = 1
+
+
+def train(
+    config: RunConfig,
+    folder: RunFolder,
+    make_env: EnvMaker,
+    console: Console,
+    clock: Clock = MONOTONIC,
+    checkpoint_period_s: float = 10.0,
+) -> Metrics:
+    """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
+
+    Leaves `RunFolder`'s files. An interrupted run keeps its replay buffer and can go on.
+
+    Raises:
+        DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
+    """
+    torch.set_num_threads(config.threads)
+    session = _Session(config, folder, make_env, console, clock, checkpoint_period_s)
+    try:
+        session.learn()
+        return session.finish()
+    finally:
+        session.close()
+
+
+class _Session:
+    """One process's share of a run."""
+
+    def __init__(
+        self,
+        config: RunConfig,
+        folder: RunFolder,
+        make_env: EnvMaker,
+        console: Console,
+        clock: Clock,
+        checkpoint_period_s: float,
+    ) -> None:
+        self.config, self.folder = config, folder
+        drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
+        self.evaluation_env = make_env(judged(config), drivers, config.seed)
+        asynchronous = isinstance(config.learn, A3cConfig)  # workers have worlds of their own
+        robots = self.evaluation_env
+        if not asynchronous:
+            robots = make_env(config, config.learn.robots, config.seed)
+        if config.true_path:
+            robots = WithTruePath(robots)
+        self.env = ScaledReward(robots, config.reward_scale)
+        if not folder.config.exists():
+            folder.create(config)
+        self.model: BaseAlgorithm = (
+            A3C(config, make_env, self.env)
+            if asynchronous
+            else build_model(config, self.env, folder.replay)
+        )
+        self.state = TrainState()
+        if folder.checkpoint.exists():
+            self.state = load_checkpoint(folder.checkpoint, self.model)
+            self.state.stopped_by = ""
+            self.model.set_random_seed(config.seed + self.steps)
+        self.model.set_logger(_logger(folder.tensorboard))
+        self.log = EpisodeLog(folder, self.steps)
+        self.recorder = EpisodeRecorder(self.state, self.log, clock, config.reward_scale)
+        self.evaluator = Evaluator(self.state, config, folder, self.evaluation_env, clock)
+        self.checkpointer = Checkpointer(self.state, folder, self.log, clock, checkpoint_period_s)
+        self.display = Display(self.state, config, self.recorder, console)
+        self.stopwatch = Stopwatch(self.state, config.seconds, clock)
+
+    @property
+    def steps(self) -> int:
+        """Decisions of all robots so far."""
+        return self.model.num_timesteps
+
+    def learn(self) -> None:
+        """Until something stops it."""
+        watchers = [self.recorder, self.evaluator, self.checkpointer, self.display, self.stopwatch]
+        with stop_on_signal(self.state):
+            self.model.learn(
+                max(0, self.config.steps - self.steps),
+                callback=CallbackList(list(watchers)),
+                log_interval=None,  # type: ignore[arg-type]  # we log ourselves
+                reset_num_timesteps=False,
+            )
+        self.state.stopped_by = self.state.stopped_by or "steps"
+
+    def finish(self) -> Metrics:
+        """Leave the files; an interrupted run has no model and no metrics yet."""
+        evaluations, reason = self.state.evaluations, self.state.stopped_by
+        interrupted = reason == "interrupted"
+        if not interrupted and not (evaluations and evaluations[-1].step == self.steps):
+            self.evaluator.evaluate()
+            self.state.stopped_by = reason
+        self.checkpointer.save()
+        draw_curve(self.folder, self.config)
+        metrics = self._metrics()
+        if not interrupted:
+            env = self.evaluation_env
+            export_run(self.folder, self.config, env, frames=10 * env.num_envs, int8=False)
+            write_json(self.folder.metrics, metrics)
+        return metrics
+
+    def _metrics(self) -> Metrics:
+        state, nan = self.state, float("nan")
+        solved = next((e for e in state.evaluations if e.success_rate == 1.0), None)
+        return Metrics(
+            train_seconds=state.seconds,
+            evaluation_seconds=state.evaluation_seconds,
+            cpu_seconds=state.cpu_seconds,
+            train_steps=self.steps,
+            episodes=self.log.count,
+            success_rate=state.best.success_rate if state.best else nan,
+            stopped_by=state.stopped_by,
+            solved_seconds=solved.seconds if solved else nan,
+            solved_steps=solved.step if solved else nan,
+            seed=self.config.seed,
+            evaluations=tuple(state.evaluations),
+        )
+
+    def close(self) -> None:
+        """Let go of files and environments; the replay buffer of a finished run is deleted."""
+        self.display.stop()
+        self.log.close()
+        self.model.logger.close()
+        self.env.close()
+        if self.env.venv is not self.evaluation_env:
+            self.evaluation_env.close()
+        buffer = getattr(self.model, "replay_buffer", None)
+        if isinstance(buffer, MappedReplayBuffer):
+            buffer.close(delete=self.state.stopped_by not in ("", "interrupted"))
+
+
+def _logger(folder: Path) -> Logger:
+    folder.mkdir(parents=True, exist_ok=True)
+    return Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
