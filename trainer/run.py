@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -68,6 +68,10 @@ def begin_run(folder: Path, config: object) -> None:
     """Make the folder of a run, with its configuration; ConfigError as of `refuse_run`."""
     refuse_run(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    _write_config(folder, config)
+
+
+def _write_config(folder: Path, config: object) -> None:
     with atomically(folder / CONFIG) as temporary:
         temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))
 
@@ -120,9 +124,22 @@ class RunFolder:
         """ConfigError if a run lies here."""
         refuse_run(self.path)
 
-    def create(self, config: RunConfig) -> None:
-        """Begin a run here; ConfigError if one lies here."""
-        begin_run(self.path, config)
+    def refuse_another(self, config: RunConfig) -> None:
+        """ConfigError if a run lies here that differs in more than its limits."""
+        if not self.config.exists():
+            return
+        found = self.load_config()
+        if found != replace(config, steps=found.steps, seconds=found.seconds):
+            raise ConfigError(
+                f"{self.path}: expected a run with the options asked for, got another one; "
+                "choose another --out"
+            )
+
+    def go_on(self, config: RunConfig) -> None:
+        """Begin a run here, or give the one that lies here new limits; errors as above."""
+        self.refuse_another(config)
+        self.path.mkdir(parents=True, exist_ok=True)
+        _write_config(self.path, config)
 
     def load_config(self) -> RunConfig:
         """The configuration that this run was begun with; ConfigError if there is none."""

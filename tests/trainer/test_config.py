@@ -21,7 +21,7 @@ def test_every_preset_builds_and_survives_its_file(
     if name != "paper":  # six million weights: once is enough, in test_networks
         build_policy(config)
     folder = RunFolder(tmp_path)
-    folder.create(config)
+    folder.go_on(config)
     assert folder.load_config() == config
 
 

@@ -55,9 +55,9 @@ def test_a_line_cut_short_by_a_kill_is_ignored(tmp_path: Path) -> None:
 
 def test_a_second_run_in_one_folder_is_refused(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
-    folder.create(preset("lane", "ppo", "debug"))
+    folder.go_on(preset("lane", "ppo", "debug"))
     with pytest.raises(ConfigError, match="--resume"):
-        folder.create(preset("lane", "ppo", "debug"))
+        folder.refuse_run()
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -43,13 +43,7 @@ class TrainJob:
     def finished(self) -> bool:
         """Whether the run has used its steps or seconds, or has learned its task."""
         folder, config = RunFolder(self.out), self.options.config()
-        if folder.config.exists():
-            found = folder.load_config()
-            if found != replace(config, steps=found.steps, seconds=found.seconds):
-                raise ConfigError(
-                    f"{self.out}: expected a run with the options asked for, got another one; "
-                    "choose another --out"
-                )
+        folder.refuse_another(config)
         if not folder.metrics.exists():
             return False
         metrics = json.loads(folder.metrics.read_text(encoding="utf-8"))

@@ -106,8 +106,7 @@ class _Session:
         if config.true_path:
             robots = WithTruePath(robots)
         self.env = ScaledReward(robots, config.reward_scale)
-        if not folder.config.exists():
-            folder.create(config)
+        folder.go_on(config)
         self.model: BaseAlgorithm = (
             A3C(config, make_env, self.env)
             if asynchronous

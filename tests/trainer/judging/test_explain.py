@@ -204,7 +204,7 @@ def test_a_checkpoint_looks_where_its_export_looks(tmp_path: Path) -> None:
     torch.manual_seed(1)
     run = RunFolder(tmp_path / "run")
     config = preset("navigation", "ppo", "debug")
-    run.create(config)
+    run.go_on(config)
     policy = build_policy(config)
     save_policy(run.best, policy)
     torch.save({"policy": policy.state_dict()}, run.checkpoint.with_name("last.pt"))
@@ -222,7 +222,7 @@ def test_wrong_sources_are_status_2(model: Path, folder: Path, tmp_path: Path) -
     assert main(["explain", "--model", str(model), "--images", str(tmp_path / "none"), *out]) == 2
     assert main(["explain", "--model", str(folder), "--images", str(folder), *out]) == 2
     run = RunFolder(tmp_path / "run")
-    run.create(preset("lane", "ppo", "debug"))
+    run.go_on(preset("lane", "ppo", "debug"))
     assert main(["explain", "--model", str(run.path), "--images", str(folder), *out]) == 2
     run.best.write_bytes(b"nothing")
     assert main(["explain", "--model", str(run.best), "--images", str(folder), *out]) == 2

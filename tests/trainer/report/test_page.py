@@ -25,7 +25,7 @@ from trainer.training.checkpoint import Evaluated, TrainState
 
 def make_run(path: Path, algorithm: str = "ppo", seed: int = 0, task: str = "lane") -> RunFolder:
     folder = RunFolder(path)
-    folder.create(replace(preset(task, algorithm, "debug"), seed=seed))
+    folder.go_on(replace(preset(task, algorithm, "debug"), seed=seed))
     log = EpisodeLog(folder)
     for step in range(16, 640, 16):
         log.add(episode(step))
@@ -51,7 +51,7 @@ def page_of(paths: list[Path], out: Path) -> str:
 
 def test_what_is_missing_is_said_with_its_command(tmp_path: Path) -> None:
     make_run(tmp_path / "a")
-    RunFolder(tmp_path / "new").create(preset("navigation", "dueling", "debug"))
+    RunFolder(tmp_path / "new").go_on(preset("navigation", "dueling", "debug"))
     page = page_of([tmp_path], tmp_path / "out")
     assert f"evaluate --model {tmp_path / 'a' / 'model.onnx'} --json" in page
     assert f"{tmp_path / 'new'}: no episode has ended yet" in page

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from robot.errors import ConfigError
 from tests.trainer.toy import toy_config, train_toy
 from trainer.run import RunFolder
 
@@ -83,3 +84,13 @@ def test_finished_run_has_nothing_left_to_do(tmp_path: Path) -> None:
     again = train_toy(config, tmp_path)
     assert again.train_steps == first.train_steps
     assert again.evaluations == first.evaluations
+
+
+def test_a_run_that_goes_on_for_longer_says_so(tmp_path: Path) -> None:
+    config = toy_config("ppo", 600)
+    train_toy(config, tmp_path)
+    longer = replace(config, steps=1200)
+    train_toy(longer, tmp_path)
+    assert RunFolder(tmp_path).load_config() == longer
+    with pytest.raises(ConfigError, match="another one"):
+        train_toy(replace(longer, seed=5), tmp_path)
