@@ -15,24 +15,27 @@ from trainer.export import IR_VERSION, OPSET
 from trainer.run import atomically
 from trainer.translation.folder import TranslationFolder
 from trainer.translation.networks import PictureTranslator
-from trainer.translation.train import load_model
+from trainer.translation.train import load_kept
 
 TOLERANCE = 1  # grey level, by which rounding may go the other way
 
 
 def export_translators(folder: TranslationFolder) -> list[Path]:
-    """Write both directions of a run's checkpoint; their paths.
+    """Write both directions of a run's best generators so far, or of its first; their paths.
 
     Raises:
         ConfigError: no run, or no checkpoint yet.
         ContractError: torch and ONNX disagree.
     """
-    model, written = load_model(folder), []
-    for direction, generator in zip(
-        DIRECTIONS, (model.kept_to_real, model.kept_to_sim), strict=True
-    ):
+    (model, kept), written = load_kept(folder), []
+    generators = (model.kept_to_real, model.kept_to_sim)
+    if kept is not None:
+        for generator, weights in zip(generators, (kept.to_real, kept.to_sim), strict=True):
+            generator.load_state_dict(weights)
+    steps = kept.steps if kept else model.steps
+    for direction, generator in zip(DIRECTIONS, generators, strict=True):
         contract = TranslatorContract(
-            "cyclegan", direction, model.config.image, folder.path.resolve().name, model.steps
+            "cyclegan", direction, model.config.image, folder.path.resolve().name, steps
         )
         path = folder.onnx(direction)
         export_translator(PictureTranslator(generator), contract, path)

@@ -17,8 +17,8 @@ from trainer.run import atomically
 from trainer.translation.distance import features, frechet_distance, kernel_distance
 from trainer.translation.lanes import overlap, true_masks
 from trainer.translation.pictures import Pictures, load_paint, load_pictures
+from trainer.translation.validation import LANE_OVERLAP
 
-LANE_OVERLAP = 0.85  # what a translation must keep
 # Pictures (N, H, W, 3) and their paint (N, 4, H, W) -> masks (N, H, W), not 0 on lines.
 FindLines = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _ENLARGED = 2

@@ -33,6 +33,11 @@ class Pictures(NamedTuple):
         members = [np.flatnonzero(self.folder == k) for k in range(self.folder.max() + 1)]
         return np.array([rng.choice(members[k]) for k in chosen])
 
+    def part(self, chosen: np.ndarray) -> Pictures:
+        """Those where ``chosen`` (N,) bool is set."""
+        files = tuple(np.array(self.files, object)[chosen])
+        return Pictures(self.images[chosen], self.folder[chosen], files)
+
 
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
     """All pictures of some folders; of a collection (`trainer.translation.collect`) its ``image/``.

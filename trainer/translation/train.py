@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,20 +17,28 @@ from trainer.translation.cyclegan import Batch, CycleGan
 from trainer.translation.folder import TranslationFolder
 from trainer.translation.networks import as_bytes, as_floats
 from trainer.translation.pictures import Pictures, load_paint, load_pictures
+from trainer.translation.validation import Kept, Validation, better, held_out
 
 SHOWN = 4  # columns of a sample grid
+VALIDATE_EVERY = 250
 _LOG_EVERY = 20
 _LARGEST_SHIFT = 0.05  # of the picture: photographs are cut a little differently each time
 
 
 class UnpairedPictures:
-    """Draws batches: simulated pictures with their paint, and photographs."""
+    """Draws batches: simulated pictures with their paint, and photographs.
+
+    ``validation`` judges by simulated pictures that are not drawn.
+    """
 
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
         self.sim = load_pictures([Path(folder) for folder in config.sim], config.image)
         self.real = load_pictures([Path(folder) for folder in config.real], config.image)
         self._paint = load_paint(self.sim, config.image)
         self._device = device
+        out = held_out(self.sim)
+        self.validation = Validation(self.sim.part(out), self._paint[out], self.real.images, device)
+        self.sim, self._paint = self.sim.part(~out), self._paint[~out]
 
     def draw(self, count: int, rng: np.random.Generator) -> Batch:
         """So many of each."""
@@ -56,8 +65,11 @@ def train_translation(
     config: TranslationConfig,
     save_period_s: float = 60.0,
     clock: Callable[[], float] = time.monotonic,
-) -> CycleGan:
+) -> Kept:
     """Train until the steps are done; go on from a checkpoint if there is one.
+
+    Returns:
+        The best generators by the pictures held out, which are those that are exported.
 
     Raises:
         ConfigError: a folder of pictures is absent, empty or without labels.
@@ -65,9 +77,9 @@ def train_translation(
     torch.set_num_threads(config.threads)
     device = torch.device(chosen_device(config.device))
     pictures = UnpairedPictures(config, device)
-    model = CycleGan(config, device)
+    model, kept = CycleGan(config, device), None
     if folder.checkpoint.exists():
-        model.restore(folder.load(device))
+        model, kept = _restored(model, folder.load(device))
     writer = SummaryWriter(str(folder.tensorboard), purge_step=model.steps)
     saved_s = clock()
     bar = tqdm(total=config.steps, initial=model.steps, unit="step", dynamic_ncols=True)
@@ -79,26 +91,46 @@ def train_translation(
                 bar.set_postfix({k: f"{losses[k]:.2f}" for k in ("cycle", "structure")})
                 for name, loss in losses.items():
                     writer.add_scalar(f"loss/{name}", loss, model.steps)
+            if model.steps % VALIDATE_EVERY == 0 or model.steps == config.steps:
+                kept = _validated(model, kept, pictures, writer)
             if clock() - saved_s > save_period_s:
-                folder.save(model.state())
+                folder.save(_state(model, kept))
                 _show(writer, model, pictures.shown())
                 saved_s = clock()
     finally:
-        folder.save(model.state())
+        folder.save(_state(model, kept))
         bar.close()
         writer.close()
-    return model
+    return kept or better(None, pictures.validation.score(model.kept_to_real), model)
 
 
-def load_model(folder: TranslationFolder) -> CycleGan:
-    """The networks of a run as its checkpoint has them, on the processor.
+def load_kept(folder: TranslationFolder) -> tuple[CycleGan, Kept | None]:
+    """The networks of a run as its checkpoint has them, on the processor, with the best so far.
 
     Raises:
         ConfigError: no run, or no checkpoint yet.
     """
-    model = CycleGan(folder.load_config(), torch.device("cpu"))
-    model.restore(folder.load(torch.device("cpu")))
-    return model
+    device = torch.device("cpu")
+    return _restored(CycleGan(folder.load_config(), device), folder.load(device))
+
+
+def _validated(
+    model: CycleGan, kept: Kept | None, pictures: UnpairedPictures, writer: SummaryWriter
+) -> Kept:
+    score = pictures.validation.score(model.kept_to_real)
+    for name, figure in score._asdict().items():
+        writer.add_scalar(f"validation/{name}", figure, model.steps)
+    return better(kept, score, model)
+
+
+def _state(model: CycleGan, kept: Kept | None) -> dict[str, Any]:
+    return {**model.state(), "kept": tuple(kept) if kept else None}
+
+
+def _restored(model: CycleGan, state: dict[str, Any]) -> tuple[CycleGan, Kept | None]:
+    model.restore(state)
+    kept = state["kept"]
+    return model, Kept(*kept) if kept else None
 
 
 def chosen_device(name: str) -> str:

@@ -1,0 +1,68 @@
+"""Which generators of a training are kept."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from trainer.config import preset
+from trainer.translation.config import translation_preset
+from trainer.translation.cyclegan import CycleGan
+from trainer.translation.pictures import Pictures, load_paint, load_pictures
+from trainer.translation.validation import Kept, Score, Validation, better, held_out
+
+FAST: ImageSpec = preset("lane", "dueling", "fast").image
+SCORES = [Score(kid, lanes) for kid, lanes in product((0.5, 2.0), (0.7, 0.855, 0.87, 0.95))]
+
+
+def test_nothing_that_loses_lines_takes_the_place_of_what_keeps_them() -> None:
+    for new, old in product(SCORES, SCORES):
+        if new.better_than(old):
+            assert not old.better_than(new)
+            assert new.lanes >= 0.86 or new.lanes > old.lanes
+    assert Score(0.5, 0.87).better_than(Score(2.0, 0.95))
+    assert not Score(0.5, 0.70).better_than(Score(2.0, 0.95))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_the_best_is_kept_whenever_it_comes(order: tuple[int, ...]) -> None:
+    model = CycleGan(translation_preset("debug", ("sim",), ("real",)), torch.device("cpu"))
+    scores = [Score(2.0, 0.95), Score(0.5, 0.9), Score(0.1, 0.5)]
+    kept: Kept | None = None
+    for k in order:
+        model.steps = 10 + k
+        kept = better(kept, scores[k], model)
+        with torch.no_grad():
+            next(model.kept_to_real.parameters()).add_(1.0)  # what is kept stays as it was
+    assert kept is not None
+    assert (Score(*kept.score), kept.steps) == (scores[1], 11)
+    first = next(iter(kept.to_real.values()))
+    now = next(model.kept_to_real.parameters())
+    assert float((now - first).mean()) == pytest.approx(3 - order.index(1))
+
+
+def test_pictures_held_out_are_of_every_collection() -> None:
+    folder = np.repeat([0, 1, 2, 3], [30, 6, 2, 1])
+    out = held_out(Pictures(np.zeros((39, 1, 1, 3)), folder, ()))
+    assert [int(out[folder == k].sum()) for k in range(4)] == [4, 2, 1, 0]
+
+
+def test_one_picture_is_too_few(sim: Path, real: Path) -> None:
+    pictures, photographs = (load_pictures([folder], FAST) for folder in (sim, real))
+    one = np.arange(len(pictures.images)) == 0
+    paint = load_paint(pictures, FAST)
+    with pytest.raises(ConfigError, match="got too few"):
+        Validation(pictures.part(one), paint[one], photographs.images, torch.device("cpu"))
+
+
+def test_the_identity_keeps_all_lines(sim: Path, real: Path) -> None:
+    pictures, photographs = (load_pictures([folder], FAST) for folder in (sim, real))
+    paint = load_paint(pictures, FAST)
+    validation = Validation(pictures, paint, photographs.images, torch.device("cpu"))
+    assert validation.score(torch.nn.Identity()).lanes == 1.0
+    dark = validation.score(torch.nn.Threshold(9.0, -1.0))
+    assert dark.lanes == 0.0
