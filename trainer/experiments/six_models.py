@@ -18,7 +18,7 @@ from trainer.sweeps.jobs import EvaluateJob, TrainJob
 
 ALGORITHMS = ("dueling", "ppo")
 MAPS = ("hamlet", "village", "suburb", "blocks")  # not the arena, where they are judged
-DRIVES = {"laps": 20, "paths": 32, "tasks": 50}  # episodes of each test
+PATHS, MISSIONS = 32, 50  # of each navigator
 FIRST_SEED = 160 * 32  # whole worlds of 160 episodes: 32 paths are then each path once
 
 
@@ -55,11 +55,20 @@ class SixModelsOptions:
     pose_error: str = "arena"
     """In training and test alike: none or arena."""
     steps: int = 400_000
-    """Of each navigation training."""
+    """Of each navigation training by Dueling."""
+    ppo_steps: int = 800_000
+    """Of each by PPO, whose steps cost a third; the paper, too, gave it twice as many."""
     lane_steps: int = 60_000
     """Of each lane training."""
+    lap_drives: int = 20
+    """Drives of four laps of each lane keeper."""
     seeds: int = 3
     """Models of each kind, with seeds 0, 1, 2 …"""
+
+
+def episodes(options: SixModelsOptions) -> dict[str, int]:
+    """Of each test."""
+    return {"laps": options.lap_drives, "paths": PATHS, "tasks": MISSIONS}
 
 
 class Model(NamedTuple):
@@ -96,12 +105,13 @@ def trainings(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> l
         variant = VARIANTS[model.variant]
         for task in ("navigation", "lane"):
             guided = task == "navigation"
+            steps = options.ppo_steps if model.algorithm == "ppo" else options.steps
             job = TrainOptions(
                 task=task,
                 algo=model.algorithm,
                 preset=options.preset,
                 map=options.map if guided else (),
-                steps=options.steps if guided else options.lane_steps,
+                steps=steps if guided else options.lane_steps,
                 seed=model.seed,
                 look=variant.look,
                 pose_error=options.pose_error if guided else None,
@@ -129,7 +139,7 @@ def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list
                 map=maps,
                 look=options.look,
                 pose_error=pose_error,
-                episodes=DRIVES[test],
+                episodes=episodes(options)[test],
                 seed=FIRST_SEED,
             )
             jobs.append(EvaluateJob(file, job, drives=True))

@@ -11,10 +11,10 @@ from rich.table import Table as RichTable
 
 from trainer.experiments.six_models import (
     ALGORITHMS,
-    DRIVES,
     VARIANTS,
     Model,
     SixModelsOptions,
+    episodes,
     models,
     of_kind,
 )
@@ -65,9 +65,11 @@ def gather(out: Path, options: SixModelsOptions) -> Transfer:
         for algorithm in ALGORITHMS:
             kind = of_kind(everyone, algorithm, variant)
             if kind:
-                counts = [tuple(_successes(m, out, test) for m in kind) for test in DRIVES]
+                counts = [
+                    tuple(_successes(m, out, test) for m in kind) for test in episodes(options)
+                ]
                 rows.append(TransferRow(algorithm, variant, *counts))
-    return Transfer(options, dict(DRIVES), tuple(rows))
+    return Transfer(options, episodes(options), tuple(rows))
 
 
 def as_table(transfer: Transfer) -> RichTable:

@@ -26,9 +26,9 @@ class TranslationConfig:
     blocks: int = 1  # residual blocks at the narrowest place
     critic_width: int = 16
     critic_layers: int = 2  # that halve; with 2 a patch is 22 px wide, with 3 it is 46
-    steps: int = 3_000
+    steps: int = 2_000
     batch: int = 2
-    learning_rate: float = 3e-4
+    learning_rate: float = 6e-4
     decay_from: float = 0.5  # share of the steps after which the rate falls linearly to 0
     cycle: float = 10.0  # weights of the losses
     identity: float = 1.0

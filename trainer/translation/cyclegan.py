@@ -15,7 +15,7 @@ from trainer.translation.config import TranslationConfig
 from trainer.translation.losses import adversarial, structure
 from trainer.translation.networks import PatchCritic, build_generator
 
-AVERAGED_STEPS = 500  # over which the weights that are kept are averaged
+AVERAGED_STEPS = 200  # over which the weights that are kept are averaged
 
 
 class Batch(NamedTuple):

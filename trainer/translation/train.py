@@ -20,7 +20,7 @@ from trainer.translation.pictures import Pictures, load_paint, load_pictures
 from trainer.translation.validation import Kept, Validation, better, held_out
 
 SHOWN = 4  # columns of a sample grid
-VALIDATE_EVERY = 250
+VALIDATE_EVERY = 125
 _LOG_EVERY = 20
 _LARGEST_SHIFT = 0.05  # of the picture: photographs are cut a little differently each time
 
