@@ -39,6 +39,7 @@ if [ ! -e "$ROOT/opt/.installed" ] || [ constraints-nano.txt -nt "$ROOT/opt/.ins
     mcap lz4 zstandard pytest pytest-timeout pluggy iniconfig pygments hypothesis sortedcontainers
   touch "$ROOT/opt/.installed"
 fi
+echo /opt/packages >"$ROOT/usr/lib/python3/dist-packages/packages.pth"  # for programs under test, too
 
 rm -rf "$ROOT/work"
 mkdir -p "$ROOT"/{work,proc,dev,tmp}
@@ -48,6 +49,6 @@ export ROOT QEMU_CPU=${QEMU_CPU:-cortex-a57}
 exec unshare --mount --propagation private bash -c '
   mount -t proc proc "$ROOT/proc" && mount --rbind /dev "$ROOT/dev"
   exec chroot "$ROOT" env -i PATH=/usr/bin:/bin HOME=/tmp LANG=C.UTF-8 QEMU_CPU="$QEMU_CPU" \
-    PYTHONDONTWRITEBYTECODE=1 HYPOTHESIS_PROFILE=quick PYTHONPATH=/work:/opt/packages \
+    PYTHONDONTWRITEBYTECODE=1 HYPOTHESIS_PROFILE=quick PYTHONPATH=/work \
     sh -c "cd /work && exec python3 -m pytest -p no:cacheprovider -q \"\$@\"" pytest "$@"' test_arm64 \
   "${@:-tests/robot}"

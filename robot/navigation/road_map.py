@@ -14,7 +14,7 @@ from typing import Any, Dict, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
 from robot.geometry import Pose, wrap_angle
-from robot.navigation.lane_pose import LaneIndex
+from robot.navigation.lane_index import LaneIndex
 from robot.navigation.lanes import Lane, tile_lanes
 from robot.navigation.map_objects import (
     Grid,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -12,11 +13,20 @@ from robot.geometry import Pose
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import Attention
 from robot.navigation.road_map import RoadMap
-from tools.monitor.demo_robot import Camera
 
 JPEG_QUALITY = 85
 GRID_ROWS, GRID_COLUMNS = 12, 16
 SPOT_CELLS = 1.6  # standard deviation of the spot
+
+
+class Camera(Protocol):
+    """What the demo robot sees with."""
+
+    def frame(self, pose: Pose) -> FrameMessage:
+        """The picture from a pose."""
+
+    def attention(self, pose: Pose, target_m: np.ndarray) -> Attention:
+        """Where in the picture the driver looks: a spot at a place (2,) on the floor."""
 
 
 def make_camera(road_map: RoadMap) -> Camera | None:

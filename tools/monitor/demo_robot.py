@@ -12,7 +12,6 @@ import math
 import os
 import shutil
 import time
-from typing import Protocol
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.streams import Publisher
 from robot.link.telemetry import (
-    Attention,
     InputAge,
     Reading,
     Telemetry,
@@ -33,6 +31,7 @@ from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap, load_map
 from robot.safety.state_machine import Command as Request
 from robot.safety.state_machine import Inputs, Safety, SafetyLimits, State
+from tools.monitor.demo_camera import Camera, make_camera
 from tools.monitor.demo_drive import Drive, start_pose
 
 NAME = "duck"
@@ -40,16 +39,6 @@ TURN_S = 0.05
 POSE_NOISE_M = 0.004
 # A process on a busy desktop stalls now and then; a robot's own loop may not.
 LIMITS = SafetyLimits(loop_age_s=2.0, frame_age_s=2.0)
-
-
-class Camera(Protocol):
-    """What the demo robot sees with."""
-
-    def frame(self, pose: Pose) -> FrameMessage:
-        """The picture from a pose."""
-
-    def attention(self, pose: Pose, target_m: np.ndarray) -> Attention:
-        """Where in the picture the driver looks: a spot at a place (2,) on the floor."""
 
 
 class DemoRobot:
@@ -190,8 +179,6 @@ def _health() -> tuple[Reading, ...]:
 
 def main(argv: list[str] | None = None) -> int:
     """Run until interrupted."""
-    from tools.monitor.demo_camera import make_camera
-
     parser = argparse.ArgumentParser(description="A demonstration robot on plain loopback links.")
     parser.add_argument("--base-port", type=int, default=LinkConfig.base_port)
     parser.add_argument("--map", default="town")
