@@ -58,7 +58,7 @@ class TrackLook:
     wall_rgb: Rgb = (172.0, 172.0, 176.0)
     wall_2_rgb: Rgb = (150.0, 150.0, 156.0)
     wall_height_m: float = 1.0  # in metres of the real track
-    centre_line: float = 0.0  # opacity of a dashed yellow line in the middle
+    centre_line: float = 1.0  # opacity of a dashed yellow line in the middle
 
 
 @dataclass(frozen=True)

@@ -218,6 +218,7 @@ def judged(config: RunConfig) -> RunConfig:
 
 _PAPER_NET = NetConfig((32, 64, 64), image_fc=512, path_fc=(64, 128), head_fc=256)
 _FAST_IMAGE = ImageSpec(80, 60, crop_top_px=20)
+_TRACK_IMAGE = ImageSpec(48, 36, crop_top_px=4)
 _DEBUG_NET = NetConfig((4, 4, 4), image_fc=16, path_fc=(8, 8), head_fc=16)
 
 
@@ -269,6 +270,9 @@ def _navigation(run: RunConfig) -> RunConfig:
 def _track(run: RunConfig) -> RunConfig:
     """Pictures reach up to the horizon, where a fast car looks; a reward is worth what it is."""
     learn = run.learn
+    if isinstance(learn, PpoConfig):
+        learn = replace(learn, rollout=128, minibatch=512, epochs=4, gae_lambda=0.95)
+        learn = replace(learn, learning_rate=1e-3, entropy=0.005)
     if isinstance(learn, A3cConfig):
         learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=10)
     if isinstance(learn, (A2cConfig, A3cConfig)):
@@ -276,17 +280,18 @@ def _track(run: RunConfig) -> RunConfig:
         # to need them, and drives end in the first long bend at full speed.
         learn = replace(learn, entropy=0.02)
     if isinstance(learn, (QConfig, DaggerConfig)):
-        learn = replace(learn, buffer=10_000)  # 46 kB a stack of pictures, kept twice: 0.9 GB
+        learn = replace(learn, buffer=20_000)  # 18 kB a stack of pictures, kept twice: 0.7 GB
     if not isinstance(learn, DaggerConfig):
         learn = replace(learn, gamma=0.97)
     return replace(
         run,
         learn=learn,
-        image=replace(_FAST_IMAGE, crop_top_px=12),
-        net=NetConfig((16, 32, 32, 32)),
+        image=_TRACK_IMAGE,
+        net=NetConfig((16, 32)),
         reward_scale=1.0,
-        steps=1_000_000,
+        steps=400_000 if isinstance(learn, PpoConfig) else 1_000_000,
         evaluation=EvaluationConfig(episodes=8, every_steps=25_000),
+        rate_left=0.1,
     )
 
 
@@ -313,4 +318,5 @@ def _debug(run: RunConfig) -> RunConfig:
         small.update(rollout=16, minibatch=32)
     learn = replace(run.learn, **small)  # type: ignore[arg-type]
     evaluation = EvaluationConfig(episodes=2, every_steps=256)
-    return replace(run, net=_DEBUG_NET, learn=learn, evaluation=evaluation, steps=512)
+    net = replace(_DEBUG_NET, channels=_DEBUG_NET.channels[: len(run.net.channels)])
+    return replace(run, net=net, learn=learn, evaluation=evaluation, steps=512)

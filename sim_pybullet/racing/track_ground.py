@@ -20,7 +20,9 @@ FINEST_TEXEL_M = 0.0054
 # Of the real track:
 LINE_M = 0.35  # white edge line
 KERB_M = 1.0
-STONE_M = 2.0  # a kerb changes its colour so often
+# What repeats along a track is to tell a car's speed. At 25 m/s it drives 2.5 m between two
+# pictures, a quarter of these periods; what repeats every 4 m would seem to stand still.
+STONE_M = 5.0  # a kerb changes its colour so often
 KERB_RADIUS_M = 120.0  # wider bends have no kerbs
 KERB_BEFORE_M = 5  # they begin so early, and end so late
 CENTRE_LINE_M = 0.3

@@ -97,7 +97,7 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
         steps=options.translator_steps,
         seed=0,
         task="track",
-        labels="camvid",
+        labels="track",
     )
     return finish(path, begin(path, wanted, resume=True), console)
 

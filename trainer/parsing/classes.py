@@ -1,7 +1,8 @@
-"""Two label sets, and where each of the simulator's classes goes in them.
+"""Three label sets, and where each of the simulator's classes goes in them.
 
 `CamVidClass` are the eleven classes of labelled full-size roads; `RoadClass` are the six that a
-small robot's road needs and that a person can draw on a photograph in a minute.
+small robot's road needs and that a person can draw on a photograph in a minute; `TrackClass` are
+the seven that a race track is made of.
 """
 
 from __future__ import annotations
@@ -46,6 +47,18 @@ class RoadClass(IntEnum):
     OBJECT = 5  # duckies, signs, houses, cones, vehicles
 
 
+class TrackClass(IntEnum):
+    """What a race track is made of; its dashes tell how fast a car is."""
+
+    SKY = 0
+    GRASS = 1
+    ROAD = 2
+    WHITE_LINE = 3
+    YELLOW_LINE = 4
+    KERB = 5
+    WALL = 6
+
+
 @dataclass(frozen=True)
 class LabelSet:
     """Names, colours [0..255] and the simulator's classes of one set of labels."""
@@ -74,7 +87,7 @@ class LabelSet:
         return scores.argmin(-1).astype(np.uint8)
 
 
-_S, _C, _R = SemanticClass, CamVidClass, RoadClass
+_S, _C, _R, _T = SemanticClass, CamVidClass, RoadClass, TrackClass
 
 _CAMVID_OF: dict[SemanticClass, CamVidClass] = {
     _S.SKY: _C.SKY,
@@ -104,6 +117,16 @@ _ROAD_OF: dict[SemanticClass, RoadClass] = {
     _S.KERB: _R.BACKGROUND,
     _S.WALL: _R.BACKGROUND,
 }
+_TRACK_OF: dict[SemanticClass, TrackClass] = {
+    **dict.fromkeys(_S, _T.WALL),  # whatever stands there
+    _S.SKY: _T.SKY,
+    _S.OUTSIDE: _T.GRASS,
+    _S.ROAD: _T.ROAD,
+    _S.WHITE_LINE: _T.WHITE_LINE,
+    _S.YELLOW_LINE: _T.YELLOW_LINE,
+    _S.RED_LINE: _T.WHITE_LINE,
+    _S.KERB: _T.KERB,
+}
 
 # CamVid's own colours; the road's six lie far apart, so that a generated picture can be read.
 CAMVID = LabelSet(
@@ -130,7 +153,21 @@ ROAD = LabelSet(
     ((0, 0, 255), (70, 70, 70), (255, 255, 255), (255, 255, 0), (255, 0, 0), (0, 255, 0)),
     tuple(int(_ROAD_OF[c]) for c in SemanticClass),
 )
-LABEL_SETS = {labels.name: labels for labels in (CAMVID, ROAD)}
+TRACK = LabelSet(
+    "track",
+    tuple(c.name.lower() for c in TrackClass),
+    (
+        (0, 128, 255),
+        (0, 160, 0),
+        (70, 70, 70),
+        (255, 255, 255),
+        (255, 255, 0),
+        (255, 0, 0),
+        (90, 0, 110),
+    ),
+    tuple(int(_TRACK_OF[c]) for c in SemanticClass),
+)
+LABEL_SETS = {labels.name: labels for labels in (CAMVID, ROAD, TRACK)}
 
 
 def label_set(name: str) -> LabelSet:

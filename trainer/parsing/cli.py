@@ -121,7 +121,7 @@ def translate_command(
         parser: what labels photographs (python -m trainer parse train --labels road), .pt.
         preset_name: the pictures are those of the policies of this preset.
         task: and of this task.
-        labels: road, or camvid for race tracks: kerbs, grass, walls and sky are told apart.
+        labels: road, or track for race tracks: kerbs, grass, walls and sky are told apart.
         net: small or paper.
         steps: updates of each of the two networks.
         seed: of everything random.
