@@ -40,6 +40,7 @@ def train_command(config: RunConfig, out: str) -> str:
     for name in ("pose_error", "translate"):
         value = getattr(config, name)
         options += [f"--{name.replace('_', '-')} {value}"] if value else []
+    options += [f"--style {config.style}"] if config.style != "race" else []
     stops = preset(config.task, config.algorithm, config.preset).evaluation.stop_after_perfect
     full = bool(stops) and not config.evaluation.stop_after_perfect
     options += [f"--steps {config.steps}", *["--full"] * full]

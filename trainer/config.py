@@ -14,6 +14,7 @@ from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
 from robot.errors import ConfigError, nearest
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS
 from sim_pybullet.randomise import is_reality
+from sim_pybullet.tasks.track_racing import STYLES
 
 T = TypeVar("T")
 
@@ -181,6 +182,7 @@ class RunConfig:
     without: tuple[str, ...] = ()  # groups and fields of the look that stay nominal
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
+    style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
     start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
     true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.true_path`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
@@ -190,6 +192,7 @@ class RunConfig:
     def __post_init__(self) -> None:
         choose("task", self.task, TASKS)
         choose("algorithm", self.algorithm, ALGORITHMS)
+        choose("style", self.style, STYLES)
         if is_reality(self.look):
             raise ConfigError(
                 f"look: expected one to train in, got {self.look!r}: those in reality/ are kept "
@@ -205,6 +208,23 @@ class RunConfig:
             )
         if not 0.0 <= self.rate_left <= 1.0:
             raise ConfigError(f"rate_left: expected a share from 0 to 1, got {self.rate_left}")
+
+
+def cruising(config: RunConfig) -> RunConfig:
+    """The run in the style "cruise": what a turn is worth shows at once, and choices stay open.
+
+    With a farther view or less entropy a driver weaves, for which it hardly pays: learned from the
+    true road ahead, it held the wheels straight 16 % of the time instead of 50 %.
+
+    Raises:
+        ConfigError: the run is not one on tracks.
+    """
+    if config.task != "track":
+        raise ConfigError(f"style: expected race for the task {config.task!r}, got 'cruise'")
+    learn = config.learn
+    if isinstance(learn, (PpoConfig, A2cConfig, A3cConfig)):
+        learn = replace(learn, gamma=0.9, entropy=0.02)
+    return replace(config, learn=learn, style="cruise")
 
 
 def judged(config: RunConfig) -> RunConfig:

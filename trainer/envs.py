@@ -13,14 +13,14 @@ from robot.inference.translator import open_translator
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import Looks
-from sim_pybullet.racing.track import load_track
+from sim_pybullet.racing.track import Track, load_track
 from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Task
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from sim_pybullet.tasks.navigation import Navigation
-from sim_pybullet.tasks.track_racing import TrackRacing
+from sim_pybullet.tasks.track_racing import STYLES, TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
 
@@ -79,6 +79,9 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
     if config.task == "navigation":
         maps = [place for place in places if isinstance(place, RoadMap)]
         task: Task = Navigation(maps, robots, config.start_spread)
+    elif config.task == "track":
+        tracks = [place for place in places if isinstance(place, Track)]
+        task = TrackRacing(tracks, robots, style=STYLES[config.style])
     else:
         task = build_task(config.task, places, robots)
     looks = find_looks(config.task, config.look, config.pose_error, config.without)

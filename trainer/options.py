@@ -12,7 +12,7 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
-from trainer.config import RunConfig, choose, preset
+from trainer.config import RunConfig, choose, cruising, preset
 
 ZEROS = {"image": None, "path": None}
 
@@ -47,6 +47,8 @@ class TrainOptions:
     """Where the policy is judged between updates, if not where it is trained."""
     judge_look: str = ""
     """In which look it is judged, if not in that of the training; untranslated."""
+    style: str = "race"
+    """Of the task track: race, or cruise along the road as people do, wherever on it they are."""
     full: bool = False
     """Use all the steps, even when the task has been learned."""
 
@@ -62,6 +64,7 @@ class TrainOptions:
         config = replace(config, translate=self.translate, without=self.without)
         load_look_sampler(self.look, self.pose_error, self.without)
         check_places(self.task, (*config.maps, *self.judge_map))
+        config = cruising(config) if self.style == "cruise" else replace(config, style=self.style)
         judging = replace(config.evaluation, maps=self.judge_map, look=self.judge_look)
         if self.judge_look:
             load_look_sampler(self.judge_look)

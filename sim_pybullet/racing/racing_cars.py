@@ -79,6 +79,11 @@ class RacingCars:
         return self._speed.copy()
 
     @property
+    def steering(self) -> np.ndarray:
+        """(N,) where the wheels point, in shares of full lock, positive to the left."""
+        return self._steer.copy()
+
+    @property
     def counted(self) -> np.ndarray:
         """(N, 2) forward speed [m/s] and turn rate [rad/s] at the world's scale."""
         return self._counted.copy()

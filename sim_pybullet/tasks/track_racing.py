@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,13 +22,28 @@ PATIENCE_S = 10.0  # once so much time has passed
 _STRAY_M = 0.5  # beyond the wall, where there is none
 
 
+@dataclass(frozen=True)
+class Style:
+    """What a drive is worth besides its speed along the track."""
+
+    centre: float  # weight of the distance from the middle of the road
+    calm: float  # what a decision with the wheels at full lock costs
+
+
+STYLES = {
+    "race": Style(1.0, 0.0),  # paper B, equation 4
+    # As people drive: along the road, wherever on it they are, and with steady hands.
+    "cruise": Style(0.0, 0.02),
+}
+
+
 class TrackRacing(PathTask):
     """Drive ``laps`` laps around a track, seeing the last four pictures.
 
     An episode begins at rest at a random place, a little off the middle and its direction. The
     reward is paper B's, in the metres of the real track: (v cos(alpha) - distance) beta, v the
     speed, alpha the angle between it and the track, distance from the middle of the road; gamma
-    instead where the car collides.
+    instead where the car collides. A `Style` may weigh the distance otherwise, and turned wheels.
 
     Terminated: in collision with a wall, beyond the grass where there is no wall, or more than 100
     degrees off (all count as collisions). Truncated: all laps driven (success), or 10 s behind
@@ -37,6 +53,7 @@ class TrackRacing(PathTask):
         road_maps: tracks; each episode is on one of them.
         n_robots: N.
         laps: of an episode.
+        style: what a drive is worth.
 
     Raises:
         ConfigError: no tracks, no robots or no laps, or a track that is not closed.
@@ -44,10 +61,16 @@ class TrackRacing(PathTask):
 
     frames = FRAMES
     vehicle: RacingCars
-    term_names: tuple[str, ...] = ("speed", "centre", "collision")
+    term_names: tuple[str, ...] = ("speed", "centre", "steering", "collision")
     fact_names: tuple[str, ...] = ("laps", "speed_mps")
 
-    def __init__(self, road_maps: Sequence[Track], n_robots: int, laps: float = 1.0) -> None:
+    def __init__(
+        self,
+        road_maps: Sequence[Track],
+        n_robots: int,
+        laps: float = 1.0,
+        style: Style = STYLES["race"],
+    ) -> None:
         if not road_maps or n_robots < 1 or laps <= 0.0:
             raise ConfigError(
                 "TrackRacing: expected at least one track, one robot and laps above 0, got "
@@ -58,7 +81,7 @@ class TrackRacing(PathTask):
         path = self._lines[0].path
         super().__init__(road_maps, RacingCars(n_robots), n_robots, halves_m, path)
         self._limits_m = halves_m + [line.verge_m for line in self._lines] + _STRAY_M * SCALE
-        self._laps = laps
+        self._laps, self._style = laps, style
         self._poses = np.zeros((n_robots, 3))
 
     def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
@@ -92,7 +115,8 @@ class TrackRacing(PathTask):
         terms = np.stack(
             (
                 np.where(terminated, 0.0, BETA * speed_mps * np.cos(course.heading_error_rad)),
-                np.where(terminated, 0.0, -BETA * away_m / SCALE),
+                np.where(terminated, 0.0, -BETA * self._style.centre * away_m / SCALE),
+                np.where(terminated, 0.0, -self._style.calm * np.abs(self.vehicle.steering)),
                 np.where(terminated, GAMMA, 0.0),
             )
         )

@@ -15,7 +15,7 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
 from sim_pybullet.racing.racing_cars import RacingAction
 from sim_pybullet.racing.track import SCALE, centre_line, load_track, shipped_tracks
-from sim_pybullet.tasks.track_racing import BETA, GAMMA, PATIENCE_S, TrackRacing
+from sim_pybullet.tasks.track_racing import BETA, GAMMA, PATIENCE_S, STYLES, TrackRacing
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)
@@ -150,3 +150,19 @@ def test_nonsense_is_refused() -> None:
     for tracks, robots, laps in (([], 1, 1.0), ([TRACK], 0, 1.0), ([TRACK], 1, 0.0)):
         with pytest.raises(ConfigError, match="at least one track"):
             TrackRacing(tracks, robots, laps)
+
+
+def test_who_cruises_may_drive_beside_the_middle_but_pays_for_turned_wheels() -> None:
+    way = np.array((12.0 * CONTROL_DT_S * SCALE, 0.0, 0.0))
+
+    def reward(style: str, offset_m: float, steering: float) -> float:
+        task = TrackRacing([TRACK], 1, style=STYLES[style])
+        before = place(task, offset_m)
+        task.vehicle._steer[:] = steering
+        turn = np.array(((np.cos(before[0, 2]), np.sin(before[0, 2]), 0.0),)) * way[0]
+        return float(task.step(before + turn, np.array([False])).reward[0])
+
+    assert reward("cruise", 0.15, 0.0) == pytest.approx(reward("race", 0.0, 0.0))
+    assert reward("race", 0.0, 1.0) == reward("race", 0.0, 0.0) > reward("race", 0.15, 0.0)
+    dearer = reward("cruise", 0.0, 0.0) - reward("cruise", 0.0, -0.5)
+    assert dearer == pytest.approx(0.5 * STYLES["cruise"].calm)

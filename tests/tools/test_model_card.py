@@ -54,6 +54,13 @@ def test_the_command_on_the_card_asks_for_the_same_run(algorithm: str) -> None:
     assert again.config() == config
 
 
+def test_the_command_says_in_which_style_was_driven() -> None:
+    config = TrainOptions("track", "ppo", map=("harbour",), style="cruise").config()
+    command = shlex.split(train_command(config, "runs/x"))
+    again = tyro.cli(TrainOptions, args=command[4 : command.index("--out")])
+    assert again.config() == config
+
+
 @pytest.mark.parametrize("full", [False, True])
 def test_the_command_says_whether_the_run_went_on_when_it_had_learned(full: bool) -> None:
     config = TrainOptions("lane", "ppo", look="randomised", full=full).config()

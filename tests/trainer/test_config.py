@@ -4,8 +4,9 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from trainer.config import ALGORITHMS, TASKS, preset
+from trainer.config import ALGORITHMS, TASKS, PpoConfig, preset
 from trainer.learners.algorithms import build_policy
+from trainer.options import TrainOptions
 from trainer.run import RunFolder
 
 PRESETS = ("paper", "fast", "debug")
@@ -54,3 +55,15 @@ def test_the_auxiliary_task_of_an_actor_critic_needs_a_weight_of_the_entropy() -
     with pytest.raises(ConfigError, match=r"expected learn\.entropy above 0"):
         replace(config, learn=greedy)
     assert replace(config, learn=greedy, true_path=0.0).learn == greedy
+
+
+def test_who_cruises_looks_less_far_ahead_and_only_on_tracks() -> None:
+    asked = TrainOptions("track", "ppo", style="cruise").config()
+    race = preset("track", "ppo", "fast")
+    assert asked.style == "cruise"
+    assert isinstance(asked.learn, PpoConfig)
+    assert isinstance(race.learn, PpoConfig)
+    assert asked.learn.gamma < race.learn.gamma
+    for task, style in (("lane", "cruise"), ("track", "cruse")):
+        with pytest.raises(ConfigError, match="cruise"):
+            TrainOptions(task, "ppo", style=style).config()

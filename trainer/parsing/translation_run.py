@@ -14,7 +14,7 @@ from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.config import preset
 from trainer.parsing.classes import label_set
 from trainer.parsing.labelled import is_collection
-from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix, UNet
+from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix, UNet, fitted
 from trainer.parsing.sheet import write_png
 from trainer.parsing.through_parsing import (
     Pairs,
@@ -75,7 +75,7 @@ def finish(out: Path, run: TranslationRun, console: Console) -> Path:
         ContractError: torch and ONNX disagree.
     """
     image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
-    net = PIX2PIX[run.net]
+    net = fitted(PIX2PIX[run.net], image)
     virtual = virtual_pairs(Path(run.sim), image, labels)
     if run.parser:
         real = real_pairs(Path(run.real), load_parser(Path(run.parser)), image)

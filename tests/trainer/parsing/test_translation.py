@@ -11,9 +11,18 @@ from robot.inference.translator import OnnxTranslator
 from trainer.cli import main
 from trainer.config import preset
 from trainer.parsing.classes import ROAD, RoadClass
-from trainer.parsing.pix2pix import PAPER, PIX2PIX, SMALL, PatchCritic, Pix2Pix, Pix2PixConfig, UNet
+from trainer.parsing.pix2pix import (
+    PAPER,
+    PIX2PIX,
+    SMALL,
+    PatchCritic,
+    Pix2Pix,
+    Pix2PixConfig,
+    UNet,
+    fitted,
+)
 from trainer.parsing.segnet import SegNet
-from trainer.parsing.through_parsing import Pairs, ThroughParsing
+from trainer.parsing.through_parsing import Pairs, ThroughParsing, as_bytes, as_floats
 from trainer.parsing.train import ParseConfig, Parser, save_parser
 
 TINY = Pix2PixConfig(16, 32, 8, 2, 2, batch=4, learning_rate=1e-3)
@@ -73,7 +82,26 @@ def test_a_stripe_is_parsed_where_it_is() -> None:
     assert np.mean(ROAD.read(painted) == ROAD.read(test.wanted)) > 0.97
 
 
-def write_inputs(folder: Path, image: ImageSpec) -> list[str]:
+def test_small_networks_take_the_pictures_size_and_the_papers_do_not() -> None:
+    for image in (ImageSpec(48, 36, 4), ImageSpec(80, 60, 20)):
+        config = fitted(SMALL, image)
+        assert (config.height_px, config.width_px) == image.shape[:2]
+    odd = ImageSpec(50, 36, 1)
+    assert fitted(SMALL, odd) == SMALL
+    assert fitted(PAPER, odd) == PAPER
+
+
+def test_between_the_networks_each_pixel_is_the_nearest_classes_colour() -> None:
+    torch.manual_seed(0)
+    network = ThroughParsing(UNet(TINY).eval(), UNet(TINY).eval())
+    pictures = torch.randint(0, 256, (3, 16, 32, 3), dtype=torch.uint8)
+    with torch.no_grad():
+        seen = as_bytes(network.to_parsing(as_floats(pictures))).numpy()
+        read = as_bytes(network.parsed(pictures)).numpy()
+    assert np.mean(ROAD.paint(ROAD.read(seen)) == read) > 0.999  # bytes are rounded
+
+
+def write_inputs(folder: Path, size: tuple[int, int]) -> list[str]:
     """A collection, photographs and a parser that has learned nothing."""
     rng = np.random.default_rng(0)
     for part, name in (("sim/image", "000000"), ("sim/image", "000001"), ("real", "a")):
@@ -85,17 +113,18 @@ def write_inputs(folder: Path, image: ImageSpec) -> list[str]:
         labels = rng.integers(0, 12, (120, 160), np.uint8)
         cv2.imwrite(str(folder / "sim" / "label" / f"{name}.png"), labels)
     (folder / "sim" / "collection.yaml").write_text("kind: simulator\n")
-    config = ParseConfig("road", height_px=image.height_px, width_px=image.width_px)
+    config = ParseConfig("road", height_px=size[0], width_px=size[1])
     save_parser(Parser(config, SegNet(len(ROAD.classes))), folder / "parser.pt")
     names = {"--sim": "sim", "--real": "real", "--parser": "parser.pt"}
     return [text for flag, name in names.items() for text in (flag, str(folder / name))]
 
 
+@pytest.mark.parametrize("size", [(60, 80), (90, 120)], ids=["the policy's", "larger"])
 def test_the_command_leaves_a_translator(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int]
 ) -> None:
     image = preset("lane", "dueling", "fast").image
-    inputs, out = write_inputs(tmp_path, image), tmp_path / "run"
+    inputs, out = write_inputs(tmp_path, size), tmp_path / "run"
     command = ["parse", "translate", "--out", str(out), *inputs, "--steps", "1"]
     assert main(command) == 0
     translator = OnnxTranslator(out / "sim_to_real.onnx")
