@@ -14,7 +14,7 @@ from trainer.run import RunFolder
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     folder = RunFolder(tmp_path / "run")
-    folder.create(preset("navigation", "ppo", "fast"))
+    folder.go_on(preset("navigation", "ppo", "fast"))
     folder.metrics.write_text(
         json.dumps({"train_steps": 3000, "train_seconds": 31.0, "cpu_seconds": 20.0})
     )
