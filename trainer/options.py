@@ -49,6 +49,8 @@ class TrainOptions:
     """In which look it is judged, if not in that of the training; untranslated."""
     style: str = "race"
     """Of the task track: race, or cruise along the road as people do, wherever on it they are."""
+    judgings: int | None = None
+    """How often it is judged at most, evenly spread; else by the preset."""
     full: bool = False
     """Use all the steps, even when the task has been learned."""
 
@@ -68,6 +70,10 @@ class TrainOptions:
         judging = replace(config.evaluation, maps=self.judge_map, look=self.judge_look)
         if self.judge_look:
             load_look_sampler(self.judge_look)
+        if self.judgings is not None:
+            if self.judgings < 1:
+                raise ConfigError(f"judgings: expected 1 or more, got {self.judgings}")
+            judging = replace(judging, every_share=1.0 / self.judgings)
         if self.full:
             judging = replace(judging, stop_after_perfect=0)
         return replace(config, evaluation=judging)

@@ -67,3 +67,10 @@ def test_who_cruises_looks_less_far_ahead_and_only_on_tracks() -> None:
     for task, style in (("lane", "cruise"), ("track", "cruse")):
         with pytest.raises(ConfigError, match="cruise"):
             TrainOptions(task, "ppo", style=style).config()
+
+
+def test_a_run_can_be_judged_less_often() -> None:
+    config = TrainOptions("navigation", "ppo", steps=40_000, judgings=2).config()
+    assert config.evaluation.every_share * config.steps == 20_000
+    with pytest.raises(ConfigError, match="judgings: expected 1"):
+        TrainOptions(judgings=0).config()

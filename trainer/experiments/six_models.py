@@ -60,6 +60,8 @@ class SixModelsOptions:
     """Of each by PPO, whose steps cost a third; the paper, too, gave it twice as many."""
     lane_steps: int = 60_000
     """Of each lane training."""
+    judgings: int = 4
+    """How often each is judged while it is trained; the best is kept."""
     lap_drives: int = 20
     """Drives of four laps of each lane keeper."""
     seeds: int = 3
@@ -116,6 +118,7 @@ def trainings(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> l
                 look=variant.look,
                 pose_error=options.pose_error if guided else None,
                 translate=options.translator if variant.translated else None,
+                judgings=options.judgings,
                 full=True,
             )
             jobs.append(TrainJob(model.run(out, task), job, resume=True))
