@@ -31,7 +31,11 @@ from trainer.experiments.photographs.attention import (
     labelled_frames,
 )
 from trainer.experiments.photographs.lane_pose import SitePose, read_photographs, site_pose
-from trainer.experiments.photographs.steering import zero_shot
+from trainer.experiments.photographs.steering import (
+    Steered,
+    compare_steering,
+    frames_of_drive,
+)
 from trainer.experiments.records import Turn, load_drive
 from trainer.experiments.supervised import teach_turns
 from trainer.experiments.table1 import Accuracy, chance, compare
@@ -43,7 +47,7 @@ MAPS = ("loop", "town", "village", "suburb")
 TEST_LOOK = "reality"
 _TEST_SHARE = 8  # one simulated frame of so many is for the test
 
-Row = TypeVar("Row", SiteAttention, SiteAgreement, SitePose, Accuracy)
+Row = TypeVar("Row", SiteAttention, SiteAgreement, SitePose, Steered)
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ def look_at_photographs(asked: Photographs, console: Console) -> str:
         ("Lines that policies look at", _kept(asked, "attention", policies, SiteAttention, _look)),
         ("The yellow line", _kept(asked, "agreement", [], SiteAgreement, _detect)),
         ("Lane pose", _kept(asked, "lane_pose", learning, SitePose, _poses)),
-        ("Steering", _kept(asked, "steering", steering, Accuracy, _steer(console))),
+        ("Steering", _kept(asked, "steering", steering, Steered, _steer(console))),
     )
     drawn = (
         tables.attention_table(parts[0][1]),
@@ -157,18 +161,24 @@ def _samples(image: ImageSpec, look: str, frames: int, seed: int) -> tuple[np.nd
     return lane_samples(maps, load_look_sampler(look), frames, image, seed)
 
 
-def _steer(console: Console) -> Callable[[Photographs], list[Accuracy]]:
-    def make(asked: Photographs) -> list[Accuracy]:
+def _steer(console: Console) -> Callable[[Photographs], list[Steered]]:
+    def make(asked: Photographs) -> list[Steered]:
         drive = load_drive(asked.data / DRIVE)
         training, test = split_by_time(load_stacks(drive, ImageSpec(80, 60, 20)))
         common = int(np.bincount(training.turns, minlength=len(Turn)).argmax())
-        rows = chance(test.turns, common)
-        rows += [zero_shot(name, path, drive) for name, path in asked.policies]
+        rows = [_without_order(row) for row in chance(test.turns, common)]
+        frames = frames_of_drive(drive)
+        for name, path in asked.policies:
+            rows += compare_steering(name, path, frames, drive.steering_deg, NOMINAL.rig())
         for seed in range(asked.seeds):
             checkpoint = asked.out / f"supervised_{seed}_{asked.steps}.pt"
             network = teach_turns(training, asked.steps, seed, checkpoint, console)
             guessed = network.turns(test.stacked())
-            rows.append(compare("supervised", seed, test.turns, guessed))
+            rows.append(_without_order(compare("supervised", seed, test.turns, guessed)))
         return rows
 
     return make
+
+
+def _without_order(row: Accuracy) -> Steered:
+    return Steered(row, math.nan, math.nan)

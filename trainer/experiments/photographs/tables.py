@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from trainer.experiments.photographs.agreement import SiteAgreement
 from trainer.experiments.photographs.attention import SiteAttention
 from trainer.experiments.photographs.lane_pose import SitePose
-from trainer.experiments.table1 import Accuracy
+from trainer.experiments.photographs.steering import Steered
 
 
 def attention_table(rows: Sequence[SiteAttention]) -> str:
@@ -75,21 +75,25 @@ def pose_table(rows: Sequence[SitePose]) -> str:
     return markdown(head, cells)
 
 
-def steering_table(rows: Sequence[Accuracy]) -> str:
+def steering_table(rows: Sequence[Steered]) -> str:
     """Part (d)."""
-    head = ("driver", "seed", "agreement", "95 % interval", "mean of recalls", "left", "straight")
-    cells = [
-        (
-            row.driver,
-            str(row.seed),
-            f"{row.accuracy:.1%}",
-            f"{row.low:.0%} to {row.high:.0%}",
-            f"{row.balanced:.1%}",
-            *(f"{share:.0%}" for share in row.guessed),
+    head = ("driver", "seed", "camera", "agreement", "95 % interval", "mean of recalls", "left")
+    cells = []
+    for row in rows:
+        result = row.result
+        cells.append(
+            (
+                result.driver,
+                str(result.seed),
+                f"× {row.times_higher:g}" if math.isfinite(row.times_higher) else "",
+                f"{result.accuracy:.1%}",
+                f"{result.low:.0%} to {result.high:.0%}",
+                f"{result.balanced:.1%}",
+                *(f"{share:.0%}" for share in result.guessed),
+                number(row.order, 2),
+            )
         )
-        for row in rows
-    ]
-    return markdown((*head, "right"), cells)
+    return markdown((*head, "straight", "right", "order"), cells)
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
