@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -23,6 +24,20 @@ class PaintedWorld:
 
     scene: Scene
     look: Look
+
+
+# Floors that some pool of this process still uses: a training's two worlds, the one it learns in
+# and the one it is judged in, are of the same seed and paint the same ones.
+_FLOORS: WeakValueDictionary[tuple[Place, GroundLook, TrackLook], Ground] = WeakValueDictionary()
+
+
+def painted_floor(place: Place, look: Look) -> Ground:
+    """The floor of a map or track, the same object for equal paint as long as anybody has it."""
+    key = (place, look.ground, look.track)
+    floor = _FLOORS.get(key)
+    if floor is None:
+        floor = _FLOORS[key] = paint_place(place, look)
+    return floor
 
 
 class LookPool:
@@ -51,14 +66,10 @@ class LookPool:
             raise ConfigError("LookPool: expected at least one Look and a size of 1 or more")
         worlds = []
         for road_map in road_maps:
-            floors: dict[tuple[GroundLook, TrackLook], Ground] = {}
             for k in range(self._size):
                 look = looks(rng) if callable(looks) else looks[k]
-                paint = (look.ground, look.track)
-                if paint not in floors:
-                    floors[paint] = paint_place(road_map, look)
                 solids = place_solids(road_map, look, rng)
-                scene = Scene(floors[paint], solids, look.sky, look.light)
+                scene = Scene(painted_floor(road_map, look), solids, look.sky, look.light)
                 worlds.append(PaintedWorld(scene, look))
         self.worlds = tuple(worlds)
 

@@ -1,5 +1,7 @@
 """The batched world: the order of things, episodes, reproducibility."""
 
+import gc
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -148,6 +150,19 @@ def test_with_a_sampler_paint_is_shared_and_the_rest_is_drawn_anew() -> None:
 def test_one_floor_is_painted_once() -> None:
     pool = LookPool([LOOP], load_look_sampler("nominal"), np.random.default_rng(0), 3)
     assert len({id(world.scene.ground) for world in pool.worlds}) == 1
+
+
+def test_worlds_of_one_seed_share_their_floors_and_leave_none_behind() -> None:
+    sampler = load_look_sampler("randomised")
+    pools = [LookPool([load_map("loop")], sampler, np.random.default_rng(5), 2) for _ in range(2)]
+    first, second = ([id(w.scene.ground) for w in pool.worlds] for pool in pools)
+    assert first == second
+    other = LookPool([LOOP], sampler, np.random.default_rng(6), 2)
+    assert not {id(w.scene.ground) for w in other.worlds} & set(first)
+    floor = weakref.ref(pools[0].worlds[0].scene.ground)
+    del pools
+    gc.collect()
+    assert floor() is None
 
 
 def test_an_empty_pool_is_refused() -> None:

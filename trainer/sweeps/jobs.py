@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from rich.console import Console
@@ -52,12 +53,16 @@ class TrainJob:
     def progress(self) -> Progressed:
         """By the episodes so far."""
         recent = RunFolder(self.out).recent_episodes()
-        total = float(self.options.config().steps)
+        total = float(self._steps)
         if not recent:
             return Progressed(0.0, total, "")
         reward = sum(e.reward for e in recent) / len(recent)
         last = recent[-1]
         return Progressed(last.step, total, f"reward {reward:.1f} · {last.seconds:.0f} s")
+
+    @cached_property
+    def _steps(self) -> int:
+        return self.options.config().steps  # reads the look's file: once, not at every look
 
     def run(self, console: Console) -> int:
         """Train, and say how it went."""
