@@ -100,7 +100,7 @@ def test_a_finished_run_is_skipped_and_another_one_refused(tmp_path: Path) -> No
     (job,) = train_jobs(tmp_path, options, SweepOptions(seeds=1))
     assert not job.finished()
     folder = RunFolder(tmp_path / "seed-0")
-    folder.create(preset("lane", "ppo", "debug"))
+    folder.go_on(preset("lane", "ppo", "debug"))
     assert not job.finished()
     write_json(folder.metrics, {"stopped_by": "steps", "train_steps": 512})
     assert job.finished()
