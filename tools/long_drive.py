@@ -19,7 +19,10 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tools.long_drive_parts import Others
 
 EVERY_S = 600.0  # simulated
 RECONNECT_SHARE = 0.45  # of that: between two looks the others are started again
@@ -80,11 +83,11 @@ def drive(
                     others.reconnect()
                 if clock.now() - told_s >= every_s:
                     told_s = clock.now()
-                    tell(figures((told_s - begun_s) / 3600.0, others.missions, others.stops))
+                    tell(figures((told_s - begun_s) / 3600.0, others))
         others.close()
 
 
-def figures(hours: float, missions: int, stops: int) -> dict[str, float]:
+def figures(hours: float, others: Others) -> dict[str, float]:
     """Of this process, now."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     resident = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
@@ -94,8 +97,9 @@ def figures(hours: float, missions: int, stops: int) -> dict[str, float]:
         "fds": len(os.listdir("/proc/self/fd")),
         "threads": len(os.listdir("/proc/self/task")),
         "python_threads": threading.active_count(),
-        "missions": missions,
-        "stops": stops,
+        "missions": others.missions,
+        "stops": others.stops,
+        "carried": others.carried,
     }
 
 

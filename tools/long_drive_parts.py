@@ -19,6 +19,7 @@ from robot.navigation.road_map import RoadMap, load_map
 from robot.parts import Tick
 
 STILL = WheelSpeeds(0.0, 0.0)
+BLOCK_PX = 10  # as JPEG as large as pictures of roads are, which noise of every pixel is not
 LOOK_S = 1.0  # a person looks before they arm again
 
 
@@ -34,7 +35,11 @@ class MadeUpCamera:
 
     def __init__(self, clock: Clock, count: int) -> None:
         rng = np.random.default_rng(0)
-        self._pictures = rng.integers(0, 256, (count, *FRAME_SHAPE), dtype=np.uint8)
+        height, width, _ = FRAME_SHAPE
+        coarse = rng.integers(
+            0, 256, (count, height // BLOCK_PX, width // BLOCK_PX, 3), dtype=np.uint8
+        )
+        self._pictures = coarse.repeat(BLOCK_PX, axis=1).repeat(BLOCK_PX, axis=2)
         self._clock, self._sequence = clock, 0
 
     def read(self) -> Frame:
@@ -76,19 +81,26 @@ class MadeUpMotors:
     def mend(self) -> None:
         """They never fail."""
 
+    def carry(self, pose: Pose) -> None:
+        """Somebody puts the robot down there."""
+        self._pose, self._rolled_s = pose, self._clock()
+
 
 class Others:
-    """Localizer and monitor, as a subscriber: true poses, beats, and the next mission."""
+    """Localizer and monitor, as a subscriber: true poses, beats, and the next mission.
+
+    A robot that is refused its mission has strayed, and is put back into a lane.
+    """
 
     def __init__(
         self, localizer: LinkConfig, monitor: LinkConfig, motors: MadeUpMotors, clock: Clock
     ) -> None:
-        self.missions = self.stops = 0
+        self.missions = self.stops = self.carried = 0
         self._configs = (localizer, monitor)
         self._motors, self._clock = motors, clock
         self._asked_s = clock()
         self._places = _places(load_map("arena"))
-        self._state = ""
+        self._state = self._mission = ""
         self._open()
 
     def on_tick(self, tick: Tick) -> None:
@@ -98,7 +110,10 @@ class Others:
         self._poses.send(
             PosesMessage((Sighting("robot", x_m, y_m, heading_rad, 0.9),), tick.time_s)
         )
-        self._client.poll()
+        for answer in self._client.poll():
+            if answer.id == self._mission and not answer.accepted:
+                self.carried += 1
+                self._motors.carry(start_of("arena"))
         self._frames.receive()
         report = self._reports.receive()
         if report is not None:
@@ -133,7 +148,7 @@ class Others:
         if report.state == "READY":
             self.missions += 1
             place = self._places[self.missions % len(self._places)]
-            self._client.send("mission", Mission(place))
+            self._mission = self._client.send("mission", Mission(place))
         else:
             self._client.send("clear" if report.state == "FAULT" else "arm")
 

@@ -21,7 +21,7 @@ from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, MissionStatus, thin_path
 from robot.link.wire import tidy_text
 from robot.navigation.fusion import PoseFusion
 from robot.navigation.guidance import path_input
-from robot.navigation.path import Path
+from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
 from robot.parts import Guidance, Tick
@@ -88,14 +88,24 @@ class MissionNavigator:
         """Plan from here to ``destination_m`` [m]; a mission under way is replaced.
 
         Raises:
-            PlanError: where the robot is, is not known yet, or there is no way.
+            PlanError: where the robot is, is not known yet or too far from the way, or there is
+                none.
         """
         if self.pose is None:
             raise PlanError(
                 "expected an overhead pose of this robot before a mission, got none yet; "
                 "does the localizer see it, and does the link reach it?"
             )
-        path = self._take(plan_path(self._graph, self.pose, destination_m))
+        path = plan_path(self._graph, self.pose, destination_m)
+        at = path.project(self.pose.x_m, self.pose.y_m)
+        if any(self._lost(at, self.pose)):
+            turned_deg = math.degrees(float(wrap_angle(self.pose.heading_rad - at.heading_rad)))
+            raise PlanError(
+                f"expected the robot in a lane (within {100.0 * self._beside_m:.0f} cm of its "
+                f"middle), it stands {100.0 * abs(at.offset_m):.0f} cm beside the nearest one, "
+                f"turned by {turned_deg:.0f} degrees; put it into a lane, or drive it there by hand"
+            )
+        self._take(path)
         self._detours = 0
         self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)
 
@@ -144,8 +154,7 @@ class MissionNavigator:
             offset_m=at.offset_m,
             phase="arrived" if arrived else status.phase,
         )
-        astray = abs(at.offset_m) > OFF_PATH_TILES * self._road_map.tile_size_m
-        turned = abs(float(wrap_angle(pose.heading_rad - at.heading_rad))) > MAX_HEADING_ERROR_RAD
+        astray, turned = self._lost(at, pose)
         detour = self._detour(pose, status) if astray and not turned else None
         if detour is not None:
             told = f"missed a turn; detour {self._detours} of at most {DETOURS}"
@@ -155,6 +164,15 @@ class MissionNavigator:
             arrived=arrived,
             off_path=astray or turned,
         )
+
+    @property
+    def _beside_m(self) -> float:
+        return OFF_PATH_TILES * self._road_map.tile_size_m
+
+    def _lost(self, at: PathPosition, pose: Pose) -> Tuple[bool, bool]:
+        """Whether the robot is too far beside its path, and too far turned from it."""
+        turned_rad = abs(float(wrap_angle(pose.heading_rad - at.heading_rad)))
+        return abs(at.offset_m) > self._beside_m, turned_rad > MAX_HEADING_ERROR_RAD
 
     def _detour(self, pose: Pose, status: MissionStatus) -> Optional[Path]:
         """Another way, for a robot that drives in another lane than planned; None in none."""

@@ -111,6 +111,20 @@ def test_a_place_off_the_road_is_refused() -> None:
         world.navigator.begin("m", (1000.0, 1000.0))
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_robot_that_would_stop_at_once_gets_no_mission(side: float) -> None:
+    beside_m = side * (OFF_PATH_TILES * TOWN.tile_size_m + 0.01)
+    left = np.array([-math.sin(START.heading_rad), math.cos(START.heading_rad)])
+    world = World(
+        START._replace(x_m=START.x_m + beside_m * left[0], y_m=START.y_m + beside_m * left[1])
+    )
+    for _ in range(3):
+        world.turn()
+    with pytest.raises(PlanError, match=r"beside the nearest one.*put it into a lane"):
+        world.navigator.begin("m", GOAL)
+    assert world.turn().path is None
+
+
 def test_the_path_input_is_that_of_the_contract() -> None:
     world = driving()
     path = plan_path(GRAPH, world.pose, GOAL)
