@@ -59,6 +59,7 @@ class TrackLook:
     wall_2_rgb: Rgb = (150.0, 150.0, 156.0)
     wall_height_m: float = 1.0  # in metres of the real track
     centre_line: float = 1.0  # opacity of a dashed yellow line in the middle
+    dashes_m: float = 10.0  # period of its dashes, in metres of the real track
 
 
 @dataclass(frozen=True)

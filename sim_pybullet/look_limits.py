@@ -55,6 +55,7 @@ _LIMITS: dict[str, Limits] = {
     "timing.camera_delay_s": _TIME_S,
     "timing.frame_skip": _SHARE,
     "track.centre_line": _SHARE,
+    "track.dashes_m": (0.1, 1000.0),
     "track.wall_height_m": (0.0, 100.0),
 }
 _RGB: Limits = (0.0, 255.0)

@@ -26,7 +26,6 @@ STONE_M = 5.0  # a kerb changes its colour so often
 KERB_RADIUS_M = 120.0  # wider bends have no kerbs
 KERB_BEFORE_M = 5  # they begin so early, and end so late
 CENTRE_LINE_M = 0.3
-DASHES_M = 10.0  # period of the centre line's dashes
 _PATCH_M = 0.3  # of the world: size of light and dark areas
 
 
@@ -108,7 +107,7 @@ def _colours(look: Look) -> np.ndarray:
 def _sizes(line: CentreLine, look: Look, texel_m: float) -> np.ndarray:
     """See `sim_pybullet.racing.track_kernel.lay`; all lengths in metres of the world."""
     wide = look.ground.line_width_scale
-    real = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, DASHES_M)
+    real = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, look.track.dashes_m)
     edge, kerb, stone, middle, period = (SCALE * value for value in real)
     spacing = line.path.length_m / len(line.curvature)
     road = (line.half_width_m, line.verge_m, edge, kerb, stone, middle, period)

@@ -10,7 +10,6 @@ import tyro
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from robot.contract import ImageSpec
 from trainer.experiments.figure5 import Figure5Options
 from trainer.experiments.six_models import SixModelsOptions
 from trainer.sweeps.sweep import WorkerOptions, run_sweep
@@ -20,7 +19,9 @@ if TYPE_CHECKING:
 
 experiment_app = tyro.extras.SubcommandApp()
 
-IMAGE = ImageSpec(80, 60, 20)  # preset fast
+# A name and a file each time that the option is given.
+Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
+
 _SIX = SixModelsOptions()
 _FIGURE5 = Figure5Options()
 _WORKERS = WorkerOptions()
@@ -30,7 +31,8 @@ _WORKERS = WorkerOptions()
 def table1_command(
     data: Path,
     out: Path,
-    policy: tuple[str, ...] = (),
+    policy: Policies = (),
+    rate_hz: float = 20.0,
     seeds: int = 3,
     steps: int = 400,
 ) -> int:
@@ -42,41 +44,28 @@ def table1_command(
     Args:
         data: a Donkeycar tub, Sully Chen's folder, or pictures with labels.csv.
         out: folder for table1.json, table1.png and the networks.
-        policy: name=model.onnx of policies of the task track: ours=... (trained in translated
-            pictures), b-rl=... (trained in the simulator's own); a name again is another seed.
+        policy: name=model.onnx: ours=... (trained in translated pictures), b-rl=... (trained in
+            the simulator's own), or any other name; a name again is another seed.
+        rate_hz: pictures of the drive in a second; policies see some that are 0.1 s apart.
         seeds: how many supervised networks.
         steps: updates of each.
     """
-    import numpy as np
     import torch
 
-    from trainer.experiments.driving_pictures import load_stacks, split_by_time
+    from trainer.experiments.foretelling import foretell, words
     from trainer.experiments.racing_policy import named_policies
-    from trainer.experiments.records import Turn, load_drive
-    from trainer.experiments.supervised import teach_turns
-    from trainer.experiments.table1 import Table, chance, compare, draw_table, shares
+    from trainer.experiments.table1 import draw_table
     from trainer.run import write_json
 
     torch.set_num_threads(1)
-    console = Console()
+    console = Console(soft_wrap=True)
     policies = named_policies(policy)
-    drive = load_drive(data)
-    training, test = split_by_time(load_stacks(drive, IMAGE))
     out.mkdir(parents=True, exist_ok=True)
-    common = int(np.bincount(training.turns, minlength=len(Turn)).argmax())
-    rows = chance(test.turns, common)
-    for name, seed, driver in policies:
-        seen = split_by_time(load_stacks(drive, driver.image))[1].stacked()
-        rows.append(compare(name, seed, test.turns, driver.turns(seen)))
-    for seed in range(seeds):
-        checkpoint = out / f"supervised_{seed}_{steps}.pt"
-        network = teach_turns(training, steps, seed, checkpoint, console)
-        rows.append(compare("supervised", seed, test.turns, network.turns(test.stacked())))
-    counts = len(training.last), len(test.last)
-    table = Table(str(data), *counts, shares(test.turns), tuple(rows))
+    table = foretell(data, out, policies, rate_hz, seeds, steps, console)
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
     _show(table, console)
+    console.print(words(table.turning))
     return 0
 
 

@@ -24,25 +24,38 @@ class Stacks(NamedTuple):
     pictures: np.ndarray  # (M, H, W, 3) uint8 RGB, all pictures of the drive
     last: np.ndarray  # (N,) index of each moment's newest picture
     turns: np.ndarray  # (N,) int64 values of `Turn`: what the person did
+    every: int = 1  # of how many pictures one is in the stack
+
+    @property
+    def reach(self) -> int:
+        """How many pictures before its newest one a stack begins."""
+        return (STACK - 1) * self.every
 
     def stacked(self, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 of the chosen moments, the oldest picture first."""
         last = self.last[chosen]
-        parts = [self.pictures[last - back] for back in range(STACK - 1, -1, -1)]
+        parts = [self.pictures[last - back * self.every] for back in range(STACK - 1, -1, -1)]
         return np.concatenate(parts, axis=-1)
 
 
-def load_stacks(drive: Drive, image: ImageSpec) -> Stacks:
-    """All moments of a drive that have three pictures before them.
+def load_stacks(drive: Drive, image: ImageSpec, every: int = 1) -> Stacks:
+    """All moments of a drive that have the pictures of a stack before them.
+
+    Args:
+        drive: pictures of any size and kind; of others than 4:3 the middle is taken.
+        image: a policy's picture.
+        every: of how many pictures one is taken into a stack.
 
     Raises:
         ConfigError: the drive is too short, or a file is no picture.
     """
-    if len(drive) < STACK:
-        raise ConfigError(f"drive: expected at least {STACK} pictures, got {len(drive)}")
+    if len(drive) <= (STACK - 1) * every:
+        raise ConfigError(
+            f"drive: expected more than {(STACK - 1) * every} pictures, got {len(drive)}"
+        )
     pictures = [preprocess(fit_to_frame(read_rgb(file)), image) for file in drive.files]
-    last = np.arange(STACK - 1, len(drive))
-    return Stacks(np.stack(pictures), last, turns(drive.steering_deg)[last])
+    last = np.arange((STACK - 1) * every, len(drive))
+    return Stacks(np.stack(pictures), last, turns(drive.steering_deg)[last], every)
 
 
 def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
@@ -55,10 +68,10 @@ def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
     """
     end = round(TRAINING_SHARE * len(stacks.pictures))
     training = stacks.last < end
-    test = stacks.last - (STACK - 1) >= end + GAP_FRAMES
+    test = stacks.last - stacks.reach >= end + GAP_FRAMES
     if not training.any() or not test.any():
         raise ConfigError(
             f"drive: expected enough pictures to train and to test on, got {len(stacks.pictures)}"
         )
-    parts = [Stacks(stacks.pictures, stacks.last[m], stacks.turns[m]) for m in (training, test)]
+    parts = [stacks._replace(last=stacks.last[m], turns=stacks.turns[m]) for m in (training, test)]
     return parts[0], parts[1]

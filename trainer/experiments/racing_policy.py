@@ -1,4 +1,4 @@
-"""A policy trained on race tracks, asked about frames of a real drive."""
+"""A trained policy, of whichever task, asked which way it would steer on frames of a real drive."""
 
 from __future__ import annotations
 
@@ -9,68 +9,87 @@ from pathlib import Path
 import numpy as np
 
 from robot.contract import ImageSpec, PolicyContract
-from robot.errors import ConfigError, ContractError, nearest
+from robot.errors import ConfigError, ContractError
 from robot.inference.network_file import Tensor, open_network, read_metadata
 from robot.typed_config import from_plain
 from trainer.experiments.driving_pictures import STACK
 from trainer.experiments.records import Turn
 
-REMEDY = "export a policy of the task track with four stacked frames"
-POLICIES = ("ours", "b-rl")
+REMEDY = "export a policy with python -m trainer export"
 _AT_ONCE = 256
+_OF_WORTH = ("ddqn", "dueling")  # algorithms whose values are no logits
 
 
-class RacingPolicy:
-    """Stacks of pictures -> turns, with an ONNX policy of steering and pedals.
+class SteeringPolicy:
+    """Stacks of pictures -> turns, with an ONNX policy.
 
-    The probabilities of the actions that steer alike are added up, whatever they do with the
-    pedals, and the likeliest turn is chosen; the values are taken as logits.
+    Of an actor's logits the probabilities of the actions that steer alike are added up, whatever
+    they do with the pedals, and the likeliest turn is chosen; what learned the worth of actions
+    does the best one. A policy of one picture is shown the newest; one that has a path is told
+    that it leads straight on.
 
     Raises:
-        ContractError: not a policy for such stacks and actions.
+        ContractError: not a policy, or one that cannot go left, straight and right.
     """
 
     def __init__(self, path: Path) -> None:
         plain = json.loads(read_metadata(path, PolicyContract.METADATA_KEY, REMEDY))
         self.image: ImageSpec = from_plain(ImageSpec, plain.get("image", {}), str(path))
-        # the contract's steering is positive to the left, people's angles to the right
-        steering = -np.array([action[0] for action in plain.get("actions", ())])
-        self._turn_of = np.where(steering > 0, Turn.RIGHT, Turn.STRAIGHT)
-        self._turn_of[steering < 0] = Turn.LEFT
-        if plain.get("task") != "track" or set(self._turn_of) != set(Turn):
+        actions = np.array(plain.get("actions", ()), dtype=float).reshape(-1, 2)
+        # people's angles are positive to the right, steering of race cars to the left; a robot
+        # goes right where its left wheel is the faster
+        right = -actions[:, 0] if plain.get("task") == "track" else actions[:, 0] - actions[:, 1]
+        self._turn_of = np.where(right > 0, Turn.RIGHT, np.where(right < 0, Turn.LEFT, 1))
+        if set(self._turn_of) != set(Turn):
             raise ContractError(
-                f"{path}: expected a policy of the task track that steers left, straight and "
-                f"right, got task {plain.get('task')!r} with {len(steering)} actions; {REMEDY}"
+                f"{path}: expected a policy that can go left, straight and right, got actions "
+                f"{plain.get('actions')}; {REMEDY}"
             )
-        shape = (None, *self.image.shape[:2], 3 * STACK)
-        values = (None, len(steering))
+        self.frames, self._points = int(plain.get("frames", 1)), int(plain.get("path_points", 0))
+        if not 1 <= self.frames <= STACK:
+            raise ContractError(
+                f"{path}: expected at most {STACK} stacked pictures, got {self.frames}"
+            )
+        shape = (None, *self.image.shape[:2], 3 * self.frames)
         inputs = [Tensor("image", "tensor(uint8)", shape)]
-        outputs = [Tensor("values", "tensor(float)", values)]
+        if self._points:
+            inputs.append(Tensor("path", "tensor(float)", (None, self._points)))
+        outputs = [Tensor("values", "tensor(float)", (None, len(actions)))]
+        self._worth = plain.get("algorithm") in _OF_WORTH
         self._session = open_network(path, inputs, outputs, 1, REMEDY)
 
     def turns(self, stacks: np.ndarray) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 -> (N,) int64 values of `Turn`."""
-        parts = np.array_split(stacks, -(-len(stacks) // _AT_ONCE))
-        values = np.concatenate([self._session.run(["values"], {"image": p})[0] for p in parts])
+        newest = np.ascontiguousarray(stacks[..., -3 * self.frames :])
+        parts = np.array_split(newest, -(-len(stacks) // _AT_ONCE))
+        values = np.concatenate([self._values(part) for part in parts])
+        if self._worth:
+            return np.asarray(self._turn_of[values.argmax(1)])
         shares = np.exp(values - values.max(1, keepdims=True))
         of_turns = [shares[:, self._turn_of == turn].sum(1) for turn in Turn]
         return np.stack(of_turns, axis=1).argmax(1)
 
+    def _values(self, pictures: np.ndarray) -> np.ndarray:
+        feeds = {"image": pictures}
+        if self._points:
+            feeds["path"] = np.zeros((len(pictures), self._points), np.float32)
+        return np.asarray(self._session.run(["values"], feeds)[0])
 
-def named_policies(given: Sequence[str]) -> list[tuple[str, int, RacingPolicy]]:
-    """(name, seed, policy) of each ``name=model.onnx``.
+
+def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]]:
+    """(name, seed, policy) of each ``name=model.onnx``; a name again is another seed.
 
     Raises:
-        ConfigError: no name, or one that the paper has not.
-        ContractError: not a policy of the task track.
+        ConfigError: no name.
+        ContractError: not a policy.
     """
-    found: list[tuple[str, int, RacingPolicy]] = []
+    found: list[tuple[str, int, SteeringPolicy]] = []
     for text in given:
         name, _, path = text.partition("=")
-        if name not in POLICIES or not path:
+        if not name or not path:
             raise ConfigError(
-                f"--policy: expected name=model.onnx, got {text!r}; {nearest(name, POLICIES)}"
+                f"--policy: expected name=model.onnx, got {text!r}; such as ours=model.onnx"
             )
         seed = sum(name == other for other, _, _ in found)
-        found.append((name, seed, RacingPolicy(Path(path))))
+        found.append((name, seed, SteeringPolicy(Path(path))))
     return found

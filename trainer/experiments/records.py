@@ -28,6 +28,7 @@ from robot.errors import ConfigError
 # Donkeycar records the share of full lock. The front wheels of such small cars turn by about 30
 # degrees, so the paper's 10 degrees are a third of full lock.
 FULL_LOCK_DEG = 30.0
+_LEAST_DEG = 3.2  # half a turn in radians: no drive is as straight as that
 STRAIGHT_DEG = 10.0  # paper B, section 3.1: steering within (-10, 10) is "going straight"
 
 
@@ -81,8 +82,20 @@ def load_drive(folder: Path) -> Drive:
         raise ConfigError(f"{folder}: expected one of {', '.join(readers)}, found none of them")
     if not rows:
         raise ConfigError(f"{folder}: expected a recorded drive, got one without a picture")
-    files = tuple(_picture(folder, row.file) for row in rows)
-    return Drive(files, np.array([row.steering_deg for row in rows]))
+    steering_deg = np.array([row.steering_deg for row in rows])
+    if read is _sully_chen:
+        _refuse_other_units(steering_deg, folder)
+    return Drive(_pictures(folder, [row.file for row in rows]), steering_deg)
+
+
+def _refuse_other_units(steering_deg: np.ndarray, folder: Path) -> None:
+    """A steering wheel that never leaves 3.2 degrees tells of radians, or of shares."""
+    most = float(np.abs(steering_deg).max())
+    if 0.0 < most <= _LEAST_DEG:
+        raise ConfigError(
+            f"{folder / 'data.txt'}: expected degrees of the steering wheel, got no angle beyond "
+            f"{most:.3g}; multiply radians by 57.3, and put shares of full lock into labels.csv"
+        )
 
 
 def _labels_csv(folder: Path) -> Iterator[_Row]:
@@ -154,13 +167,21 @@ def _number(text: Any, where: str) -> float:
     return value
 
 
-def _picture(folder: Path, name: str) -> Path:
+def _pictures(folder: Path, names: list[str]) -> tuple[Path, ...]:
+    found = [_picture(folder, name) for name in names]
+    missing = [name for name, path in zip(names, found, strict=True) if path is None]
+    if missing:
+        raise ConfigError(
+            f"{folder}: expected a picture for each of {len(names)} records, found none for "
+            f"{len(missing)}, the first {missing[0]}; take these records out"
+        )
+    return tuple(path for path in found if path is not None)
+
+
+def _picture(folder: Path, name: str) -> Path | None:
     base = Path(name).name
     places = (folder / name, folder / "images" / base, folder / "data" / base, folder / base)
-    for path in places:
-        if path.is_file():
-            return path
-    raise ConfigError(f"{folder}: expected the picture {name}, found it in no usual place")
+    return next((path for path in places if path.is_file()), None)
 
 
 def _by_number(path: Path) -> tuple[int, ...]:

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from rich.console import Console
 from torch import nn
 
+from trainer.config import preset
 from trainer.experiments.driving_pictures import STACK, Stacks
 from trainer.experiments.records import Turn
+from trainer.learners.networks import DrivingFeatures
 from trainer.parsing.augment import relit
 from trainer.resumable import Loop, Stateful
 
@@ -38,7 +41,7 @@ class TurnNetwork(nn.Module):
         for outputs, (kernel, stride) in zip(CHANNELS, KERNELS_AND_STRIDES, strict=True):
             layers += [nn.Conv2d(inputs, outputs, kernel, stride, kernel // 4), nn.ReLU()]
             inputs = outputs
-        self.convolutions = nn.Sequential(*layers)
+        self.convolutions: nn.Module = nn.Sequential(*layers)
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, 3 * STACK, *shape[:2])).numel()
         self.head = nn.Sequential(
@@ -58,12 +61,40 @@ class TurnNetwork(nn.Module):
         return np.concatenate([self(torch.from_numpy(p)).argmax(1).numpy() for p in parts])
 
 
+class LikePolicies(TurnNetwork):
+    """The same with the convolutions and widths of the policies of the task ``track``."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        """``shape``: (H, W, 3) of one picture."""
+        nn.Module.__init__(self)
+        net = preset("track", "ppo", "fast").net
+        height, width, colours = shape
+        stacks = spaces.Box(0, 255, (height, width, colours * STACK), np.uint8)
+        self.convolutions = DrivingFeatures(stacks, net)
+        self.head = nn.Sequential(
+            nn.Dropout(),
+            nn.Linear(net.image_fc, net.head_fc),
+            nn.ReLU(),
+            nn.Dropout(),
+            nn.Linear(net.head_fc, len(Turn)),
+        )
+
+    def forward(self, stacks: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        return self.head(self.convolutions(stacks))
+
+
 def teach_turns(
-    training: Stacks, steps: int, seed: int, checkpoint: Path, console: Console
+    training: Stacks,
+    steps: int,
+    seed: int,
+    checkpoint: Path,
+    console: Console,
+    kind: type[TurnNetwork] = TurnNetwork,
 ) -> TurnNetwork:
     """Train on what the person did, from where ``checkpoint`` left off."""
     torch.manual_seed(seed)
-    network = TurnNetwork(training.pictures.shape[1:])
+    network = kind(training.pictures.shape[1:])
     optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     loss_of = nn.CrossEntropyLoss()

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from trainer.experiments.records import Turn
+from trainer.experiments.turning import Turning
 from trainer.run import atomically
 
 # Paper B, Table 1, on Sully Chen's frames.
@@ -39,7 +40,9 @@ class Table:
     data: str
     training_frames: int
     test_frames: int
-    shares: tuple[float, float, float]  # of left, straight and right among the test frames
+    training_shares: tuple[float, float, float]  # of left, straight and right
+    shares: tuple[float, float, float]  # likewise, of the test frames
+    turning: Turning  # how the angles go with what the pictures show
     rows: tuple[Accuracy, ...]
 
 
@@ -81,13 +84,19 @@ def interval(right: np.ndarray, rng: np.random.Generator) -> tuple[float, float]
 
 
 def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:
-    """Who needs no picture: drawing among three, and always the training's commonest turn."""
+    """Who needs no picture: drawing among three, always the training's commonest turn, the test's.
+
+    Args:
+        wanted: (N,) values of `Turn` of the test.
+        common: the commonest of the training.
+    """
     drawn = np.random.default_rng(0).integers(len(Turn), size=len(wanted))
-    always = np.full(len(wanted), common)
-    return [
-        compare("drawn by lot", 0, wanted, drawn),
-        compare(f"always {Turn(common).name.lower()}", 0, wanted, always),
+    often = int(np.bincount(wanted, minlength=len(Turn)).argmax())
+    always = [
+        compare(f"always {Turn(turn).name.lower()}", 0, wanted, np.full(len(wanted), turn))
+        for turn in dict.fromkeys((common, often))
     ]
+    return [compare("drawn by lot", 0, wanted, drawn), *always]
 
 
 def draw_table(table: Table, path: Path) -> None:

@@ -1,4 +1,5 @@
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from robot.errors import ContractError
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from trainer.cli import main
 from trainer.experiments.driving_pictures import STACK
-from trainer.experiments.racing_policy import RacingPolicy
+from trainer.experiments.racing_policy import SteeringPolicy, named_policies
 from trainer.experiments.records import Turn
 
 HEIGHT, WIDTH = 12, 24
@@ -26,7 +27,12 @@ class SteerToLight(torch.nn.Module):
         return 0.1 * sides[:, side_of]
 
 
-def write_policy(path: Path, task: str = "track") -> None:
+def write_policy(
+    path: Path,
+    task: str = "track",
+    actions: Sequence[tuple[float, float]] = RACING_ACTIONS,
+    algorithm: str = "a3c",
+) -> None:
     example = torch.zeros((2, HEIGHT, WIDTH, 3 * STACK), dtype=torch.uint8)
     torch.onnx.export(
         SteerToLight(),
@@ -43,10 +49,10 @@ def write_policy(path: Path, task: str = "track") -> None:
     contract = {
         "schema": 1,
         "task": task,
-        "algorithm": "a3c",
+        "algorithm": algorithm,
         "frames": STACK,
         "image": {"width_px": WIDTH, "height_px": HEIGHT + 4, "crop_top_px": 4},
-        "actions": RACING_ACTIONS,
+        "actions": actions,
     }
     onnx.helper.set_model_props(model, {"duckpilot": json.dumps(contract)})
     onnx.save(model, str(path))
@@ -60,7 +66,7 @@ def policy_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_policy_turns_to_where_its_actions_steer(policy_file: Path) -> None:
-    policy = RacingPolicy(policy_file)
+    policy = SteeringPolicy(policy_file)
     assert policy.image.shape == (HEIGHT, WIDTH, 3)
     stacks = np.zeros((3, HEIGHT, WIDTH, 3 * STACK), np.uint8)
     for turn in Turn:
@@ -68,22 +74,41 @@ def test_a_policy_turns_to_where_its_actions_steer(policy_file: Path) -> None:
     assert policy.turns(stacks).tolist() == [Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT]
 
 
-def test_a_policy_of_another_task_is_refused(tmp_path: Path) -> None:
-    write_policy(tmp_path / "lane.onnx", task="lane")
-    with pytest.raises(ContractError, match="expected a policy of the task track"):
-        RacingPolicy(tmp_path / "lane.onnx")
+def test_a_robots_policy_turns_to_where_its_slower_wheel_is(tmp_path: Path) -> None:
+    wheels = [(0.1, 0.4), (0.4, 0.4), (0.4, 0.1)] * 3
+    write_policy(tmp_path / "lane.onnx", task="lane", actions=wheels)
+    policy = SteeringPolicy(tmp_path / "lane.onnx")
+    stacks = np.zeros((1, HEIGHT, WIDTH, 3 * STACK), np.uint8)
+    stacks[..., :8, :] = 200  # values for "left" of RACING_ACTIONS: numbers 1, 4 and 7
+    assert policy.turns(stacks).tolist() == [Turn.STRAIGHT]
 
 
-def test_a_policy_needs_a_name_of_the_table(
+def test_probabilities_are_added_up_but_not_what_actions_are_worth(tmp_path: Path) -> None:
+    """Six actions steer straight, each a little worse than the best of the three others."""
+    straight_often = [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)] * 2 + [
+        (0.0, 0.0),
+        (-1.0, 0.0),
+        (0.0, 0.0),
+    ]
+    stacks = np.full((1, HEIGHT, WIDTH, 3 * STACK), 100, np.uint8)
+    stacks[..., :8, :] = 102
+    for algorithm, turn in (("ppo", Turn.STRAIGHT), ("dueling", Turn.LEFT)):
+        write_policy(tmp_path / "a.onnx", actions=straight_often, algorithm=algorithm)
+        assert SteeringPolicy(tmp_path / "a.onnx").turns(stacks).tolist() == [turn]
+
+
+def test_who_cannot_turn_is_refused(tmp_path: Path) -> None:
+    write_policy(tmp_path / "lane.onnx", actions=[(0.0, 1.0)] * 9)
+    with pytest.raises(ContractError, match="left, straight and right"):
+        SteeringPolicy(tmp_path / "lane.onnx")
+
+
+def test_a_policy_needs_a_name_and_each_counts(
     policy_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        "experiment",
-        "paper-b-accuracy",
-        "--data",
-        str(tmp_path),
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert main([*command, "--policy", f"our={policy_file}"]) == 2
-    assert "did you mean 'ours'" in capsys.readouterr().err
+    command = ["experiment", "paper-b-accuracy", "--data", str(tmp_path)]
+    command += ["--out", str(tmp_path / "out")]
+    assert main([*command, "--policy", str(policy_file)]) == 2
+    assert "expected name=model.onnx" in capsys.readouterr().err
+    found = named_policies([f"ours={policy_file}", f"b-rl={policy_file}", f"ours={policy_file}"])
+    assert [(name, seed) for name, seed, _ in found] == [("ours", 0), ("b-rl", 0), ("ours", 1)]

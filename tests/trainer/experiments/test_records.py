@@ -74,7 +74,10 @@ def test_what_is_no_drive_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"data\.txt:1: expected an angle, got 'left'"):
         load_drive(tmp_path)
     (tmp_path / "data.txt").write_text("0.jpg 3\n")
-    with pytest.raises(ConfigError, match=r"expected the picture 0\.jpg"):
+    with pytest.raises(ConfigError, match=r"got no angle beyond 3; multiply radians"):
+        load_drive(tmp_path)
+    (tmp_path / "data.txt").write_text("0.jpg 30\n1.jpg -5\n")
+    with pytest.raises(ConfigError, match=r"none for 2, the first 0\.jpg"):
         load_drive(tmp_path)
     (tmp_path / "data.txt").unlink()
     (tmp_path / "labels.csv").write_text("file,angle\na.jpg,-17\n")
@@ -97,5 +100,21 @@ def test_training_and_test_share_no_picture(tmp_path: Path) -> None:
     assert (np.diff(stacks.stacked()[5, 0, 0, ::3].astype(int)) >= 0).all()
     training, test = split_by_time(stacks)
     assert training.last.max() + 20 < test.last.min() - (STACK - 1) + 1
+    apart = load_stacks(drive, IMAGE, 2)
+    assert np.array_equal(apart.stacked([0])[0, ..., ::3][..., -1], apart.pictures[6, ..., 0])
+    assert np.array_equal(apart.stacked([0])[0, ..., 0], apart.pictures[0, ..., 0])
+    training, test = split_by_time(apart)
+    assert training.last.max() + 20 < test.last.min() - 2 * (STACK - 1) + 1
     with pytest.raises(ConfigError, match="expected enough pictures"):
         split_by_time(stacks._replace(pictures=stacks.pictures[:20], last=stacks.last[:17]))
+
+
+@pytest.mark.parametrize("kind", ["grey", "wide", "large"])
+def test_pictures_of_other_sizes_and_grey_ones_are_taken(tmp_path: Path, kind: str) -> None:
+    shape = {"grey": (120, 160), "wide": (66, 200, 3), "large": (480, 640, 3)}[kind]
+    for k in range(5):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full(shape, 40 * k, np.uint8))
+    drive = Drive(tuple(sorted(tmp_path.glob("*.png"))), np.zeros(5))
+    stacks = load_stacks(drive, IMAGE)
+    assert stacks.pictures.shape == (5, *IMAGE.shape)
+    assert (stacks.pictures[3] == 120).all()

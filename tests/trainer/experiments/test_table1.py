@@ -3,10 +3,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from trainer.cli import main
 from trainer.experiments.records import Turn
-from trainer.experiments.table1 import compare, interval
+from trainer.experiments.table1 import chance, compare, interval
 
 
 def write_drive(folder: Path, count: int) -> None:
@@ -25,16 +26,16 @@ def test_a_plain_rule_is_learned_and_a_second_call_learns_no_more(tmp_path: Path
     write_drive(tmp_path, 150)
     out = tmp_path / "out"
     command = ["experiment", "paper-b-accuracy", "--data", str(tmp_path), "--out", str(out)]
-    options = ["--seeds", "1", "--steps", "36"]
+    options = ["--seeds", "1", "--steps", "60", "--rate-hz", "10"]
     assert main([*command, *options]) == 0
     first = json.loads((out / "table1.json").read_text())
     rows = {row["driver"]: row for row in first["rows"]}
     assert rows["supervised"]["accuracy"] > 0.8
     assert rows["drawn by lot"]["accuracy"] < 0.6
     assert (out / "table1.png").stat().st_size > 1000
-    written = (out / "supervised_0_36.pt").stat().st_mtime_ns
+    written = (out / "supervised_0_60.pt").stat().st_mtime_ns
     assert main([*command, *options]) == 0
-    assert (out / "supervised_0_36.pt").stat().st_mtime_ns == written
+    assert (out / "supervised_0_60.pt").stat().st_mtime_ns == written
     assert json.loads((out / "table1.json").read_text()) == first
 
 
@@ -54,3 +55,23 @@ def test_a_perfect_driver_and_one_that_knows_one_turn() -> None:
     always = compare("x", 0, wanted, np.full(4, Turn.RIGHT))
     assert (always.accuracy, always.balanced) == (0.5, 1 / 3)
     assert always.guessed == (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 25.0])
+def test_a_drive_of_one_turn_is_refused_with_its_angles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], angle: float
+) -> None:
+    write_drive(tmp_path, 90)
+    (tmp_path / "data.txt").write_text("\n".join(f"{k}.jpg {angle}" for k in range(90)))
+    command = ["experiment", "paper-b-accuracy", "--data", str(tmp_path)]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"the angles go from {angle:g} to {angle:g} degrees" in said
+
+
+def test_who_needs_no_picture_stands_beside_with_both_commonest_turns() -> None:
+    wanted = np.array([Turn.LEFT] * 6 + [Turn.RIGHT] * 4)
+    rows = {row.driver: row.accuracy for row in chance(wanted, Turn.STRAIGHT)}
+    assert rows["always straight"] == 0.0
+    assert rows["always left"] == 0.6
+    assert len(rows) == 3

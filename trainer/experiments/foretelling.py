@@ -1,0 +1,105 @@
+"""Table 1 of paper B: who foretells what a person did on a recorded drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from robot.errors import ConfigError
+from trainer.config import preset
+from trainer.experiments.driving_pictures import Stacks, load_stacks, split_by_time
+from trainer.experiments.racing_policy import SteeringPolicy
+from trainer.experiments.records import Drive, Turn, load_drive
+from trainer.experiments.supervised import LikePolicies, teach_turns
+from trainer.experiments.table1 import Accuracy, Table, chance, compare, shares
+from trainer.experiments.turning import Turning, goes_on_turning, shifts_px, turning
+
+DECISION_S = 0.1  # between a policy's pictures
+Named = tuple[str, int, SteeringPolicy]
+
+
+def foretell(
+    data: Path,
+    out: Path,
+    policies: Sequence[Named],
+    rate_hz: float,
+    seeds: int,
+    steps: int,
+    console: Console,
+) -> Table:
+    """Everyone's accuracy on the test part of a drive.
+
+    Args:
+        data: the drive, see `trainer.experiments.records`.
+        out: a folder that exists, for the supervised networks.
+        policies: names, seeds and policies.
+        rate_hz: pictures of the drive in a second.
+        seeds: how many supervised networks.
+        steps: updates of each.
+        console: hears of progress.
+
+    Raises:
+        ConfigError: the drive cannot be read, or is none to learn or to test on.
+    """
+    drive = load_drive(data)
+    every = pictures_apart(rate_hz)
+    training, test = split_by_time(load_stacks(drive, preset("track", "ppo", "fast").image, every))
+    for part, name in ((training, "first 60 %"), (test, "rest")):
+        _refuse_one_turn(part, name, drive)
+    moved_px = shifts_px(drive)
+    of_angles = turning(drive.steering_deg, moved_px)
+    rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
+    rows += _going_on(drive, moved_px, training, test)
+    for name, seed, policy in policies:
+        seen = split_by_time(load_stacks(drive, policy.image, every))[1].stacked()
+        rows.append(compare(name, seed, test.turns, policy.turns(seen)))
+    for seed in range(seeds):
+        checkpoint = out / f"supervised_{seed}_{steps}.pt"
+        network = teach_turns(training, steps, seed, checkpoint, console, LikePolicies)
+        rows.append(compare("supervised", seed, test.turns, network.turns(test.stacked())))
+    counts = len(training.last), len(test.last)
+    parts = shares(training.turns), shares(test.turns)
+    return Table(str(data), *counts, *parts, of_angles, tuple(rows))
+
+
+def pictures_apart(rate_hz: float) -> int:
+    """Of how many pictures one is taken, so that a stack's are a decision apart.
+
+    Raises:
+        ConfigError: no such rate.
+    """
+    if not rate_hz > 0.0:
+        raise ConfigError(f"rate: expected pictures in a second, above 0, got {rate_hz}")
+    return max(1, round(DECISION_S * rate_hz))
+
+
+def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
+    done = {Turn(turn).name.lower() for turn in part.turns.tolist()}
+    if len(done) < 2:
+        low, high = drive.steering_deg.min(), drive.steering_deg.max()
+        raise ConfigError(
+            f"drive: expected turns of two kinds at least in its {name}, got only "
+            f"{', '.join(done)}; the angles go from {low:.3g} to {high:.3g} degrees: another part "
+            "of the drive, or other units?"
+        )
+
+
+def _going_on(drive: Drive, moved_px: np.ndarray, training: Stacks, test: Stacks) -> list[Accuracy]:
+    """Who goes on turning as the pictures turn, the scale of it from the training part."""
+    end = int(training.last[-1])
+    scale = turning(drive.steering_deg[: end + 1], moved_px[:end])
+    if scale.px_per_deg <= 0.0:
+        return []
+    guessed = goes_on_turning(moved_px, scale.px_per_deg, test.reach)[test.last]
+    return [compare("goes on turning", 0, test.turns, guessed)]
+
+
+def words(found: Turning) -> str:
+    """One line for a person."""
+    return (
+        f"angles and pictures agree with a correlation of {found.correlation:.2f}, "
+        f"{found.late_frames} pictures after the angle"
+    )

@@ -1,0 +1,91 @@
+"""How a recorded drive turns, as its pictures tell: a check of the angles, and a driver by itself.
+
+The upper part of a picture is far away. When the camera turns it shifts sideways, by the same way
+at every distance, and hardly otherwise (phase correlation, Kuglin and Hines 1975). Recorded angles
+must agree with that, some pictures later, for wheels and camera are late; where they do not, they
+are of another sign, of another drive, or of nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from robot.camera.source import fit_to_frame
+from robot.errors import ConfigError
+from trainer.experiments.records import Drive, turns
+from trainer.parsing.labelled import read_rgb
+
+_FAR = slice(0, 40), slice(30, 130)  # rows and columns of a frame, above and around the road
+_SMOOTHED = 5  # pictures
+_LATEST = 20  # pictures by which a camera may be late
+_AGAINST = -0.5  # correlation at which angles have the wrong sign for sure
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How angles go with what the pictures show."""
+
+    correlation: float  # of angle and turning, where it is greatest; 0 for angles all alike
+    late_frames: int  # pictures from an angle to the turning that agrees with it best
+    px_per_deg: float  # shift between two pictures of a 160 px wide frame for a degree of steering
+
+
+def shifts_px(drive: Drive) -> np.ndarray:
+    """(N - 1,) by how much the far world moves to the left between pictures: to the right we turn.
+
+    Raises:
+        ConfigError: a file is no picture.
+    """
+    rows, columns = _FAR
+    shape = columns.stop - columns.start, rows.stop - rows.start
+    window = cv2.createHanningWindow(shape, cv2.CV_32F)
+    before, found = None, []
+    for file in drive.files:
+        grey = cv2.cvtColor(fit_to_frame(read_rgb(file)), cv2.COLOR_RGB2GRAY)[_FAR]
+        now = np.asarray(grey, np.float32)
+        if before is not None:
+            found.append(-cv2.phaseCorrelate(before, now, window)[0][0])
+        before = now
+    return np.array(found)
+
+
+def turning(steering_deg: np.ndarray, moved_px: np.ndarray) -> Turning:
+    """How the angles (N,) of a drive go with what its pictures (N - 1,) show.
+
+    Raises:
+        ConfigError: they go against each other.
+    """
+    smooth = np.convolve(moved_px, np.full(_SMOOTHED, 1.0 / _SMOOTHED), mode="same")
+    best = Turning(0.0, 0, 0.0)
+    for late in range(min(_LATEST, len(smooth) // 2)):
+        angle, seen = steering_deg[: len(smooth) - late], smooth[late:]
+        if angle.std() == 0.0 or seen.std() == 0.0:
+            continue
+        correlation = float(np.corrcoef(angle, seen)[0, 1])
+        if abs(correlation) > abs(best.correlation):
+            slope = correlation * float(seen.std() / angle.std())
+            best = Turning(correlation, late, slope)
+    if best.correlation < _AGAINST:
+        raise ConfigError(
+            "angles: expected positive ones where the pictures turn right, got a correlation of "
+            f"{best.correlation:.2f}; change the sign of the angles"
+        )
+    return best
+
+
+def goes_on_turning(moved_px: np.ndarray, px_per_deg: float, reach: int) -> np.ndarray:
+    """(N,) values of `Turn` of who steers as the last pictures turned, and looks at nothing else.
+
+    Args:
+        moved_px: (N - 1,), see `shifts_px`.
+        px_per_deg: of a `Turning`, above 0.
+        reach: how many shifts are seen.
+    """
+    sums = np.concatenate(([0.0], np.cumsum(moved_px)))
+    count = np.arange(len(sums))
+    first = np.maximum(0, count - reach)
+    mean = (sums - sums[first]) / np.maximum(1, count - first)
+    return turns(mean / px_per_deg)
