@@ -28,7 +28,7 @@ from torch.nn.utils import clip_grad_norm_, parameters_to_vector, vector_to_para
 from sim_pybullet.randomise import looks_of
 from trainer.config import A3cConfig, RunConfig
 from trainer.envs import ScaledReward
-from trainer.learners.algorithms import build_policy, learning_rates
+from trainer.learners.algorithms import build_policy, entropies, learning_rates
 from trainer.learners.shared_weights import Shared
 
 EnvMaker = Callable[[RunConfig, int, int], VecEnv]
@@ -63,7 +63,7 @@ class Worker:
         assert isinstance(config.learn, A3cConfig)
         self._config, self._learn, self._shared = config, config.learn, orders.shared
         self._number, self._first_step = number, orders.first_step
-        self._rates = learning_rates(config)
+        self._rates, self._entropies = learning_rates(config), entropies(config)
         env = orders.make_env(_own_look(config, number), config.learn.robots, orders.seed)
         self._env = ScaledReward(env, config.reward_scale)
         self._env.seed(orders.seed)
@@ -133,20 +133,22 @@ class Worker:
 
     def _descend(self, seen: Tensors, actions: torch.Tensor, returns: torch.Tensor) -> None:
         learn, parameters = self._learn, list(self._policy.parameters())
+        done = self._first_step + int(self._shared.steps.sum())
+        left = 1.0 - done / self._config.steps
         logits, values = _evaluate(self._policy, seen)
         logs = log_softmax(logits, 1)
         chosen = logs.gather(1, actions[:, None])[:, 0]
         gain = (chosen * (returns - values.detach())).mean()
         entropy = -(logs.exp() * logs).sum(1).mean()
-        loss = -gain - learn.entropy * entropy + learn.value * mse_loss(values, returns)
+        loss = -gain - self._entropies(left) * entropy + learn.value * mse_loss(values, returns)
         for parameter in parameters:
             parameter.grad = None
         loss.backward()
         clip_grad_norm_(parameters, learn.max_grad_norm)
         gradient = parameters_to_vector([p.grad for p in parameters if p.grad is not None])
-        done = self._first_step + int(self._shared.steps.sum())
-        rate = self._rates(1.0 - done / self._config.steps)
-        shared_rmsprop(self._shared, gradient, rate, learn.rms_decay, learn.rms_epsilon)
+        shared_rmsprop(
+            self._shared, gradient, self._rates(left), learn.rms_decay, learn.rms_epsilon
+        )
 
 
 def shared_rmsprop(

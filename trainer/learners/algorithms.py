@@ -20,13 +20,29 @@ from trainer.learners.dqn import ChannelLast, DoubleDQN
 from trainer.learners.networks import DrivingActorCritic, DrivingFeatures, DuelingPolicy, QPolicy
 from trainer.learners.replay import MappedReplayBuffer
 
+Schedule = Callable[[float], float]
+
 
 class ChannelLastPPO(ChannelLast, PPO):
-    """stable-baselines3's PPO on pictures as they are."""
+    """stable-baselines3's PPO on pictures as they are, with a falling weight of the entropy."""
+
+    entropies: Schedule
+
+    def train(self) -> None:
+        """As of stable-baselines3."""
+        self.ent_coef = self.entropies(self._current_progress_remaining)
+        super().train()
 
 
 class ChannelLastA2C(ChannelLast, A2C):
-    """stable-baselines3's A2C on pictures as they are."""
+    """stable-baselines3's A2C on pictures as they are, with a falling weight of the entropy."""
+
+    entropies: Schedule
+
+    def train(self) -> None:
+        """As of stable-baselines3."""
+        self.ent_coef = self.entropies(self._current_progress_remaining)
+        super().train()
 
 
 def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:
@@ -48,7 +64,7 @@ def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:
     if isinstance(learn, DaggerConfig):
         return _build_dagger(learn, common, replay)
     if isinstance(learn, PpoConfig):
-        return ChannelLastPPO(
+        ppo = ChannelLastPPO(
             **common,
             gamma=learn.gamma,
             n_steps=learn.rollout,
@@ -59,14 +75,28 @@ def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:
             ent_coef=learn.entropy,
             vf_coef=learn.value,
         )
+        ppo.entropies = entropies(config)
+        return ppo
     assert isinstance(learn, A2cConfig), "A3C builds itself"
-    return ChannelLastA2C(**common, **_a2c_arguments(learn))
+    a2c = ChannelLastA2C(**common, **_a2c_arguments(learn))
+    a2c.entropies = entropies(config)
+    return a2c
 
 
-def learning_rates(config: RunConfig) -> Callable[[float], float]:
+def learning_rates(config: RunConfig) -> Schedule:
     """From the share of the run that is left, 1 to 0, to the learning rate."""
-    rate, least = config.learn.learning_rate, config.rate_left
-    return lambda left: rate * (least + (1.0 - least) * max(left, 0.0))  # the last step overshoots
+    return _falling(config.learn.learning_rate, config.rate_left)
+
+
+def entropies(config: RunConfig) -> Schedule:
+    """From the share of the run that is left, 1 to 0, to the weight of the actor's entropy."""
+    learn = config.learn
+    assert isinstance(learn, (PpoConfig, A2cConfig, A3cConfig))
+    return _falling(learn.entropy, config.entropy_left)
+
+
+def _falling(first: float, least: float) -> Schedule:
+    return lambda left: first * (least + (1.0 - least) * max(left, 0.0))  # the last step overshoots
 
 
 def build_policy(config: RunConfig) -> BasePolicy:
