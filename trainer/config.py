@@ -300,7 +300,8 @@ def _track(run: RunConfig) -> RunConfig:
     """
     learn = run.learn
     if isinstance(learn, PpoConfig):
-        learn = replace(learn, epochs=4, gae_lambda=0.95, learning_rate=1e-3, entropy=0.2)
+        learn = replace(learn, rollout=32, epochs=4, gae_lambda=0.95)
+        learn = replace(learn, learning_rate=2e-3, entropy=0.2)
     if isinstance(learn, A3cConfig):
         learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=10)
     if isinstance(learn, (A2cConfig, A3cConfig)):
