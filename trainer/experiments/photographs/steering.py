@@ -91,10 +91,7 @@ def compare_steering(
     policy = OnnxPolicy(model)
     person = turns(steering_deg)
     first, last = _parts(person)
-    answers = {
-        times: _ask(policy, np.stack([lifted(f, higher_view(rig, times)) for f in frames]))
-        for times in TIMES_HIGHER
-    }
+    answers = {times: _ask(policy, frames, higher_view(rig, times)) for times in TIMES_HIGHER}
     orders = {t: order(a.leaning[first], steering_deg[first]) for t, a in answers.items()}
     times = max(orders, key=lambda each: orders[each])
     leaning = answers[times].leaning
@@ -125,8 +122,9 @@ def _parts(person: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first.last, last.last
 
 
-def _ask(policy: OnnxPolicy, frames: np.ndarray) -> _Answer:
-    seen = preprocess_batch(frames, policy.contract.image)
+def _ask(policy: OnnxPolicy, frames: np.ndarray, view: np.ndarray) -> _Answer:
+    from_higher = np.stack([lifted(frame, view) for frame in frames])
+    seen = preprocess_batch(from_higher, policy.contract.image)
     points = policy.contract.path_points
     path = np.zeros((len(seen), points), np.float32) if points else None
     values = policy.values(seen, path)
