@@ -22,6 +22,7 @@ experiment_app = tyro.extras.SubcommandApp()
 # A name and a file each time that the option is given.
 Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
 
+PARTS = ("attention", "agreement", "lane_pose", "steering")  # of real-photographs
 _SIX = SixModelsOptions()
 _FIGURE5 = Figure5Options()
 _WORKERS = WorkerOptions()
@@ -81,13 +82,19 @@ def six_models_command(
     finished is not done again.
 
     Args:
-        out: folder for the runs, six_models.json and six_models.png.
+        out: folder for the runs, six_models.json, six_models.md and six_models.png.
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
+    from trainer.experiments.photographs.tables import markdown
     from trainer.experiments.six_models import drives, models, trainings
-    from trainer.experiments.transfer_tables import as_table, draw_transfer_curves, gather
-    from trainer.run import write_json
+    from trainer.experiments.transfer_tables import (
+        as_table,
+        draw_transfer_curves,
+        gather,
+        table_rows,
+    )
+    from trainer.run import atomically, write_json
 
     console = Console(soft_wrap=True)
     for seed in range(options.seeds):
@@ -100,6 +107,9 @@ def six_models_command(
         transfer = gather(out, done)
         write_json(out / "six_models.json", transfer)
         draw_transfer_curves(out, done, out / "six_models.png")
+        head, *rows = table_rows(transfer)
+        with atomically(out / "six_models.md") as temporary:
+            temporary.write_text(markdown(head, rows), encoding="utf-8")
         console.print(as_table(transfer))
     return 0
 
@@ -145,6 +155,7 @@ def real_photographs_command(
     out: Path,
     policy: tuple[str, ...],
     frames: int = 4000,
+    only: tuple[str, ...] = PARTS,
     seeds: int = 3,
     steps: int = 400,
 ) -> int:
@@ -156,16 +167,18 @@ def real_photographs_command(
     Args:
         data: a folder with the sites' folders (duckietown_dtcore_sites, duckietown_udem,
             donkeycar_dashed_track).
-        out: folder for the figures, tables.md, the lane-pose heads and their sheets.
+        out: folder for the figures, tables.md, the lane-pose heads, and sheets of attention and
+            poses.
         policy: name=model.onnx of policies for robots.
         frames: simulated frames that the lane-pose heads learn from.
+        only: some of attention, agreement, lane_pose and steering.
         seeds: how many supervised networks the steering is compared with.
         steps: updates of each.
     """
     from trainer.experiments.photographs.run import Photographs, look_at_photographs, named
 
     console = Console(soft_wrap=True)
-    asked = Photographs(data, out, named(policy), frames, seeds, steps)
+    asked = Photographs(data, out, named(policy), frames, seeds, steps, only)
     console.print(look_at_photographs(asked, console), markup=False)
     return 0
 

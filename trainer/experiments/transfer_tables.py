@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
+from statistics import mean, median, stdev
 
 from rich.table import Table as RichTable
 
@@ -26,6 +28,9 @@ from trainer.training.checkpoint import read_state
 # Of 32 paths and of 50 missions; the models that are not named failed (fewer than 10 paths).
 PAPER = {("dueling", "cyclegan"): (27, 31), ("ppo", "cyclegan"): (24, 26)}
 SUCCESS_ABOVE, FAILURE_BELOW = 20, 10  # paths
+
+# Student's t at 97.5 %, of the mean of 2, 3, 4 ... values; the last serves for more.
+_STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)
 
 
 @dataclass(frozen=True)
@@ -72,32 +77,47 @@ def gather(out: Path, options: SixModelsOptions) -> Transfer:
     return Transfer(options, episodes(options), tuple(rows))
 
 
-def as_table(transfer: Transfer) -> RichTable:
-    """Both of the paper's tables in one, its figures beside ours (each seed's)."""
+def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
+    """Both of the paper's tables in one, its figures beside ours; the first row says what is what.
+
+    Ours are each seed's, with the 95 % interval of their mean.
+    """
     laps, paths, tasks = (f"of {count}" for count in transfer.episodes.values())
-    columns = (
-        "transfer",
-        "algorithm",
-        f"four laps {laps}",
-        f"paths {paths}",
-        "verdict",
-        "paper",
-        f"missions {tasks}",
-        "paper",
-    )
-    table = RichTable(*columns, title=f"judged in {transfer.options.look}")
+    rows: list[tuple[str, ...]] = [
+        (
+            "transfer",
+            "algorithm",
+            f"four laps {laps}",
+            f"paths {paths}",
+            "verdict",
+            "paper",
+            f"missions {tasks}",
+            "paper",
+        )
+    ]
     for row in transfer.rows:
         theirs = PAPER.get((row.algorithm, row.variant))
-        table.add_row(
-            VARIANTS[row.variant].title,
-            NAMES[row.algorithm],
-            _each(row.laps),
-            _each(row.paths),
-            row.verdict,
-            str(theirs[0]) if theirs else _paper_verdict(row),
-            _each(row.tasks),
-            str(theirs[1]) if theirs else "–",
+        rows.append(
+            (
+                VARIANTS[row.variant].title,
+                NAMES[row.algorithm],
+                _each(row.laps),
+                _each(row.paths),
+                row.verdict,
+                str(theirs[0]) if theirs else _paper_verdict(row),
+                _each(row.tasks),
+                str(theirs[1]) if theirs else "–",
+            )
         )
+    return rows
+
+
+def as_table(transfer: Transfer) -> RichTable:
+    """`table_rows` for the terminal."""
+    head, *rows = table_rows(transfer)
+    table = RichTable(*head, title=f"judged in {transfer.options.look}")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -121,7 +141,16 @@ def _successes(model: Model, out: Path, test: str) -> int:
 
 
 def _each(counts: tuple[int, ...]) -> str:
-    return ", ".join(map(str, counts))
+    seeds = ", ".join(map(str, counts))
+    if len(counts) < 2:
+        return seeds
+    return f"{seeds} ({mean(counts):.1f} ± {half_interval(counts):.1f})"
+
+
+def half_interval(values: Sequence[float]) -> float:
+    """Half of the 95 % interval of the mean of two values or more, by Student's t (1908)."""
+    quantile = _STUDENT[min(len(values), len(_STUDENT) + 1) - 2]
+    return quantile * stdev(values) / math.sqrt(len(values))
 
 
 def _paper_verdict(row: TransferRow) -> str:

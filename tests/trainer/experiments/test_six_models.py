@@ -1,6 +1,8 @@
 import json
 from collections import Counter
 from dataclasses import replace
+from itertools import pairwise
+from statistics import stdev
 
 import pytest
 
@@ -12,7 +14,7 @@ from trainer.experiments.six_models import (
     models,
     trainings,
 )
-from trainer.experiments.transfer_tables import TransferRow, as_table, gather
+from trainer.experiments.transfer_tables import TransferRow, as_table, gather, half_interval
 
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
 
@@ -74,6 +76,14 @@ def test_the_tables_count_successes_and_judge_as_the_paper(tmp_path):
     assert [row.paths for row in transfer.rows[:2]] == [(32, 24), (31, 23)]
     assert transfer.rows[-1].tasks == (43, 35)
     assert as_table(transfer).row_count == 8
+
+
+def test_seeds_have_an_interval_by_students_t():
+    assert half_interval((1.0, 2.0, 3.0)) == pytest.approx(2.484, abs=1e-3)
+    assert half_interval((5.0, 5.0)) == 0.0
+    spread = [half_interval(range(n)) / stdev(range(n)) * n**0.5 for n in range(2, 30)]
+    assert all(fewer >= more - 1e-9 for fewer, more in pairwise(spread))
+    assert spread[-1] > 1.96
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import numpy as np
 
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
 from robot.inference.preprocess import preprocess
-from trainer.judging.explain import Explainer, share_on
+from trainer.judging.explain import Explainer, overlay, share_on
 from trainer.parsing.annotations import load_annotated, load_annotations
 from trainer.parsing.classes import RoadClass
 
@@ -21,6 +21,7 @@ SETS = {  # shipped annotations, and the folders of their photographs
     "donkeycar": ("donkeycar_dashed_track",),
 }
 _SITES = {"226night": "226night", "226noon": "226noon", "icerink": "icerink", "r2_": "udem"}
+_SHOWN_PX, _HEAD_PX = 160, 16  # width of a picture on the sheet, height of its title
 _LEAST_PX = 3  # of a line in a policy's picture
 
 
@@ -98,6 +99,42 @@ def attention_by_site(
         SiteAttention(policy, site, len(rows), *_means(np.array(rows)))
         for site, rows in shares.items()
     ]
+
+
+def attention_sheet(
+    policies: Sequence[tuple[str, Path]], frames: Sequence[LabelledFrame], of_site: int = 1
+) -> np.ndarray:
+    """Figure 40 of paper A: some pictures of each site, and what each policy looks at in them.
+
+    Args:
+        policies: names and ONNX files.
+        frames: of all sites.
+        of_site: how many of each.
+
+    Returns:
+        RGB: a row for each picture, the picture first, then a column for each policy.
+    """
+    sites = dict.fromkeys(labelled.site for labelled in frames)
+    chosen = [
+        labelled for site in sites for labelled in [f for f in frames if f.site == site][:of_site]
+    ]
+    columns = []
+    for k, (name, path) in enumerate(policies):
+        explainer = Explainer(path)
+        seen = np.stack([preprocess(each.frame, explainer.contract.image) for each in chosen])
+        if k == 0:
+            columns.append(_column("", seen))
+        maps = explainer.attention(seen)
+        columns.append(_column(name, [overlay(*pair) for pair in zip(seen, maps, strict=True)]))
+    return np.hstack(columns)
+
+
+def _column(title: str, pictures: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    size = (_SHOWN_PX, round(_SHOWN_PX * pictures[0].shape[0] / pictures[0].shape[1]))
+    head = np.full((_HEAD_PX, _SHOWN_PX, 3), 255, np.uint8)
+    cv2.putText(head, title, (2, 11), cv2.FONT_HERSHEY_SIMPLEX, 0.36, (0, 0, 0), 1, cv2.LINE_AA)
+    shown = [cv2.resize(picture, size, interpolation=cv2.INTER_NEAREST) for picture in pictures]
+    return np.vstack([head, *shown])
 
 
 def _means(rows: np.ndarray) -> tuple[float, ...]:

@@ -22,12 +22,14 @@ from robot.navigation.road_map import load_map
 from robot.typed_config import from_plain, to_plain
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
+from trainer.config import choose
 from trainer.experiments.driving_pictures import load_stacks, split_by_time
 from trainer.experiments.photographs import tables
 from trainer.experiments.photographs.agreement import SiteAgreement, compare_lines
 from trainer.experiments.photographs.attention import (
     SiteAttention,
     attention_by_site,
+    attention_sheet,
     labelled_frames,
 )
 from trainer.experiments.photographs.lane_pose import SitePose, read_photographs, site_pose
@@ -45,6 +47,12 @@ from trainer.run import atomically, write_json
 DRIVE = "donkeycar_dashed_track"
 MAPS = ("loop", "town", "village", "suburb")
 TEST_LOOK = "reality"
+_TITLES = {
+    "attention": "Lines that policies look at",
+    "agreement": "The yellow line",
+    "lane_pose": "Lane pose",
+    "steering": "Steering",
+}
 _TEST_SHARE = 8  # one simulated frame of so many is for the test
 
 Row = TypeVar("Row", SiteAttention, SiteAgreement, SitePose, Steered)
@@ -60,6 +68,7 @@ class Photographs:
     frames: int  # simulated ones that lane-pose heads learn from
     seeds: int  # supervised networks
     steps: int  # updates of each
+    only: tuple[str, ...]  # parts
 
 
 def named(given: Sequence[str]) -> tuple[tuple[str, Path], ...]:
@@ -84,23 +93,29 @@ def look_at_photographs(asked: Photographs, console: Console) -> str:
         DuckpilotError: a photograph is missing, or a policy is none.
     """
     torch.set_num_threads(1)
-    asked.out.mkdir(parents=True, exist_ok=True)
     policies = [f"{name} {path} {path.stat().st_size}" for name, path in asked.policies]
     learning = [*policies, asked.frames]
     steering = [*policies, asked.seeds, asked.steps]
-    parts = (
-        ("Lines that policies look at", _kept(asked, "attention", policies, SiteAttention, _look)),
-        ("The yellow line", _kept(asked, "agreement", [], SiteAgreement, _detect)),
-        ("Lane pose", _kept(asked, "lane_pose", learning, SitePose, _poses)),
-        ("Steering", _kept(asked, "steering", steering, Steered, _steer(console))),
-    )
-    drawn = (
-        tables.attention_table(parts[0][1]),
-        tables.agreement_table(parts[1][1]),
-        tables.pose_table(parts[2][1]),
-        tables.steering_table(parts[3][1]),
-    )
-    text = "\n".join(f"## {p[0]}\n\n{table}" for p, table in zip(parts, drawn, strict=True))
+    parts: dict[str, Callable[[], str]] = {
+        "attention": lambda: tables.attention_table(
+            _kept(asked, "attention", policies, SiteAttention, _look)
+        ),
+        "agreement": lambda: tables.agreement_table(
+            _kept(asked, "agreement", [], SiteAgreement, _detect)
+        ),
+        "lane_pose": lambda: tables.pose_table(
+            _kept(asked, "lane_pose", learning, SitePose, _poses)
+        ),
+        "steering": lambda: tables.steering_table(
+            _kept(asked, "steering", steering, Steered, _steer(console))
+        ),
+    }
+    chosen = [choose("only", name, parts) for name in asked.only]
+    asked.out.mkdir(parents=True, exist_ok=True)
+    texts = [
+        f"## {_TITLES[name]}\n\n{part()}" for name, part in zip(asked.only, chosen, strict=True)
+    ]
+    text = "\n".join(texts)
     with atomically(asked.out / "tables.md") as temporary:
         temporary.write_text(text, encoding="utf-8")
     return text
@@ -130,6 +145,7 @@ def _with_nan(row: dict[str, Any]) -> dict[str, Any]:
 
 def _look(asked: Photographs) -> list[SiteAttention]:
     frames = labelled_frames(asked.data)
+    _write_png(asked.out / "attention.png", attention_sheet(asked.policies, frames))
     rows = [attention_by_site(name, path, frames) for name, path in asked.policies]
     return [row for each in rows for row in each]
 
@@ -151,9 +167,13 @@ def _poses(asked: Photographs) -> list[SitePose]:
         rows.append(site_pose(name, f"simulated, {TEST_LOOK}", head(pictures), poses))
         found, sheet = read_photographs(name, head, image, asked.data, NOMINAL.rig())
         rows += found
-        with atomically(asked.out / f"{name}_lane_pose.png") as temporary:
-            temporary.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
+        _write_png(asked.out / f"{name}_lane_pose.png", sheet)
     return rows
+
+
+def _write_png(path: Path, picture: np.ndarray) -> None:
+    with atomically(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
 def _samples(image: ImageSpec, look: str, frames: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
