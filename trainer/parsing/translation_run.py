@@ -53,6 +53,10 @@ class TranslationRun:
                 f"parser: expected one for photographs and none for a collection, got "
                 f"{self.parser or 'none'} for {self.real}"
             )
+        if self.parser and self.labels != "road":
+            raise ConfigError(
+                f"labels: expected road, which parsers see in photographs, got {self.labels!r}"
+            )
 
 
 def begin(out: Path, run: TranslationRun, resume: bool) -> TranslationRun:

@@ -32,6 +32,14 @@ def classes_beside(ground: Ground, offset_m: float) -> np.ndarray:
     return ground.classes[rows, columns]
 
 
+@pytest.mark.parametrize("period_m", [5.0, 10.0])
+def test_dashes_come_as_often_as_the_look_says(period_m: float) -> None:
+    look = replace(PLAIN, track=replace(PLAIN.track, dashes_m=period_m))
+    yellow = classes_beside(paint_track(TRACK, look), 0.0) == SemanticClass.YELLOW_LINE
+    begun = np.sum(yellow & ~np.roll(yellow, 1))
+    assert begun == pytest.approx(LINE.path.length_m / SCALE / period_m, abs=1.5)
+
+
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_from_the_middle_outwards_come_road_line_kerb_and_grass(side: float) -> None:
     ground = paint_track(TRACK, PLAIN)

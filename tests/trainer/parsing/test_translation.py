@@ -144,3 +144,5 @@ def test_an_unknown_net_is_refused() -> None:
     with pytest.raises(ConfigError, match="did you mean 'small'"):
         TranslationRun("a", "b", "c", "fast", "smal", 1, 0)
     assert set(PIX2PIX) == {"paper", "small"}
+    with pytest.raises(ConfigError, match="expected road"):
+        TranslationRun("a", "b", "c", "fast", "small", 1, 0, labels="track")
