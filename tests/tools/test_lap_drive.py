@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from robot.contract import Action, ImageSpec, PolicyContract
 from robot.geometry import Pose
+from robot.inference.translator import TranslatorContract
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from robot.safety.state_machine import State
@@ -17,6 +19,7 @@ from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import NOMINAL
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
+from trainer.translation.export import export_translator
 
 
 class ExpertPolicy:
@@ -117,3 +120,13 @@ def test_the_summary_has_the_promised_keys() -> None:
     assert promised | {"heading_rms_rad"} <= figures.keys()
     assert figures["arrived"] == 1
     json.dumps(figures)
+
+
+def test_only_a_translator_from_real_to_simulated_pictures_is_for_running(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    translator = tmp_path / "t.onnx"
+    contract = TranslatorContract("cyclegan", "sim-to-real", ExpertPolicy.contract.image)
+    export_translator(torch.nn.Identity(), contract, translator)
+    assert laps.main(["--laps", "1", "--translator", str(translator)]) == 2
+    assert "expected a translator real-to-sim" in capsys.readouterr().err

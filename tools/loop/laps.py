@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S, Action
 from robot.errors import DuckpilotError
 from robot.geometry import Pose
-from robot.inference.policy import OnnxPolicy
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
 from robot.output import write_json
 from robot.parts import Tick
+from robot.runtime.assemble import open_policy
 from sim_pybullet.randomise import load_look_sampler
 from tools.lap_drive import LapDrive, LapRecord
 from tools.video import MapView, side_by_side
@@ -70,6 +71,7 @@ def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
         "inputs": {
             "map": options.map,
             "model": str(options.model),
+            "translator": options.translator,
             "look": options.look,
             "laps": options.laps,
             "seed": options.seed,
@@ -100,7 +102,7 @@ def progress(laps: float) -> Iterator[tqdm]:
 def drive(options: argparse.Namespace) -> dict[str, Any]:
     """Drive as asked; the summary."""
     look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
-    policy = OnnxPolicy(options.model)
+    policy = open_policy(RobotConfig(model=str(options.model), translator=options.translator))
     lap_drive = LapDrive(load_map(options.map), look, policy, options.seed)
     film = Film(lap_drive, options.video) if options.video else None
     with progress(options.laps) as bar:
@@ -122,6 +124,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
     parser.add_argument("--map", default="loop", help="map file, or the name of a shipped one")
     parser.add_argument("--model", type=Path, default=MODEL, help="ONNX policy for lane keeping")
+    parser.add_argument("--translator", default="", help="ONNX translator, real-to-sim")
     parser.add_argument("--laps", type=float, required=True, help="how many")
     parser.add_argument("--look", default="nominal", help="YAML file, or a shipped look")
     parser.add_argument("--seed", type=int, default=0)
