@@ -226,7 +226,7 @@ def sheet_command(
     real: tuple[Path, ...] = (),
     rows: int = 8,
 ) -> int:
-    """Draw input, translation, cycle and, with --real, the nearest photograph.
+    """Draw input, translation, cycle and, with --real, the nearest photograph, and name it.
 
     Args:
         run: the folder of a run whose translators were exported.
@@ -244,7 +244,9 @@ def sheet_command(
     there, back = (OnnxTranslator(folder.onnx(direction)) for direction in DIRECTIONS)
     pictures = even_rows(load_pictures(sim, there.image), rows)
     photographs = load_pictures(real, there.image) if real else None
-    draw_sheet(out, there, back, pictures, photographs)
+    nearest = draw_sheet(out, there, back, pictures, photographs)
+    for row, file in enumerate(nearest, start=1):
+        Console(soft_wrap=True).print(f"row {row}: {file}", markup=False)
     return 0
 
 

@@ -96,7 +96,7 @@ def draw_sheet(
     back: OnnxTranslator,
     pictures: np.ndarray,
     photographs: Pictures | None = None,
-) -> None:
+) -> tuple[Path, ...]:
     """Columns: picture, translation, cycle and, with photographs, the nearest of them.
 
     Args:
@@ -105,15 +105,22 @@ def draw_sheet(
         back: translates them back.
         pictures: (N, H, W, 3), one row each.
         photographs: to look for the nearest one, by the features of the distances.
+
+    Returns:
+        The files of the nearest photographs, one for each row; none without photographs.
     """
+    files: tuple[Path, ...] = ()
     translated = there(pictures)
     columns = {"input": pictures, "translation": translated, "cycle": back(translated)}
     if photographs is not None:
-        columns["nearest photograph"] = photographs.images[_nearest(translated, photographs)]
+        nearest = _nearest(translated, photographs)
+        columns["nearest photograph"] = photographs.images[nearest]
+        files = tuple(photographs.files[k] for k in nearest)
     strips = [_column(name, shown) for name, shown in columns.items()]
     with atomically(path) as temporary:
         _, data = cv2.imencode(".png", np.hstack(strips)[..., ::-1])
         temporary.write_bytes(np.asarray(data).tobytes())
+    return files
 
 
 def _nearest(pictures: np.ndarray, photographs: Pictures) -> np.ndarray:

@@ -63,7 +63,14 @@ def test_goes_on_where_it_was_killed(
     assert list((run / "tensorboard").iterdir())
 
 
-def test_judges_and_draws(run: Path, lanes: Path, sim: Path, real: Path, tmp_path: Path) -> None:
+def test_judges_and_draws(
+    run: Path,
+    lanes: Path,
+    sim: Path,
+    real: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     report, sheet = tmp_path / "judged.json", tmp_path / "sheet.png"
     onnx, places = run / "sim_to_real.onnx", ["--sim", str(sim), "--real", str(real)]
     words = ["--model", str(onnx), "--lanes", str(lanes), "--json", str(report)]
@@ -73,6 +80,7 @@ def test_judges_and_draws(run: Path, lanes: Path, sim: Path, real: Path, tmp_pat
     assert judged["after"]["kid"] == pytest.approx(judged["before"]["kid"], rel=0.2)
     assert main(["translate", "sheet", str(run), "--out", str(sheet), "--rows", "2", *places]) == 0
     with_photographs = cv2.imread(str(sheet)).shape
+    assert capsys.readouterr().out.count(str(real)) == 2  # the nearest one of each row
     assert (
         main(["translate", "sheet", str(run), "--out", str(sheet), "--rows", "2", *places[:2]]) == 0
     )
