@@ -10,7 +10,7 @@ import numpy as np
 from robot.camera.source import Frame, fit_to_frame
 from robot.errors import ConfigError
 
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".tif", ".tiff")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
 
 

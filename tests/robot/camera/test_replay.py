@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.camera.replay import ReplayCamera
+from robot.camera.replay import PICTURES, ReplayCamera, picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError, ContractError
 from robot.inference.preprocess import FRAME_SHAPE
@@ -77,6 +77,36 @@ def test_colours_are_red_green_blue(tmp_path: Path) -> None:
     frame = ReplayCamera(tmp_path, 1.0, FakeClock()).read()
     assert frame is not None
     assert tuple(frame.image[0, 0]) == (255, 0, 0)
+
+
+RICH = (".png", ".tif", ".tiff")  # formats with 16 bits and transparency
+KINDS = [(ending, bits, channels) for ending in RICH for bits in (8, 16) for channels in (3, 4)]
+
+
+@pytest.mark.parametrize(
+    ("ending", "bits", "channels"),
+    [
+        *(
+            (ending, 8, channels)
+            for ending in PICTURES
+            for channels in (1, 3)
+            if ending != ".ppm" or channels == 3
+        ),
+        *KINDS,
+    ],
+)
+def test_pictures_of_every_kind_are_found_and_become_frames(
+    ending: str, bits: int, channels: int, tmp_path: Path
+) -> None:
+    import cv2
+
+    level, kind = (200, np.uint8) if bits == 8 else (200 * 257, np.uint16)
+    file = tmp_path / f"PICTURE{ending.upper()}"
+    assert cv2.imwrite(str(file), np.full((30, 40, channels), level, kind))
+    (found,) = picture_files(tmp_path)
+    frame = fit_to_frame(read_picture(found))
+    assert frame.shape == FRAME_SHAPE
+    assert np.abs(frame.astype(int) - 200).max() <= 2
 
 
 def test_what_cannot_be_played_is_refused(folder: Path, tmp_path: Path) -> None:
