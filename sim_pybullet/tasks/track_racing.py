@@ -82,6 +82,7 @@ class TrackRacing(PathTask):
         super().__init__(road_maps, RacingCars(n_robots), n_robots, halves_m, path)
         self._limits_m = halves_m + [line.verge_m for line in self._lines] + _STRAY_M * SCALE
         self._laps, self._style = laps, style
+        self.vehicle.cruises = style.centre == 0.0
         self._poses = np.zeros((n_robots, 3))
 
     def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:

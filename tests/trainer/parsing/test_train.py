@@ -10,7 +10,7 @@ from trainer.cli import main
 from trainer.parsing.classes import ROAD
 from trainer.parsing.labelled import Labelled
 from trainer.parsing.segnet import SegNet, SegNetConfig
-from trainer.parsing.train import ParseConfig, evaluate, load_parser, save_parser, teach
+from trainer.parsing.train import ParseConfig, Parser, evaluate, load_parser, save_parser, teach
 from trainer.resumable import Loop
 
 HEIGHT, WIDTH = 24, 32
@@ -43,6 +43,19 @@ def test_a_stripe_is_learned_and_a_parser_survives_its_file(tmp_path: Path) -> N
     assert np.array_equal(load_parser(tmp_path / "parser.pt")(frames), parser(frames))
     with pytest.raises(ConfigError, match="expected frames"):
         parser(frames[:, :8])
+
+
+def test_what_the_loss_favoured_is_half_undone() -> None:
+    torch.manual_seed(0)
+    config = ParseConfig("road", height_px=HEIGHT, width_px=WIDTH)
+    network, frames = SegNet(6), stripes(4).frames
+    plain = Parser(config, network)(frames)
+    favoured = int(np.bincount(plain.ravel()).argmax())
+    weights = np.ones(6)
+    weights[favoured] = 1e6
+    without = Parser(config, network, weights)(frames)
+    assert np.sum(without == favoured) < np.sum(plain == favoured)
+    assert np.array_equal(Parser(config, network, np.full(6, 9.0))(frames), plain)
 
 
 class StopError(Exception):
