@@ -82,12 +82,14 @@ def six_models_command(
     finished is not done again.
 
     Args:
-        out: folder for the runs, six_models.json, six_models.md and six_models.png.
+        out: folder for the runs, six_models.json, six_models.md, six_models.png (learning) and
+            attention.png.
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
     from trainer.experiments.photographs.tables import markdown
     from trainer.experiments.six_models import drives, models, trainings
+    from trainer.experiments.transfer_attention import draw_attention
     from trainer.experiments.transfer_tables import (
         as_table,
         draw_transfer_curves,
@@ -107,6 +109,7 @@ def six_models_command(
         transfer = gather(out, done)
         write_json(out / "six_models.json", transfer)
         draw_transfer_curves(out, done, out / "six_models.png")
+        draw_attention(out, done, out / "attention.png")
         head, *rows = table_rows(transfer)
         with atomically(out / "six_models.md") as temporary:
             temporary.write_text(markdown(head, rows), encoding="utf-8")
