@@ -150,6 +150,10 @@ def test_a_kill_costs_a_second_at_most(tmp_path: Path) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()
+        deadline_s = time.monotonic() + 60.0
+        while not any(path.stat().st_size for path in (tmp_path / "drives").glob("*")):
+            assert time.monotonic() < deadline_s, "it records nothing"
+            time.sleep(0.1)
         time.sleep(2.0)
         killed_s = time.monotonic()
         process.send_signal(signal.SIGKILL)

@@ -158,7 +158,7 @@ def test_a_mission_from_the_monitor_to_the_wheels(tmp_path: Path) -> None:
         refused = overhead.ask("mission", Mission(goal))
         assert not refused.accepted
         assert "not possible in DISARMED" in refused.reason
-        assert overhead.ask("arm").accepted
+        overhead.until(lambda: overhead.ask("arm").accepted)  # once it has heard a sign of life
         assert overhead.ask("mission", Mission(goal)).accepted
         overhead.until(lambda: motors.rolling)
         overhead.until(lambda: overhead.state() == "HOLD")

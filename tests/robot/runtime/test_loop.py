@@ -511,7 +511,9 @@ class AnyLife(RuleBasedStateMachine):
 
 
 TestAnyLife = AnyLife.TestCase
-TestAnyLife.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestAnyLife.settings = settings(
+    max_examples=min(60, settings().max_examples), stateful_step_count=30
+)
 
 
 def test_limits_travel_with_the_safety() -> None:
