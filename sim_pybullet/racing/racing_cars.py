@@ -53,8 +53,8 @@ _BEND_M = 6.0  # stretch of road over which it measures a bend
 _LOOKS_M = np.arange(0.0, 60.0, _BEND_M)
 _CAREFUL = 0.6  # share of the grip it uses in bends
 # The expert that cruises, as a person does (docs/results-scene-parsing.md):
-_ALONG_M = 3.3  # it turns as the road does so far ahead of the car's middle,
-_ALONG_RAD = 0.25  # from this angle on,
+ALONG_M = 3.3  # it turns as the road does so far ahead of the car's middle,
+ALONG_RAD = 0.25  # from this angle on,
 _FREE_M = 3.0  # and back to the middle only from farther out than this,
 _BACK_RAD_PER_M = 0.2  # by so much
 
@@ -136,12 +136,12 @@ class RacingCars:
 
     def _along(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
         """(N,) likewise: parallel to the road ahead, and away from its edges."""
-        here, there = arc_m[:, None], (arc_m + SCALE * _ALONG_M)[:, None]
+        here, there = arc_m[:, None], (arc_m + SCALE * ALONG_M)[:, None]
         delta, heading = poses[:, :2] - paths.points_at(here)[:, 0], paths.headings_at(here)[:, 0]
         out_m = (np.cos(heading) * delta[:, 1] - np.sin(heading) * delta[:, 0]) / SCALE
         back = _BACK_RAD_PER_M * np.sign(out_m) * np.maximum(0.0, np.abs(out_m) - _FREE_M)
         wanted = np.asarray(wrap_angle(paths.headings_at(there)[:, 0] - back - poses[:, 2]))
-        return np.where(np.abs(wanted) > _ALONG_RAD, np.sign(wanted), 0.0).astype(int)
+        return np.where(np.abs(wanted) > ALONG_RAD, np.sign(wanted), 0.0).astype(int)
 
     def _push(self, throttle: np.ndarray) -> np.ndarray:
         """(N,) acceleration along the car [m/s^2]."""

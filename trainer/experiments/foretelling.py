@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from trainer.experiments.racing_policy import SteeringPolicy
 from trainer.experiments.records import Drive, Turn, load_drive
 from trainer.experiments.supervised import LikePolicies, teach_turns
 from trainer.experiments.table1 import Accuracy, Table, chance, compare, shares
+from trainer.experiments.taught_rule import lesson
 from trainer.experiments.turning import Turning, goes_on_turning, shifts_px, turning
 
 DECISION_S = 0.1  # between a policy's pictures
@@ -25,6 +27,7 @@ def foretell(
     data: Path,
     out: Path,
     policies: Sequence[Named],
+    looks: Sequence[str],
     rate_hz: float,
     seeds: int,
     steps: int,
@@ -36,8 +39,9 @@ def foretell(
         data: the drive, see `trainer.experiments.records`.
         out: a folder that exists, for the supervised networks.
         policies: names, seeds and policies.
+        looks: where networks are taught in simulation, see `trainer.experiments.taught_rule`.
         rate_hz: pictures of the drive in a second.
-        seeds: how many supervised networks.
+        seeds: how many networks of each kind.
         steps: updates of each.
         console: hears of progress.
 
@@ -56,6 +60,12 @@ def foretell(
     for name, seed, policy in policies:
         seen = split_by_time(load_stacks(drive, policy.image, every))[1].stacked()
         rows.append(compare(name, seed, test.turns, policy.turns(seen)))
+    for look in looks:
+        in_simulation, newest = lesson(look), test._replace(every=0).stacked()
+        for seed in range(seeds):
+            checkpoint = out / f"taught_{_stem(look)}_{seed}_{steps}.pt"
+            network = teach_turns(in_simulation, steps, seed, checkpoint, console, LikePolicies)
+            rows.append(compare(f"taught in {look}", seed, test.turns, network.turns(newest)))
     for seed in range(seeds):
         checkpoint = out / f"supervised_{seed}_{steps}.pt"
         network = teach_turns(training, steps, seed, checkpoint, console, LikePolicies)
@@ -74,6 +84,10 @@ def pictures_apart(rate_hz: float) -> int:
     if not rate_hz > 0.0:
         raise ConfigError(f"rate: expected pictures in a second, above 0, got {rate_hz}")
     return max(1, round(DECISION_S * rate_hz))
+
+
+def _stem(look: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", look)
 
 
 def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:

@@ -1,0 +1,77 @@
+"""What a network foretells that learned in simulation to turn as the road ahead does.
+
+No reward, no action and no real picture: it is taught with the rule of the expert that cruises
+(`sim_pybullet.racing.racing_cars`), from single simulated pictures. What it scores on a real drive
+says what pictures of a look, translated or not, are worth, apart from what reinforcement learns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot.errors import ConfigError
+from robot.geometry import wrap_angle
+from robot.inference.preprocess import preprocess_batch
+from robot.inference.translator import Translator, open_translator
+from sim_pybullet.pool import LookPool
+from sim_pybullet.racing.racing_cars import ALONG_M, ALONG_RAD
+from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track
+from trainer.config import preset
+from trainer.envs import find_looks
+from trainer.experiments.driving_pictures import Stacks
+from trainer.experiments.records import Turn
+from trainer.translation.collect import snapshots
+
+TRACKS = ("harbour", "forest", "karting")
+PICTURES = 2000
+_AT_ONCE = 50
+_LOOKS = 10  # drawn of each track
+
+
+def lesson(text: str) -> Stacks:
+    """The simulated pictures that ``text`` names, and what the rule says to them.
+
+    Args:
+        text: a look or a folder of looks of tracks, LOOK, or LOOK+TRANSLATOR.onnx.
+
+    Raises:
+        DuckpilotError: no such look or translator, or one for other pictures.
+    """
+    look, _, file = text.partition("+")
+    image = preset("track", "ppo", "fast").image
+    translator = open_translator(file, image) if file else None
+    return simulated([load_track(name) for name in TRACKS], look, PICTURES, translator, seed=0)
+
+
+def simulated(
+    tracks: list[Track], look: str, count: int, translator: Translator | None, seed: int
+) -> Stacks:
+    """Pictures of cars on random places, each four times in its stack, and the rule's turns.
+
+    Raises:
+        ConfigError: no such look, or less than one picture.
+    """
+    if count < 1:
+        raise ConfigError(f"pictures: expected 1 or more, got {count}")
+    rng = np.random.default_rng(seed)
+    pool = LookPool(tracks, find_looks("track", look, None), rng, _LOOKS)
+    image = preset("track", "ppo", "fast").image
+    parts, done = [], []
+    for first in range(0, count, _AT_ONCE):
+        seen = snapshots(tracks, pool, min(_AT_ONCE, count - first), rng)
+        pictures = preprocess_batch(seen.frames, image)
+        parts.append(pictures if translator is None else translator(pictures))
+        places = zip(seen.poses, seen.road_maps.tolist(), strict=True)
+        done += [rule(tracks[number], pose) for pose, number in places]
+    return Stacks(np.concatenate(parts), np.arange(count), np.array(done, np.int64), every=0)
+
+
+def rule(track: Track, pose: np.ndarray) -> Turn:
+    """Which way who drives along the road turns at a pose (3,) of the world."""
+    path = centre_line(track).path
+    arc_m = path.arc_m[np.hypot(*(path.points_m - pose[:2]).T).argmin()]
+    ahead = path.pose_at((arc_m + ALONG_M * SCALE) % path.length_m)[2]
+    left = float(wrap_angle(ahead - pose[2]))
+    if abs(left) <= ALONG_RAD:
+        return Turn.STRAIGHT
+    return Turn.LEFT if left > 0.0 else Turn.RIGHT
