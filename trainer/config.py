@@ -186,7 +186,7 @@ class RunConfig:
     start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
     true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.true_path`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
-    entropy_left: float = 1.0  # of the weight of the actor's entropy at the last step; as above
+    entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
     device: str = "cpu"  # of the network: cpu, cuda or auto
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
 
@@ -303,9 +303,9 @@ def _track(run: RunConfig) -> RunConfig:
         learn = replace(learn, rollout=32, epochs=4, gae_lambda=0.95)
         learn = replace(learn, learning_rate=2e-3, entropy=0.2)
     if isinstance(learn, A3cConfig):
-        learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=10)
+        learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=20)
     if isinstance(learn, (A2cConfig, A3cConfig)):
-        learn = replace(learn, entropy=0.02)
+        learn = replace(learn, entropy=0.08)  # of advantages as they are, some 0.4
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=20_000)  # 18 kB a stack of pictures, kept twice: 0.7 GB
     if not isinstance(learn, DaggerConfig):

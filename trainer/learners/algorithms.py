@@ -22,6 +22,8 @@ from trainer.learners.replay import MappedReplayBuffer
 
 Schedule = Callable[[float], float]
 
+_EXPLORING = 0.6  # of the steps of a run, while the weight of the entropy falls
+
 
 class ChannelLastPPO(ChannelLast, PPO):
     """stable-baselines3's PPO on pictures as they are, with a falling weight of the entropy."""
@@ -89,10 +91,14 @@ def learning_rates(config: RunConfig) -> Schedule:
 
 
 def entropies(config: RunConfig) -> Schedule:
-    """From the share of the run that is left, 1 to 0, to the weight of the actor's entropy."""
+    """From the share of the run that is left, 1 to 0, to the weight of the actor's entropy.
+
+    It stops falling before the run ends, so that what is chosen by chance has time to be unlearned.
+    """
     learn = config.learn
     assert isinstance(learn, (PpoConfig, A2cConfig, A3cConfig))
-    return _falling(learn.entropy, config.entropy_left)
+    fall = _falling(learn.entropy, config.entropy_left)
+    return lambda left: fall(1.0 - (1.0 - left) / _EXPLORING)
 
 
 def _falling(first: float, least: float) -> Schedule:
