@@ -103,6 +103,7 @@ class A2cConfig:
     entropy: float = 0.01
     value: float = 0.5
     max_grad_norm: float = 0.5
+    normalised: bool = False  # advantages to mean 0 and deviation 1, as in PPO
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,7 @@ class A3cConfig:
     entropy: float = 0.01
     value: float = 0.5
     max_grad_norm: float = 0.5
+    normalised: bool = False  # advantages to mean 0 and deviation 1, as in PPO
 
 
 AlgorithmConfig = QConfig | PpoConfig | A2cConfig | DaggerConfig | A3cConfig
@@ -292,20 +294,18 @@ def _navigation(run: RunConfig) -> RunConfig:
 
 
 def _track(run: RunConfig) -> RunConfig:
-    """Pictures reach up to the horizon, where a fast car looks; a reward is worth what it is.
-
-    A car that begins at rest finds brakes bad everywhere. With a small bonus for entropy it gives
-    them up before it is fast enough to need them, and drives end in the first tight bend at full
-    speed; so the bonus begins large, and falls to nothing.
-    """
+    """Pictures reach up to the horizon, where a fast car looks; a reward is worth what it is."""
+    # Who begins at rest finds brakes bad. With a small bonus for entropy they are given up before
+    # there is speed to need them for; so the bonus begins large, and falls to nothing.
     learn = run.learn
     if isinstance(learn, PpoConfig):
-        learn = replace(learn, rollout=32, epochs=4, gae_lambda=0.95)
-        learn = replace(learn, learning_rate=2e-3, entropy=0.2)
+        learn = replace(
+            learn, rollout=32, epochs=4, learning_rate=2e-3, gae_lambda=0.95, entropy=0.2
+        )
     if isinstance(learn, A3cConfig):
         learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=20)
     if isinstance(learn, (A2cConfig, A3cConfig)):
-        learn = replace(learn, entropy=0.08)  # of advantages as they are, some 0.4
+        learn = replace(learn, entropy=0.2, normalised=True)
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=20_000)  # 18 kB a stack of pictures, kept twice: 0.7 GB
     if not isinstance(learn, DaggerConfig):
@@ -331,8 +331,8 @@ def _paper(run: RunConfig) -> RunConfig:
     if isinstance(learn, A3cConfig):  # paper B, section 3.1
         learn = replace(learn, robots=1, learning_rate=0.01, rms_decay=0.9, rms_epsilon=0.1)
     if isinstance(learn, (QConfig, DaggerConfig)):
-        stacked = SHAPES[run.task].frames  # 58 kB a picture, each kept twice: 2.3 GB
-        learn = replace(learn, buffer=20_000 // stacked)
+        # 58 kB a picture, each kept twice: 2.3 GB
+        learn = replace(learn, buffer=20_000 // SHAPES[run.task].frames)
     return replace(run, image=_WHOLE_FRAME, net=net, learn=learn, steps=2_000_000, device="auto")
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from robot.contract import ImageSpec
+from robot.contract import CONTROL_DT_S, ImageSpec
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, Look, TrackLook
+from sim_pybullet.racing.racing_cars import TOP_SPEED_MPS
 from sim_pybullet.racing.track import SCALE, centre_line, load_track
-from sim_pybullet.racing.track_ground import paint_track
+from sim_pybullet.racing.track_ground import STONE_M, paint_track
 from sim_pybullet.racing.track_walls import track_walls
 from sim_pybullet.randomise import load_look_sampler, load_looks, shipped_looks
 from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
@@ -62,6 +63,11 @@ def test_the_same_look_paints_the_same_ground_and_others_differ() -> None:
     assert np.array_equal(first.rgb, again.rgb)
     dim = replace(NOMINAL, ground=replace(NOMINAL.ground, patchiness=0.5, brightness=0.6))
     assert paint_track(TRACK, dim).rgb.mean() < 0.8 * first.rgb.mean()
+
+
+def test_the_fastest_car_sees_each_period_of_the_road_four_times() -> None:
+    fastest_m = TOP_SPEED_MPS * CONTROL_DT_S
+    assert min(TrackLook().dashes_m, 2.0 * STONE_M) >= 4.0 * fastest_m
 
 
 def test_walls_stand_at_the_edge_of_the_grass_and_on_no_road() -> None:

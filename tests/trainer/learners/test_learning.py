@@ -18,9 +18,9 @@ from tests.trainer.toy import (
     toy_config,
     train_toy,
 )
-from trainer.config import RunConfig
+from trainer.config import A2cConfig, PpoConfig, RunConfig
 from trainer.envs import ScaledReward
-from trainer.learners.algorithms import build_model, build_policy, learning_rates
+from trainer.learners.algorithms import build_model, build_policy, entropies, learning_rates
 from trainer.learners.dqn import DoubleDQN
 from trainer.learners.networks import GreedyNetwork
 from trainer.run import RunFolder
@@ -140,6 +140,21 @@ def test_the_learning_rate_falls_to_what_shall_be_left(tmp_path: Path) -> None:
     rate = model.policy.optimizer.param_groups[0]["lr"]
     assert 0.1 - 1e-9 <= rate / config.learn.learning_rate < 0.25
     assert learning_rates(config)(1.0) == config.learn.learning_rate
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c"])
+def test_chance_is_paid_for_less_and_less_and_not_at_all_in_the_end(
+    algorithm: str, tmp_path: Path
+) -> None:
+    config = replace(toy_config(algorithm, 2_000), entropy_left=0.0)
+    weights = [entropies(config)(left) for left in (1.0, 0.7, 0.4, 0.1, 0.0, -0.01)]
+    assert isinstance(config.learn, (PpoConfig, A2cConfig))
+    assert weights[0] == config.learn.entropy
+    assert weights[1] == pytest.approx(0.5 * config.learn.entropy)
+    assert weights[2:] == pytest.approx([0.0] * 4)
+    model = build_model(config, make_toy(config, 8, 0), tmp_path / "replay")
+    model.learn(2_000)
+    assert model.ent_coef == pytest.approx(0.0)  # type: ignore[attr-defined]
 
 
 def test_cpu_seconds_are_kept_over_a_resumption(tmp_path: Path) -> None:
