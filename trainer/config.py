@@ -103,7 +103,6 @@ class A2cConfig:
     entropy: float = 0.01
     value: float = 0.5
     max_grad_norm: float = 0.5
-    normalised: bool = False  # advantages to mean 0 and deviation 1, as in PPO
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,6 @@ class A3cConfig:
     entropy: float = 0.01
     value: float = 0.5
     max_grad_norm: float = 0.5
-    normalised: bool = False  # advantages to mean 0 and deviation 1, as in PPO
 
 
 AlgorithmConfig = QConfig | PpoConfig | A2cConfig | DaggerConfig | A3cConfig
@@ -303,9 +301,9 @@ def _track(run: RunConfig) -> RunConfig:
             learn, rollout=32, epochs=4, learning_rate=2e-3, gae_lambda=0.95, entropy=0.2
         )
     if isinstance(learn, A3cConfig):
-        learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=20)
+        learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=10)
     if isinstance(learn, (A2cConfig, A3cConfig)):
-        learn = replace(learn, entropy=0.2, normalised=True)
+        learn = replace(learn, entropy=0.02)  # of rewards of some 0.1 a decision
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=20_000)  # 18 kB a stack of pictures, kept twice: 0.7 GB
     if not isinstance(learn, DaggerConfig):

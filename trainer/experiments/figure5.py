@@ -22,8 +22,8 @@ from trainer.sweeps.jobs import TrainJob
 class Figure5Options:
     """What is trained, where, and how long."""
 
-    algo: str = "a3c"
-    """a3c, a2c or ppo."""
+    algo: str = "ppo"
+    """ppo, a2c or a3c."""
     preset: str = "fast"
     """paper, fast or debug."""
     map: str = "airfield"
@@ -32,17 +32,17 @@ class Figure5Options:
     """The look of the trainings on it."""
     looks: str = "tracks"
     """The looks of domain randomisation."""
-    test_map: str = "forest"
+    test_map: str = "speedway"
     """The track on which all are judged."""
-    test_look: str = "tracks_unseen/canyon"
+    test_look: str = "tracks_unseen/steppe"
     """The look in which all are judged; not one of those of domain randomisation."""
-    steps: int = 600_000
+    steps: int = 100_000
     """Decisions of each training."""
     seeds: int = 3
     """Trainings of each kind, with seeds 0, 1, 2 …"""
-    frames: int = 2000
+    frames: int = 1000
     """From which each half of the translator learns; the paper has 15,000."""
-    translator_steps: int = 3000
+    translator_steps: int = 1500
     """Updates of each half."""
 
 

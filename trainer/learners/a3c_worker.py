@@ -138,10 +138,7 @@ class Worker:
         logits, values = _evaluate(self._policy, seen)
         logs = log_softmax(logits, 1)
         chosen = logs.gather(1, actions[:, None])[:, 0]
-        advantages = returns - values.detach()
-        if learn.normalised:
-            advantages = _normalised(advantages)
-        gain = (chosen * advantages).mean()
+        gain = (chosen * (returns - values.detach())).mean()
         entropy = -(logs.exp() * logs).sum(1).mean()
         loss = -gain - self._entropies(left) * entropy + learn.value * mse_loss(values, returns)
         for parameter in parameters:
@@ -152,11 +149,6 @@ class Worker:
         shared_rmsprop(
             self._shared, gradient, self._rates(left), learn.rms_decay, learn.rms_epsilon
         )
-
-
-def _normalised(advantages: torch.Tensor) -> torch.Tensor:
-    """To mean 0 and deviation 1: the weight of the entropy means the same through all the run."""
-    return (advantages - advantages.mean()) / (advantages.std() + 1e-8)
 
 
 def shared_rmsprop(

@@ -188,7 +188,6 @@ def _a2c_arguments(learn: A2cConfig) -> dict[str, Any]:
         "ent_coef": learn.entropy,
         "vf_coef": learn.value,
         "use_rms_prop": False,
-        "normalize_advantage": learn.normalised,
     }
 
 
