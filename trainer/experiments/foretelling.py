@@ -16,7 +16,7 @@ from trainer.experiments.racing_policy import SteeringPolicy
 from trainer.experiments.records import Drive, Turn, load_drive
 from trainer.experiments.supervised import LikePolicies, teach_turns
 from trainer.experiments.table1 import Accuracy, Table, chance, compare, shares
-from trainer.experiments.taught_rule import lesson
+from trainer.experiments.taught_rule import RoadReader, lesson
 from trainer.experiments.turning import Turning, goes_on_turning, shifts_px, turning
 
 DECISION_S = 0.1  # between a policy's pictures
@@ -64,7 +64,7 @@ def foretell(
         in_simulation, newest = lesson(look), test._replace(every=0).stacked()
         for seed in range(seeds):
             checkpoint = out / f"taught_{_stem(look)}_{seed}_{steps}.pt"
-            network = teach_turns(in_simulation, steps, seed, checkpoint, console, LikePolicies)
+            network = teach_turns(in_simulation, steps, seed, checkpoint, console, RoadReader)
             rows.append(compare(f"taught in {look}", seed, test.turns, network.turns(newest)))
     for seed in range(seeds):
         checkpoint = out / f"supervised_{seed}_{steps}.pt"

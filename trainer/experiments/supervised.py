@@ -110,7 +110,7 @@ def teach_turns(
 
     network.train()
     parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
-    Loop(checkpoint, parts, steps, seed).run(step, f"supervised, seed {seed}", console)
+    Loop(checkpoint, parts, steps, seed).run(step, checkpoint.stem, console)
     return network.eval()
 
 

@@ -8,6 +8,8 @@ says what pictures of a look, translated or not, are worth, apart from what rein
 from __future__ import annotations
 
 import numpy as np
+import torch
+from torch import nn
 
 from robot.errors import ConfigError
 from robot.geometry import wrap_angle
@@ -20,12 +22,35 @@ from trainer.config import preset
 from trainer.envs import find_looks
 from trainer.experiments.driving_pictures import Stacks
 from trainer.experiments.records import Turn
+from trainer.experiments.supervised import TurnNetwork
 from trainer.translation.collect import snapshots
 
 TRACKS = ("harbour", "forest", "karting")
 PICTURES = 2000
 _AT_ONCE = 50
 _LOOKS = 10  # drawn of each track
+
+
+class RoadReader(TurnNetwork):
+    """Three convolutions, two fully connected layers, and of a stack the newest picture only.
+
+    The policies' own network, with its large first kernel, learned nothing from ten looks in 400
+    such updates.
+    """
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        """``shape``: (H, W, 3) of one picture."""
+        nn.Module.__init__(self)
+        layers: list[nn.Module] = []
+        for inputs, outputs, kernel in ((3, 16, 5), (16, 32, 5), (32, 32, 3)):
+            layers += [nn.Conv2d(inputs, outputs, kernel, 2, kernel // 2), nn.ReLU()]
+        self.convolutions: nn.Module = nn.Sequential(*layers)
+        flat = self.convolutions(torch.zeros(1, 3, *shape[:2])).numel()
+        self.head = nn.Sequential(nn.Linear(flat, 64), nn.ReLU(), nn.Linear(64, len(Turn)))
+
+    def forward(self, stacks: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        return super().forward(stacks[..., -3:])
 
 
 def lesson(text: str) -> Stacks:

@@ -7,7 +7,7 @@ from robot.errors import ConfigError
 from sim_pybullet.racing.racing_cars import ALONG_M, ALONG_RAD
 from sim_pybullet.racing.track import SCALE, centre_line, load_track
 from trainer.experiments.records import Turn
-from trainer.experiments.taught_rule import rule, simulated
+from trainer.experiments.taught_rule import RoadReader, rule, simulated
 
 TRACK = load_track("karting")
 PATH = centre_line(TRACK).path
@@ -34,3 +34,11 @@ def test_a_lesson_has_all_turns_and_each_picture_four_times() -> None:
     assert np.array_equal(again.pictures, lesson.pictures)
     with pytest.raises(ConfigError, match="expected 1 or more"):
         simulated([TRACK], "tracks/day", 0, None, seed=0)
+
+
+def test_the_reader_looks_at_the_newest_picture_only() -> None:
+    network = RoadReader((32, 48, 3))
+    stacks = np.random.default_rng(0).integers(0, 256, (6, 32, 48, 12), np.uint8)
+    older = stacks.copy()
+    older[..., :9] = 0
+    assert np.array_equal(network.turns(stacks), network.turns(older))
