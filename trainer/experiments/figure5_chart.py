@@ -119,7 +119,7 @@ def on_common_steps(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_figure(found: Figure5, path: Path) -> None:
-    """Write the picture: means over seeds with Student's 95 % intervals."""
+    """Write the picture: seeds as thin lines, their means with Student's 95 % intervals."""
     figure = Figure(figsize=(7.2, 4.2), layout="constrained")
     axis = figure.subplots()
     for curve in found.curves:
@@ -128,9 +128,13 @@ def draw_figure(found: Figure5, path: Path) -> None:
         colour, label = _COLOURS[curve.variant], VARIANTS[curve.variant].title
         axis.plot(grid, mean, color=colour, label=label)
         if len(rewards) > 1:
+            axis.plot(grid, rewards.T, color=colour, linewidth=0.6)
             axis.fill_between(grid, mean - half, mean + half, color=colour, alpha=0.15, linewidth=0)
     options = found.options
+    seen = [reward for curve in found.curves for seed in curve.rewards for reward in seed]
+    room = 0.1 * (max(seen) - min(seen)) + 0.1  # intervals of few seeds would fill any picture
     axis.set(
+        ylim=(min(seen) - room, max(seen) + room),
         xlabel="steps of training",
         ylabel="reward of a lap, greedy",
         title=f"judged on {options.test_map} in {options.test_look} ({len(rewards)} seeds, 95 %)",
