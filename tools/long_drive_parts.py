@@ -111,7 +111,7 @@ class Others:
             PosesMessage((Sighting("robot", x_m, y_m, heading_rad, 0.9),), tick.time_s)
         )
         for answer in self._client.poll():
-            if answer.id == self._mission and not answer.accepted:
+            if answer.id == self._mission and "put it into a lane" in answer.reason:
                 self.carried += 1
                 self._motors.carry(start_of("arena"))
         self._frames.receive()

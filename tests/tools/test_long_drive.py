@@ -46,7 +46,7 @@ def test_a_robot_that_has_strayed_is_put_back(tmp_path: Path) -> None:
     command = [sys.executable, "-c", ASTRAY, str(model)]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True, timeout=300)
     row = json.loads(done.stdout.splitlines()[-1])
-    assert row["carried"] == 1
+    assert row["carried"] >= 1  # more when the new pose comes later than the next mission
     assert row["missions"] > 1
 
 

@@ -11,7 +11,7 @@ from trainer.run import RunFolder
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     folder = RunFolder(tmp_path / "some_run")
-    folder.create(preset("navigation", "dueling", "fast"))
+    folder.go_on(preset("navigation", "dueling", "fast"))
     evaluations = [
         {"step": step, "seconds": step / 100, "cpu_seconds": step / 200, "success_rate": rate}
         for step, rate in ((1000, 0.5), (2000, 0.99), (3000, 0.9))
