@@ -128,7 +128,7 @@ def policy_arguments(config: RunConfig) -> dict[str, Any]:
     # in an actor-critic's loss it is multiplied by the weight of the entropy
     share = learn.entropy if isinstance(learn, (PpoConfig, A2cConfig, A3cConfig)) else 1.0
     return {
-        "true_path": config.true_path / share,
+        "true_path": config.true_path / share if config.true_path else 0.0,
         "features_extractor_class": DrivingFeatures,
         "features_extractor_kwargs": {"net": config.net},
         "net_arch": {"pi": head, "vf": head} if actor_critic else head,

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -72,3 +74,9 @@ def test_paper_network_has_the_size_of_nature_cnn_plus_its_third_layer() -> None
 def test_what_is_no_picture_is_refused() -> None:
     with pytest.raises(ContractError, match="expected a picture"):
         observation_shapes(spaces.Box(0, 255, (3, 40, 80), np.uint8))
+
+
+def test_an_actor_critic_without_entropy_can_be_built() -> None:
+    config = preset("lane", "ppo", "debug")
+    greedy = replace(config, learn=replace(config.learn, entropy=0.0))
+    assert policy_arguments(greedy)["true_path"] == 0.0
