@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from trainer.experiments.figure5 import Figure5Options
+from trainer.experiments.sensitivity import SensitivityOptions
 from trainer.experiments.six_models import SixModelsOptions
 from trainer.sweeps.sweep import WorkerOptions, run_sweep
 
@@ -25,6 +26,7 @@ Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
 PARTS = ("attention", "agreement", "lane_pose", "steering")  # of real-photographs
 _SIX = SixModelsOptions()
 _FIGURE5 = Figure5Options()
+_SENSITIVITY = SensitivityOptions()
 _WORKERS = WorkerOptions()
 
 
@@ -117,6 +119,36 @@ def six_models_command(
         with atomically(out / "six_models.md") as temporary:
             temporary.write_text(markdown(head, rows), encoding="utf-8")
         console.print(as_table(transfer))
+    return 0
+
+
+@experiment_app.command(name="sensitivity")
+def sensitivity_command(
+    out: Path,
+    options: Annotated[SensitivityOptions, tyro.conf.arg(name="")] = _SENSITIVITY,
+    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")] = _WORKERS,
+) -> int:
+    """How far each field of a look may go, one at a time, before a policy fails.
+
+    Called again, it goes on where it was cut off.
+
+    Args:
+        out: folder for the looks, the figures and sensitivity.md.
+        options: which policies, which fields and values.
+        workers: processes at once, or a Ray cluster.
+    """
+    from trainer.experiments.photographs.tables import markdown
+    from trainer.experiments.sensitivity import drives, table_rows
+    from trainer.run import atomically
+
+    console = Console(soft_wrap=True)
+    status = run_sweep(drives(out, options), workers, console)
+    if status != 0:
+        return status
+    head, *rows = table_rows(out, options)
+    with atomically(out / "sensitivity.md") as temporary:
+        temporary.write_text(markdown(head, rows), encoding="utf-8")
+    console.print(markdown(head, rows), markup=False)
     return 0
 
 
