@@ -2,10 +2,15 @@
 
 The features are those of a fixed network of random filters: three convolutions drawn from seed 0,
 each followed by rectification and halving, averaged over a grid of 2 x 2 cells at every depth, and
-standardised by the set compared with. Untrained filters answer to colour, contrast, sharpness,
-noise and oriented texture, and hardly to what things are: a distance that falls says that pictures
-have come closer in these. Figures compare with others of the same folders and picture size only,
-and with nothing published, which uses Inception features.
+standardised by the set compared with. A deviation there counts for no less than one grey level:
+pictures are rounded to that, and the filters keep the scale of what they get (He et al. 2015). In a
+set whose skies are all alike, without texture, some features hardly deviate, and whatever differs
+from them would be infinitely far away.
+
+Untrained filters answer to colour, contrast, sharpness, noise and oriented texture, and hardly to
+what things are: a distance that falls says that pictures have come closer in these. Figures compare
+with others of the same folders and picture size only, and with nothing published, which uses
+Inception features.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ _CHANNELS = (16, 24, 32)
 _BATCH = 64
 _SPLITS = 40
 _SPLIT = 50
+_GREY_LEVEL = 2.0 / 255.0  # of pictures as the networks get them, -1 .. 1
 
 
 def features(pictures: np.ndarray) -> np.ndarray:
@@ -95,7 +101,7 @@ def _network() -> list[nn.Module]:
 
 
 def _standardised(made: np.ndarray, real: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    mean, deviation = real.mean(0), real.std(0) + 1e-6
+    mean, deviation = real.mean(0), np.hypot(real.std(0), _GREY_LEVEL)
     return (made - mean) / deviation, (real - mean) / deviation
 
 

@@ -24,3 +24,15 @@ def test_distances_grow_with_the_difference() -> None:
         assert near < further < far
     assert abs(kernel_distance(alike, real)) < 0.1 * kernel_distance(dark, real)
     assert abs(frechet_distance(real, real)) < 1e-6
+
+
+def test_what_rounding_does_to_flat_skies_is_no_distance() -> None:
+    rng = np.random.default_rng(0)
+    real, other = pictures(60, 0), pictures(60, 1)
+    real[:, :10], other[:, :10] = 200, 201
+    other[:, :10][rng.random((60, 10, 30)) < 0.5] = 200
+    darker = other.copy()
+    darker[:, :10] -= 40
+    near, far = (kernel_distance(features(made), features(real)) for made in (other, darker))
+    assert abs(near) < 0.2
+    assert far > 100.0 * abs(near)
