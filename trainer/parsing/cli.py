@@ -107,6 +107,7 @@ def translate_command(
     preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast",
     task: str = "lane",
     labels: str = "road",
+    virtual_labels: str = "true",
     net: str = "small",
     steps: int = 2000,
     seed: int = 0,
@@ -122,6 +123,8 @@ def translate_command(
         preset_name: the pictures are those of the policies of this preset.
         task: and of this task.
         labels: road, or track for race tracks: kerbs, grass, walls and sky are told apart.
+        virtual_labels: true (the simulator's own, as paper B) or parser (what the photographs'
+            parser sees in the simulator: of the kind that the second network learns from).
         net: small or paper.
         steps: updates of each of the two networks.
         seed: of everything random.
@@ -133,7 +136,16 @@ def translate_command(
 
     torch.set_num_threads(1)
     run = TranslationRun(
-        str(sim), str(real), str(parser or ""), preset_name, net, steps, seed, task, labels
+        sim=str(sim),
+        real=str(real),
+        parser=str(parser or ""),
+        preset=preset_name,
+        net=net,
+        steps=steps,
+        seed=seed,
+        task=task,
+        labels=labels,
+        virtual_labels=virtual_labels,
     )
     path = finish(out, begin(out, run, resume), Console())
     Console(soft_wrap=True).print(str(path))

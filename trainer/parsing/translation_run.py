@@ -44,6 +44,7 @@ class TranslationRun:
     seed: int
     task: str = "lane"  # of the policies whose pictures these are
     labels: str = "road"
+    virtual_labels: str = "true"  # or parser: as the photographs' parser sees the simulator
 
     def __post_init__(self) -> None:
         if self.net not in PIX2PIX:
@@ -56,6 +57,11 @@ class TranslationRun:
         if self.parser and self.labels != "road":
             raise ConfigError(
                 f"labels: expected road, which parsers see in photographs, got {self.labels!r}"
+            )
+        wanted = ("true", "parser") if self.parser else ("true",)
+        if self.virtual_labels not in wanted:
+            raise ConfigError(
+                f"virtual_labels: expected one of {', '.join(wanted)}, got {self.virtual_labels!r}"
             )
 
 
@@ -80,9 +86,11 @@ def finish(out: Path, run: TranslationRun, console: Console) -> Path:
     """
     image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
     net = fitted(PIX2PIX[run.net], image)
-    virtual = virtual_pairs(Path(run.sim), image, labels)
-    if run.parser:
-        real = real_pairs(Path(run.real), load_parser(Path(run.parser)), image)
+    parser = load_parser(Path(run.parser)) if run.parser else None
+    sees = parser if run.virtual_labels == "parser" else None
+    virtual = virtual_pairs(Path(run.sim), image, labels, sees)
+    if parser is not None:
+        real = real_pairs(Path(run.real), parser, image)
     else:
         real = virtual_pairs(Path(run.real), image, labels).reversed()
 

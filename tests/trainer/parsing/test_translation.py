@@ -66,7 +66,23 @@ def stripes(count: int, rng: np.random.Generator) -> Pairs:
     for k, column in enumerate(rng.integers(2, 26, count)):
         truth[k, :, column : column + 4] = RoadClass.YELLOW_LINE
     given = np.where(truth[..., None] == RoadClass.ROAD, (60, 60, 64), (180, 150, 60))
-    return Pairs(given.astype(np.uint8), ROAD.paint(truth))
+    weights = np.where(truth == RoadClass.YELLOW_LINE, 4.0, 1.0).astype(np.float32)
+    return Pairs(given.astype(np.uint8), ROAD.paint(truth), weights)
+
+
+def test_weights_go_with_their_pixels_also_in_the_mirror() -> None:
+    given, wanted, weights = stripes(4, np.random.default_rng(1)).draw(64, np.random.default_rng(0))
+    assert torch.equal(weights[:, 0] == 4.0, given[:, 0] > 0.0)
+    assert torch.equal(weights[:, 0] == 4.0, wanted[:, 0] > 0.0)
+
+
+def test_a_distance_counts_where_there_is_weight() -> None:
+    given, wanted, weights = stripes(8, np.random.default_rng(0)).draw(8, np.random.default_rng(0))
+    far = torch.where(weights == 1.0, -wanted, wanted)  # wrong wherever there is no stripe
+    losses = [
+        Pix2Pix(TINY, 0).step(given, other, (weights == 4.0).float()) for other in (wanted, far)
+    ]
+    assert losses[0] == pytest.approx(losses[1])
 
 
 def test_a_stripe_is_parsed_where_it_is() -> None:
@@ -146,3 +162,5 @@ def test_an_unknown_net_is_refused() -> None:
     assert set(PIX2PIX) == {"paper", "small"}
     with pytest.raises(ConfigError, match="expected road"):
         TranslationRun("a", "b", "c", "fast", "small", 1, 0, labels="track")
+    with pytest.raises(ConfigError, match="expected one of true, parser"):
+        TranslationRun("a", "b", "c", "fast", "small", 1, 0, virtual_labels="parse")
