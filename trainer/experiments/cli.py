@@ -39,6 +39,7 @@ def table1_command(
     rate_hz: float = 20.0,
     seeds: int = 3,
     steps: int = 400,
+    taught_steps: int = 1000,
 ) -> int:
     """Foretell left, straight or right on a person's recorded drive: paper B, Table 1.
 
@@ -50,11 +51,12 @@ def table1_command(
         out: folder for table1.json, table1.png and the networks.
         policy: name=model.onnx: ours=... (trained in translated pictures), b-rl=... (trained in
             the simulator's own), or any other name; a name again is another seed.
-        taught: LOOK or LOOK+translator.onnx: networks that learn on simulated tracks of that look
-            to turn as the road does, by no reward.
+        taught: LOOK, LOOK+translator.onnx or LOOK+parser.pt (both worlds as its classes): networks
+            that learn on simulated tracks of that look to turn as the road does, by no reward.
         rate_hz: pictures of the drive in a second; policies see some that are 0.1 s apart.
         seeds: how many networks of each kind.
-        steps: updates of each.
+        steps: updates of each supervised one.
+        taught_steps: updates of each that is taught in simulation.
     """
     import torch
 
@@ -67,7 +69,7 @@ def table1_command(
     console = Console(soft_wrap=True)
     policies = named_policies(policy)
     out.mkdir(parents=True, exist_ok=True)
-    table = foretell(data, out, policies, taught, rate_hz, seeds, steps, console)
+    table = foretell(data, out, policies, taught, rate_hz, seeds, steps, taught_steps, console)
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
     _show(table, console)

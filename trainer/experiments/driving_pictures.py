@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,11 @@ import numpy as np
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.inference.preprocess import preprocess
+from robot.inference.preprocess import preprocess_batch
 from trainer.experiments.records import Drive, turns
 from trainer.parsing.labelled import read_rgb
 
+See = Callable[[np.ndarray], np.ndarray]  # frames (N, 120, 160, 3) -> pictures (N, H, W, 3), uint8
 STACK = 4  # paper B: four consecutive frames
 TRAINING_SHARE = 0.6
 GAP_FRAMES = 20  # between training and test: neighbours look alike
@@ -38,13 +40,14 @@ class Stacks(NamedTuple):
         return np.concatenate(parts, axis=-1)
 
 
-def load_stacks(drive: Drive, image: ImageSpec, every: int = 1) -> Stacks:
+def load_stacks(drive: Drive, image: ImageSpec, every: int = 1, see: See | None = None) -> Stacks:
     """All moments of a drive that have the pictures of a stack before them.
 
     Args:
         drive: pictures of any size and kind; of others than 4:3 the middle is taken.
         image: a policy's picture.
         every: of how many pictures one is taken into a stack.
+        see: makes pictures of frames in another way than a policy does.
 
     Raises:
         ConfigError: the drive is too short, or a file is no picture.
@@ -53,9 +56,10 @@ def load_stacks(drive: Drive, image: ImageSpec, every: int = 1) -> Stacks:
         raise ConfigError(
             f"drive: expected more than {(STACK - 1) * every} pictures, got {len(drive)}"
         )
-    pictures = [preprocess(fit_to_frame(read_rgb(file)), image) for file in drive.files]
+    frames = np.stack([fit_to_frame(read_rgb(file)) for file in drive.files])
+    pictures = preprocess_batch(frames, image) if see is None else see(frames)
     last = np.arange((STACK - 1) * every, len(drive))
-    return Stacks(np.stack(pictures), last, turns(drive.steering_deg)[last], every)
+    return Stacks(pictures, last, turns(drive.steering_deg)[last], every)
 
 
 def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:

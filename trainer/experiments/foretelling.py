@@ -31,6 +31,7 @@ def foretell(
     rate_hz: float,
     seeds: int,
     steps: int,
+    taught_steps: int,
     console: Console,
 ) -> Table:
     """Everyone's accuracy on the test part of a drive.
@@ -42,7 +43,8 @@ def foretell(
         looks: where networks are taught in simulation, see `trainer.experiments.taught_rule`.
         rate_hz: pictures of the drive in a second.
         seeds: how many networks of each kind.
-        steps: updates of each.
+        steps: updates of each supervised one.
+        taught_steps: updates of each that is taught in simulation.
         console: hears of progress.
 
     Raises:
@@ -50,7 +52,8 @@ def foretell(
     """
     drive = load_drive(data)
     every = pictures_apart(rate_hz)
-    training, test = split_by_time(load_stacks(drive, preset("track", "ppo", "fast").image, every))
+    image = preset("track", "ppo", "fast").image
+    training, test = split_by_time(load_stacks(drive, image, every))
     for part, name in ((training, "first 60 %"), (test, "rest")):
         _refuse_one_turn(part, name, drive)
     moved_px = shifts_px(drive)
@@ -61,10 +64,14 @@ def foretell(
         seen = split_by_time(load_stacks(drive, policy.image, every))[1].stacked()
         rows.append(compare(name, seed, test.turns, policy.turns(seen)))
     for look in looks:
-        in_simulation, newest = lesson(look), test._replace(every=0).stacked()
+        in_simulation, see = lesson(look)
+        moments = split_by_time(load_stacks(drive, image, every, see))[1]
+        newest = moments._replace(every=0).stacked()
         for seed in range(seeds):
-            checkpoint = out / f"taught_{_stem(look)}_{seed}_{steps}.pt"
-            network = teach_turns(in_simulation, steps, seed, checkpoint, console, RoadReader)
+            checkpoint = out / f"taught_{_stem(look)}_{seed}_{taught_steps}.pt"
+            network = teach_turns(
+                in_simulation, taught_steps, seed, checkpoint, console, RoadReader
+            )
             rows.append(compare(f"taught in {look}", seed, test.turns, network.turns(newest)))
     for seed in range(seeds):
         checkpoint = out / f"supervised_{seed}_{steps}.pt"

@@ -1,11 +1,15 @@
 """What a network foretells that learned in simulation to turn as the road ahead does.
 
-No reward, no action and no real picture: it is taught with the rule of the expert that cruises
+No reward, no action and no person's steering: it is taught with the rule of the expert that cruises
 (`sim_pybullet.racing.racing_cars`), from single simulated pictures. What it scores on a real drive
 says what pictures of a look, translated or not, are worth, apart from what reinforcement learns.
 """
 
 from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -14,15 +18,17 @@ from torch import nn
 from robot.errors import ConfigError
 from robot.geometry import wrap_angle
 from robot.inference.preprocess import preprocess_batch
-from robot.inference.translator import Translator, open_translator
+from robot.inference.translator import open_translator
 from sim_pybullet.pool import LookPool
 from sim_pybullet.racing.racing_cars import ALONG_M, ALONG_RAD
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track
 from trainer.config import preset
 from trainer.envs import find_looks
-from trainer.experiments.driving_pictures import Stacks
+from trainer.experiments.driving_pictures import See, Stacks
 from trainer.experiments.records import Turn
 from trainer.experiments.supervised import TurnNetwork
+from trainer.parsing.through_parsing import class_pictures
+from trainer.parsing.train import load_parser
 from trainer.translation.collect import snapshots
 
 TRACKS = ("harbour", "forest", "karting")
@@ -53,24 +59,47 @@ class RoadReader(TurnNetwork):
         return super().forward(stacks[..., -3:])
 
 
-def lesson(text: str) -> Stacks:
-    """The simulated pictures that ``text`` names, and what the rule says to them.
+class Views(NamedTuple):
+    """Two worlds as a network sees them."""
+
+    simulated: See  # frames of the simulator -> pictures
+    real: See  # frames of a recorded drive -> pictures
+
+
+def lesson(text: str) -> tuple[Stacks, See]:
+    """The simulated pictures that ``text`` names with what the rule says to them; the real ones.
 
     Args:
-        text: a look or a folder of looks of tracks, LOOK, or LOOK+TRANSLATOR.onnx.
+        text: a look or a folder of looks of tracks: LOOK; LOOK+TRANSLATOR.onnx: translated; or
+            LOOK+PARSER.pt: the classes that a parser sees, in the simulator as in reality.
 
     Raises:
-        DuckpilotError: no such look or translator, or one for other pictures.
+        DuckpilotError: no such look, translator or parser, or one for other pictures.
     """
     look, _, file = text.partition("+")
+    simulation, real = views(file)
+    tracks = [load_track(name) for name in TRACKS]
+    return simulated(tracks, look, PICTURES, simulation, seed=0), real
+
+
+def views(file: str) -> Views:
+    """How both worlds are seen through a translator, a parser, or nothing.
+
+    Raises:
+        DuckpilotError: no such file, or one for other pictures or labels.
+    """
     image = preset("track", "ppo", "fast").image
-    translator = open_translator(file, image) if file else None
-    return simulated([load_track(name) for name in TRACKS], look, PICTURES, translator, seed=0)
+    plain = partial(preprocess_batch, spec=image)
+    if file.endswith(".pt"):
+        parsed = partial(class_pictures, parser=load_parser(Path(file)), image=image)
+        return Views(parsed, parsed)
+    if not file:
+        return Views(plain, plain)
+    translator = open_translator(file, image)
+    return Views(lambda frames: translator(plain(frames)), plain)
 
 
-def simulated(
-    tracks: list[Track], look: str, count: int, translator: Translator | None, seed: int
-) -> Stacks:
+def simulated(tracks: list[Track], look: str, count: int, see: See, seed: int) -> Stacks:
     """Pictures of cars on random places, each four times in its stack, and the rule's turns.
 
     Raises:
@@ -80,12 +109,10 @@ def simulated(
         raise ConfigError(f"pictures: expected 1 or more, got {count}")
     rng = np.random.default_rng(seed)
     pool = LookPool(tracks, find_looks("track", look, None), rng, _LOOKS)
-    image = preset("track", "ppo", "fast").image
     parts, done = [], []
     for first in range(0, count, _AT_ONCE):
         seen = snapshots(tracks, pool, min(_AT_ONCE, count - first), rng)
-        pictures = preprocess_batch(seen.frames, image)
-        parts.append(pictures if translator is None else translator(pictures))
+        parts.append(see(seen.frames))
         places = zip(seen.poses, seen.road_maps.tolist(), strict=True)
         done += [rule(tracks[number], pose) for pose, number in places]
     return Stacks(np.concatenate(parts), np.arange(count), np.array(done, np.int64), every=0)
