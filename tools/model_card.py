@@ -41,8 +41,9 @@ def train_command(config: RunConfig, out: str) -> str:
         value = getattr(config, name)
         options += [f"--{name.replace('_', '-')} {value}"] if value else []
     options += [f"--style {config.style}"] if config.style != "race" else []
-    stops = preset(config.task, config.algorithm, config.preset).evaluation.stop_after_perfect
-    full = bool(stops) and not config.evaluation.stop_after_perfect
+    usual = preset(config.task, config.algorithm, config.preset)
+    full = bool(usual.evaluation.stop_after_perfect) and not config.evaluation.stop_after_perfect
+    options += [f"--rate-left {config.rate_left}"] if config.rate_left != usual.rate_left else []
     options += [f"--steps {config.steps}", *["--full"] * full]
     options += [f"--seed {config.seed}", f"--out {out}"]
     return f"python -m trainer train {' '.join(options)}"

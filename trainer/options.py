@@ -51,6 +51,8 @@ class TrainOptions:
     """Of the task track: race, or cruise along the road as people do, wherever on it they are."""
     judgings: int | None = None
     """How often it is judged at most, evenly spread; else by the preset."""
+    rate_left: float | None = None
+    """Share of the learning rate at the last step, to which it falls evenly; else the preset's."""
     full: bool = False
     """Use all the steps, even when the task has been learned."""
 
@@ -76,6 +78,8 @@ class TrainOptions:
             judging = replace(judging, every_share=1.0 / self.judgings)
         if self.full:
             judging = replace(judging, stop_after_perfect=0)
+        if self.rate_left is not None:
+            config = replace(config, rate_left=self.rate_left)
         return replace(config, evaluation=judging)
 
 

@@ -61,9 +61,9 @@ def test_the_command_says_in_which_style_was_driven() -> None:
     assert again.config() == config
 
 
-@pytest.mark.parametrize("full", [False, True])
-def test_the_command_says_whether_the_run_went_on_when_it_had_learned(full: bool) -> None:
-    config = TrainOptions("lane", "ppo", look="randomised", full=full).config()
+@pytest.mark.parametrize(("full", "rate_left"), [(False, None), (True, None), (True, 0.05)])
+def test_the_command_says_what_differs_from_the_preset(full: bool, rate_left: float | None) -> None:
+    config = TrainOptions("lane", "ppo", look="randomised", full=full, rate_left=rate_left).config()
     command = shlex.split(train_command(config, "runs/x"))
     again = tyro.cli(TrainOptions, args=command[4 : command.index("--out")])
     assert again.config() == config
