@@ -21,8 +21,8 @@ def ring_size(microsteps: int) -> int:
     return FULL_STEPS * microsteps
 
 
-def ring_levels(position: int, microsteps: int, duty: float) -> Levels:
-    """The duties at a position counted in microsteps (any integer; the ring repeats).
+def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
+    """The duties at a position counted in microsteps (any number; the ring repeats).
 
     The field's angle advances evenly and the stronger coil is always fully on, which gives more
     torque than a sine curve: 1 is two-phase full stepping, 2 the usual half-step table.

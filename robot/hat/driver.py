@@ -16,7 +16,8 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import StepPlanner, Steps
 
 STILL = WheelSpeeds(0.0, 0.0)
-SETTLE_S = 0.3  # a rotor swings to the field's direction when its coils come on
+PULL_S = 0.25  # with the field half a step beside
+WAKE_S = PULL_S + 0.3  # a rotor swings to the field's direction when its coils come on
 HELD_S = 0.3  # from braking to coils off; without current a rolling robot would coast on
 CHECK_PERIOD_S = 1.0  # between two looks whether the chip was reset
 PAUSE_S = 0.2  # as long as the control loop may be late
@@ -43,6 +44,7 @@ class MotorDriver:
         self._odometry = StepOdometry(config.drive, config.wheel_steps_m, Pose(0, 0, 0))
         self._command = STILL
         self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
+        self._pulled_s: Optional[float] = None  # when the field turns to where the rotors belong
         self._release_s: Optional[float] = None  # when a braking robot's coils are switched off
         self._fault: Optional[BaseException] = None
 
@@ -170,6 +172,9 @@ class MotorDriver:
                 return None
             if self._command != STILL and not self.energised:
                 self._wake(now_s)
+            if self._pulled_s is not None and now_s >= self._pulled_s:
+                self._pulled_s = None
+                self._hat.energise(self.config.run_duty)
             self._planner.set_speeds(now_s, self._command if now_s >= self._settled_s else STILL)
             steps = self._planner.advance(now_s)
             if any(steps):
@@ -197,8 +202,12 @@ class MotorDriver:
         self._hat.release()
 
     def _wake(self, now_s: float) -> None:
-        self._hat.energise(self.config.run_duty)
-        self._settled_s = now_s + SETTLE_S
+        """Find the rotors, wherever they rest. One that rests opposite to the field is pulled to
+        neither side, and would lose every step to come; so the field starts half a step beside.
+        """
+        self._hat.energise(self.config.run_duty, beside_full_steps=0.5)
+        self._pulled_s = now_s + PULL_S
+        self._settled_s = now_s + WAKE_S
         self._moved_s = self._checked_s = now_s
 
     def _look_after_standing_coils(self, now_s: float) -> None:
@@ -219,6 +228,8 @@ class MotorDriver:
         moments = [self._checked_s + CHECK_PERIOD_S]
         if self._release_s is not None:
             moments.append(self._release_s)
+        if self._pulled_s is not None:
+            moments.append(self._pulled_s)
         step_s = self._planner.deadline_s
         if step_s is not None:
             moments.append(step_s)
@@ -236,7 +247,7 @@ class MotorDriver:
     def _rest(self) -> None:
         """No further step from now on; for when nothing steps any more."""
         self._command = STILL
-        self._release_s = None
+        self._pulled_s = self._release_s = None
         self._planner.freeze(self._clock.now())
 
     def _refuse_after_fault(self) -> None:

@@ -45,10 +45,10 @@ class StepperHat:
         self._chip = Pca9685.probe(self._bus, self._config.addresses, self._clock)
         self._chip.initialise()
 
-    def energise(self, duty: float) -> None:
-        """Current in the coils of the present positions: the rotors are held."""
+    def energise(self, duty: float, beside_full_steps: float = 0.0) -> None:
+        """Current in the coils of the present positions, or of those so far beside them."""
         self.duty = duty
-        self._write(self._motors, with_pwm=True)
+        self._write(self._motors, with_pwm=True, beside=beside_full_steps * self._config.microsteps)
 
     def move(self, steps: Steps) -> None:
         """Turn the fields by ``steps`` microsteps (forward positive) at the run duty."""
@@ -74,19 +74,21 @@ class StepperHat:
         """HardwareError unless the chip still holds the settings of ``open``."""
         self.chip.check()
 
-    def _write(self, motors: Sequence[MotorConfig], with_pwm: bool = False) -> None:
+    def _write(
+        self, motors: Sequence[MotorConfig], with_pwm: bool = False, beside: float = 0.0
+    ) -> None:
         """Write the run of channels that covers the coils of ``motors`` in one transaction."""
-        levels = self._all_levels()
+        levels = self._all_levels(beside)
         part = slice(0, 6) if with_pwm else slice(1, 5)  # of pwma, ain2, ain1, bin1, bin2, pwmb
         span = [channel for motor in motors for channel in tuple(motor.channels)[part]]
         first, last = min(span), max(span)
         self.chip.set_channels(first, [levels.get(c, 0.0) for c in range(first, last + 1)])
 
-    def _all_levels(self) -> Dict[int, float]:
+    def _all_levels(self, beside: float) -> Dict[int, float]:
         levels: Dict[int, float] = {}
         for motor, position in zip(self._motors, self._positions):
             pwma, ain2, ain1, bin1, bin2, pwmb = motor.channels
-            coils = ring_levels(position, self._config.microsteps, self.duty or 0.0)
+            coils = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
             levels.update(zip((ain2, bin1, ain1, bin2), coils))
             levels.update({pwma: 1.0, pwmb: 1.0})
         return levels

@@ -17,7 +17,7 @@ from tools.faults.stand_in import StandIn
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.timekeeper import BenchError
 
-DRIVE_S = 1.2  # until the fault comes: at full speed
+DRIVE_S = 1.7  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over
 SILENT_S = 1.5  # the same, where the page must say that the robot is silent
 HEALED_S = 1.2  # looked at after mending
@@ -48,8 +48,7 @@ class Stage:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.stand_in is not None:
-            self.stand_in.close()
+        self._dismiss_stand_in()
         self.bench.close()
 
     def play(self, family: str, case: Case) -> Outcome:
@@ -71,6 +70,7 @@ class Stage:
         """DISARMED at the start, all programs alive and in touch."""
         bench = self.bench
         bench.revive()
+        bench.meet()
         operator = bench.operator
         if operator.state == "FAULT":
             operator.ask("clear")
@@ -120,13 +120,15 @@ class Stage:
 
     def recover(self, case: Case) -> None:
         """Everything as it was, with whatever programs must be started again."""
-        bench = self.bench
-        bench.time.lossy(False)
         case.heal(self)
+        self._dismiss_stand_in()
+        self.bench.time.lossy(False)
+        self.bench.revive()
+
+    def _dismiss_stand_in(self) -> None:
         if self.stand_in is not None:
             self.stand_in.close()
             self.stand_in = None
-        bench.revive()
 
     def _meet(self, family: str, case: Case) -> Outcome:
         bench, town = self.bench, self.bench.town
@@ -182,9 +184,7 @@ class Stage:
     def _resume_problem(self, case: Case) -> str:
         """Mended, nothing may move, and nobody may be armed."""
         town, before_s = self.bench.town, self.bench.now_s
-        case.heal(self)
-        self.bench.time.lossy(False)
-        self.bench.revive()
+        self.recover(case)
         self.run(HEALED_S)
         if town.moved_s > before_s:
             return f"a motor stepped {town.moved_s - before_s:.2f} s after mending"

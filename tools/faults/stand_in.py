@@ -27,8 +27,8 @@ class StandIn:
         self.clock_step_s = 0.0
         self.backwards = False
         self.twins = False  # two sessions at once
-        self.beside: Callable[[], bytes] | None = None  # makes bytes to send beside each pose
-        self.besides = 1  # how many
+        self.instead: Callable[[], bytes] | None = None  # makes bytes to send in place of poses
+        self.count = 1  # how many at a time
         self._bench = bench
         if bench.options.lockstep:
             let_sockets_wait()
@@ -44,8 +44,7 @@ class StandIn:
         self._bench.time.forget(self._event)
         self._link.close()
 
-    def send(self, data: bytes) -> None:
-        """Any bytes, on the stream of poses."""
+    def _send(self, data: bytes) -> None:
         self._link.admit()
         self._socket.send(data)
 
@@ -53,6 +52,10 @@ class StandIn:
         return self._bench.now_s + self.clock_step_s
 
     def _tell(self) -> None:
+        if self.instead is not None:
+            for _ in range(self.count):
+                self._send(self.instead())
+            return
         self._sequence += 1
         x_m, y_m, heading_rad = (float(v) for v in self._bench.town.pose)
         seen = Sighting(ROBOT, x_m + self.jump_m, y_m, heading_rad, 0.95)
@@ -62,7 +65,6 @@ class StandIn:
         stamped = PosesMessage((seen,), now_s, session, sequence, now_s)
         self._waiting.append((self._bench.now_s + self.late_s, stamped))
         while self._waiting and self._waiting[0][0] <= self._bench.now_s:
-            self.send(self._waiting.popleft()[1].to_bytes())
-        for _ in range(self.besides if self.beside else 0):
-            assert self.beside is not None
-            self.send(self.beside())
+            sent = self._waiting.popleft()[1]
+            self._send(sent.to_bytes())
+            self._bench.time.published(sent.KIND, sent.session, sent.sequence)

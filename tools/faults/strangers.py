@@ -79,9 +79,8 @@ def _junk(stage: Stage) -> list[bytes]:
 def _poses(data: Callable[[Stage], bytes], count: int = 1) -> Act:
     def inject(stage: Stage) -> None:
         assert stage.stand_in is not None
-        stage.bench.time.lossy(True)
-        stage.stand_in.beside = lambda: data(stage)
-        stage.stand_in.besides = count
+        stage.stand_in.instead = lambda: data(stage)
+        stage.stand_in.count = count
 
     return inject
 
@@ -117,7 +116,7 @@ CASES = (
     Case("fuzzed commands", "", _commands(_monitors, _junk), states=()),
     Case(
         "flood of poses",
-        f"{10 * FLOOD} pieces of junk a second",
+        f"{10 * FLOOD} pieces of junk a second instead of poses",
         _poses(lambda _: b"\0" * 99, FLOOD),
         threshold_s=1.0,
         states=("HOLD",),
@@ -125,9 +124,10 @@ CASES = (
         before=_stand_in,
     ),
     Case(
-        *("1 MB pose", "ten a second", _poses(lambda _: bytes(MEGABYTE))),
+        *("1 MB pose", "ten a second instead of poses", _poses(lambda _: bytes(MEGABYTE))),
         threshold_s=1.0,
-        states=("HOLD", "AUTO"),
+        states=("HOLD",),
+        says="overhead pose",
         before=_stand_in,
     ),
     Case(

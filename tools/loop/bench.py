@@ -37,6 +37,7 @@ from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
 END_S = 5.0
+FRESH_S = 0.5  # an age of signs of life
 PAUSE_S = 0.02  # real time for connections, while none is there yet
 
 
@@ -204,12 +205,13 @@ class Bench:
         return Operator(self.time, self.page_port, found[-1])
 
     def meet(self) -> None:
-        """Until the robot knows where it is and the page shows it."""
+        """Until the robot is told where it is and the page shows it."""
 
         def met() -> bool:
             self._expect_alive()
             self.operator.look()
-            return bool(self.operator.robot.get("pose")) and self.operator.age_s("operator") < 0.5
+            ages_s = (self.operator.age_s("pose"), self.operator.age_s("operator"))
+            return bool(self.operator.robot.get("pose")) and max(ages_s) < FRESH_S
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
 

@@ -87,6 +87,10 @@ class Conductor(Timekeeper):
         if name in self._participants:
             self._participants[name].idle = False
 
+    def published(self, stream: str, session: str, sequence: int) -> None:
+        """The bench itself published a message: wait for it as for those of the processes."""
+        self.shared.publish(stream, session, sequence)
+
     def lossy(self, lossy: bool) -> None:
         """Whether messages may be lost or late, so that nobody waits for one."""
         self.shared.set("lossy", float(lossy))

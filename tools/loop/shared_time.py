@@ -10,16 +10,19 @@ import mmap
 import struct
 from pathlib import Path
 
-SLOTS = ("now", "pose", "telemetry", "frame", "command", "ack", "lossy", "slow")
+STREAMS = ("pose", "telemetry", "frame")
+SESSIONS = tuple(f"{stream} session" for stream in STREAMS)
+SLOTS = ("now", *STREAMS, *SESSIONS, "command", "ack", "lossy", "slow")
 _NUMBER = struct.Struct("d")
 
 
 class SharedTime:
     """Named numbers in a mapped file; ``create`` makes it, with zeros.
 
-    ``now`` is the time [s]; of the streams it is how many messages were sent; ``lossy`` is not zero
-    while the network may lose or delay messages, and nobody should wait for one; ``slow`` is how
-    long a decision takes [s], which is no time at all otherwise.
+    ``now`` is the time [s]; of a stream it is the sequence number of the newest message, and which
+    session of the publisher that belongs to; of commands and acks how many were sent; ``lossy`` is
+    not zero while the network may lose or delay messages, and nobody should wait for one; ``slow``
+    is how long a decision takes [s], which is no time at all otherwise.
     """
 
     def __init__(self, path: str | Path, create: bool = False) -> None:
@@ -41,6 +44,20 @@ class SharedTime:
         """The time [s]."""
         return float(_NUMBER.unpack_from(self._map, 0)[0])
 
+    def publish(self, stream: str, session: str, sequence: int) -> None:
+        """Note the newest message of a stream; its publisher is the one writer."""
+        self.set(f"{stream} session", session_number(session))
+        self.set(stream, sequence)
+
+    def published(self, stream: str) -> tuple[float, float]:
+        """Session, as a number, and sequence of the newest message of a stream."""
+        return self.get(f"{stream} session"), self.get(stream)
+
     def add(self, slot: str) -> None:
         """Count one more."""
         self.set(slot, self.get(slot) + 1.0)
+
+
+def session_number(session: str) -> float:
+    """A session's hexadecimal name as a number; 48 bits of it, which a double holds exactly."""
+    return float(int(session[:12], 16))

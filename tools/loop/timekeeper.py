@@ -80,6 +80,9 @@ class Timekeeper:
     def woken(self, name: str) -> None:
         """As ``poked``, for hardware that answers a waiting process."""
 
+    def published(self, stream: str, session: str, sequence: int) -> None:
+        """The bench itself published a message: wait for it as for those of the processes."""
+
     def lossy(self, lossy: bool) -> None:
         """Whether messages may be lost or late, so that nobody waits for one."""
 

@@ -1,8 +1,8 @@
 """In lock-step, a message counts as arrived at the moment it was sent: receivers wait for it.
 
 Sockets, encryption and threads of ZeroMQ are real and take real time, in which the conductor's time
-stands still. Publishers count what they send; a receiver looks until it has got that far. Python
-3.8.
+stands still. Publishers tell what they sent last; a receiver looks until it has that, even of a
+publisher that was started anew. Python 3.8.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from tools.loop.shared_time import SharedTime
+from tools.loop.shared_time import SharedTime, session_number
 
 LONGEST_S = 0.25  # real time that one message may take
 LOOK_S = 1e-4
 PATIENT_MS = 60_000
+SEND_QUEUE = 1000  # nothing grows old in it: its thread may be slow, but time waits
 _pause = time.sleep  # the real one: this module is imported before time is replaced
 _real = time.perf_counter
 
@@ -28,11 +29,12 @@ def install(shared: SharedTime) -> None:
 
 
 def let_sockets_wait() -> None:
-    """ZeroMQ's own time-outs are by real time, which may be long while ours stands still."""
+    """ZeroMQ's own patience is by real time, which may be long while ours stands still."""
     from robot.link import sockets
 
     limits: Any = sockets
     limits.HEARTBEAT_TIMEOUT_MS = limits.CONNECT_TIMEOUT_MS = PATIENT_MS
+    limits.SEND_QUEUE = SEND_QUEUE
 
 
 def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
@@ -49,34 +51,40 @@ def _watch_streams(shared: SharedTime) -> None:
 
     publishers: Any = Publisher
     subscribers: Any = Subscriber
-    send, receive = publishers.send, subscribers.receive
+    begin, send, receive = subscribers.__init__, publishers.send, subscribers.receive
 
-    def counted_send(publisher: Any, message: Any) -> Any:
+    def begin_by_the_wall(subscriber: Any, *arguments: Any, **named: Any) -> None:
+        begin(subscriber, *arguments, **named)
+        subscriber._clock = _real  # connecting anew takes real time, too
+        subscriber._alive_s = _real()
+        subscriber.last = None
+
+    def told_send(publisher: Any, message: Any) -> Any:
         sent = send(publisher, message)
-        shared.set(sent.KIND, sent.sequence)
+        shared.publish(sent.KIND, sent.session, sent.sequence)
         return sent
 
     def patient_receive(subscriber: Any) -> Any:
-        due = shared.get(subscriber._kind.KIND)
-        got: Any = receive(subscriber)
-        newest = got
-        last = getattr(subscriber, "last_sequence", None)
+        due = shared.published(subscriber._kind.KIND)
+        newest: Any = None
 
         def there() -> bool:
-            nonlocal got, newest, last
-            if got is not None:
-                newest, last = got, got.sequence
-            if last is None or last >= due:
-                return True
+            nonlocal newest
             got = receive(subscriber)
-            return False
+            if got is not None:
+                newest, subscriber.last = got, (session_number(got.session), got.sequence)
+            return subscriber.last is None or _is_past(subscriber.last, due)
 
         if not _look_until(there, shared):
-            last = due  # lost: do not wait for it again
-        subscriber.last_sequence = last
+            subscriber.last = due  # lost: do not wait for it again
         return newest
 
-    publishers.send, subscribers.receive = counted_send, patient_receive
+    subscribers.__init__ = begin_by_the_wall
+    publishers.send, subscribers.receive = told_send, patient_receive
+
+
+def _is_past(heard: tuple[float, float], due: tuple[float, float]) -> bool:
+    return heard[0] == due[0] and heard[1] >= due[1]
 
 
 def _watch_commands(shared: SharedTime) -> None:

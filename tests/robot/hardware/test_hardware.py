@@ -17,7 +17,7 @@ from robot.config import RobotConfig
 from robot.geometry import WheelSpeeds
 from robot.hat.bench import hat_update_ms
 from robot.hat.clock import MonotonicClock
-from robot.hat.driver import SETTLE_S
+from robot.hat.driver import WAKE_S
 from robot.hat.pca9685 import FULL, Pca9685, channel_register
 from robot.hat.thread import MotorThread, open_bus, real_motors
 from robot.inference.preprocess import FRAME_SHAPE, check_frame
@@ -67,13 +67,13 @@ def test_the_wheels_step_as_told(robot: RobotConfig, motors: MotorThread, wheels
     ramp_s = SPEED_MPS / robot.hat.acceleration_mps2
     for count, step_m, way in zip(motors.counts, robot.hat.wheel_steps_m, wheels):
         rolled_s = way * count * step_m / SPEED_MPS
-        expected_s = abs(way) * (DRIVE_S - SETTLE_S - 0.5 * ramp_s)
+        expected_s = abs(way) * (DRIVE_S - WAKE_S - 0.5 * ramp_s)
         assert rolled_s == pytest.approx(expected_s, abs=COUNT_TOLERANCE_S)
     assert motors.healthy
 
 
 def test_an_old_command_counts_no_longer(robot: RobotConfig, motors: MotorThread) -> None:
-    motors.set_wheels(WheelSpeeds(SPEED_MPS, SPEED_MPS))
+    drive(motors, WheelSpeeds(SPEED_MPS, SPEED_MPS))
     time.sleep(robot.hat.command_timeout_s + 0.5)
     before = motors.counts
     time.sleep(0.3)

@@ -2,18 +2,20 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError, HardwareError
 from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
 from robot.hat.coils import ring_levels, ring_size
 from robot.hat.config import HatConfig, MotorConfig
-from robot.hat.driver import HELD_S, SETTLE_S
+from robot.hat.driver import HELD_S, WAKE_S
 from robot.hat.stepping import BRAKE_S
 from sim_pybullet.virtual.i2c import BusFault
 from tests.robot.hat.rig import ALL_OFF, Rig, make_rig
 
-START_S = SETTLE_S + 0.01
+START_S = WAKE_S + 0.01
 
 
 def ring_position(rig: Rig, first_channel: int, microsteps: int) -> int:
@@ -65,8 +67,9 @@ def test_coils_only_ever_move_one_place_around_the_ring() -> None:
         if rig.driver.energised and rig.hat.chip.outputs.any_high:
             seen.append([ring_position(rig, first, 2) for first in (9, 3)])
 
-    rig.hat.chip._after_change = watch
     with rig.driver:
+        rig.drive(0.1, 0.1, START_S)  # finds the rotors by a jump
+        rig.hat.chip._after_change = watch
         for _ in range(12):
             rig.drive(*rng.uniform(-0.4, 0.4, 2), 0.3)
     assert len(seen) > 200
@@ -151,6 +154,25 @@ def test_the_rotor_does_lose_steps_without_ramps() -> None:
         assert any(rig.hat.lost_steps)
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(-180.0, 180.0), min_size=2, max_size=2))
+@example([180.0, 177.0])  # opposite to the coils of the ring's beginning: pulled to neither side
+@example([0.0, 3.0])  # and how the field of a mirrored motor is met
+@example([-90.0, 90.0])
+def test_no_step_is_lost_wherever_the_rotors_rested(electrical_deg: list) -> None:
+    rig = make_rig()
+    for rotor, angle_deg in zip(rig.hat.rotors, electrical_deg):
+        rotor.angle_rad = math.radians(angle_deg) / rotor.model.electrical_turns
+    with rig.driver:
+        rig.drive(0.4, 0.4, WAKE_S)
+        before, counts = rig.rolled_m, rig.driver.counts
+        rig.drive(0.4, 0.4, 1.5)
+        rig.come_to_rest()
+        rolled_m = np.subtract(rig.rolled_m, before)
+        due_m = np.subtract(rig.driver.counts, counts) * rig.driver.config.step_m
+        assert rolled_m == pytest.approx(due_m, abs=rig.driver.config.full_step_m)
+
+
 def test_a_square_returns_home() -> None:
     quarter_steps = 38  # of each wheel for 90 degrees, exactly, on this axle
     baseline_m = 4 * quarter_steps * HatConfig().step_m / math.pi
@@ -206,7 +228,7 @@ def test_an_old_command_stops_counting() -> None:
         assert rig.hat.lost_steps == (0, 0)
 
 
-@pytest.mark.parametrize(("speed_mps", "steps"), [(0.05, 1), (0.4, 16)])
+@pytest.mark.parametrize(("speed_mps", "steps"), [(0.05, 1), (0.4, 17)])
 def test_an_abandoned_robot_stops_by_itself(speed_mps: float, steps: int) -> None:
     """Nobody writes any more: the fields stand, and momentum carries the rotors at most so far."""
     rig = make_rig()
@@ -330,7 +352,7 @@ def test_an_exception_in_the_block_ends_with_all_off() -> None:
 
     with pytest.raises(ZeroDivisionError):
         crash()
-    assert sum(rig.rolled_m) < 2 * 0.2 * (1.0 - SETTLE_S) + 0.03
+    assert sum(rig.rolled_m) < 2 * 0.2 * (1.0 - WAKE_S) + 0.03
     left_at_m = rig.rolled_m
     rig.clock.sleep(10.0)
     assert rig.rolled_m == pytest.approx(left_at_m, abs=0.01)
@@ -364,5 +386,6 @@ def test_full_and_quarter_steps_turn_the_wheels_as_far() -> None:
         with rig.driver:
             rig.drive(0.1, 0.1, 3.0)
             rig.come_to_rest()
-            assert rig.driver.pose.x_m == pytest.approx(0.27, abs=0.02)
+            expected_m = 0.1 * (3.0 - WAKE_S)
+            assert rig.driver.pose.x_m == pytest.approx(expected_m, abs=0.02)
             assert rig.rolled_m == pytest.approx([rig.driver.pose.x_m] * 2, abs=0.003)

@@ -23,6 +23,17 @@ def parts() -> Tuple[MotorThread, VirtualI2cBus, VirtualHat]:
     return MotorThread(driver), bus, hat
 
 
+def wait_for_motion(motors: MotorThread) -> None:
+    """Command slow driving as often as a runtime does, until a wheel has stepped."""
+    before = motors.counts
+
+    def moved() -> bool:
+        motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        return motors.counts[0] > before[0] + 2
+
+    wait_for(moved)
+
+
 def wait_for(condition: Callable[[], bool]) -> None:
     end_s = time.monotonic() + 5.0
     while not condition():
@@ -34,7 +45,7 @@ def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tup
     motors, bus, hat = parts
     with motors:
         motors.pose = Pose(1.0, 0.0, 0.0)
-        motors.set_wheels(WheelSpeeds(0.1, 0.1))
+        wait_for_motion(motors)
         wait_for(lambda: motors.pose.x_m > 1.005)
         wait_for(lambda: motors._driver.speeds == (0.0, 0.0))
         assert motors.healthy
@@ -45,8 +56,7 @@ def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tup
 def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None:
     motors, bus, _ = parts
     with motors:
-        motors.set_wheels(WheelSpeeds(0.1, 0.1))
-        wait_for(lambda: motors.pose.x_m > 0.0)
+        wait_for_motion(motors)
         bus.inject(BusFault.NACK)
         wait_for(lambda: not motors.healthy)
         assert bus.log[-1].data == ALL_OFF
@@ -58,8 +68,7 @@ def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None
 def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
     motors, bus, _ = parts
     with motors:
-        motors.set_wheels(WheelSpeeds(0.1, 0.1))
-        wait_for(lambda: motors.pose.x_m > 0.0)
+        wait_for_motion(motors)
         bus.inject(BusFault.NACK, 10**6)
         wait_for(lambda: not motors.healthy)
         with pytest.raises(HardwareError, match="cut the motor supply"):
@@ -72,8 +81,7 @@ def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
         before = motors.counts
         time.sleep(0.1)
         assert motors.counts == before, "mending moves nothing"
-        motors.set_wheels(WheelSpeeds(0.1, 0.1))
-        wait_for(lambda: motors.counts[0] > before[0])
+        wait_for_motion(motors)
         motors.mend()  # nothing to do
         assert motors.healthy
     assert bus.log[-1].data == ALL_OFF

@@ -12,7 +12,7 @@ from tests.robot.hat.rig import make_rig
 DT_S = 1 / 60
 
 
-@pytest.mark.parametrize(("drive", "off_m"), [("planar", 0.02), ("wheels", 0.05)])
+@pytest.mark.parametrize(("drive", "off_m"), [("planar", 0.03), ("wheels", 0.05)])
 def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) -> None:
     rig = make_rig()
     town = Town([[]], 1, drive=drive, dt_s=DT_S)  # type: ignore[arg-type]
