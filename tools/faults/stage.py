@@ -24,6 +24,7 @@ HEALED_S = 1.2  # looked at after mending
 SETTLE_S = 20.0
 CONNECT_S = 0.05  # real time, at each turn, for a connection to come about
 TAKEOVER_S = 1.5  # until an earlier session is forgotten
+STAND_S = 0.5  # until a robot that was disarmed has braked: it would roll on where it is put
 BELIEF_S = 3.0  # until a robot that was carried, just started, takes that for no error of the poses
 MOVING = ("READY", "AUTO", "MANUAL")
 
@@ -76,6 +77,7 @@ class Stage:
             operator.ask("clear")
             self.run(0.3)
         bench.until(lambda: operator.ask("disarm")[0], SETTLE_S, "the robot to be disarmed")
+        self.run(STAND_S)
         bench.town.world.place(self.start)
 
         def there() -> bool:
