@@ -68,11 +68,6 @@ class LabelSet:
     colours: tuple[Rgb, ...]
     of_simulator: tuple[int, ...]  # indexed by SemanticClass
 
-    @property
-    def lines(self) -> tuple[int, ...]:
-        """The classes that are painted lines."""
-        return tuple(k for k, name in enumerate(self.classes) if name.endswith("_line"))
-
     def from_simulator(self, labels: np.ndarray) -> np.ndarray:
         """Values of `SemanticClass`, any shape -> values of this set, uint8."""
         return np.array(self.of_simulator, np.uint8)[labels]

@@ -121,19 +121,12 @@ class Pix2Pix:
         self.of_generator = torch.optim.Adam(self.generator.parameters(), rate, betas)
         self.of_critic = torch.optim.Adam(self.critic.parameters(), rate, betas)
 
-    def step(self, given: torch.Tensor, wanted: torch.Tensor, weights: torch.Tensor) -> float:
-        """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1].
-
-        Args:
-            given: pictures.
-            wanted: what they should become.
-            weights: (N, 1, H, W) of the pixels in that distance; paper B has none, that is ones.
-        """
+    def step(self, given: torch.Tensor, wanted: torch.Tensor) -> float:
+        """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1]."""
         made = self.generator.train()(given)
         real, fake = self.critic(given, wanted), self.critic(given, made.detach())
         _descend(self.of_critic, 0.5 * (_belongs(real, 1.0) + _belongs(fake, 0.0)))
-        away = (made - wanted).abs().mean(dim=1, keepdim=True)
-        distance = (weights * away).sum() / weights.sum()
+        distance = functional.l1_loss(made, wanted)
         fooled = _belongs(self.critic(given, made), 1.0)
         _descend(self.of_generator, fooled + self.config.l1 * distance)
         return float(distance.detach())

@@ -31,9 +31,6 @@ from trainer.parsing.train import Parser
 from trainer.resumable import Loop, Stateful
 
 FRAME = (120, 160)  # height, width [px]
-# Of a line's pixel in the L1 distance. Lines are a few hundredths of a picture: with equal weights
-# a network that leaves out the faint ones loses next to nothing.
-LINE_WEIGHT = 4.0
 
 
 @dataclass(frozen=True)
@@ -42,26 +39,20 @@ class Pairs:
 
     given: np.ndarray
     wanted: np.ndarray
-    weights: np.ndarray  # (N, H, W) float32, of the pixels in the L1 distance
 
     def reversed(self) -> Pairs:
         """The other way."""
-        return Pairs(self.wanted, self.given, self.weights)
+        return Pairs(self.wanted, self.given)
 
-    def draw(
-        self, count: int, rng: np.random.Generator
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """``count`` pairs (N, 3, H, W) in [-1, 1], half of them in the mirror, and weights."""
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """``count`` pairs (N, 3, H, W) in [-1, 1], half of them in the mirror."""
         chosen = rng.integers(len(self.given), size=count)
         mirrored = rng.random(count) < 0.5
-
-        def drawn(pictures: np.ndarray) -> torch.Tensor:
-            parts = pictures[chosen].copy()
-            parts[mirrored] = parts[mirrored, :, ::-1]
-            return torch.from_numpy(parts)
-
-        given, wanted = as_floats(drawn(self.given)), as_floats(drawn(self.wanted))
-        return given, wanted, drawn(self.weights)[:, None]
+        parts = []
+        for pictures in (self.given[chosen], self.wanted[chosen]):
+            pictures = np.where(mirrored[:, None, None, None], pictures[:, :, ::-1], pictures)
+            parts.append(as_floats(torch.from_numpy(np.ascontiguousarray(pictures))))
+        return parts[0], parts[1]
 
 
 def virtual_pairs(
@@ -85,8 +76,7 @@ def virtual_pairs(
     else:
         # labels are made small as frames are, so that a thin line does not come and go
         seen = np.stack([preprocess(labels.paint(truth), image) for truth in data.truth])
-    truth = labels.read(seen)
-    return Pairs(given, labels.paint(truth), _weights(truth, labels))
+    return Pairs(given, labels.paint(labels.read(seen)))
 
 
 def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
@@ -96,9 +86,8 @@ def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
         ConfigError: no photographs, or a parser with other labels.
     """
     frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
-    truth = ROAD.read(class_pictures(frames, parser, image))
-    wanted = np.stack([preprocess(frame, image) for frame in frames])
-    return Pairs(ROAD.paint(truth), wanted, _weights(truth, ROAD))
+    seen = class_pictures(frames, parser, image)
+    return Pairs(ROAD.paint(ROAD.read(seen)), preprocess_batch(frames, image))
 
 
 def class_pictures(frames: np.ndarray, parser: Parser, image: ImageSpec) -> np.ndarray:
@@ -119,10 +108,6 @@ def class_pictures(frames: np.ndarray, parser: Parser, image: ImageSpec) -> np.n
 
 def _enlarged(picture: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.resize(picture, FRAME[::-1], interpolation=cv2.INTER_NEAREST))
-
-
-def _weights(truth: np.ndarray, labels: LabelSet) -> np.ndarray:
-    return np.where(np.isin(truth, labels.lines), LINE_WEIGHT, 1.0).astype(np.float32)
 
 
 def teach_pairs(

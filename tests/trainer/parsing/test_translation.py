@@ -66,23 +66,7 @@ def stripes(count: int, rng: np.random.Generator) -> Pairs:
     for k, column in enumerate(rng.integers(2, 26, count)):
         truth[k, :, column : column + 4] = RoadClass.YELLOW_LINE
     given = np.where(truth[..., None] == RoadClass.ROAD, (60, 60, 64), (180, 150, 60))
-    weights = np.where(truth == RoadClass.YELLOW_LINE, 4.0, 1.0).astype(np.float32)
-    return Pairs(given.astype(np.uint8), ROAD.paint(truth), weights)
-
-
-def test_weights_go_with_their_pixels_also_in_the_mirror() -> None:
-    given, wanted, weights = stripes(4, np.random.default_rng(1)).draw(64, np.random.default_rng(0))
-    assert torch.equal(weights[:, 0] == 4.0, given[:, 0] > 0.0)
-    assert torch.equal(weights[:, 0] == 4.0, wanted[:, 0] > 0.0)
-
-
-def test_a_distance_counts_where_there_is_weight() -> None:
-    given, wanted, weights = stripes(8, np.random.default_rng(0)).draw(8, np.random.default_rng(0))
-    far = torch.where(weights == 1.0, -wanted, wanted)  # wrong wherever there is no stripe
-    losses = [
-        Pix2Pix(TINY, 0).step(given, other, (weights == 4.0).float()) for other in (wanted, far)
-    ]
-    assert losses[0] == pytest.approx(losses[1])
+    return Pairs(given.astype(np.uint8), ROAD.paint(truth))
 
 
 def test_a_stripe_is_parsed_where_it_is() -> None:
@@ -135,13 +119,18 @@ def write_inputs(folder: Path, size: tuple[int, int]) -> list[str]:
     return [text for flag, name in names.items() for text in (flag, str(folder / name))]
 
 
-@pytest.mark.parametrize("size", [(60, 80), (90, 120)], ids=["the policy's", "larger"])
+@pytest.mark.parametrize(
+    ("size", "virtual_labels"),
+    [((60, 80), "true"), ((90, 120), "parser")],
+    ids=["the policy's", "larger"],
+)
 def test_the_command_leaves_a_translator(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int], virtual_labels: str
 ) -> None:
     image = preset("lane", "dueling", "fast").image
     inputs, out = write_inputs(tmp_path, size), tmp_path / "run"
     command = ["parse", "translate", "--out", str(out), *inputs, "--steps", "1"]
+    command += ["--virtual-labels", virtual_labels]
     assert main(command) == 0
     translator = OnnxTranslator(out / "sim_to_real.onnx")
     assert (translator.contract.method, translator.image) == ("pix2pix", image)
