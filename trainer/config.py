@@ -131,7 +131,9 @@ class A3cConfig:
     gamma: float = 0.95
     a3c_rollout: int = 20
     rms_decay: float = 0.99
-    rms_epsilon: float = 1e-5
+    rms_epsilon: float = 1e-8  # under the root; gradients' squares here are some 1e-7
+    warm_up: int = 0  # decisions, of all, while the learning rate rises from nothing
+    normalised: bool = False  # advantages to mean 0 and deviation 1 in each rollout, as in PPO
     entropy: float = 0.01
     value: float = 0.5
     max_grad_norm: float = 0.5
@@ -297,12 +299,12 @@ def _track(run: RunConfig) -> RunConfig:
     # there is speed to need them for; so the bonus begins large, and falls to nothing.
     learn = run.learn
     if isinstance(learn, PpoConfig):
-        learn = replace(
-            learn, rollout=32, epochs=4, learning_rate=2e-3, gae_lambda=0.95, entropy=0.2
-        )
+        learn = replace(learn, rollout=32, epochs=4, learning_rate=2e-3)
+        learn = replace(learn, gae_lambda=0.95, entropy=0.2)
     if isinstance(learn, A3cConfig):
-        learn = replace(learn, robots=8, learning_rate=1e-3, a3c_rollout=10)
-    if isinstance(learn, (A2cConfig, A3cConfig)):
+        learn = replace(learn, robots=8, learning_rate=3e-4, warm_up=30_000)
+        learn = replace(learn, entropy=0.2, normalised=True)
+    if isinstance(learn, A2cConfig):
         learn = replace(learn, entropy=0.02)  # of rewards of some 0.1 a decision
     if isinstance(learn, (QConfig, DaggerConfig)):
         learn = replace(learn, buffer=20_000)  # 18 kB a stack of pictures, kept twice: 0.7 GB
@@ -328,9 +330,9 @@ def _paper(run: RunConfig) -> RunConfig:
         net = replace(net, channels=(32, 64, 64, 64))
     if isinstance(learn, A3cConfig):  # paper B, section 3.1
         learn = replace(learn, robots=1, learning_rate=0.01, rms_decay=0.9, rms_epsilon=0.1)
+        learn = replace(learn, entropy=0.02, normalised=False, warm_up=0)
     if isinstance(learn, (QConfig, DaggerConfig)):
-        # 58 kB a picture, each kept twice: 2.3 GB
-        learn = replace(learn, buffer=20_000 // SHAPES[run.task].frames)
+        learn = replace(learn, buffer=20_000 // SHAPES[run.task].frames)  # 58 kB each, kept twice
     return replace(run, image=_WHOLE_FRAME, net=net, learn=learn, steps=2_000_000, device="auto")
 
 

@@ -2,8 +2,9 @@
 
 Mnih et al. 2016, "Asynchronous Methods for Deep Reinforcement Learning", algorithm S3: a worker
 copies the shared weights, drives a few steps, and adds its gradient to them through RMSProp whose
-running mean of squares is shared as well. Nobody locks anything (Hogwild, Niu et al. 2011), so a
-worker that is killed leaves nothing locked.
+running mean of squares is shared as well. Unlike there it copies the weights once more before it
+takes the gradient, which would else lie behind by an update of every other worker. Nobody locks
+anything (Hogwild, Niu et al. 2011), so a worker that is killed leaves nothing locked.
 """
 
 from __future__ import annotations
@@ -95,6 +96,8 @@ class Worker:
         with torch.no_grad():
             _, value = _evaluate(self._policy, self._seen)
         returns = n_step_returns(rewards, going_on, value, self._learn.gamma)
+        # The gradient is taken where it will be applied: others have changed the weights meanwhile.
+        self._weights.copy_(self._shared.weights)
         self._descend(_joined(seen), torch.cat(actions), returns.flatten())
         self._shared.steps[self._number] += len(rewards) * len(value)
         return ended
@@ -138,7 +141,10 @@ class Worker:
         logits, values = _evaluate(self._policy, seen)
         logs = log_softmax(logits, 1)
         chosen = logs.gather(1, actions[:, None])[:, 0]
-        gain = (chosen * (returns - values.detach())).mean()
+        advantages = returns - values.detach()
+        if learn.normalised:
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        gain = (chosen * advantages).mean()
         entropy = -(logs.exp() * logs).sum(1).mean()
         loss = -gain - self._entropies(left) * entropy + learn.value * mse_loss(values, returns)
         for parameter in parameters:
@@ -146,9 +152,9 @@ class Worker:
         loss.backward()
         clip_grad_norm_(parameters, learn.max_grad_norm)
         gradient = parameters_to_vector([p.grad for p in parameters if p.grad is not None])
-        shared_rmsprop(
-            self._shared, gradient, self._rates(left), learn.rms_decay, learn.rms_epsilon
-        )
+        warm = min(1.0, done / learn.warm_up) if learn.warm_up else 1.0
+        rate = warm * self._rates(left)
+        shared_rmsprop(self._shared, gradient, rate, learn.rms_decay, learn.rms_epsilon)
 
 
 def shared_rmsprop(
