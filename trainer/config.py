@@ -316,7 +316,7 @@ def _track(run: RunConfig) -> RunConfig:
         image=_TRACK_IMAGE,
         net=NetConfig((16, 32)),
         reward_scale=1.0,
-        steps=400_000 if isinstance(learn, PpoConfig) else 1_000_000,
+        steps=400_000 if isinstance(learn, PpoConfig) else 800_000,
         evaluation=EvaluationConfig(episodes=8, every_steps=10_000),
         rate_left=0.1,
         entropy_left=0.0,
