@@ -31,7 +31,6 @@ from trainer.learners.shared_weights import Shared
 
 POLL_S = 0.1  # between two looks at what the workers did
 _LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
-_SMALL = 0.01  # of weights of a last layer at first, as stable-baselines3 has it for the actor's
 _MOST_REPLACED = 100  # more deaths than that are no accidents
 
 
@@ -63,11 +62,6 @@ class A3C(ChannelLast, BaseAlgorithm):
         self.set_random_seed(self.seed)
         policy = build_policy(self._config)
         assert isinstance(policy, ActorCriticPolicy)
-        # Values begin near 0, as the actor's logits do. Else the first thing that is learned is to
-        # take away the values of a fresh network: all that is shared shrinks, and with workers a
-        # dozen updates behind each other the first convolution is dead before it can be stopped.
-        with torch.no_grad():
-            policy.value_net.weight.mul_(_SMALL)
         self.policy = policy
         # Holds RMSProp's statistics in checkpoints; it never takes a step itself.
         self.policy.optimizer = torch.optim.RMSprop(policy.parameters(), eps=1e-5)

@@ -9,6 +9,7 @@ happen in here, so that an exported policy takes raw frames.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -26,6 +27,7 @@ from trainer.learners.true_path import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 
+_SMALL = 0.01  # of the critic's last weights at first, as stable-baselines3 has it for the actor's
 _MOST_ACTIONS = 9  # outputs of a last layer, whose weights begin smaller
 
 Observation = torch.Tensor | dict[str, torch.Tensor]
@@ -133,6 +135,10 @@ class DuelingPolicy(QPolicy):
 class DrivingActorCritic(ActorCriticPolicy):
     """Actor and critic, with the auxiliary task of `true_path.py` where it has a weight.
 
+    Values begin near 0, as the actor's logits do. Else the first thing that is learned is to take
+    away the values of a fresh network: all that actor and critic share shrinks, and now and then
+    the first convolution is dead before that is over.
+
     Args:
         true_path: that weight, as a multiple of the weight of the entropy.
     """
@@ -140,6 +146,11 @@ class DrivingActorCritic(ActorCriticPolicy):
     def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
         self.true_path = true_path
         super().__init__(*args, **kwargs)
+
+    def _build(self, lr_schedule: Callable[[float], float]) -> None:
+        super()._build(lr_schedule)
+        with torch.no_grad():
+            self.value_net.weight.mul_(_SMALL)
 
     def _build_mlp_extractor(self) -> None:
         super()._build_mlp_extractor()

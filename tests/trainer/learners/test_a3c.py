@@ -94,13 +94,6 @@ def test_a_cut_off_episode_is_worth_what_would_have_come() -> None:
     assert (rewards[1:] == 1.0).all()
 
 
-def test_a_fresh_policy_expects_next_to_nothing() -> None:
-    policy = model_of(a3c_config(100, 1)).policy
-    seen = torch.from_numpy(np.asarray(make_toy(a3c_config(100, 1), 8, 0).reset()))
-    with torch.no_grad():
-        assert policy.predict_values(seen).abs().max() < 0.05  # type: ignore[operator]
-
-
 def test_one_worker_learns_the_toy_the_same_way_each_time(tmp_path: Path) -> None:
     def run(name: str, seed: int) -> list[tuple[int, float]]:
         train_toy(a3c_config(600, 1, seed), tmp_path / name)

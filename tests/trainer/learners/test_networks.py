@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 from robot.contract import ACTION_TWISTS, PATH_POINTS
 from robot.errors import ContractError
@@ -80,3 +81,13 @@ def test_an_actor_critic_without_entropy_can_be_built() -> None:
     config = preset("lane", "ppo", "debug")
     greedy = replace(config, learn=replace(config.learn, entropy=0.0))
     assert policy_arguments(greedy)["true_path"] == 0.0
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "a3c"])
+def test_a_fresh_critic_expects_next_to_nothing(algorithm: str) -> None:
+    """Else what it shares with the actor shrinks first, now and then until nothing is seen."""
+    config = preset("lane", algorithm, "debug")
+    policy = policy_for(config, observation_space(config))
+    assert isinstance(policy, ActorCriticPolicy)
+    with torch.no_grad():
+        assert policy.predict_values(pictures(3, config)).abs().max() < 0.1
