@@ -16,7 +16,8 @@ from typing import Any
 
 from robot.errors import ConfigError, DuckpilotError
 from robot.inference.policy_file import SHIPPED_MODELS
-from trainer.config import RunConfig, preset
+from trainer.config import RunConfig
+from trainer.presets import preset
 from trainer.report.paper import NAMES
 from trainer.run import RunFolder, atomically
 

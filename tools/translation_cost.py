@@ -22,10 +22,11 @@ from rich.console import Console
 
 from robot.errors import DuckpilotError
 from robot.output import write_json
-from trainer.config import RunConfig, preset
+from trainer.config import RunConfig
 from trainer.envs import ScaledReward, make_env
 from trainer.learners.algorithms import build_model
 from trainer.learners.true_path import WithTruePath
+from trainer.presets import preset
 
 ALGORITHMS = ("dueling", "ppo")
 _MOST = 2.0  # times the untranslated step: what is due

@@ -16,10 +16,11 @@ from robot.errors import ConfigError, DuckpilotError
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
-from trainer.config import ALGORITHMS, TASKS, preset
+from trainer.config import ALGORITHMS, TASKS
 from trainer.experiments.cli import experiment_app
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.parsing.cli import parse_app
+from trainer.presets import preset
 from trainer.run import RunFolder, write_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob, evaluate_jobs, train_jobs
 from trainer.sweeps.sweep import SweepOptions, run_sweep

@@ -1,8 +1,4 @@
-"""What a run is: frozen dataclasses, and the presets ``paper``, ``fast`` and ``debug``.
-
-``paper`` is the network and picture of the Duckiebot paper (Figures 7 and 15), ``fast`` the same
-shape made small enough for two CPU cores, ``debug`` takes seconds and learns nothing.
-"""
+"""What a run is: frozen dataclasses. `trainer.presets` fills them in."""
 
 from __future__ import annotations
 
@@ -18,7 +14,7 @@ from sim_pybullet.tasks.track_racing import STYLES
 
 T = TypeVar("T")
 
-_WHOLE_FRAME = ImageSpec()
+WHOLE_FRAME = ImageSpec()
 WHEELED: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
 
 TASKS = {"lane": "loop", "navigation": "arena", "track": "forest"}  # and where it is learned
@@ -53,6 +49,9 @@ class NetConfig:
     image_fc: int = 256  # first fully connected layer, shared by actor and critic
     path_fc: tuple[int, int] = (64, 128)  # the path branch, where there is one
     head_fc: int = 128  # second fully connected layer, one per head
+    # Whether pixels become -1..1 instead of 0..1. Of four stacked pictures the brightness that all
+    # share is else most of each gradient, and first convolutions die of it.
+    centred: bool = False
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ class RunConfig:
     steps: int = 200_000  # decisions of all robots together
     seconds: float | None = None  # wall clock, over all resumptions
     reward_scale: float = 0.05  # what a learner gets of the task's reward; the record has it whole
-    image: ImageSpec = _WHOLE_FRAME
+    image: ImageSpec = WHOLE_FRAME
     net: NetConfig = NetConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     look: str = "nominal"  # a file, or the name of a shipped look or distribution of looks
@@ -216,23 +215,6 @@ class RunConfig:
                 )
 
 
-def cruising(config: RunConfig) -> RunConfig:
-    """The run in the style "cruise": what a turn is worth shows at once, and choices stay open.
-
-    With a farther view or less entropy a driver weaves, for which it hardly pays: learned from the
-    true road ahead, it held the wheels straight 16 % of the time instead of 50 %.
-
-    Raises:
-        ConfigError: the run is not one on tracks.
-    """
-    if config.task != "track":
-        raise ConfigError(f"style: expected race for the task {config.task!r}, got 'cruise'")
-    learn = config.learn
-    if isinstance(learn, (PpoConfig, A2cConfig, A3cConfig)):
-        learn = replace(learn, gamma=0.9, entropy=0.02)
-    return replace(config, learn=learn, style="cruise")
-
-
 def judged(config: RunConfig) -> RunConfig:
     """The run in whose world the greedy driving between updates takes place."""
     elsewhere = config.evaluation
@@ -242,109 +224,8 @@ def judged(config: RunConfig) -> RunConfig:
     return replace(config, look=elsewhere.look, translate=None, without=())
 
 
-_PAPER_NET = NetConfig((32, 64, 64), image_fc=512, path_fc=(64, 128), head_fc=256)
-_FAST_IMAGE = ImageSpec(80, 60, crop_top_px=20)
-_TRACK_IMAGE = ImageSpec(48, 36, crop_top_px=4)
-_DEBUG_NET = NetConfig((4, 4, 4), image_fc=16, path_fc=(8, 8), head_fc=16)
-
-
-def preset(task: str, algorithm: str, name: str) -> RunConfig:
-    """The named starting point of a run.
-
-    Raises:
-        ConfigError: an unknown name, with the nearest known one.
-    """
-    learn = choose("algorithm", algorithm, ALGORITHMS)
-    maps = (choose("task", task, TASKS),)
-    run = RunConfig(task, algorithm, name, learn, maps, image=_FAST_IMAGE)
-    if task == "navigation":
-        run = _navigation(run)
-    elif task == "track":
-        run = _track(run)
-    makers = {"paper": _paper, "fast": lambda config: config, "debug": _debug}
-    return choose("preset", name, makers)(run)
-
-
 def choose(what: str, name: str, valid: Mapping[str, T]) -> T:
     """``valid[name]``, or a ConfigError that names the nearest choice."""
     if name not in valid:
         raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")
     return valid[name]
-
-
-def _navigation(run: RunConfig) -> RunConfig:
-    """A run uses all its steps, the last ones to settle: few failures are left to learn from."""
-    learn = run.learn
-    if isinstance(learn, QConfig):
-        learn = replace(learn, gamma=0.9, action_gap=0.8, epsilon_steps=10_000)
-    steps = 60_000 if isinstance(learn, (PpoConfig, A2cConfig, A3cConfig)) else 24_000
-    evaluation = EvaluationConfig(
-        episodes=60, rounds=3, every_steps=8_000, every_share=0.25, stop_after_perfect=0
-    )
-    told = isinstance(learn, (QConfig, PpoConfig, A2cConfig))
-    return replace(
-        run,
-        learn=learn,
-        steps=steps,
-        evaluation=evaluation,
-        start_spread=4.0,
-        true_path=1.0 if told else 0.0,
-        rate_left=0.03,
-    )
-
-
-def _track(run: RunConfig) -> RunConfig:
-    """Pictures reach up to the horizon, where a fast car looks; a reward is worth what it is."""
-    # Who begins at rest finds brakes bad. With a small bonus for entropy they are given up before
-    # there is speed to need them for; so the bonus begins large, and falls to nothing.
-    learn = run.learn
-    if isinstance(learn, PpoConfig):
-        learn = replace(learn, rollout=32, epochs=4, learning_rate=2e-3)
-        learn = replace(learn, gae_lambda=0.95, entropy=0.2)
-    if isinstance(learn, A3cConfig):
-        learn = replace(learn, robots=8, learning_rate=3e-4, warm_up=30_000)
-        learn = replace(learn, entropy=0.2, normalised=True)
-    if isinstance(learn, A2cConfig):
-        learn = replace(learn, entropy=0.02)  # of rewards of some 0.1 a decision
-    if isinstance(learn, (QConfig, DaggerConfig)):
-        learn = replace(learn, buffer=20_000)  # 18 kB a stack of pictures, kept twice: 0.7 GB
-    if not isinstance(learn, DaggerConfig):
-        learn = replace(learn, gamma=0.98)
-    return replace(
-        run,
-        learn=learn,
-        image=_TRACK_IMAGE,
-        net=NetConfig((16, 32)),
-        reward_scale=1.0,
-        steps=400_000 if isinstance(learn, PpoConfig) else 800_000,
-        evaluation=EvaluationConfig(episodes=8, every_steps=10_000),
-        rate_left=0.1,
-        entropy_left=0.0,
-    )
-
-
-def _paper(run: RunConfig) -> RunConfig:
-    net = _PAPER_NET if run.task == "lane" else replace(_PAPER_NET, image_fc=256)
-    learn = run.learn
-    if run.task == "track":
-        net = replace(net, channels=(32, 64, 64, 64))
-    if isinstance(learn, A3cConfig):  # paper B, section 3.1
-        learn = replace(learn, robots=1, learning_rate=0.01, rms_decay=0.9, rms_epsilon=0.1)
-        learn = replace(learn, entropy=0.02, normalised=False, warm_up=0)
-    if isinstance(learn, (QConfig, DaggerConfig)):
-        learn = replace(learn, buffer=20_000 // SHAPES[run.task].frames)  # 58 kB each, kept twice
-    return replace(run, image=_WHOLE_FRAME, net=net, learn=learn, steps=2_000_000, device="auto")
-
-
-def _debug(run: RunConfig) -> RunConfig:
-    small = {"robots": 4}
-    if isinstance(run.learn, (QConfig, DaggerConfig)):
-        small.update(buffer=1_000, warm_up=64, batch=16)
-    elif isinstance(run.learn, A3cConfig):
-        small.update(robots=1, workers=2)
-    elif isinstance(run.learn, PpoConfig):
-        small.update(rollout=16, minibatch=32)
-    learn = replace(run.learn, **small)  # type: ignore[arg-type]
-    evaluation = EvaluationConfig(episodes=2, every_steps=256)
-    net = replace(_DEBUG_NET, channels=_DEBUG_NET.channels[: len(run.net.channels)])
-    return replace(run, net=net, learn=learn, evaluation=evaluation, steps=512)

@@ -12,7 +12,8 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
-from trainer.config import RunConfig, choose, cruising, preset
+from trainer.config import RunConfig, choose
+from trainer.presets import cruising, preset
 
 ZEROS = {"image": None, "path": None}
 

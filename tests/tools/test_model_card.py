@@ -6,8 +6,8 @@ import pytest
 import tyro
 
 from tools.model_card import main, train_command
-from trainer.config import preset
 from trainer.options import TrainOptions
+from trainer.presets import preset
 from trainer.run import RunFolder
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tools.skill_table import main
-from trainer.config import preset
+from trainer.presets import preset
 from trainer.run import RunFolder
 
 

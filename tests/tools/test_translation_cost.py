@@ -8,7 +8,7 @@ import torch
 from robot.contract import ImageSpec
 from robot.inference.translator import TranslatorContract
 from tools.translation_cost import ALGORITHMS, main, measure
-from trainer.config import preset
+from trainer.presets import preset
 from trainer.translation.export import export_translator
 
 

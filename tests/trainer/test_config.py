@@ -4,9 +4,10 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from trainer.config import ALGORITHMS, TASKS, PpoConfig, preset
+from trainer.config import ALGORITHMS, TASKS, PpoConfig
 from trainer.learners.algorithms import build_policy
 from trainer.options import TrainOptions
+from trainer.presets import preset
 from trainer.run import RunFolder
 
 PRESETS = ("paper", "fast", "debug")

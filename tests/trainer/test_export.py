@@ -9,10 +9,11 @@ from robot.contract import PATH_POINTS, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from tests.trainer.toy import make_toy, toy_config, train_toy
-from trainer.config import ALGORITHMS, RunConfig, preset
+from trainer.config import ALGORITHMS, RunConfig
 from trainer.export import check_equal, export_network, export_run, quantise
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.presets import preset
 from trainer.run import RunFolder
 
 

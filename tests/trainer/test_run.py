@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from trainer.config import preset
+from trainer.presets import preset
 from trainer.run import Episode, EpisodeLog, RunFolder, atomically, write_json
 
 

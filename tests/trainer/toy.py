@@ -24,8 +24,8 @@ from trainer.config import (
     PpoConfig,
     QConfig,
     RunConfig,
-    preset,
 )
+from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.train import train
 

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 
 from robot.errors import ConfigError
-from trainer.config import preset
 from trainer.experiments.driving_pictures import Stacks, load_stacks, split_by_time
 from trainer.experiments.racing_policy import SteeringPolicy
 from trainer.experiments.records import Drive, Turn, load_drive
@@ -18,6 +17,7 @@ from trainer.experiments.supervised import LikePolicies, teach_turns
 from trainer.experiments.table1 import Accuracy, Table, chance, compare, shares
 from trainer.experiments.taught_rule import RoadReader, lesson
 from trainer.experiments.turning import Turning, goes_on_turning, shifts_px, turning
+from trainer.presets import preset
 
 DECISION_S = 0.1  # between a policy's pictures
 Named = tuple[str, int, SteeringPolicy]

@@ -10,11 +10,11 @@ from gymnasium import spaces
 from rich.console import Console
 from torch import nn
 
-from trainer.config import preset
 from trainer.experiments.driving_pictures import STACK, Stacks
 from trainer.experiments.records import Turn
 from trainer.learners.networks import DrivingFeatures
 from trainer.parsing.augment import relit
+from trainer.presets import preset
 from trainer.resumable import Loop, Stateful
 
 BATCH = 32

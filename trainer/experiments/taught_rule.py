@@ -22,13 +22,13 @@ from robot.inference.translator import open_translator
 from sim_pybullet.pool import LookPool
 from sim_pybullet.racing.racing_cars import ALONG_M, ALONG_RAD
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track
-from trainer.config import preset
 from trainer.envs import find_looks
 from trainer.experiments.driving_pictures import See, Stacks
 from trainer.experiments.records import Turn
 from trainer.experiments.supervised import TurnNetwork
 from trainer.parsing.through_parsing import class_pictures
 from trainer.parsing.train import load_parser
+from trainer.presets import preset
 from trainer.translation.collect import snapshots
 
 TRACKS = ("harbour", "forest", "karting")

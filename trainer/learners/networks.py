@@ -2,7 +2,7 @@
 
 Three convolutions, large kernels and strides first and no pooling, then three fully connected
 layers; actor and critic share the convolutions and the first of them. Pictures enter as the
-environment gives them, (N, H, W, 3) with values 0..255: the transposition and the division by 255
+environment gives them, (N, H, W, 3) with values 0..255: the transposition and the scaling
 happen in here, so that an exported policy takes raw frames.
 """
 
@@ -44,6 +44,7 @@ class DrivingFeatures(BaseFeaturesExtractor):
         image, path_points = observation_shapes(observation_space)
         width = net.image_fc + (net.path_fc[1] if path_points else 0)
         super().__init__(observation_space, width)
+        self._centred = net.centred
         self.convolutions = _convolutions(image[2], net.channels)
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
@@ -61,7 +62,8 @@ class DrivingFeatures(BaseFeaturesExtractor):
 
     def _look(self, image: torch.Tensor) -> torch.Tensor:
         # permute alone leaves the pixels where they are: torch's "channels last", its fastest
-        pixels = image.float().permute(0, 3, 1, 2) / 255.0
+        pixels = image.float().permute(0, 3, 1, 2)
+        pixels = pixels / 127.5 - 1.0 if self._centred else pixels / 255.0
         return self.image_fc(self.convolutions(pixels).flatten(1))
 
 

@@ -11,7 +11,6 @@ from rich.console import Console
 
 from robot.errors import ConfigError, nearest
 from robot.inference.translator import DIRECTIONS, TranslatorContract
-from trainer.config import preset
 from trainer.parsing.classes import label_set
 from trainer.parsing.labelled import is_collection
 from trainer.parsing.pix2pix import PIX2PIX, Pix2Pix, UNet, fitted
@@ -25,6 +24,7 @@ from trainer.parsing.through_parsing import (
     virtual_pairs,
 )
 from trainer.parsing.train import load_parser
+from trainer.presets import preset
 from trainer.run import CONFIG, begin_run, read_run
 from trainer.translation.export import export_translator
 

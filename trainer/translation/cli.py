@@ -155,7 +155,7 @@ def lanes_command(
         steps: updates.
         seed: of everything random.
     """
-    from trainer.config import preset
+    from trainer.presets import preset
     from trainer.translation.lanes import (
         lane_masks,
         overlap,

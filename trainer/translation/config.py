@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from trainer.config import choose, preset
+from trainer.config import choose
+from trainer.presets import preset
 
 GENERATORS = {"unet": "U-Net", "resnet": "residual blocks"}
 

@@ -12,7 +12,6 @@ from robot.lens import CameraRig
 from robot.vision.yellow_dashes import DEFAULT, floor_table
 from robot.vision.yellow_line import NOT_FOUND, YellowLine
 from sim_pybullet.look import NOMINAL
-from trainer.config import preset
 from trainer.experiments.photographs.agreement import (
     AGREES,
     INVENTED,
@@ -30,6 +29,7 @@ from trainer.export import export_network
 from trainer.judging.lane_head import teach_lane_pose
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.presets import preset
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 RIG = NOMINAL.rig()

@@ -12,7 +12,6 @@ from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, load_look
 from sim_pybullet.randomise import load_look_sampler
 from trainer.cli import main
-from trainer.config import preset
 from trainer.experiments.sensitivity import (
     VALUES,
     SensitivityOptions,
@@ -23,6 +22,7 @@ from trainer.experiments.sensitivity import (
 from trainer.export import export_network
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.presets import preset
 
 OPTIONS = SensitivityOptions(model=("a.onnx", "b.onnx"))
 

@@ -9,11 +9,11 @@ from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL
 from trainer.cli import main
-from trainer.config import preset
 from trainer.export import export_network
 from trainer.judging.evaluate import Drive, Inputs, evaluate, summarise, wilson_low
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.presets import preset
 
 
 @pytest.fixture(scope="module")

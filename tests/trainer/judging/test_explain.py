@@ -15,7 +15,6 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import build_scene
 from trainer.cli import main
-from trainer.config import preset
 from trainer.export import export_network
 from trainer.judging.explain import (
     Explainer,
@@ -31,6 +30,7 @@ from trainer.judging.explain import (
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
 from trainer.mp4 import write_mp4
+from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.checkpoint import save_policy
 

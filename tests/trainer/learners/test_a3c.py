@@ -11,10 +11,11 @@ from stable_baselines3.common.callbacks import BaseCallback
 from torch.nn.utils import parameters_to_vector
 
 from tests.trainer.toy import make_toy, toy_config, train_toy
-from trainer.config import A3cConfig, RunConfig, preset
+from trainer.config import A3cConfig, RunConfig
 from trainer.learners.a3c import A3C
 from trainer.learners.a3c_worker import Orders, Worker, n_step_returns, shared_rmsprop
 from trainer.learners.shared_weights import Shared
+from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, save_checkpoint
 

@@ -8,10 +8,11 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from robot.contract import ACTION_TWISTS, PATH_POINTS
 from robot.errors import ContractError
-from trainer.config import ALGORITHMS, RunConfig, preset
+from trainer.config import ALGORITHMS, RunConfig
 from trainer.judging.summary import summarise
 from trainer.learners.algorithms import observation_space, policy_arguments, policy_class
 from trainer.learners.networks import DuelingPolicy, GreedyNetwork, QPolicy, observation_shapes
+from trainer.presets import preset
 
 ACTIONS = spaces.Discrete(len(ACTION_TWISTS))
 PATH = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
@@ -91,3 +92,14 @@ def test_a_fresh_critic_expects_next_to_nothing(algorithm: str) -> None:
     assert isinstance(policy, ActorCriticPolicy)
     with torch.no_grad():
         assert policy.predict_values(pictures(3, config)).abs().max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["paper", "fast", "debug"])
+def test_of_stacked_pictures_only_what_differs_from_grey_is_seen(name: str) -> None:
+    config = preset("track", "a2c", name)
+    space = observation_space(config)
+    policy = policy_for(config, space)
+    assert isinstance(policy, ActorCriticPolicy)
+    grey = torch.full((1, *observation_shapes(space)[0]), 127.5)
+    assert torch.count_nonzero(policy.features_extractor(grey)) == 0  # biases begin at 0
+    assert torch.count_nonzero(policy.features_extractor(grey + 1.0)) > 0

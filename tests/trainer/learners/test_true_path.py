@@ -7,11 +7,12 @@ from gymnasium import spaces
 
 from robot.contract import PATH_POINTS
 from sim_pybullet.vec_env import DuckpilotVecEnv
-from trainer.config import RunConfig, preset
+from trainer.config import RunConfig
 from trainer.envs import make_env
 from trainer.learners.algorithms import build_model, build_policy, policy_arguments, policy_class
 from trainer.learners.networks import GreedyNetwork, QPolicy
 from trainer.learners.true_path import TRUE_PATH, WithTruePath
+from trainer.presets import preset
 
 ROBOTS = 3
 

@@ -9,7 +9,6 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.translator import OnnxTranslator
 from trainer.cli import main
-from trainer.config import preset
 from trainer.parsing.classes import ROAD, RoadClass
 from trainer.parsing.pix2pix import (
     PAPER,
@@ -24,6 +23,7 @@ from trainer.parsing.pix2pix import (
 from trainer.parsing.segnet import SegNet
 from trainer.parsing.through_parsing import Pairs, ThroughParsing, as_bytes, as_floats
 from trainer.parsing.train import ParseConfig, Parser, save_parser
+from trainer.presets import preset
 
 TINY = Pix2PixConfig(16, 32, 8, 2, 2, batch=4, learning_rate=1e-3)
 

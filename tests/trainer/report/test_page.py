@@ -13,9 +13,9 @@ from robot.errors import ConfigError
 from tests.trainer.judging.test_drive_log import track
 from tests.trainer.test_run import episode
 from trainer.cli import main
-from trainer.config import preset
 from trainer.judging.drive_log import DONE, DriveLog
 from trainer.judging.evaluate import Evaluation, Inputs
+from trainer.presets import preset
 from trainer.report.page import write_report
 from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
 from trainer.report.tables import driving_rows, learning_row

@@ -7,8 +7,8 @@ from rich.console import Console
 from robot.errors import ConfigError, DuckpilotError
 from tests.trainer.chores import Chore
 from trainer.cli import main
-from trainer.config import preset
 from trainer.options import EvaluateOptions, TrainOptions
+from trainer.presets import preset
 from trainer.run import RunFolder, write_json
 from trainer.sweeps.jobs import evaluate_jobs, train_jobs
 from trainer.sweeps.sweep import SweepOptions, combinations, run_sweep

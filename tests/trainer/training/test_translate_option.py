@@ -12,8 +12,8 @@ from robot.errors import ContractError
 from robot.inference.translator import TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from trainer.cli import main
-from trainer.config import preset
 from trainer.envs import make_env
+from trainer.presets import preset
 
 
 @pytest.fixture

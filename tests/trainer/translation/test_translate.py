@@ -12,7 +12,7 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.translator import DIRECTIONS, open_translator
 from trainer.cli import main
-from trainer.config import preset
+from trainer.presets import preset
 from trainer.translation.bright_lines import bright_lines
 from trainer.translation.folder import TranslationFolder
 from trainer.translation.lanes import load_lane_finder, overlap, true_masks

@@ -9,7 +9,7 @@ import torch
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from trainer.config import preset
+from trainer.presets import preset
 from trainer.translation.config import translation_preset
 from trainer.translation.cyclegan import CycleGan
 from trainer.translation.pictures import Pictures, load_paint, load_pictures
