@@ -94,7 +94,7 @@ def _track(run: RunConfig) -> RunConfig:
     learn = run.learn
     if isinstance(learn, PpoConfig):
         learn = replace(learn, rollout=32, epochs=4, learning_rate=2e-3)
-        learn = replace(learn, gae_lambda=0.95, entropy=0.2)
+        learn = replace(learn, gae_lambda=0.95, entropy=0.05)
     if isinstance(learn, A3cConfig):
         learn = replace(learn, robots=4, learning_rate=7e-4, warm_up=30_000)
         learn = replace(learn, entropy=0.2, normalised=True)
