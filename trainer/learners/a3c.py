@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Generator
 from contextlib import closing
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -28,6 +29,7 @@ from trainer.learners.a3c_worker import EnvMaker, EpisodeEnd, Orders, Worker, ru
 from trainer.learners.algorithms import build_policy
 from trainer.learners.dqn import ChannelLast
 from trainer.learners.shared_weights import Shared
+from trainer.one_thread import one_thread_each
 
 POLL_S = 0.1  # between two looks at what the workers did
 _LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
@@ -148,6 +150,8 @@ class _Crew:
         # A server that has imported everything forks the workers: quick, and no threads are copied.
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(["trainer.learners.a3c_worker"])
+        with one_thread_each():
+            forkserver.ensure_running()
         self._orders, self._shared = orders, orders[0].shared
         self._workers = [self._send_out(each) for each in orders]
         self.replaced = 0

@@ -18,7 +18,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -183,7 +182,6 @@ def run_worker(orders: Orders, pipe: Connection) -> None:
     """The main function of a worker's process: tells ``pipe`` of episodes until it shall stop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
     torch.set_num_threads(orders.config.threads)
-    numba.set_num_threads(1)
     trainer = multiprocessing.parent_process()
     worker, cpu_ms = Worker(orders), orders.shared.cpu_ms
     before_ms = int(cpu_ms[orders.number])  # of those whose place this one has taken

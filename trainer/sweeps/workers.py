@@ -9,8 +9,6 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -19,9 +17,8 @@ from typing import Any, NamedTuple, Protocol
 from rich.console import Console
 
 from robot.errors import ConfigError, DuckpilotError
+from trainer.one_thread import ONE_THREAD, one_thread_each
 
-# A process each: libraries that take all cores for themselves would only be in each other's way.
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 STOPPING_S = 60.0  # for a run to write its checkpoint
 
@@ -112,7 +109,7 @@ class LocalWorkers:
     def start(self, job: Job) -> None:
         """As of `Workers`."""
         process = self._context.Process(target=_live, args=(job, os.getcwd()), name=job.title)
-        with _environment(ONE_THREAD):
+        with one_thread_each():
             process.start()
         self._running[process] = job
 
@@ -255,20 +252,6 @@ def _stop_with_parent() -> None:
     if parent is not None:
         parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
-
-
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _last_line(log: Path) -> str:
