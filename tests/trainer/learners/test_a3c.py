@@ -124,8 +124,8 @@ def test_a_checkpoint_keeps_the_shared_statistics(tmp_path: Path) -> None:
 
 
 def make_toy_and_tell(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
-    """Notes how many threads kernels have in this process."""
-    Path(os.environ["TOLD"], str(os.getpid())).write_text(str(numba.get_num_threads()))
+    """Notes how many threads numba makes in this process."""
+    Path(os.environ["TOLD"], str(os.getpid())).write_text(str(numba.config.NUMBA_NUM_THREADS))
     return make_toy(config, robots, seed)
 
 
