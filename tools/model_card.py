@@ -27,7 +27,10 @@ PURPOSES: Mapping[str, str] = {
         "Navigation: drives along a planned path (`path_input`), late and drifting as its pose may "
         "be, by its picture.\nNothing tells it of other robots or of things on the road."
     ),
-    "track": "Racing on tracks.",
+    "track": (
+        "Racing on tracks: for the simulator's cars, `python -m trainer evaluate`. A robot refuses "
+        "it, it was trained for another vehicle."
+    ),
 }
 _ZEROED = {None: "", "image": ", picture empty (`--zero image`)", "path": ", path empty"}
 
