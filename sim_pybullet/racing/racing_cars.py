@@ -67,6 +67,7 @@ class RacingCars:
     """
 
     actions = RACING_ACTIONS
+    governed_mps = TOP_SPEED_MPS  # from where on the engine does not pull
     cruises = False  # the expert's aim: along the road, wherever on it, or in its middle
 
     def __init__(self, n_robots: int) -> None:
@@ -146,6 +147,7 @@ class RacingCars:
     def _push(self, throttle: np.ndarray) -> np.ndarray:
         """(N,) acceleration along the car [m/s^2]."""
         engine = ENGINE_MPS2 * self._gain * (1.0 - self._speed / TOP_SPEED_MPS)
+        engine = np.where(self._speed < self.governed_mps, engine, 0.0)
         push = np.where(throttle > 0.0, throttle * engine, throttle * BRAKE_MPS2)
         drag = ROLLING_MPS2 * (throttle <= 0.0) + GRASS_DRAG_PER_S * self._speed * self.on_grass
         return np.asarray(push - drag)

@@ -10,7 +10,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
 from robot.navigation.path import Path
-from sim_pybullet.racing.racing_cars import FRAMES, RacingCars
+from sim_pybullet.racing.racing_cars import FRAMES, TOP_SPEED_MPS, RacingCars
 from sim_pybullet.racing.track import SCALE, Track, centre_line
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.path_task import PathTask
@@ -28,12 +28,13 @@ class Style:
 
     centre: float  # weight of the distance from the middle of the road
     calm: float  # what a decision with the wheels at full lock costs
+    top_mps: float = TOP_SPEED_MPS  # which a governor holds the car below
 
 
 STYLES = {
     "race": Style(1.0, 0.0),  # paper B, equation 4
     # As people drive: along the road, wherever on it they are, and with steady hands.
-    "cruise": Style(0.0, 0.02),
+    "cruise": Style(0.0, 0.01, 8.4),
 }
 
 
@@ -83,6 +84,7 @@ class TrackRacing(PathTask):
         self._limits_m = halves_m + [line.verge_m for line in self._lines] + _STRAY_M * SCALE
         self._laps, self._style = laps, style
         self.vehicle.cruises = style.centre == 0.0
+        self.vehicle.governed_mps = style.top_mps
         self._poses = np.zeros((n_robots, 3))
 
     def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:

@@ -54,11 +54,10 @@ class DrivingFeatures(BaseFeaturesExtractor):
 
     def forward(self, observation: Observation) -> torch.Tensor:
         """(N, features)."""
-        if self.path_fc is None:
-            assert isinstance(observation, torch.Tensor)
+        if isinstance(observation, torch.Tensor):
             return self._look(observation)
-        assert isinstance(observation, dict)
-        return torch.cat((self._look(observation["image"]), self.path_fc(observation["path"])), 1)
+        seen = self._look(observation["image"])
+        return seen if self.path_fc is None else torch.cat((seen, self.path_fc(observation["path"])), 1)
 
     def _look(self, image: torch.Tensor) -> torch.Tensor:
         # permute alone leaves the pixels where they are: torch's "channels last", its fastest

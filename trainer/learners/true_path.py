@@ -31,10 +31,10 @@ class WithTruePath(VecEnvWrapper):
     """
 
     def __init__(self, env: VecEnv) -> None:
-        assert isinstance(env.observation_space, spaces.Dict), "the task guides"
         seen = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
-        space = spaces.Dict({**env.observation_space.spaces, TRUE_PATH: seen})
-        super().__init__(env, space)
+        space = env.observation_space
+        parts = space.spaces if isinstance(space, spaces.Dict) else {"image": space}
+        super().__init__(env, spaces.Dict({**parts, TRUE_PATH: seen}))
         self._world = cast(DuckpilotVecEnv, env).world
 
     def reset(self) -> VecEnvObs:
@@ -45,10 +45,16 @@ class WithTruePath(VecEnvWrapper):
         """As of the environment, with the true paths."""
         observation, rewards, done, infos = self.venv.step_wait()
         for i in np.flatnonzero(done):
-            infos[i]["terminal_observation"][TRUE_PATH] = np.zeros(PATH_POINTS, np.float32)
+            last = _parts(infos[i]["terminal_observation"])
+            last[TRUE_PATH] = np.zeros(PATH_POINTS, np.float32)
+            infos[i]["terminal_observation"] = last
         return self._with_path(observation), rewards, done, infos
 
     def _with_path(self, observation: Any) -> dict[str, np.ndarray]:
         world = self._world
         true = path_inputs(world.task.paths, world.poses, world.task.course.arc_m)
-        return {**observation, TRUE_PATH: true}
+        return {**_parts(observation), TRUE_PATH: true}
+
+
+def _parts(observation: Any) -> dict[str, np.ndarray]:
+    return dict(observation) if isinstance(observation, dict) else {"image": observation}
