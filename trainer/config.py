@@ -184,7 +184,8 @@ class RunConfig:
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
-    start_spread: float = 1.0  # of navigation in training, see `sim_pybullet.tasks.navigation`
+    start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
+    relit: bool = False  # whether episodes are seen under lights of their own in training
     true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.true_path`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps

@@ -13,7 +13,7 @@ from robot.inference.translator import open_translator
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import Looks
-from sim_pybullet.racing.track import Track, load_track
+from sim_pybullet.racing.track import Track, load_track, mirrored
 from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Task
@@ -36,6 +36,7 @@ _TASKS: dict[str, Callable[[Sequence[Any], int], Task]] = {
 # Worlds of a run, over all maps: a second and 160 MB for eight of them; a track takes some 50 MB.
 _PAINTED = {"lane": 48, "navigation": 144, "track": 12}
 _FEWEST_LOOKS = 4  # of each map
+_STRETCH_LAPS = 0.08  # of an episode with a spread start, from which most of it is learned
 
 
 def build_task(name: str, road_maps: Sequence[Place], robots: int) -> Task:
@@ -81,11 +82,15 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
         task: Task = Navigation(maps, robots, config.start_spread)
     elif config.task == "track":
         tracks = [place for place in places if isinstance(place, Track)]
-        task = TrackRacing(tracks, robots, style=STYLES[config.style])
+        laps = 1.0
+        if config.start_spread > 1.0:
+            tracks += [mirrored(track) for track in tracks]
+            laps = _STRETCH_LAPS
+        task = TrackRacing(tracks, robots, laps, STYLES[config.style], config.start_spread)
     else:
         task = build_task(config.task, places, robots)
     looks = find_looks(config.task, config.look, config.pose_error, config.without)
-    pool_size = max(_PAINTED.get(config.task, 48) // len(places), _FEWEST_LOOKS)
+    pool_size = max(_PAINTED.get(config.task, 48) // len(task.road_maps), _FEWEST_LOOKS)
     world = BatchWorld(task, looks, config.image, seed, pool_size, translator=translator)
     return DuckpilotVecEnv(world)
 

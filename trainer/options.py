@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.inference.translator import PARSING, OnnxTranslator
 from robot.navigation.road_map import load_map
 from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
@@ -43,7 +46,7 @@ class TrainOptions:
     pose_error: str | None = None
     """none or arena, in place of the look's own."""
     translate: str | None = None
-    """An ONNX translator that every picture passes through."""
+    """An ONNX translator, or a parser, that every picture passes through."""
     judge_map: tuple[str, ...] = ()
     """Where the policy is judged between updates, if not where it is trained."""
     judge_look: str = ""
@@ -67,6 +70,8 @@ class TrainOptions:
         config = replace(config, maps=self.map or config.maps, seed=self.seed)
         config = replace(config, look=self.look, pose_error=self.pose_error)
         config = replace(config, translate=self.translate, without=self.without)
+        if self.translate:
+            config = replace(config, image=_seen_through(self.translate, config.image))
         load_look_sampler(self.look, self.pose_error, self.without)
         check_places(self.task, (*config.maps, *self.judge_map))
         config = cruising(config) if self.style == "cruise" else replace(config, style=self.style)
@@ -134,6 +139,14 @@ def check_places(task: str | None, names: Sequence[str]) -> None:
     for name in names:
         races = task == "track" or (task is None and is_track(name))
         (load_track if races else load_map)(name)
+
+
+def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:
+    """Whoever sees what a parser sees takes its pictures; others keep the preset's."""
+    if not Path(translate).exists():  # yet; who makes the world will say so
+        return image
+    translator = OnnxTranslator(translate)
+    return translator.image if translator.contract.direction == PARSING else image
 
 
 def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:

@@ -22,6 +22,7 @@ from robot.parts import Policy
 from robot.typed_config import from_plain, to_plain
 
 DIRECTIONS = ("sim-to-real", "real-to-sim")
+PARSING = "to-parsing"  # of a parser, which shows the classes it sees, in simulation as in reality
 REMEDY = "export the translator with python -m trainer translate export"
 
 
@@ -46,8 +47,8 @@ class TranslatorContract:
         ContractError: an unknown direction, with the nearest one.
     """
 
-    method: str  # cyclegan, pix2pix
-    direction: str  # one of DIRECTIONS
+    method: str  # cyclegan, pix2pix, segnet
+    direction: str  # one of DIRECTIONS, or PARSING
     image: ImageSpec
     run: str = ""  # name of the training run
     trained_steps: int = 0
@@ -57,9 +58,10 @@ class TranslatorContract:
     METADATA_KEY = "duckpilot-translator"
 
     def __post_init__(self) -> None:
-        if self.direction not in DIRECTIONS:
+        known = (*DIRECTIONS, PARSING)
+        if self.direction not in known:
             raise ContractError(
-                f"direction: unknown {self.direction!r}; {nearest(self.direction, DIRECTIONS)}"
+                f"direction: unknown {self.direction!r}; {nearest(self.direction, known)}"
             )
 
     def to_json(self) -> str:
@@ -122,7 +124,7 @@ def open_translator(
     Args:
         path: of its ONNX file.
         image: the policy's picture.
-        direction: one of DIRECTIONS, where only that one makes sense.
+        direction: one of DIRECTIONS, where only that one makes sense, or a parser.
 
     Raises:
         ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
@@ -133,7 +135,7 @@ def open_translator(
             f"{path}: expected a translator of the policy's pictures, {image}, got one of "
             f"{translator.image}; train one with the policy's preset"
         )
-    if direction is not None and translator.contract.direction != direction:
+    if direction is not None and translator.contract.direction not in (direction, PARSING):
         raise ContractError(
             f"{path}: expected a translator {direction}, got {translator.contract.direction}; "
             "export the other direction"

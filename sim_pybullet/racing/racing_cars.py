@@ -67,11 +67,12 @@ class RacingCars:
     """
 
     actions = RACING_ACTIONS
-    governed_mps = TOP_SPEED_MPS  # from where on the engine does not pull
+    governed_mps = TOP_SPEED_MPS  # from where on the engine does not pull; set by the task
     cruises = False  # the expert's aim: along the road, wherever on it, or in its middle
 
     def __init__(self, n_robots: int) -> None:
         self.on_grass = np.zeros(n_robots, dtype=bool)  # set by the task, which knows the track
+        self.starts_mps = np.zeros(n_robots)  # speeds that episodes begin with; set by the task
         self._speed = np.zeros(n_robots)
         self._steer = np.zeros(n_robots)
         self._gain, self._turn_gain = np.ones(n_robots), np.ones(n_robots)
@@ -96,8 +97,9 @@ class RacingCars:
         return self._counted.copy()
 
     def reset(self, i: int, look: DriveLook) -> None:
-        """Car ``i`` stands still on asphalt, its wheels straight."""
-        self._speed[i] = self._steer[i] = self._counted[i] = 0.0
+        """Car ``i`` is on asphalt, its wheels straight, and drives at ``starts_mps``."""
+        self._steer[i] = self._counted[i] = 0.0
+        self._speed[i] = self.starts_mps[i]
         self.on_grass[i] = False
         self._gain[i], self._turn_gain[i], self._noise[i] = look.gain, look.turn_gain, look.noise
         self._follow[i] = PHYSICS_DT_S / max(look.turn_lag_s, PHYSICS_DT_S)

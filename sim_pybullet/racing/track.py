@@ -163,6 +163,15 @@ def close(track: Track) -> Track:
     return replace(track, segments=segments)
 
 
+def mirrored(track: Track) -> Track:
+    """The same track with left and right exchanged."""
+    segments = tuple(
+        segment if isinstance(segment, Straight) else replace(segment, angle_deg=-segment.angle_deg)
+        for segment in track.segments
+    )
+    return replace(track, name=f"{track.name} mirrored", segments=segments)
+
+
 def centre_line(track: Track) -> CentreLine:
     """The track at `SCALE`, with a point every `SPACING_M` of the real one.
 

@@ -34,14 +34,15 @@ class Style:
 STYLES = {
     "race": Style(1.0, 0.0),  # paper B, equation 4
     # As people drive: along the road, wherever on it they are, and with steady hands.
-    "cruise": Style(0.0, 0.01, 8.4),
+    "cruise": Style(0.0, 0.002, 8.4),
 }
 
 
 class TrackRacing(PathTask):
     """Drive ``laps`` laps around a track, seeing the last four pictures.
 
-    An episode begins at rest at a random place, a little off the middle and its direction. The
+    An episode begins at rest at a random place, a little off the middle and its direction; where
+    starts are spread wider, at any speed. The
     reward is paper B's, in the metres of the real track: (v cos(alpha) - distance) beta, v the
     speed, alpha the angle between it and the track, distance from the middle of the road; gamma
     instead where the car collides. A `Style` may weigh the distance otherwise, and turned wheels.
@@ -55,6 +56,8 @@ class TrackRacing(PathTask):
         n_robots: N.
         laps: of an episode.
         style: what a drive is worth.
+        start_spread: how many times as far off the middle and its direction cars start, for
+            training. Good drivers hardly ever see the edges of the road.
 
     Raises:
         ConfigError: no tracks, no robots or no laps, or a track that is not closed.
@@ -71,6 +74,7 @@ class TrackRacing(PathTask):
         n_robots: int,
         laps: float = 1.0,
         style: Style = STYLES["race"],
+        start_spread: float = 1.0,
     ) -> None:
         if not road_maps or n_robots < 1 or laps <= 0.0:
             raise ConfigError(
@@ -80,7 +84,7 @@ class TrackRacing(PathTask):
         self._lines = [centre_line(track) for track in road_maps]
         halves_m = np.array([line.half_width_m for line in self._lines])
         path = self._lines[0].path
-        super().__init__(road_maps, RacingCars(n_robots), n_robots, halves_m, path)
+        super().__init__(road_maps, RacingCars(n_robots), n_robots, halves_m, path, start_spread)
         self._limits_m = halves_m + [line.verge_m for line in self._lines] + _STRAY_M * SCALE
         self._laps, self._style = laps, style
         self.vehicle.cruises = style.centre == 0.0
@@ -90,6 +94,8 @@ class TrackRacing(PathTask):
     def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
         """Begin an episode for these robots (M,) on a random track, at a random place."""
         starts = super().reset(robots, rng)
+        if self._spread > 1.0:
+            self.vehicle.starts_mps[robots] = rng.uniform(0.0, self._style.top_mps, len(robots))
         self._poses[robots] = starts.poses
         return starts
 

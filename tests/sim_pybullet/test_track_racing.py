@@ -183,3 +183,26 @@ def test_who_cruises_keeps_beside_the_middle_and_turns_as_the_road_does() -> Non
             action = task.vehicle.expert(task.paths, beside[None], np.array([arc_m]))[0]
             steering = task.vehicle.actions[action][0]
             assert steering == (np.sign(turned) if abs(turned) > 0.25 else 0.0)
+
+
+def test_starts_are_spread_over_the_road_and_over_speeds_where_asked() -> None:
+    everyone, most_m = np.arange(200), LINE.half_width_m
+    for spread, far, turned, speeds in ((1.0, 0.25, 10.0, 0.0), (4.0, 1.0, 40.0, 8.4)):
+        task = TrackRacing([TRACK], 200, style=STYLES["cruise"], start_spread=spread)
+        task.reset(everyone, np.random.default_rng(0))
+        away, course = np.abs(task.course.offset_m), task.course
+        assert 0.9 * far * most_m < away.max() <= far * most_m
+        assert 0.9 * turned < np.degrees(np.abs(course.heading_error_rad)).max() <= turned
+        begun = task.vehicle.starts_mps
+        assert begun.min() >= 0.0
+        assert 0.9 * speeds <= begun.max() <= speeds
+
+
+def test_who_cruises_drives_no_faster_than_the_governor_lets_it() -> None:
+    made = BatchWorld(TrackRacing([TRACK], 2, style=STYLES["cruise"]), [CALM], SMALL)
+    made.reset()
+    speeds = [
+        made.step(np.full(2, RacingAction.STRAIGHT_ACCELERATE)).task.facts[1] for _ in range(25)
+    ]
+    made.close()
+    assert 8.0 < np.max(speeds) < 9.0

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from trainer.config import ALGORITHMS, TASKS, PpoConfig
+from trainer.config import ALGORITHMS, TASKS, PpoConfig, judged
 from trainer.learners.algorithms import build_policy
 from trainer.options import TrainOptions
 from trainer.presets import preset
@@ -65,6 +65,8 @@ def test_who_cruises_looks_less_far_ahead_and_only_on_tracks() -> None:
     assert isinstance(asked.learn, PpoConfig)
     assert isinstance(race.learn, PpoConfig)
     assert asked.learn.gamma < race.learn.gamma
+    assert asked.relit
+    assert asked.start_spread > race.start_spread == judged(asked).start_spread == 1.0
     for task, style in (("lane", "cruise"), ("track", "cruse")):
         with pytest.raises(ConfigError, match="cruise"):
             TrainOptions(task, "ppo", style=style).config()

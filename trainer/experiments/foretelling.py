@@ -61,7 +61,7 @@ def foretell(
     rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
     rows += _going_on(drive, moved_px, training, test)
     for name, seed, policy in policies:
-        seen = split_by_time(load_stacks(drive, policy.image, every))[1].stacked()
+        seen = split_by_time(load_stacks(drive, policy.image, every, policy.see))[1].stacked()
         rows.append(compare(name, seed, test.turns, policy.turns(seen)))
     for look in looks:
         in_simulation, see = lesson(look)

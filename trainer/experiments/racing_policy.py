@@ -11,6 +11,8 @@ import numpy as np
 from robot.contract import ImageSpec, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.network_file import Tensor, open_network, read_metadata
+from robot.inference.preprocess import preprocess_batch
+from robot.inference.translator import open_translator
 from robot.typed_config import from_plain
 from trainer.experiments.driving_pictures import STACK
 from trainer.experiments.records import Turn
@@ -28,14 +30,22 @@ class SteeringPolicy:
     does the best one. A policy of one picture is shown the newest; one that has a path is told
     that it leads straight on.
 
+    Args:
+        path: of the policy.
+        translator: of the one that it sees reality through, a parser or real-to-sim; or nothing.
+
     Raises:
-        ContractError: not a policy, or one that cannot go left, straight and right.
+        ContractError: not a policy, or one that cannot go left, straight and right; or not such a
+            translator of its pictures.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, translator: str = "") -> None:
         plain = json.loads(read_metadata(path, PolicyContract.METADATA_KEY, REMEDY))
         self.image: ImageSpec = from_plain(ImageSpec, plain.get("image", {}), str(path))
         actions = np.array(plain.get("actions", ()), dtype=float).reshape(-1, 2)
+        self._translator = (
+            open_translator(translator, self.image, "real-to-sim") if translator else None
+        )
         # people's angles are positive to the right, steering of race cars to the left; a robot
         # goes right where its left wheel is the faster
         right = -actions[:, 0] if plain.get("task") == "track" else actions[:, 0] - actions[:, 1]
@@ -58,6 +68,11 @@ class SteeringPolicy:
         self._worth = plain.get("algorithm") in _OF_WORTH
         self._session = open_network(path, inputs, outputs, 1, REMEDY)
 
+    def see(self, frames: np.ndarray) -> np.ndarray:
+        """Frames (N, 120, 160, 3) of reality -> the policy's pictures (N, H, W, 3), uint8."""
+        pictures = preprocess_batch(frames, self.image)
+        return pictures if self._translator is None else self._translator(pictures)
+
     def turns(self, stacks: np.ndarray) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 -> (N,) int64 values of `Turn`."""
         newest = np.ascontiguousarray(stacks[..., -3 * self.frames :])
@@ -77,7 +92,9 @@ class SteeringPolicy:
 
 
 def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]]:
-    """(name, seed, policy) of each ``name=model.onnx``; a name again is another seed.
+    """(name, seed, policy) of each ``name=model.onnx`` or ``name=model.onnx+translator.onnx``.
+
+    A name again is another seed.
 
     Raises:
         ConfigError: no name.
@@ -91,5 +108,6 @@ def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]
                 f"--policy: expected name=model.onnx, got {text!r}; such as ours=model.onnx"
             )
         seed = sum(name == other for other, _, _ in found)
-        found.append((name, seed, SteeringPolicy(Path(path))))
+        model, _, translator = path.partition("+")
+        found.append((name, seed, SteeringPolicy(Path(model), translator)))
     return found

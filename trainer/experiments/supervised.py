@@ -13,8 +13,8 @@ from torch import nn
 from trainer.experiments.driving_pictures import STACK, Stacks
 from trainer.experiments.records import Turn
 from trainer.learners.networks import DrivingFeatures
-from trainer.parsing.augment import relit
 from trainer.presets import preset
+from trainer.relit import relit
 from trainer.resumable import Loop, Stateful
 
 BATCH = 32
@@ -121,10 +121,7 @@ def draw_stacks(
     chosen = rng.integers(len(training.last), size=count)
     stacks, wanted = training.stacked(chosen), training.turns[chosen]
     for i in range(count):
-        pictures = stacks[i].reshape(*stacks.shape[1:3], STACK, 3)
-        side_by_side = np.concatenate([pictures[:, :, k] for k in range(STACK)], axis=1)
-        lit = relit(side_by_side, rng)
-        pictures = np.concatenate(np.split(lit, STACK, axis=1), axis=-1)
+        pictures = relit(stacks[i], rng)
         if rng.random() < 0.5:
             pictures, wanted[i] = pictures[:, ::-1], MIRRORED[wanted[i]]
         stacks[i] = pictures

@@ -57,7 +57,11 @@ class DrivingFeatures(BaseFeaturesExtractor):
         if isinstance(observation, torch.Tensor):
             return self._look(observation)
         seen = self._look(observation["image"])
-        return seen if self.path_fc is None else torch.cat((seen, self.path_fc(observation["path"])), 1)
+        return (
+            seen
+            if self.path_fc is None
+            else torch.cat((seen, self.path_fc(observation["path"])), 1)
+        )
 
     def _look(self, image: torch.Tensor) -> torch.Tensor:
         # permute alone leaves the pixels where they are: torch's "channels last", its fastest

@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 
 from trainer.parsing.labelled import Labelled
+from trainer.relit import relit
 
 CROPS = (0.6, 1.0)  # share of the frame's height and width
-GAINS = (0.7, 1.4)  # of brightness, and of each colour by the square root of it
-GAMMAS = (0.7, 1.4)
 
 
 def draw_batch(
@@ -30,17 +29,6 @@ def draw_batch(
         frames[out] = relit(_cut(source.frames[i], window, mirrored, cv2.INTER_LINEAR), rng)
         truth[out] = _cut(source.truth[i], window, mirrored, cv2.INTER_NEAREST)
     return frames, truth
-
-
-def relit(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The frame (H, W, 3) under another light: gain, colour cast and gamma, uint8."""
-    low, high = np.log(GAINS)
-    gain = np.exp(rng.uniform(low, high) + 0.5 * rng.uniform(low, high, size=3))
-    low, high = np.log(GAMMAS)
-    gamma = np.exp(rng.uniform(low, high))
-    levels = np.linspace(0.0, 1.0, 256)[:, None] ** gamma * gain
-    table = np.clip(255.0 * levels, 0.0, 255.0).astype(np.uint8)
-    return np.stack([table[frame[..., c], c] for c in range(3)], axis=-1)
 
 
 def _window(shape: tuple[int, ...], rng: np.random.Generator) -> tuple[slice, slice]:

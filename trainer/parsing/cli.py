@@ -98,6 +98,22 @@ def evaluate_command(
     return 0
 
 
+@parse_app.command(name="export")
+def export_command(model: Path, out: Path) -> int:
+    """Write a parser as a translator, whose pictures are the classes that it sees.
+
+    Args:
+        model: a parser, .pt.
+        out: the file, .onnx: for --translate of train and evaluate, and the robot's translator.
+    """
+    from trainer.parsing.export import export_parser
+    from trainer.parsing.train import load_parser
+
+    export_parser(load_parser(model), model.resolve().parent.name, out)
+    Console(soft_wrap=True).print(str(out))
+    return 0
+
+
 @parse_app.command(name="translate")
 def translate_command(
     out: Path,

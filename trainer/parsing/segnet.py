@@ -43,7 +43,6 @@ class SegNet(nn.Module):
         self.encoder = nn.ModuleList(encoder)
         self.decoder = nn.ModuleList(reversed(decoder))
         self.pool = nn.MaxPool2d(2, return_indices=True)
-        self.unpool = nn.MaxUnpool2d(2)
         self.classify = nn.Conv2d(config.channels[0], classes, config.kernel, padding="same")
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
@@ -57,8 +56,20 @@ class SegNet(nn.Module):
             pooled.append((indices, size))
         for stage in self.decoder:
             indices, size = pooled.pop()
-            x = stage(self.unpool(x, indices, output_size=size))
+            x = stage(unpooled(x, indices, size))
         return self.classify(x)
+
+
+def unpooled(x: torch.Tensor, indices: torch.Tensor, size: torch.Size) -> torch.Tensor:
+    """Values (N, C, h, w) put back where their maxima were, zeros elsewhere: (N, C, *size[2:]).
+
+    As `torch.nn.MaxUnpool2d`, which ONNX has no operator for.
+    """
+    # with new_zeros and unflatten the exporter would fix the number of pictures
+    count, channels = x.shape[:2]
+    empty = torch.zeros(count, channels, size[2] * size[3], dtype=x.dtype, device=x.device)
+    filled = empty.scatter(2, indices.flatten(2), x.flatten(2))
+    return filled.view(count, channels, size[2], size[3])
 
 
 def _stage(inputs: int, width: int, outputs: int, count: int, kernel: int) -> nn.Sequential:

@@ -59,8 +59,13 @@ class Parser:
         """``weights``: (C,) of the classes in its loss; none of parsers from before."""
         self.config = config
         self.labels = label_set(config.labels)
-        self._network = network.eval()
+        self.network = network.eval()
         self.weights = np.ones(len(self.labels.classes)) if weights is None else weights
+
+    @property
+    def favours(self) -> torch.Tensor:
+        """(C, 1, 1): what of its loss's favour to each class is taken off the logits."""
+        return torch.from_numpy(UNDONE * np.log(self.weights)).float()[:, None, None]
 
     @torch.no_grad()
     def __call__(self, frames: np.ndarray) -> np.ndarray:
@@ -69,10 +74,10 @@ class Parser:
         if frames.shape[1:] != expected or frames.dtype != np.uint8:
             raise ConfigError(f"parser: expected frames (N, {expected}) uint8, got {frames.shape}")
         found = np.empty(frames.shape[:3], np.uint8)
-        favour = torch.from_numpy(UNDONE * np.log(self.weights)).float()[:, None, None]
         for i in range(0, len(frames), BATCH_OF_USE):
             part = torch.from_numpy(np.ascontiguousarray(frames[i : i + BATCH_OF_USE]))
-            found[i : i + BATCH_OF_USE] = (self._network(part) - favour).argmax(1).numpy()
+            logits = self.network(part) - self.favours
+            found[i : i + BATCH_OF_USE] = logits.argmax(1).numpy()
         return found
 
 
@@ -126,7 +131,7 @@ def save_parser(parser: Parser, path: Path) -> None:
     with atomically(path) as temporary:
         content = {
             "config": vars(parser.config),
-            "network": parser._network.state_dict(),
+            "network": parser.network.state_dict(),
             "weights": parser.weights.tolist(),
         }
         torch.save(content, temporary)

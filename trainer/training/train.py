@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -20,6 +21,7 @@ from trainer.learners.a3c import A3C
 from trainer.learners.algorithms import build_model
 from trainer.learners.replay import MappedReplayBuffer
 from trainer.learners.true_path import WithTruePath
+from trainer.relit import Relit
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.callbacks import (
@@ -105,6 +107,8 @@ class _Session:
             robots = make_env(config, config.learn.robots, config.seed)
         if config.true_path:
             robots = WithTruePath(robots)
+        if config.relit:
+            robots = Relit(robots, np.random.default_rng(config.seed))
         self.env = ScaledReward(robots, config.reward_scale)
         folder.go_on(config)
         self.model: BaseAlgorithm = (

@@ -88,7 +88,8 @@ def export_translator(network: torch.nn.Module, contract: TranslatorContract, pa
 def _check_equal(network: torch.nn.Module, exported: OnnxTranslator, pictures: np.ndarray) -> None:
     with torch.no_grad():
         ours = network(torch.from_numpy(pictures)).numpy()
-    difference = int(np.abs(exported(pictures).astype(int) - ours.astype(int)).max())
+    theirs = np.concatenate([exported(part) for part in (pictures[:1], pictures[1:])])
+    difference = int(np.abs(theirs.astype(int) - ours.astype(int)).max())
     if difference > TOLERANCE:
         raise ContractError(
             f"{exported.path}: expected torch and ONNX to agree within {TOLERANCE} grey level, "

@@ -12,6 +12,8 @@ from robot.contract import Action, ImageSpec
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import (
+    DIRECTIONS,
+    PARSING,
     OnnxTranslator,
     TranslatingPolicy,
     TranslatorContract,
@@ -80,6 +82,12 @@ def test_refuses_what_does_not_fit_the_policy(negative: Path) -> None:
         open_translator(negative, SMALL, "sim-to-real")
     with pytest.raises(ContractError, match="did you mean 'sim-to-real'"):
         contract("sim-to-reel")
+
+
+def test_a_parser_serves_either_way(tmp_path: Path) -> None:
+    path = write_translator(tmp_path / "parser.onnx", contract(PARSING))
+    for direction in (None, *DIRECTIONS):
+        assert open_translator(path, SMALL, direction).contract.direction == PARSING
 
 
 def test_refuses_a_policy_file_and_foreign_metadata(tmp_path: Path) -> None:

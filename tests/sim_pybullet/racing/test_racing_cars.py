@@ -86,3 +86,20 @@ def test_a_delay_holds_back_the_command() -> None:
     speeds = drive(late, RacingAction.STRAIGHT_ACCELERATE, 12)[:, 0]
     assert (speeds[:6] == 0.0).all()
     assert speeds[-1] > 0.0
+
+
+def test_a_governor_holds_a_car_at_its_speed_and_brakes_still_brake() -> None:
+    cars = calm_cars()
+    cars.governed_mps = 8.0
+    speeds = drive(cars, RacingAction.STRAIGHT_ACCELERATE, 200)[:, 0]
+    assert 7.5 < speeds[-50:].min() <= speeds.max() < 8.5
+    assert drive(cars, RacingAction.STRAIGHT_BRAKE, 60)[-1, 0] == 0.0
+
+
+def test_a_car_begins_at_the_speed_that_its_task_wants() -> None:
+    cars = RacingCars(2)
+    cars.starts_mps[:] = 5.0, 0.0
+    for i in range(2):
+        cars.reset(i, CALM)
+    assert cars.speed_mps.tolist() == [5.0, 0.0]
+    assert not cars.steering.any()

@@ -20,6 +20,7 @@ from sim_pybullet.racing.track import (
     centre_line,
     close,
     load_track,
+    mirrored,
     shipped_tracks,
 )
 
@@ -66,6 +67,18 @@ def test_closing_changes_little(errors: list[float]) -> None:
     assert closed.gap_m <= 1e-6
     assert closed.length_m == pytest.approx(track.length_m, rel=0.02)
     assert close(closed) == closed
+
+
+@pytest.mark.parametrize("name", shipped_tracks())
+def test_a_mirrored_track_is_closed_and_bends_the_other_way(name: str) -> None:
+    track = load_track(name)
+    line, other = centre_line(track), centre_line(mirrored(track))
+    np.testing.assert_allclose(other.curvature, -line.curvature)
+    np.testing.assert_allclose(
+        np.ptp(other.path.points_m, axis=0), np.ptp(line.path.points_m, axis=0)
+    )
+    assert mirrored(track).gap_m <= CLOSED_M
+    assert mirrored(mirrored(track)).segments == track.segments
 
 
 def test_an_open_track_is_refused_with_its_gap() -> None:

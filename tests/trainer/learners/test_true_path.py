@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
 from trainer.envs import make_env
 from trainer.learners.algorithms import build_model, build_policy, policy_arguments, policy_class
-from trainer.learners.networks import GreedyNetwork, QPolicy
+from trainer.learners.networks import DrivingActorCritic, GreedyNetwork, QPolicy
 from trainer.learners.true_path import TRUE_PATH, WithTruePath
 from trainer.presets import preset
 
@@ -61,6 +62,23 @@ def test_is_learned_and_then_left_behind(algorithm: str, tmp_path: Path) -> None
     assert not any("path_head" in name for name, _ in greedy.named_parameters())
     build_policy(config).load_state_dict(model.policy.state_dict())
     env.close()
+
+
+def test_who_has_pictures_only_learns_the_path_as_well(tmp_path: Path) -> None:
+    config = replace(preset("track", "ppo", "debug"), true_path=1.0)
+    env = WithTruePath(make_env(config, config.learn.robots, seed=1))
+    assert isinstance(env.observation_space, spaces.Dict)
+    assert set(env.observation_space.spaces) == {"image", TRUE_PATH}
+    model = build_model(config, env, tmp_path / "replay")
+    assert isinstance(model.policy, DrivingActorCritic)
+    before = model.policy.path_head.weight.detach().clone()
+    model.learn(200)
+    env.close()
+    assert not torch.equal(before, model.policy.path_head.weight)
+    alone = build_policy(config)
+    alone.load_state_dict(model.policy.state_dict())
+    pictures = torch.zeros(2, *env.observation_space["image"].shape, dtype=torch.uint8)
+    assert GreedyNetwork(alone)(pictures).shape == (2, 9)
 
 
 def test_without_weight_there_is_no_such_task() -> None:

@@ -5,11 +5,14 @@ import pytest
 import torch
 from rich.console import Console
 
+from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.inference.translator import PARSING, OnnxTranslator
 from trainer.cli import main
 from trainer.parsing.classes import ROAD
+from trainer.parsing.export import export_parser
 from trainer.parsing.labelled import Labelled
-from trainer.parsing.segnet import SegNet, SegNetConfig
+from trainer.parsing.segnet import SegNet, SegNetConfig, unpooled
 from trainer.parsing.train import ParseConfig, Parser, evaluate, load_parser, save_parser, teach
 from trainer.resumable import Loop
 
@@ -31,6 +34,34 @@ def stripes(count: int) -> Labelled:
 def test_any_size_comes_out_as_it_went_in(size: tuple[int, int]) -> None:
     network = SegNet(6, SegNetConfig((4, 6, 8), (1, 1, 2)))
     assert network(torch.zeros(1, *size, 3, dtype=torch.uint8)).shape == (1, 6, *size)
+
+
+@pytest.mark.parametrize("size", [(8, 10), (7, 9)])
+def test_values_go_back_where_their_maxima_were(size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    grid = torch.from_numpy(rng.integers(0, 3, (2, 3, *size)).astype(np.float32))  # with ties
+    pooled, indices = torch.nn.MaxPool2d(2, return_indices=True)(grid)
+    values = torch.from_numpy(rng.standard_normal(pooled.shape, np.float32))
+    wanted = torch.nn.MaxUnpool2d(2)(values, indices, output_size=grid.shape)
+    assert torch.equal(unpooled(values, indices, grid.shape), wanted)
+
+
+def test_an_exported_parser_paints_what_the_parser_sees(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network = SegNet(len(ROAD.classes), SegNetConfig((4, 6, 8), (1, 1, 2)))
+    torch.nn.init.normal_(network.classify.weight)  # so that all classes are seen somewhere
+    weights = np.array([1.0, 2.0, 3.0, 1.0, 5.0, 0.5])
+    parser = Parser(ParseConfig("road", height_px=HEIGHT, width_px=WIDTH), network, weights)
+    export_parser(parser, "here", tmp_path / "parser.onnx")
+    translator = OnnxTranslator(tmp_path / "parser.onnx")
+    assert translator.image == ImageSpec(WIDTH, HEIGHT)
+    assert translator.contract.direction == PARSING
+    rng = np.random.default_rng(1)
+    for count in (1, 7):
+        frames = rng.integers(0, 256, (count, HEIGHT, WIDTH, 3), dtype=np.uint8)
+        labels = parser(frames)
+        assert len(np.unique(labels)) > 1
+        np.testing.assert_array_equal(translator(frames), ROAD.paint(labels))
 
 
 def test_a_stripe_is_learned_and_a_parser_survives_its_file(tmp_path: Path) -> None:

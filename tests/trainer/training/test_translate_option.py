@@ -6,13 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from robot.contract import ImageSpec
 from robot.errors import ContractError
 from robot.inference.translator import TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from trainer.cli import main
+from trainer.config import judged
 from trainer.envs import make_env
+from trainer.experiments.racing_policy import named_policies
+from trainer.options import TrainOptions
+from trainer.parsing.classes import ROAD
+from trainer.parsing.export import export_parser
+from trainer.parsing.segnet import SegNet
+from trainer.parsing.through_parsing import FRAME
+from trainer.parsing.train import ParseConfig, Parser
 from trainer.presets import preset
 
 
@@ -51,3 +60,48 @@ def test_trains_and_evaluates_through_a_translator(tmp_path: Path, negative: Pat
     words = ["evaluate", "--model", str(run / "model.onnx"), "--episodes", "2"]
     assert main([*words, *through, "--json", str(report)]) == 0
     assert json.loads(report.read_text())["inputs"]["translate"] == str(negative)
+
+
+@pytest.fixture
+def parser_file(tmp_path: Path) -> Path:
+    torch.manual_seed(0)
+    parser = Parser(ParseConfig("road", height_px=30, width_px=40), SegNet(len(ROAD.classes)))
+    export_parser(parser, "untaught", tmp_path / "parser.onnx")
+    return tmp_path / "parser.onnx"
+
+
+def test_who_sees_what_a_parser_sees_takes_its_pictures(parser_file: Path, negative: Path) -> None:
+    asked = TrainOptions("track", "ppo", "debug", translate=str(parser_file), style="cruise")
+    config = asked.config()
+    assert config.image == ImageSpec(40, 30)
+    for run, tracks in ((config, 2), (judged(config), 1)):
+        env = make_env(run, 2, 0)
+        seen = np.asarray(env.reset())
+        assert len(env.world.task.road_maps) == tracks
+        colours = {tuple(pixel) for pixel in seen.reshape(-1, 3).tolist()}
+        assert colours <= set(ROAD.colours)
+        env.close()
+    lane = preset("lane", "ddqn", "debug")
+    assert (
+        TrainOptions("lane", preset="debug", translate=str(negative)).config().image == lane.image
+    )
+
+
+def test_cruises_through_a_parser_and_is_asked_about_reality_through_it(
+    tmp_path: Path, parser_file: Path
+) -> None:
+    run, through = tmp_path / "run", ["--translate", str(parser_file)]
+    words = ["train", "--out", str(run), "--preset", "debug", "--algo", "ppo", "--task", "track"]
+    words += ["--style", "cruise", "--map", "karting", "--steps", "128", *through]
+    assert main(words) == 0
+    model = run / "model.onnx"
+    assert main(["evaluate", "--model", str(model), "--episodes", "1", *through]) == 0
+    ((name, seed, policy),) = named_policies([f"ours={model}+{parser_file}"])
+    assert (name, seed) == ("ours", 0)
+    frames = np.random.default_rng(0).integers(0, 256, (5, *FRAME, 3), dtype=np.uint8)
+    seen = policy.see(frames)
+    assert seen.shape == (5, 30, 40, 3)
+    assert {tuple(pixel) for pixel in seen.reshape(-1, 3).tolist()} <= set(ROAD.colours)
+    assert policy.turns(np.tile(seen, 4)).shape == (5,)
+    with pytest.raises(ContractError, match="expected a translator of the policy's pictures"):
+        named_policies([f"ours={Path('robot/models/track_ppo.onnx').resolve()}+{parser_file}"])
