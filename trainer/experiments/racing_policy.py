@@ -15,7 +15,7 @@ from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import open_translator
 from robot.typed_config import from_plain
 from trainer.experiments.driving_pictures import STACK
-from trainer.experiments.records import Turn
+from trainer.experiments.records import FULL_LOCK_DEG, Turn, turns
 
 REMEDY = "export a policy with python -m trainer export"
 _AT_ONCE = 256
@@ -25,10 +25,11 @@ _OF_WORTH = ("ddqn", "dueling")  # algorithms whose values are no logits
 class SteeringPolicy:
     """Stacks of pictures -> turns, with an ONNX policy.
 
-    Of an actor's logits the probabilities of the actions that steer alike are added up, whatever
-    they do with the pedals, and the likeliest turn is chosen; what learned the worth of actions
-    does the best one. A policy of one picture is shown the newest; one that has a path is told
-    that it leads straight on.
+    An actor with all-or-nothing wheels steers by how often it turns them: its steering is the mean
+    of its actions' by their probabilities, an angle that is read as the person's is
+    (`trainer.experiments.records.turns`). What learned the worth of actions does the best one. A
+    policy of one picture is shown the newest; one that has a path is told that it leads straight
+    on.
 
     Args:
         path: of the policy.
@@ -49,8 +50,8 @@ class SteeringPolicy:
         # people's angles are positive to the right, steering of race cars to the left; a robot
         # goes right where its left wheel is the faster
         right = -actions[:, 0] if plain.get("task") == "track" else actions[:, 0] - actions[:, 1]
-        self._turn_of = np.where(right > 0, Turn.RIGHT, np.where(right < 0, Turn.LEFT, 1))
-        if set(self._turn_of) != set(Turn):
+        self._steering_deg = FULL_LOCK_DEG * right / np.abs(right).max(initial=1e-9)
+        if set(turns(self._steering_deg).tolist()) != set(Turn):
             raise ContractError(
                 f"{path}: expected a policy that can go left, straight and right, got actions "
                 f"{plain.get('actions')}; {REMEDY}"
@@ -79,10 +80,9 @@ class SteeringPolicy:
         parts = np.array_split(newest, -(-len(stacks) // _AT_ONCE))
         values = np.concatenate([self._values(part) for part in parts])
         if self._worth:
-            return np.asarray(self._turn_of[values.argmax(1)])
+            return turns(self._steering_deg[values.argmax(1)])
         shares = np.exp(values - values.max(1, keepdims=True))
-        of_turns = [shares[:, self._turn_of == turn].sum(1) for turn in Turn]
-        return np.stack(of_turns, axis=1).argmax(1)
+        return turns(shares @ self._steering_deg / shares.sum(1))
 
     def _values(self, pictures: np.ndarray) -> np.ndarray:
         feeds = {"image": pictures}

@@ -97,6 +97,16 @@ def test_probabilities_are_added_up_but_not_what_actions_are_worth(tmp_path: Pat
         assert SteeringPolicy(tmp_path / "a.onnx").turns(stacks).tolist() == [turn]
 
 
+@pytest.mark.parametrize(("light", "turn"), [(5, Turn.STRAIGHT), (10, Turn.LEFT)])
+def test_who_turns_now_and_then_steers_by_how_often(
+    light: int, turn: Turn, policy_file: Path
+) -> None:
+    """To the left with 45 % and 58 %, to the right with 27 % and 21 %: 5 and 11 of 30 degrees."""
+    stacks = np.zeros((1, HEIGHT, WIDTH, 3 * STACK), np.uint8)
+    stacks[:, :, :8] = light
+    assert SteeringPolicy(policy_file).turns(stacks).tolist() == [turn]
+
+
 def test_who_cannot_turn_is_refused(tmp_path: Path) -> None:
     write_policy(tmp_path / "lane.onnx", actions=[(0.0, 1.0)] * 9)
     with pytest.raises(ContractError, match="left, straight and right"):
