@@ -106,7 +106,7 @@ class A2cConfig:
 
 @dataclass(frozen=True)
 class DaggerConfig:
-    """Imitation of the expert on the learner's own states (Ross et al. 2011)."""
+    """Imitation of an expert on the learner's own states (Ross et al. 2011)."""
 
     robots: int = 16
     learning_rate: float = 5e-4
@@ -117,6 +117,7 @@ class DaggerConfig:
     warm_up: int = 500
     expert_steps: int = 2_000  # over which the expert's share of the driving falls from 1 to 0
     random_share: float = 0.08  # of the actions, so that recoveries are seen
+    coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
     max_grad_norm: float = 10.0
 
 
@@ -147,6 +148,7 @@ ALGORITHMS: Mapping[str, AlgorithmConfig] = {
     "a3c": A3cConfig(),
     "ppo": PpoConfig(),
     "dagger": DaggerConfig(),
+    "coached": DaggerConfig(coach_steps=200_000),
 }
 
 

@@ -9,12 +9,13 @@ from typing import Any
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from robot.inference.translator import open_translator
+from robot.inference.translator import Translator, open_translator
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import Looks
 from sim_pybullet.racing.track import Track, load_track, mirrored
 from sim_pybullet.randomise import load_look_sampler, load_looks
+from sim_pybullet.rendering.camera import BatchCamera, NoCamera
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Task
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
@@ -76,6 +77,25 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
         DuckpilotError: a map, look or translator that is absent or does not fit.
     """
     translator = open_translator(config.translate, config.image) if config.translate else None
+    return DuckpilotVecEnv(_make_world(config, robots, seed, translator=translator))
+
+
+def make_blind_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
+    """As `make_env`, but nothing is drawn: pictures are a black dot.
+
+    Raises:
+        DuckpilotError: a map or look that is absent or does not fit.
+    """
+    return DuckpilotVecEnv(_make_world(config, robots, seed, camera=NoCamera(robots)))
+
+
+def _make_world(
+    config: RunConfig,
+    robots: int,
+    seed: int,
+    camera: BatchCamera | None = None,
+    translator: Translator | None = None,
+) -> BatchWorld:
     places = load_places(config.task, config.maps)
     if config.task == "navigation":
         maps = [place for place in places if isinstance(place, RoadMap)]
@@ -91,8 +111,7 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
         task = build_task(config.task, places, robots)
     looks = find_looks(config.task, config.look, config.pose_error, config.without)
     pool_size = max(_PAINTED.get(config.task, 48) // len(task.road_maps), _FEWEST_LOOKS)
-    world = BatchWorld(task, looks, config.image, seed, pool_size, translator=translator)
-    return DuckpilotVecEnv(world)
+    return BatchWorld(task, looks, config.image, seed, pool_size, "planar", camera, translator)
 
 
 class ScaledReward(VecEnvWrapper):

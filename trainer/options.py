@@ -28,7 +28,7 @@ class TrainOptions:
     task: str = "lane"
     """lane, navigation or track."""
     algo: str = "dueling"
-    """ddqn, dueling, a2c, a3c, ppo or dagger."""
+    """ddqn, dueling, a2c, a3c, ppo, dagger or coached."""
     preset: str = "fast"
     """paper, fast or debug."""
     map: tuple[str, ...] = ()

@@ -29,6 +29,7 @@ from trainer.config import (
 _PAPER_NET = NetConfig((32, 64, 64), image_fc=512, path_fc=(64, 128), head_fc=256)
 _FAST_IMAGE = ImageSpec(80, 60, crop_top_px=20)
 _TRACK_IMAGE = ImageSpec(48, 36, crop_top_px=4)
+_TRACK_STEPS = {PpoConfig: 160_000, DaggerConfig: 16_000}
 _DEBUG_NET = NetConfig((4, 4, 4), image_fc=16, path_fc=(8, 8), head_fc=16)
 
 
@@ -68,6 +69,8 @@ def cruising(config: RunConfig) -> RunConfig:
         config = replace(config, entropy_left=0.25)
     if isinstance(learn, PpoConfig):
         learn = replace(learn, learning_rate=1e-3, rollout=64)
+    if isinstance(learn, DaggerConfig):
+        learn = replace(learn, learning_rate=1e-3, gradient_steps=4, random_share=0.3)
     if not isinstance(learn, A3cConfig):  # whose workers have worlds of their own
         config = replace(config, relit=True)
     if isinstance(learn, (PpoConfig, A2cConfig)):
@@ -119,7 +122,7 @@ def _track(run: RunConfig) -> RunConfig:
         image=_TRACK_IMAGE,
         net=NetConfig((16, 32), centred=True),
         reward_scale=1.0,
-        steps=160_000 if isinstance(learn, PpoConfig) else 400_000,
+        steps=_TRACK_STEPS.get(type(learn), 400_000),
         evaluation=EvaluationConfig(episodes=8, every_steps=10_000),
         rate_left=0.1,
         entropy_left=0.0,
@@ -143,6 +146,8 @@ def _debug(run: RunConfig) -> RunConfig:
     small = {"robots": 4}
     if isinstance(run.learn, (QConfig, DaggerConfig)):
         small.update(buffer=1_000, warm_up=64, batch=16)
+        if getattr(run.learn, "coach_steps", 0):
+            small.update(coach_steps=4_096)
     elif isinstance(run.learn, A3cConfig):
         small.update(robots=1, workers=2)
     elif isinstance(run.learn, PpoConfig):

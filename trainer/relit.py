@@ -41,7 +41,7 @@ def under(picture: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 
 class Relit(VecEnvWrapper):
-    """Each episode of each robot is seen under a light of its own.
+    """Whatever a robot sees, it sees under a light of its own: one for all frames of a stack.
 
     Args:
         env: shows pictures (H, W, 3 F) uint8, or a dict with them as ``image``.
@@ -51,7 +51,6 @@ class Relit(VecEnvWrapper):
     def __init__(self, env: VecEnv, rng: np.random.Generator) -> None:
         super().__init__(env)
         self._rng = rng
-        self._lights = [draw_light(rng) for _ in range(env.num_envs)]
 
     def reset(self) -> VecEnvObs:
         """As of the environment, relit."""
@@ -62,13 +61,11 @@ class Relit(VecEnvWrapper):
         seen, rewards, done, infos = self.venv.step_wait()
         for i in np.flatnonzero(done):
             last = infos[i]["terminal_observation"]
-            infos[i]["terminal_observation"] = _with(last, under(_image(last), self._lights[i]))
-            self._lights[i] = draw_light(self._rng)
+            infos[i]["terminal_observation"] = _with(last, relit(_image(last), self._rng))
         return self._all(seen), rewards, done, infos
 
     def _all(self, seen: Any) -> Any:
-        pairs = zip(_image(seen), self._lights, strict=True)
-        return _with(seen, np.stack([under(picture, light) for picture, light in pairs]))
+        return _with(seen, np.stack([relit(picture, self._rng) for picture in _image(seen)]))
 
 
 def _image(seen: Any) -> np.ndarray:

@@ -107,6 +107,7 @@ class RunFolder:
         self.config = path / CONFIG
         self.checkpoint = path / "checkpoint.pt"
         self.best = path / "best.pt"
+        self.coach = path / "coach.pt"
         self.replay = path / "replay"
         self.progress = path / "progress.csv"
         self.curve = path / "curve.png"

@@ -40,3 +40,23 @@ class BatchCamera(Protocol):
 
     def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
         """(M, H, W, 3) uint8 RGB of all robots, or of those whose indices (M,) are given."""
+
+
+class NoCamera:
+    """Keeps `BatchCamera` for who needs no pictures: a black dot."""
+
+    shape = (1, 1, 3)
+
+    def __init__(self, n_robots: int) -> None:
+        self._count = n_robots
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Nothing to do."""
+
+    def render(
+        self,
+        poses: np.ndarray,  # noqa: ARG002
+        robots: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(M, 1, 1, 3) zeros."""
+        return np.zeros((self._count if robots is None else len(robots), *self.shape), np.uint8)

@@ -14,11 +14,15 @@ from stable_baselines3.common.noise import ActionNoise
 from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
+from sim_pybullet.batch import BatchWorld
+from trainer.learners.coach import Coach
 from trainer.learners.dqn import DoubleDQN
 
 
 class HasExpert(Protocol):
     """What an environment needs for imitation."""
+
+    world: BatchWorld  # of who has a coach
 
     def expert_actions(self) -> np.ndarray:
         """What the expert would do now, (N,) int."""
@@ -27,6 +31,7 @@ class HasExpert(Protocol):
 class Dagger(DoubleDQN):
     """``q_net`` gives the learner's logits; the target network lies idle."""
 
+    coach: Coach | None = None  # whom it imitates; without, the vehicle's own expert
     expert_steps = 1
     random_share = 0.0
 
@@ -36,7 +41,9 @@ class Dagger(DoubleDQN):
     ) -> tuple[np.ndarray, np.ndarray]:
         assert self.env is not None
         assert self._last_obs is not None
-        expert = cast(HasExpert, self.env.unwrapped).expert_actions().astype(np.int64)
+        env = cast(HasExpert, self.env.unwrapped)
+        expert = env.expert_actions() if self.coach is None else self.coach.actions(env.world)
+        expert = expert.astype(np.int64)
         learner, _ = self.policy.predict(self._last_obs, deterministic=True)
         share = max(0.0, 1.0 - self.num_timesteps / self.expert_steps)
         taken = np.where(self._rng.random(n_envs) < share, expert, learner)

@@ -11,6 +11,7 @@ NAMES = {
     "a3c": "A3C",
     "ppo": "PPO",
     "dagger": "DAgger",
+    "coached": "DAgger after a PPO coach",
 }
 TASK_TITLES = {"lane": "Lane keeping", "navigation": "Navigation", "track": "Race tracks"}
 

@@ -14,11 +14,13 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecEnv
 
-from trainer.config import A3cConfig, RunConfig, judged
+from trainer.config import A3cConfig, DaggerConfig, RunConfig, judged
 from trainer.envs import ScaledReward
 from trainer.export import export_run
 from trainer.learners.a3c import A3C
 from trainer.learners.algorithms import build_model
+from trainer.learners.coach import find_coach
+from trainer.learners.dagger import Dagger
 from trainer.learners.replay import MappedReplayBuffer
 from trainer.learners.true_path import WithTruePath
 from trainer.relit import Relit
@@ -116,6 +118,9 @@ class _Session:
             if asynchronous
             else build_model(config, self.env, folder.replay)
         )
+        if isinstance(self.model, Dagger) and isinstance(config.learn, DaggerConfig):
+            steps = config.learn.coach_steps
+            self.model.coach = find_coach(folder.coach, config, steps, console) if steps else None
         self.state = TrainState()
         if folder.checkpoint.exists():
             self.state = load_checkpoint(folder.checkpoint, self.model)

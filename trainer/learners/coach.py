@@ -1,0 +1,120 @@
+"""A coach: reinforcement that is told the true path, for DAgger to imitate from pictures.
+
+Reinforcement must find out at once what to do and how to see it. A coach is spared the seeing: PPO
+on the path ahead and the speed takes half a minute where pictures take many. Its choices then teach
+a policy that has pictures only (Zhang et al. 2021, "End-to-End Urban Driving by Imitating a
+Reinforcement Learning Coach"). Nothing but the task's reward says what is right.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from rich.console import Console
+from rich.progress import Progress
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from robot.contract import PATH_POINTS
+from robot.navigation.guidance import path_inputs
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.vec_env import DuckpilotVecEnv
+from trainer.config import RunConfig
+from trainer.envs import ScaledReward, make_blind_env
+from trainer.run import atomically
+
+ROBOTS = 32
+GAMMA = 0.9  # a second ahead is enough to stay on a road
+_SPEED_MPS = 0.5  # of the world, that speeds are told in
+
+
+class Coach:
+    """What an actor that knows the true path would do."""
+
+    def __init__(self, policy: ActorCriticPolicy) -> None:
+        self._policy = policy
+
+    def actions(self, world: BatchWorld) -> np.ndarray:
+        """The likeliest choices (N,) int64 for the robots of a world."""
+        return self._policy.predict(told(world), deterministic=True)[0]
+
+
+class Told(VecEnvWrapper):
+    """Robots that see nothing and are told what a coach knows.
+
+    An ended episode's last observation is the first of the next: close enough to value it by.
+    """
+
+    def __init__(self, env: DuckpilotVecEnv) -> None:
+        super().__init__(env, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32))
+        self._world = env.world
+
+    def reset(self) -> VecEnvObs:
+        """As of the environment."""
+        self.venv.reset()
+        return told(self._world)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """As of the environment."""
+        _, rewards, done, infos = self.venv.step_wait()
+        known = told(self._world)
+        for i in np.flatnonzero(done):
+            infos[i]["terminal_observation"] = known[i]
+        return known, rewards, done, infos
+
+
+def told(world: BatchWorld) -> np.ndarray:
+    """What a coach knows of N robots: (N, PATH_POINTS + 1) path inputs of true poses, and speed."""
+    task = world.task
+    path = path_inputs(task.paths, world.poses, task.course.arc_m)
+    return np.concatenate((path, task.vehicle.counted[:, :1] / _SPEED_MPS), 1).astype(np.float32)
+
+
+def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> Coach:
+    """The coach in this file, taught for so many decisions if there is none.
+
+    Raises:
+        DuckpilotError: a map or look of the run that is absent or does not fit.
+    """
+    if not path.exists():
+        policy = _teach(config, steps, console)
+        with atomically(path) as temporary:
+            policy.save(str(temporary))
+    return Coach(ActorCriticPolicy.load(str(path), device="cpu"))
+
+
+def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
+    env = ScaledReward(Told(make_blind_env(config, ROBOTS, config.seed)), config.reward_scale)
+    model = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=128,
+        batch_size=512,
+        n_epochs=5,
+        gamma=GAMMA,
+        learning_rate=1e-3,
+        ent_coef=0.02,
+        policy_kwargs={"net_arch": [64, 64], "activation_fn": torch.nn.Tanh},
+        seed=config.seed,
+        device="cpu",
+    )
+    with Progress(console=console) as progress:
+        model.learn(steps, callback=_Shown(progress, steps))
+    env.close()
+    return model.policy
+
+
+class _Shown(BaseCallback):
+    def __init__(self, progress: Progress, steps: int) -> None:
+        super().__init__()
+        self._progress, self._task = progress, progress.add_task("coach", total=steps)
+
+    def _on_step(self) -> bool:
+        self._progress.update(self._task, completed=self.num_timesteps)
+        return True
