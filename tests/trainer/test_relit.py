@@ -1,4 +1,6 @@
-"""Another light for each episode: the same for all of a stack, and nothing else changes."""
+"""Another light for each picture: the same for all of a stack, and nothing else changes."""
+
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from trainer.envs import make_env
 from trainer.learners.true_path import TRUE_PATH, WithTruePath
 from trainer.presets import preset
-from trainer.relit import GAINS, GAMMAS, Relit, draw_light, relit, under
+from trainer.relit import GAINS, GAMMAS, Relit, draw_light, relit
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -34,32 +36,35 @@ def test_frames_of_a_stack_are_under_one_light() -> None:
 
 
 @pytest.mark.parametrize("with_path", [False, True])
-def test_a_light_lasts_as_long_as_its_episode(with_path: bool) -> None:
+def test_whatever_is_seen_is_relit_and_nothing_else_changes(with_path: bool) -> None:
     config, cars = preset("track", "ppo", "debug"), 3
 
     def world() -> VecEnv:
         env = make_env(config, cars, seed=3)
         return WithTruePath(env) if with_path else env
 
-    plain, lit = world(), Relit(world(), np.random.default_rng(0))
+    plain, lit, rng = world(), Relit(world(), np.random.default_rng(0)), np.random.default_rng(0)
     assert lit.observation_space == plain.observation_space
-    lights, ended = [light.copy() for light in lit._lights], 0
-    seen, shown = plain.reset(), lit.reset()
-    for _ in range(150):
-        pictures, others = (x["image"] if with_path else x for x in (seen, shown))
-        for i, light in enumerate(lights):
-            np.testing.assert_array_equal(others[i], under(pictures[i], light))
+
+    def compare(seen: Any, shown: Any) -> None:
+        """One picture or all of them, in the order in which lights are drawn."""
         if with_path:
             np.testing.assert_array_equal(seen[TRUE_PATH], shown[TRUE_PATH])
+            seen, shown = seen["image"], shown["image"]
+        pair = (np.reshape(x, (-1, *x.shape[-3:])) for x in (seen, shown))
+        for picture, other in zip(*pair, strict=True):
+            np.testing.assert_array_equal(other, relit(picture, rng))
+
+    compare(plain.reset(), lit.reset())
+    ended = 0
+    for _ in range(120):
         seen, rewards, done, infos = plain.step(np.full(cars, 1))
-        shown, same, _, others_infos = lit.step(np.full(cars, 1))
+        shown, same, _, others = lit.step(np.full(cars, 1))
         np.testing.assert_array_equal(rewards, same)
         for i in np.flatnonzero(done):
-            lasts = [x[i]["terminal_observation"] for x in (infos, others_infos)]
-            last, other = (x["image"] if with_path else x for x in lasts)
-            np.testing.assert_array_equal(other, under(last, lights[i]))
-            assert not np.array_equal(lit._lights[i], lights[i])
-            lights[i], ended = lit._lights[i].copy(), ended + 1
+            compare(infos[i]["terminal_observation"], others[i]["terminal_observation"])
+            ended += 1
+        compare(seen, shown)
     assert ended
     plain.close()
     lit.close()

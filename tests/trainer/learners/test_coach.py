@@ -1,0 +1,108 @@
+"""Coaches: told the true path, taught by reward, and imitated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from robot.contract import PATH_POINTS
+from robot.navigation.guidance import path_inputs
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.racing.racing_cars import RacingAction
+from trainer.cli import main
+from trainer.config import RunConfig
+from trainer.envs import make_blind_env, make_env
+from trainer.learners.algorithms import build_model
+from trainer.learners.coach import Coach, Told, find_coach
+from trainer.learners.dagger import Dagger
+from trainer.options import TrainOptions
+from trainer.run import RunFolder
+
+QUIET = Console(quiet=True)
+
+
+def run(task: str = "track", **options: str) -> RunConfig:
+    maps = ("karting",) if task == "track" else ("loop",)
+    return TrainOptions(task, "coached", "debug", map=maps, **options).config()
+
+
+def test_a_coach_is_told_the_true_path_and_the_speed() -> None:
+    env = make_blind_env(run(style="cruise"), 5, 0)
+    world, wrapped = env.world, Told(env)
+    known = wrapped.reset()
+    ended = 0
+    for _ in range(80):
+        assert wrapped.observation_space.contains(known[0])
+        task = world.task
+        true = path_inputs(task.paths, world.poses, task.course.arc_m)
+        np.testing.assert_array_equal(known[:, :PATH_POINTS], true)
+        assert known[:, PATH_POINTS].max() < 1.1
+        known, _, done, infos = wrapped.step(np.full(5, RacingAction.LEFT))
+        for i in np.flatnonzero(done):
+            assert wrapped.observation_space.contains(infos[i]["terminal_observation"])
+            ended += 1
+    assert ended
+    wrapped.close()
+
+
+def drives(coach: Coach | None, config: RunConfig) -> float:
+    """Mean reward of a decision, by a coach or by lot."""
+    env, rng = make_blind_env(config, 16, 7), np.random.default_rng(0)
+    env.reset()
+    rewards = []
+    for _ in range(150):
+        chosen = rng.integers(9, size=16) if coach is None else coach.actions(env.world)
+        rewards.append(env.step(chosen)[1].mean())
+    env.close()
+    return float(np.mean(rewards))
+
+
+def test_is_taught_by_reward_once_and_then_found(tmp_path: Path) -> None:
+    config = run(style="cruise")
+    coach = find_coach(tmp_path / "coach.pt", config, 50_000, QUIET)
+    assert drives(coach, config) > 2.0 * max(drives(None, config), 0.005)
+    again = find_coach(tmp_path / "coach.pt", config, 0, QUIET)  # not taught again
+    world = make_blind_env(config, 16, 3).world
+    world.reset()
+    np.testing.assert_array_equal(again.actions(world), coach.actions(world))
+    world.close()
+
+
+class AlwaysRight(Coach):
+    """Whatever the world."""
+
+    def __init__(self) -> None:
+        pass
+
+    def actions(self, world: BatchWorld) -> np.ndarray:
+        return np.full(world.n_robots, int(RacingAction.RIGHT))
+
+
+def test_what_the_coach_says_is_what_is_learned(tmp_path: Path) -> None:
+    config = run()
+    env = make_env(config, config.learn.robots, 0)
+    model = build_model(config, env, tmp_path / "replay")
+    assert isinstance(model, Dagger)
+    model.coach = AlwaysRight()
+    model.learn(1_500)
+    assert model.replay_buffer is not None
+    stored = model.replay_buffer.actions[:100]
+    assert (stored == int(RacingAction.RIGHT)).all()
+    image = np.asarray(env.reset())
+    assert (model.predict(image, deterministic=True)[0] == int(RacingAction.RIGHT)).all()
+    env.close()
+
+
+@pytest.mark.parametrize("task", ["lane", "track"])
+def test_a_run_keeps_its_coach(task: str, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    words = ["train", "--task", task, "--algo", "coached", "--preset", "debug", "--out", str(out)]
+    words += ["--map", "karting" if task == "track" else "loop"]
+    assert main([*words, "--steps", "96"]) == 0
+    coach = RunFolder(out).coach
+    before = coach.read_bytes()
+    assert main([*words, "--steps", "160", "--resume"]) == 0
+    assert coach.read_bytes() == before
+    assert RunFolder(out).load_config() == replace(RunFolder(out).load_config(), steps=160)
