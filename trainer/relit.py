@@ -1,8 +1,7 @@
 """Pictures under another light: gain, colour cast and gamma, drawn at random.
 
 Augmentation of what a policy sees while it learns, after Laskin et al. 2020 ("Reinforcement
-Learning with Augmented Data"). It helps painted classes, too: who learns from them under ever other
-colours goes by where they are, which a parser gets wrong less often than which they are.
+Learning with Augmented Data"). It helps where classes are painted, too (docs/lab-log.md).
 """
 
 from __future__ import annotations
