@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from trainer.experiments.driving_pictures import Stacks, load_stacks, split_by_time
+from trainer.experiments.driving_pictures import See, Stacks, load_stacks, split_by_time
 from trainer.experiments.racing_policy import SteeringPolicy
 from trainer.experiments.records import Drive, Turn, load_drive
 from trainer.experiments.supervised import LikePolicies, teach_turns
@@ -73,13 +74,28 @@ def foretell(
                 in_simulation, taught_steps, seed, checkpoint, console, RoadReader
             )
             rows.append(compare(f"taught in {look}", seed, test.turns, network.turns(newest)))
-    for seed in range(seeds):
-        checkpoint = out / f"supervised_{seed}_{steps}.pt"
-        network = teach_turns(training, steps, seed, checkpoint, console, LikePolicies)
-        rows.append(compare("supervised", seed, test.turns, network.turns(test.stacked())))
+    for kind, (pictures, how) in _supervised(policies, image).items():
+        part, rest = split_by_time(load_stacks(drive, pictures, every, how))
+        for seed in range(seeds):
+            checkpoint = out / f"{_stem(kind)}_{seed}_{steps}.pt"
+            network = teach_turns(part, steps, seed, checkpoint, console, LikePolicies)
+            rows.append(compare(kind, seed, rest.turns, network.turns(rest.stacked())))
     counts = len(training.last), len(test.last)
     parts = shares(training.turns), shares(test.turns)
     return Table(str(data), *counts, *parts, of_angles, tuple(rows))
+
+
+def _supervised(
+    policies: Sequence[Named], image: ImageSpec
+) -> dict[str, tuple[ImageSpec, See | None]]:
+    """What supervised networks see: the task's pictures; and of each policy that sees the drive
+    through something, pictures of its size, and what it sees."""
+    kinds: dict[str, tuple[ImageSpec, See | None]] = {"supervised": (image, None)}
+    for name, _, policy in policies:
+        if policy.translates:
+            kinds.setdefault(f"supervised, size of {name}", (policy.image, None))
+            kinds.setdefault(f"supervised, as {name} sees", (policy.image, policy.see))
+    return kinds
 
 
 def pictures_apart(rate_hz: float) -> int:

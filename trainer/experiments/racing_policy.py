@@ -69,6 +69,11 @@ class SteeringPolicy:
         self._worth = plain.get("algorithm") in _OF_WORTH
         self._session = open_network(path, inputs, outputs, 1, REMEDY)
 
+    @property
+    def translates(self) -> bool:
+        """Whether it sees reality through a parser or translator."""
+        return self._translator is not None
+
     def see(self, frames: np.ndarray) -> np.ndarray:
         """Frames (N, 120, 160, 3) of reality -> the policy's pictures (N, H, W, 3), uint8."""
         pictures = preprocess_batch(frames, self.image)

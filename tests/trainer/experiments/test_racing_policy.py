@@ -32,8 +32,10 @@ def write_policy(
     task: str = "track",
     actions: Sequence[tuple[float, float]] = RACING_ACTIONS,
     algorithm: str = "a3c",
+    size: tuple[int, int] = (HEIGHT, WIDTH),
 ) -> None:
-    example = torch.zeros((2, HEIGHT, WIDTH, 3 * STACK), dtype=torch.uint8)
+    height, width = size
+    example = torch.zeros((2, height, width, 3 * STACK), dtype=torch.uint8)
     torch.onnx.export(
         SteerToLight(),
         (example,),
@@ -51,7 +53,7 @@ def write_policy(
         "task": task,
         "algorithm": algorithm,
         "frames": STACK,
-        "image": {"width_px": WIDTH, "height_px": HEIGHT + 4, "crop_top_px": 4},
+        "image": {"width_px": width, "height_px": height + 4, "crop_top_px": 4},
         "actions": actions,
     }
     onnx.helper.set_model_props(model, {"duckpilot": json.dumps(contract)})

@@ -5,6 +5,10 @@ import cv2
 import numpy as np
 import pytest
 
+from robot.contract import ImageSpec
+from robot.inference.translator import PARSING, TranslatorContract
+from tests.robot.tiny_onnx import write_translator
+from tests.trainer.experiments.test_racing_policy import write_policy
 from trainer.cli import main
 from trainer.experiments.records import Turn
 from trainer.experiments.table1 import chance, compare, interval
@@ -37,6 +41,29 @@ def test_a_plain_rule_is_learned_and_a_second_call_learns_no_more(tmp_path: Path
     assert main([*command, *options]) == 0
     assert (out / "supervised_0_60.pt").stat().st_mtime_ns == written
     assert json.loads((out / "table1.json").read_text()) == first
+
+
+def test_who_sees_through_something_has_supervised_networks_that_see_likewise(
+    tmp_path: Path,
+) -> None:
+    write_drive(tmp_path, 150)
+    image = ImageSpec(60, 44, 4)
+    write_policy(tmp_path / "policy.onnx", size=image.shape[:2])
+    negative = write_translator(
+        tmp_path / "negative.onnx", TranslatorContract("segnet", PARSING, image)
+    )
+    out = tmp_path / "out"
+    command = ["experiment", "paper-b-accuracy", "--data", str(tmp_path), "--out", str(out)]
+    command += ["--policy", f"plain={tmp_path / 'policy.onnx'}"]
+    command += ["--policy", f"ours={tmp_path / 'policy.onnx'}+{negative}"]
+    assert main([*command, "--seeds", "1", "--steps", "60", "--rate-hz", "10"]) == 0
+    rows = json.loads((out / "table1.json").read_text())["rows"]
+    found = {row["driver"]: row["accuracy"] for row in rows}
+    assert found["plain"] > 0.9  # it steers to the light,
+    assert found["ours"] < 0.6  # and sees it dark
+    kinds = [name for name in found if name.startswith("supervised")]
+    assert kinds == ["supervised", "supervised, size of ours", "supervised, as ours sees"]
+    assert min(found[kind] for kind in kinds) > 0.8
 
 
 def test_the_interval_widens_where_mistakes_come_in_stretches() -> None:
