@@ -88,11 +88,12 @@ def foretell(
 def _supervised(
     policies: Sequence[Named], image: ImageSpec
 ) -> dict[str, tuple[ImageSpec, See | None]]:
-    """What supervised networks see: the task's pictures; and of each policy that sees the drive
-    through something, pictures of its size, and what it sees."""
+    """What supervised networks see: the task's pictures; and for each translator that a policy sees
+    the drive through, pictures of that size, and what it makes of them."""
     kinds: dict[str, tuple[ImageSpec, See | None]] = {"supervised": (image, None)}
+    through: dict[str, str] = {}  # the first policy of each translator
     for name, _, policy in policies:
-        if policy.translates:
+        if policy.translator and through.setdefault(policy.translator, name) == name:
             kinds.setdefault(f"supervised, size of {name}", (policy.image, None))
             kinds.setdefault(f"supervised, as {name} sees", (policy.image, policy.see))
     return kinds

@@ -44,6 +44,7 @@ class SteeringPolicy:
         plain = json.loads(read_metadata(path, PolicyContract.METADATA_KEY, REMEDY))
         self.image: ImageSpec = from_plain(ImageSpec, plain.get("image", {}), str(path))
         actions = np.array(plain.get("actions", ()), dtype=float).reshape(-1, 2)
+        self.translator = translator
         self._translator = (
             open_translator(translator, self.image, "real-to-sim") if translator else None
         )
@@ -68,11 +69,6 @@ class SteeringPolicy:
         outputs = [Tensor("values", "tensor(float)", (None, len(actions)))]
         self._worth = plain.get("algorithm") in _OF_WORTH
         self._session = open_network(path, inputs, outputs, 1, REMEDY)
-
-    @property
-    def translates(self) -> bool:
-        """Whether it sees reality through a parser or translator."""
-        return self._translator is not None
 
     def see(self, frames: np.ndarray) -> np.ndarray:
         """Frames (N, 120, 160, 3) of reality -> the policy's pictures (N, H, W, 3), uint8."""

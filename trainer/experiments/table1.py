@@ -102,22 +102,23 @@ def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:
 def draw_table(table: Table, path: Path) -> None:
     """Bars of each driver's accuracy with every seed's interval, the paper's figures beside."""
     drivers = list(dict.fromkeys(row.driver for row in table.rows))
-    figure = Figure(figsize=(1.6 + 1.3 * len(drivers), 3.8), layout="constrained")
+    figure = Figure(figsize=(8.0, 1.2 + 0.42 * len(drivers)), layout="constrained")
     axis = figure.subplots()
-    for x, driver in enumerate(drivers):
+    for y, driver in enumerate(drivers):
         rows = [row for row in table.rows if row.driver == driver]
-        axis.bar(x - 0.17, mean(rows), 0.32, color="steelblue", label="here" if x == 0 else None)
+        axis.barh(y - 0.17, mean(rows), 0.32, color="steelblue", label="here" if y == 0 else None)
         for k, row in enumerate(rows):
-            place = x - 0.17 + 0.08 * (k - (len(rows) - 1) / 2)
-            axis.plot([place, place], [row.low, row.high], color="black", linewidth=1)
-            axis.plot(place, row.accuracy, "o", color="black", markersize=3)
+            place = y - 0.17 + 0.08 * (k - (len(rows) - 1) / 2)
+            axis.plot([row.low, row.high], [place, place], color="black", linewidth=1)
+            axis.plot(row.accuracy, place, "o", color="black", markersize=3)
         if driver in PAPER:
-            axis.bar(x + 0.17, PAPER[driver], 0.32, color="lightgrey")
-    axis.bar(0, 0.0, 0.0, color="lightgrey", label="paper B, other data")
-    axis.set_xticks(range(len(drivers)), drivers, rotation=15)
-    axis.set(ylim=(0, 1), ylabel="turns foretold", title=f"{table.test_frames} test frames")
+            axis.barh(y + 0.17, PAPER[driver], 0.32, color="lightgrey")
+    axis.barh(0, 0.0, 0.0, color="lightgrey", label="paper B, other data")
+    axis.set_yticks(range(len(drivers)), drivers)
+    axis.invert_yaxis()
+    axis.set(xlim=(0, 1), xlabel="turns foretold", title=f"{table.test_frames} test frames")
     axis.legend(frameon=False, fontsize="small")
-    axis.grid(axis="y", alpha=0.25)
+    axis.grid(axis="x", alpha=0.25)
     with atomically(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
 
