@@ -62,9 +62,7 @@ class RobotConfig:
     model: str  # an ONNX policy
     name: str = "robot"  # in poses and telemetry
     map: str = ""  # a map file or the name of a shipped one; for navigation
-    translator: str = (
-        ""  # an ONNX translator real-to-sim or parser, for a policy that knows only its pictures
-    )
+    translator: str = ""  # ONNX, real-to-sim or a parser: for a policy that knows its pictures only
     camera: CameraConfig = CameraConfig()
     hat: HatConfig = field(default_factory=HatConfig)
     safety: SafetyLimits = field(default_factory=SafetyLimits)
