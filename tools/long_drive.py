@@ -21,6 +21,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tools.free_ports import free_ports
+
 if TYPE_CHECKING:
     from tools.long_drive_parts import Others
 
@@ -53,7 +55,7 @@ def drive(
     clocks.monotonic, clocks.sleep = clock.now, clock.sleep  # before the robot is imported
     from robot.config import RobotConfig
     from robot.contract import CONTROL_DT_S
-    from robot.link.config import LinkConfig
+    from robot.link.config import BOUND_BY, LinkConfig
     from robot.link.keys import keygen
     from robot.runtime.assemble import open_robot
     from robot.runtime.rate import RateKeeper
@@ -61,9 +63,8 @@ def drive(
 
     with tempfile.TemporaryDirectory() as folder:
         keys = keygen(Path(folder) / "keys")
-        links = {name: LinkConfig(str(path), base_port=_ports()) for name, path in keys.items()}
-        port = links["robot"].base_port
-        links = {name: LinkConfig(c.keys, base_port=port) for name, c in links.items()}
+        port = free_ports(len(BOUND_BY))
+        links = {name: LinkConfig(str(path), base_port=port) for name, path in keys.items()}
         motors = MadeUpMotors(start_of("arena"), clock.now)
         others = Others(links["localizer"], links["monitor"], motors, clock.now)
         config = RobotConfig(str(model), map="arena", link=links["robot"])
@@ -101,15 +102,6 @@ def figures(hours: float, others: Others) -> dict[str, float]:
         "stops": others.stops,
         "carried": others.carried,
     }
-
-
-def _ports() -> int:
-    """Four free ports in a row, most likely."""
-    import socket
-
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return min(int(probe.getsockname()[1]), 65000)
 
 
 def main(arguments: list | None = None) -> int:

@@ -29,7 +29,8 @@ from robot.navigation.lane_pose import lane_pose
 from robot.navigation.road_map import load_map
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
-from tools.loop.bench import Bench, free_ports
+from tools.free_ports import free_ports
+from tools.loop.bench import Bench
 from tools.loop.devices import BusServer, Listener, PictureServer
 from tools.loop.missions import Driver, distance_m
 from tools.loop.proxy import Proxy

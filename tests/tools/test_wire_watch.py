@@ -16,8 +16,8 @@ from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link
 from robot.link.streams import Publisher, Subscriber
+from tools.free_ports import free_ports
 from tools.loop import wire_watch
-from tools.loop.bench import free_ports
 from tools.loop.shared_time import SharedTime
 
 POSES = PosesMessage((Sighting("robot", 0.0, 0.0, 0.0, 1.0),), 0.0)

@@ -28,6 +28,7 @@ from robot.recording.config import RecordingConfig
 from robot.safety.gates import SafetyLimits
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
+from tools.free_ports import free_ports
 from tools.loop.conductor import Conductor
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
@@ -313,25 +314,6 @@ def connect(
     rng, now = np.random.default_rng(seed), time.clock.now
     networks = {"poses": Proxy(to_robot, now, rng), "monitor": Proxy(to_monitor, now, rng)}
     return configs, networks
-
-
-def free_ports(count: int) -> int:
-    """The first of ``count`` free ports in a row."""
-    for _ in range(100):
-        with ExitStack() as stack:
-            first = stack.enter_context(socket.socket())
-            first.bind(("127.0.0.1", 0))
-            base = first.getsockname()[1]
-            if base + count > 65535:
-                continue
-            try:
-                for offset in range(1, count):
-                    other = stack.enter_context(socket.socket())
-                    other.bind(("127.0.0.1", base + offset))
-            except OSError:
-                continue
-            return int(base)
-    raise BenchError(f"expected {count} free ports in a row, found none")
 
 
 def _listens(port: int) -> bool:
