@@ -13,6 +13,7 @@ from torch import nn
 
 from robot.contract import ImageSpec
 from robot.inference.translator import PARSING, TranslatorContract
+from trainer.parsing.through_parsing import painted
 from trainer.parsing.train import Parser
 from trainer.translation.export import export_translator
 
@@ -31,13 +32,7 @@ class ParsedPictures(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """See the class."""
-        scores = self.network(image) - self.favours
-        # class after class, as in `trainer.parsing.through_parsing`: faster than argmax
-        best, seen = scores[:, :1], self.colours[0].view(1, 3, 1, 1)
-        for k in range(1, len(self.colours)):
-            better = scores[:, k : k + 1] > best
-            seen = torch.where(better, self.colours[k].view(1, 3, 1, 1), seen)
-            best = torch.maximum(best, scores[:, k : k + 1])
+        seen = painted(self.network(image) - self.favours, self.colours)
         return seen.to(torch.uint8).permute(0, 2, 3, 1)
 
 
