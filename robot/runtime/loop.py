@@ -20,7 +20,17 @@ from robot.geometry import WheelSpeeds
 from robot.hat.clock import Clock
 from robot.inference.decision import best_action, values_of
 from robot.inference.preprocess import check_frame
-from robot.parts import Guidance, Motors, Navigator, Operator, Policy, Subscriber, Tick
+from robot.parts import (
+    Eyes,
+    Guidance,
+    Motors,
+    Navigator,
+    Operator,
+    Policy,
+    Sight,
+    Subscriber,
+    Tick,
+)
 from robot.runtime.rate import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
@@ -44,6 +54,7 @@ class Runtime:
         subscribers: told of every turn, in this order.
         operator: where a person's requests come from; ``ask`` is another way.
         navigator: needed by a policy with a path input.
+        eyes: doubt the pictures; without them nothing does.
 
     Raises:
         ContractError: a navigating policy without a navigator.
@@ -59,6 +70,7 @@ class Runtime:
         subscribers: Iterable[Subscriber] = (),
         operator: Optional[Operator] = None,
         navigator: Optional[Navigator] = None,
+        eyes: Optional[Eyes] = None,
     ) -> None:
         if policy.contract.path_points and navigator is None:
             raise ContractError(
@@ -69,7 +81,7 @@ class Runtime:
         self._camera, self._policy, self._motors = camera, policy, motors
         self._clock = clock
         self._subscribers = tuple(subscribers)
-        self._operator, self._navigator = operator, navigator
+        self._operator, self._navigator, self._eyes = operator, navigator, eyes
         self._guard_motion = threading.RLock()  # safety, motors and what was last sent to them
         self._number = 0
         self._wheels = STILL
@@ -108,7 +120,8 @@ class Runtime:
         values = self._try(Reason.POLICY, self._values, frame, guidance)
         action = best_action(values)
         self._drove = None
-        inputs = self._try(Reason.RUNTIME, self._act, frame, guidance, action, link_age_s)
+        sight = self._try(Reason.CAMERA, self._see, frame, guidance) or Sight()
+        inputs = self._try(Reason.RUNTIME, self._act, frame, guidance, sight, action, link_age_s)
         duration_s = self._clock.now() - began_s
         tick = Tick(
             *(self._number, began_s, frame, values, action, self._wheels, self.safety.verdict),
@@ -153,6 +166,12 @@ class Runtime:
                 raise ContractError(f"frame: expected a finite time [s], got {frame.time_s}")
         return frame
 
+    def _see(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[Sight]:
+        if self._eyes is None:
+            return None
+        pose = None if guidance is None else guidance.pose
+        return self._eyes.look(frame, pose, self._wheels, self._clock.now())
+
     def _values(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[np.ndarray]:
         path = None if guidance is None else guidance.path
         return values_of(self._policy, None if frame is None else frame.image, path)
@@ -161,13 +180,14 @@ class Runtime:
         self,
         frame: Optional[Frame],
         guidance: Optional[Guidance],
+        sight: Sight,
         action: Optional[Action],
         link_age_s: Optional[float],
     ) -> Inputs:
         """Look at the gates, then drive or rest. After this only a subscriber can still fail."""
         with self._guard_motion:
             now_s = self._clock.now()
-            inputs = self._inputs(now_s, frame, guidance, action is not None, link_age_s)
+            inputs = self._inputs(now_s, frame, guidance, sight, action is not None, link_age_s)
             self.safety.check(inputs)
             if guidance is not None and guidance.arrived:
                 self.safety.arrived()
@@ -182,24 +202,28 @@ class Runtime:
         now_s: float,
         frame: Optional[Frame],
         guidance: Optional[Guidance],
+        sight: Sight,
         decided: bool,
         link_age_s: Optional[float],
     ) -> Inputs:
         navigates = self._policy.contract.path_points > 0
-        sight = guidance or Guidance()
-        no_mission = navigates and sight.path is None
+        way = guidance or Guidance()
+        no_mission = navigates and way.path is None
         return Inputs(
             frame_age_s=math.inf if frame is None else now_s - frame.time_s,
             frame_repeats=self._count_repeats(frame),
+            blind_s=sight.blind_s,
+            still_s=sight.still_s,
+            picture_wrong=sight.wrong,
             values_finite=decided or no_mission,  # without a path nobody asked it
-            pose_age_s=sight.pose_age_s if navigates else None,
+            pose_age_s=way.pose_age_s if navigates else None,
             link_age_s=link_age_s,
             manual_age_s=None if self._manual is None else now_s - self._manual[1],
             no_mission=no_mission,
-            off_path=sight.off_path,
-            off_map=sight.off_map,
-            pose_jump=sight.pose_jump,
-            duplicate_publisher=sight.duplicate_publisher,
+            off_path=way.off_path,
+            off_map=way.off_map,
+            pose_jump=way.pose_jump,
+            duplicate_publisher=way.duplicate_publisher,
         )
 
     def _count_repeats(self, frame: Optional[Frame]) -> int:

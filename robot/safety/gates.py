@@ -25,6 +25,9 @@ class Reason(Enum):
     LOOP_LATE = "loop_late"
     FRAME_STALE = "frame_stale"
     FRAME_FROZEN = "frame_frozen"
+    PICTURE_BLIND = "picture_blind"
+    PICTURE_WRONG = "picture_wrong"
+    PICTURE_STILL = "picture_still"
     NON_FINITE = "non_finite"
     DUPLICATE_PUBLISHER = "duplicate_publisher"
     POSE_JUMP = "pose_jump"
@@ -54,6 +57,8 @@ class SafetyLimits:
 
     frame_age_s: float = 0.2
     frozen_frames: int = 5  # new frames with the same bytes while driving; above a camera's delay
+    blind_s: float = 0.5  # without a picture that shows anything: a hand before the lens
+    still_s: float = 1.5  # of turning wheels before a picture that stands
     loop_age_s: float = 0.2  # ArduPilot Rover disarms when its main loop stalls for 0.2 s
     pose_age_s: float = 1.0
     link_age_s: float = 1.0
@@ -81,6 +86,9 @@ class Inputs:
 
     frame_age_s: float
     frame_repeats: int = 0  # new frames in a row, each with the bytes of the one before
+    blind_s: float = 0.0  # age of the last picture that showed anything
+    still_s: float = 0.0  # since the picture last changed or the wheels stood
+    picture_wrong: str = ""  # what is wrong with the pictures, in words; "" is nothing
     values_finite: bool = True  # the policy gave a number for every action
     pose_age_s: Optional[float] = None
     link_age_s: Optional[float] = None
@@ -126,6 +134,7 @@ def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[T
             Reason.FRAME_FROZEN,
             f"the camera sent the same picture {inputs.frame_repeats + 1} times while driving",
         )
+    yield from _picture_trips(inputs, limits)
     if not inputs.values_finite:
         yield Trip(Reason.NON_FINITE, "the policy gave no finite values")
     yield from _pose_trips(inputs, limits)
@@ -136,6 +145,17 @@ def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[T
     if _old(manual_age_s, limits.manual_age_s):
         sentence = _late("the last manual command", manual_age_s, limits.manual_age_s)
         yield Trip(Reason.MANUAL_STALE, sentence)
+
+
+def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
+    if _old(inputs.blind_s, limits.blind_s):
+        sentence = _late("the last picture that shows anything", inputs.blind_s, limits.blind_s)
+        yield Trip(Reason.PICTURE_BLIND, f"{sentence}; is the lens covered?")
+    if inputs.picture_wrong:
+        yield Trip(Reason.PICTURE_WRONG, inputs.picture_wrong)
+    if _old(inputs.still_s, limits.still_s):
+        sentence = f"the wheels turn, but for {inputs.still_s:.1f} s the picture has not moved"
+        yield Trip(Reason.PICTURE_STILL, f"{sentence}; is the robot held, or the picture?")
 
 
 def _pose_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:

@@ -69,11 +69,12 @@ _ROUTE = frozenset(
         Reason.NO_MISSION,
     )
 )
+_PICTURE = frozenset((Reason.PICTURE_BLIND, Reason.PICTURE_WRONG, Reason.PICTURE_STILL))
 # The gates of each armed state. A person who drives by hand may bring a lost robot back to its
-# path.
+# path, and sees for it.
 WATCHED: Dict[State, FrozenSet[Reason]] = {
     State.READY: _ROBOT,
-    State.AUTO: _ROBOT | _ROUTE | {Reason.NON_FINITE},
+    State.AUTO: _ROBOT | _ROUTE | _PICTURE | {Reason.NON_FINITE},
     State.MANUAL: _ROBOT | {Reason.MANUAL_STALE},
 }
 # What grows old between two turns of the loop, too. Frames do not wait here: the next one may have

@@ -10,9 +10,9 @@ import numpy as np
 from robot.camera.source import Frame
 from robot.contract import MAX_WHEEL_MPS, PolicyContract
 from robot.errors import HardwareError
-from robot.geometry import WheelSpeeds
+from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
-from robot.parts import Ask, Guidance, Tick
+from robot.parts import Ask, Guidance, Sight, Tick
 from robot.safety.state_machine import Answer, Command
 from tests.robot.clocks import FakeClock
 from tests.robot.tiny_onnx import lane_contract
@@ -107,6 +107,23 @@ class FakeNavigator:
         if self.broken:
             raise self.broken
         return self.guidance
+
+
+class FakeEyes:
+    """Sees what the test says, and remembers what it was shown."""
+
+    def __init__(self) -> None:
+        self.sight = Sight()
+        self.broken: Optional[Exception] = None
+        self.shown: List[Tuple[Optional[Frame], Optional[Pose], WheelSpeeds, float]] = []
+
+    def look(
+        self, frame: Optional[Frame], pose: Optional[Pose], wheels: WheelSpeeds, now_s: float
+    ) -> Sight:
+        if self.broken:
+            raise self.broken
+        self.shown.append((frame, pose, wheels, now_s))
+        return self.sight
 
 
 class FakeOperator:

@@ -15,9 +15,10 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from robot.camera.source import Frame
 from robot.contract import ACTION_WHEELS, CONTROL_DT_S, MAX_WHEEL_MPS, Action, PolicyContract
 from robot.errors import ContractError, HardwareError
-from robot.geometry import WheelSpeeds
+from robot.geometry import Pose, WheelSpeeds
 from robot.hat.clock import MonotonicClock
 from robot.inference.preprocess import FRAME_SHAPE
+from robot.parts import Sight
 from robot.runtime.loop import Runtime
 from robot.runtime.watchdog import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
@@ -26,6 +27,7 @@ from robot.safety.wheel_limits import STILL
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import (
     FakeCamera,
+    FakeEyes,
     FakeMotors,
     FakeNavigator,
     FakeOperator,
@@ -47,6 +49,7 @@ class Bench:
         self.policy = FakePolicy(self.clock, contract or navigation_contract())
         self.motors = FakeMotors(lambda: self.safety.verdict.may_move)
         self.operator, self.navigator = FakeOperator(), FakeNavigator()
+        self.eyes = FakeEyes()
         self.heard, self.also_heard = FakeSubscriber(), FakeSubscriber()
         self.runtime = Runtime(
             self.camera,
@@ -57,6 +60,7 @@ class Bench:
             (self.heard, self.also_heard),
             self.operator,
             self.navigator,
+            self.eyes,
         )
 
     def turn(self, count: int = 1) -> None:
@@ -254,7 +258,7 @@ def test_the_motors_stop_within_the_turn_and_nothing_resumes(name: str) -> None:
 
 def heal(bench: Bench) -> None:
     bench.camera.broken = bench.policy.broken = bench.operator.broken = None
-    bench.navigator.broken = bench.heard.broken = bench.also_heard.broken = None
+    bench.eyes.broken = bench.navigator.broken = bench.heard.broken = bench.also_heard.broken = None
     bench.motors.broken = ()
     bench.policy.takes_s, bench.operator.silent_s = 0.01, 0.1
     bench.navigator.guidance = FakeNavigator().guidance
@@ -278,6 +282,52 @@ def test_a_picture_that_freezes_while_driving_stops_the_robot() -> None:
         turns += 1
     assert turns == SafetyLimits().frozen_frames + 1
     assert bench.safety.verdict.reason is Reason.FRAME_FROZEN
+
+
+@pytest.mark.parametrize(
+    ("sight", "reason"),
+    [
+        (Sight(blind_s=0.51), Reason.PICTURE_BLIND),
+        (Sight(still_s=1.51), Reason.PICTURE_STILL),
+        (Sight(wrong="the picture is upside down"), Reason.PICTURE_WRONG),
+    ],
+)
+def test_a_doubt_of_the_eyes_stops_the_policy_and_nothing_resumes(
+    sight: Sight, reason: Reason
+) -> None:
+    bench = Bench().drive()
+    bench.eyes.sight = sight
+    bench.turn()
+    assert not bench.motors.turning
+    assert (bench.state, bench.safety.verdict.reason) == (State.FAULT, reason)
+    bench.eyes.sight = Sight()
+    bench.turn(20)
+    assert bench.state is State.FAULT
+
+
+def test_a_person_who_drives_by_hand_sees_for_the_robot() -> None:
+    bench = Bench()
+    bench.turn()
+    bench.eyes.sight = Sight(blind_s=9.0, still_s=9.0, wrong="mirrored")
+    bench.turn()
+    assert bench.runtime.ask(Command.ARM).accepted
+    assert not bench.runtime.ask(Command.AUTO).accepted
+    assert bench.runtime.ask(Command.MANUAL, WheelSpeeds(0.1, 0.1)).accepted
+    bench.turn()
+    assert bench.state is State.MANUAL
+
+
+def test_the_eyes_are_shown_the_frame_the_pose_and_the_wheels() -> None:
+    bench = Bench().drive()
+    pose = Pose(1.0, 2.0, 0.5)
+    bench.navigator.guidance = bench.navigator.guidance._replace(pose=pose)
+    bench.turn()
+    before = bench.runtime.step()
+    tick = bench.runtime.step()
+    frame, seen, wheels, now_s = bench.eyes.shown[-1]
+    assert frame is tick.frame
+    assert (seen, wheels) == (pose, before.wheels)
+    assert tick.time_s <= now_s <= tick.time_s + tick.duration_s
 
 
 def test_a_picture_may_stay_the_same_while_standing() -> None:
