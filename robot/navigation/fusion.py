@@ -4,7 +4,10 @@ An extended Kalman filter (Thrun, Burgard and Fox, Probabilistic Robotics, 3.3) 
 beside the pose, what spoils either source:
 
 * how far the robot's wheels are from what its step counts promise: scale of the way driven, scale
-  of the angle turned, and drift of the heading while driving straight;
+  of the angle turned, and drift of the heading while driving straight. No wheel is farther off than
+  its bound: without one, a scale of nearly nothing explains a robot that stands while it steps. An
+  estimate beyond it is projected back, and the rest of the state with it (Simon, Kalman filtering
+  with state constraints, IET Control Theory and Applications 4, 2010, section 2.3);
 * the error of the overhead poses, which drifts. Taken for white it would be averaged away over a
   few pictures, which it is not (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
   Tracking and Navigation, 8.3: coloured measurement noise by state augmentation).
@@ -18,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List
+from typing import List, Tuple
 
 import numpy as np
 
@@ -42,6 +45,9 @@ class FusionConfig:
     forward_scale: float = 0.05  # of metres per step
     turn_scale: float = 0.1  # tyres scrub, baselines are not exact
     drift_rad_per_m: float = 0.2  # one wheel is larger than the other
+    # The most that wheels, tyres and axles can be off: forward, turn, drift. The widest look has
+    # wheels of +-15 %, turns of -28 to +27 % and drifts of 1.2 rad/m.
+    bounds: Tuple[float, float, float] = (0.2, 0.35, 1.4)
     step_noise: float = 0.02  # of the way driven, per square root of a metre
     turn_noise: float = 0.05  # of the angle turned, per square root of a radian
     wander_rad: float = 0.1  # of the heading, per square root of a metre
@@ -88,13 +94,30 @@ class PoseFusion:
 
     def reset(self, robots: np.ndarray) -> None:
         """Forget where these robots (boolean mask or indices) are, and how they drive."""
-        config = self.config
         self.poses[robots] = np.nan
         self.rejected[robots] = 0
         self._measured_s[robots] = -math.inf
         self._beside[robots] = 0.0
-        calibration = (config.forward_scale, config.turn_scale, config.drift_rad_per_m)
-        self._covariance[robots] = np.diag(np.square((0.0,) * 3 + calibration + (0.0,) * 3))
+        self._covariance[robots] = 0.0
+        self.relearn(robots)
+
+    def relearn(self, robots: np.ndarray) -> None:
+        """Forget how these robots (boolean mask or indices) drive, not where they are."""
+        covariance = self._covariance[robots]
+        covariance[:, _CALIBRATION, :] = covariance[:, :, _CALIBRATION] = 0.0
+        covariance[:, _CALIBRATION, _CALIBRATION] = self._wheel_variance
+        self._covariance[robots] = covariance
+        self._beside[robots, :3] = 0.0
+
+    @property
+    def wheels_off(self) -> np.ndarray:
+        """(N, 3) how far wheels are from what steps promise: forward, turn, drift [rad/m]."""
+        return self._beside[:, :3].copy()
+
+    @property
+    def at_bound(self) -> np.ndarray:
+        """(N,) whether the wheels seem to be off by as much as wheels can be: a doubt in itself."""
+        return np.asarray((np.abs(self._beside[:, :3]) >= self.config.bounds).any(axis=1))
 
     @property
     def position_sd_m(self) -> np.ndarray:
@@ -199,21 +222,40 @@ class PoseFusion:
         covariance -= gain @ seen.transpose(0, 2, 1)
         covariance += covariance.transpose(0, 2, 1).copy()  # keeps rounding from growing
         covariance *= 0.5
+        self._bound(past, beside, covariance)
         distance = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
         return np.asarray(np.isfinite(past[:, 0]) & (distance < self.config.gate))
 
+    def _bound(self, past: np.ndarray, beside: np.ndarray, covariance: np.ndarray) -> None:
+        """Project estimates in place, so that no calibration is beyond its bound."""
+        bounds = self.config.bounds
+        for number, bound in zip((_FORWARD, _TURN, _DRIFT), bounds):
+            excess = beside[:, number - 3] - np.clip(beside[:, number - 3], -bound, bound)
+            if not excess.any():
+                continue
+            share = covariance[:, :, number] / covariance[:, number, number, None]
+            past -= share[:, _POSE] * excess[:, None]
+            beside -= share[:, 3:] * excess[:, None]
+        beside[:, :3] = np.clip(beside[:, :3], -np.array(bounds), bounds)
+
     def _begin(self, beside: np.ndarray, covariance: np.ndarray, lost: np.ndarray) -> None:
-        """Let lost robots be where they were measured: their error is that of the measurement."""
+        """Let lost robots be where they were measured: their error is that of the measurement.
+
+        What they learned of their wheels led them astray, or to nothing: it begins anew, too.
+        """
         error = np.diag(self._overhead_variance)
-        beside[lost, 3:] = 0.0
-        first = covariance[lost]
-        calibration = first[:, _CALIBRATION, _CALIBRATION].copy()
-        first[:] = 0.0
-        first[:, _CALIBRATION, _CALIBRATION] = calibration
+        beside[lost] = 0.0
+        first = np.zeros_like(covariance[lost])
+        first[:, _CALIBRATION, _CALIBRATION] = self._wheel_variance
         first[:, _POSE, _POSE] = error * (1.0 + self.config.jitter**2)
         first[:, _ERROR, _ERROR] = error
         first[:, _POSE, _ERROR] = first[:, _ERROR, _POSE] = -error
         covariance[lost] = first
+
+    @property
+    def _wheel_variance(self) -> np.ndarray:
+        config = self.config
+        return np.diag(np.square((config.forward_scale, config.turn_scale, config.drift_rad_per_m)))
 
     @property
     def _overhead_variance(self) -> np.ndarray:

@@ -87,6 +87,8 @@ class MissionNavigator:
     def begin(self, mission: str, destination_m: XY) -> None:
         """Plan from here to ``destination_m`` [m]; a mission under way is replaced.
 
+        How the robot drives is learned anew: what a fault of the last mission taught ends here.
+
         Raises:
             PlanError: where the robot is, is not known yet or too far from the way, or there is
                 none.
@@ -106,6 +108,7 @@ class MissionNavigator:
                 f"turned by {turned_deg:.0f} degrees; put it into a lane, or drive it there by hand"
             )
         self._take(path)
+        self._fusion.relearn(np.arange(1))
         self._detours = 0
         self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)
 

@@ -1,5 +1,5 @@
 import math
-from typing import Tuple
+from typing import List, Tuple
 
 import numpy as np
 from hypothesis import given
@@ -175,3 +175,84 @@ def test_a_robot_that_was_carried_away_is_found_again() -> None:
         fusion.move(np.zeros(1), np.zeros(1), 0.1 * tick)
         fusion.measure(np.array([[2.0, 1.0, 1.0]]), np.array([0.1 * tick]))
     assert np.allclose(fusion.poses, [[2.0, 1.0, 1.0]])
+
+
+def held_fast(fusion: PoseFusion, seconds: float, begin_s: float = 0.0) -> None:
+    """Steps of 0.3 m/s, and overhead poses that stay where they are."""
+    for tick in range(round(10 * seconds)):
+        now = begin_s + 0.1 * (tick + 1)
+        fusion.move(np.array([0.03]), np.array([0.0]), now)
+        fusion.measure(np.array([[1.0, 1.0, 0.4]]), np.array([now]))
+
+
+def known_robot() -> PoseFusion:
+    fusion = PoseFusion()
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(np.array([[1.0, 1.0, 0.4]]), np.array([0.0]))
+    return fusion
+
+
+def scale_of(fusion: PoseFusion) -> float:
+    """How far the filter says that a robot drives which steps a metre ahead [m]."""
+    before = fusion.poses.copy()
+    for tick in range(10):
+        fusion.move(np.array([0.1]), np.array([0.0]), 1000.0 + 0.01 * tick)
+    return float(np.hypot(*(fusion.poses - before)[0, :2]))
+
+
+def test_no_scale_explains_a_robot_that_stands_while_it_steps() -> None:
+    fusion = known_robot()
+    held_fast(fusion, 1.4)
+    assert fusion.at_bound[0]
+    assert 0.79 < scale_of(fusion) < 0.81
+
+
+def test_wheels_that_are_off_by_what_wheels_can_be_are_no_doubt() -> None:
+    for scale, scrub, drift in ((0.86, 1.2, 1.0), (1.14, 0.8, -1.0)):
+        fusion, true, rng = known_robot(), np.array([[1.0, 1.0, 0.4]]), np.random.default_rng(5)
+        error, keep = np.zeros(3), math.exp(-0.05)
+        for tick in range(1, 400):
+            forward, turn = 0.028, 0.12 * math.sin(0.05 * tick)
+            moved = np.array([[scale * forward, 0.0, scrub * turn + drift * forward]])
+            true = compose(true, moved)
+            fresh = rng.normal(0, (0.03, 0.03, math.radians(5)), 3)
+            error = keep * error + math.sqrt(1 - keep**2) * fresh
+            fusion.move(np.array([forward]), np.array([turn]), 0.1 * tick)
+            fusion.measure(true + error, np.array([0.1 * tick]))
+            assert not fusion.at_bound[0]
+
+
+@given(
+    st.lists(st.tuples(st.floats(-0.04, 0.04), st.floats(-0.3, 0.3), poses), max_size=30),
+)
+def test_calibration_stays_within_its_bounds_whatever_comes(
+    turns: List[Tuple[float, float, np.ndarray]],
+) -> None:
+    fusion = known_robot()
+    for tick, (forward, turn, seen) in enumerate(turns, 1):
+        fusion.move(np.array([forward]), np.array([turn]), 0.1 * tick)
+        fusion.measure(seen, np.array([0.1 * tick]))
+        assert (np.abs(fusion.wheels_off[0]) <= (0.2, 0.35, 1.4)).all()
+        assert np.isfinite(fusion.poses).all()
+
+
+def test_what_a_fault_taught_is_forgotten_but_not_the_place() -> None:
+    fusion = known_robot()
+    held_fast(fusion, 1.4)
+    before, doubt_m = fusion.poses.copy(), fusion.position_sd_m.copy()
+    fusion.relearn(np.arange(1))
+    assert np.allclose(fusion.poses, before)
+    assert np.allclose(fusion.position_sd_m, doubt_m)
+    assert not fusion.at_bound[0]
+    assert abs(scale_of(fusion) - 1.0) < 0.001
+
+
+def test_a_robot_found_again_elsewhere_learns_anew() -> None:
+    fusion = known_robot()
+    held_fast(fusion, 1.4)
+    for tick in range(7):
+        now = 1.5 + 0.1 * tick
+        fusion.move(np.zeros(1), np.zeros(1), now)
+        fusion.measure(np.array([[3.0, 2.0, 1.0]]), np.array([now]))
+    assert np.allclose(fusion.poses, [[3.0, 2.0, 1.0]], atol=0.01)
+    assert abs(scale_of(fusion) - 1.0) < 0.02
