@@ -29,6 +29,7 @@ class CameraFeed:
         n_robots: N.
         crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
         translator: what every picture passes through last.
+        dt_s: time between two calls of ``record``.
     """
 
     def __init__(
@@ -37,8 +38,10 @@ class CameraFeed:
         n_robots: int,
         crop_top_px: int = 0,
         translator: Translator | None = None,
+        dt_s: float = PHYSICS_DT_S,
     ) -> None:
         self._camera = camera
+        self._dt_s = dt_s
         self._translator = translator
         self._crop_top_px = crop_top_px
         self._sensors = [SensorLook()] * n_robots
@@ -61,7 +64,7 @@ class CameraFeed:
         if self._scenes[i] is not scene or self._cameras[i] != look.camera:
             self._camera.set_robot(i, scene, look.rig())
             self._scenes[i], self._cameras[i] = scene, look.camera
-        delay = look.timing.camera_delay_s / PHYSICS_DT_S
+        delay = look.timing.camera_delay_s / self._dt_s
         self._past.reset(i, delay, _as_vectors(pose[None])[0])
         self._sensors[i] = look.sensor
         self._glossy[i] = (look.rig(), scene.light) if scene.light.gloss else None
@@ -72,7 +75,7 @@ class CameraFeed:
     def record(self, poses: np.ndarray) -> None:
         """Take note of the poses (N, 3) after one more physics step."""
         self._past.push(_as_vectors(poses))
-        self._turns_radps[:] = wrap_angle(poses[:, 2] - self._headings) / PHYSICS_DT_S
+        self._turns_radps[:] = wrap_angle(poses[:, 2] - self._headings) / self._dt_s
         self._headings = poses[:, 2].copy()
 
     def pictures(self, rng: np.random.Generator, robots: np.ndarray | None = None) -> np.ndarray:

@@ -1,4 +1,8 @@
-"""The world under one virtual robot: wheels that turn move it, its camera sees where it went."""
+"""The world under one virtual robot: wheels that turn move it, its camera sees where it went.
+
+Camera, sensor, timing and tyres are those of a `Look`, by the same code as in training
+(`sim_pybullet.sensing`, `sim_pybullet.motors`): who passes here has met nothing easier.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +19,12 @@ from sim_pybullet.look import Look
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.objects import build_scene
-from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.sensing.feed import CameraFeed
 from sim_pybullet.town import Town
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.lockstep import run_until
-from sim_pybullet.virtual.robot_body import RolledTwist
+from sim_pybullet.virtual.robot_body import RolledWheels, Tyres
 
 PHYSICS_DT_S = 1.0 / 60.0
 
@@ -46,11 +50,13 @@ class VirtualWorld:
         self.scene: Scene = build_scene(road_map, look, rng)
         self.travelled_m = 0.0
         self._look, self._clock, self._rng = look, clock, rng
+        self._tyre_rng = rng.spawn(1)[0]  # so that what the camera draws does not depend on wheels
         self._town = Town([self.scene.solids], 1, drive="wheels", dt_s=PHYSICS_DT_S)
-        self._camera = RayCamera(ImageSpec(), 1)
-        self._camera.set_robot(0, self.scene, look.rig())
-        self._rolled = RolledTwist(hat, clock)
+        self._feed = CameraFeed(RayCamera(ImageSpec(), 1), 1, dt_s=PHYSICS_DT_S)
+        self._rolled = RolledWheels(hat, clock)
+        self._tyres = Tyres(look.drive, PHYSICS_DT_S)
         self._stepped_s = clock.now()
+        self.place(self.pose)
 
     @property
     def pose(self) -> Pose:
@@ -63,9 +69,11 @@ class VirtualWorld:
         return bool(self._town.collided[0])
 
     def place(self, pose: Pose) -> None:
-        """Put the robot down."""
+        """Put the robot down, where it has stood for a while as its camera is concerned."""
         self._town.place(0, pose)
         self._rolled.since_last()
+        self._tyres.stand()
+        self._feed.begin(0, self.scene, self._look, self._town.poses[0])
 
     def advance(self, driver: MotorDriver, time_s: float) -> None:
         """Run motors and physics side by side until the clock reads ``time_s`` [s]."""
@@ -86,16 +94,19 @@ class VirtualWorld:
         if count <= 0:
             return
         self._stepped_s += count * PHYSICS_DT_S
-        twist = np.array([self._rolled.since_last()])
+        rims_mps = self._rolled.since_last()
         for _ in range(count):
             before = self._town.poses[0, :2]
-            self._town.step(twist)
+            self._town.step(self._tyres.twist(rims_mps, self._tyre_rng))
+            self._feed.record(self._town.poses)
             self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))
 
     def see(self) -> np.ndarray:
-        """A camera frame (120, 160, 3) uint8 RGB of this moment."""
-        frames = self._camera.render(self._town.poses)
-        return apply_sensor(frames, [self._look.sensor], self._rng)[0]
+        """The camera frame (120, 160, 3) uint8 RGB that arrives at this moment.
+
+        As late as the look says, or with its ``frame_skip`` the one before again.
+        """
+        return self._feed.pictures(self._rng)[0]
 
     def close(self) -> None:
         """Free the physics client."""

@@ -13,7 +13,6 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -26,13 +25,14 @@ from tqdm import tqdm
 from robot.errors import ConfigError, ContractError, DuckpilotError, HardwareError
 from robot.inference.policy_file import SHIPPED_MODELS, read_contract
 from robot.output import write_json
-from sim_pybullet.randomise import load_look_sampler
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.film import Film
 from tools.loop.missions import Driver, MissionRecord
+from tools.loop.sites import Site, sites_of
 from tools.loop.timekeeper import BenchError
 
 MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
+SCHEMA = 2
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -44,7 +44,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     add("--missions", type=int, default=1, help="how many, each to a random place")
     add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
     add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
-    add("--look", default="nominal", help="YAML file, or a shipped look")
+    add("--look", default="nominal", help="YAML file, a folder of them, or a shipped name")
     add("--seed", type=int, default=0)
     add("--realtime", action="store_true", help="by the wall clock, not in step")
     add("--robot-python", default=sys.executable, help="runs the robot's process")
@@ -92,35 +92,54 @@ def main(arguments: list[str] | None = None) -> int:
 def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
     expect_navigator(options.model)
+    site_after = sites_of(options.look, options.seed)
     rows = _rows_so_far(options)
-    if len(rows) == options.missions:
-        return summary(rows, options)
     _write(options.json, summary(rows, options))
+    robot: dict[str, Any] = {}
+    with ExitStack() as stack:
+        film = Film(options.video) if options.video else None
+        if film is not None:
+            stack.callback(film.close)
+        bar = stack.enter_context(tqdm(total=options.missions, initial=len(rows), desc="missions"))
+        while len(rows) < options.missions:
+            site = site_after(len(rows))
+            until = min(options.missions, site.until or options.missions)
+            robot = _drive_at(site, until, rows, options, folder / str(len(rows)), film)
+            bar.update(len(rows) - bar.n)
+    figures = {**summary(rows, options), **({"robot": robot} if robot else {})}
+    _write(options.json, figures)
+    return figures
+
+
+def _drive_at(
+    site: Site,
+    until: int,
+    rows: list[dict[str, Any]],
+    options: argparse.Namespace,
+    folder: Path,
+    film: Film | None,
+) -> dict[str, Any]:
+    """Begin a bench at a site and drive until there are ``until`` rows; the robot's figures."""
+    folder.mkdir()
+    bench = Bench(_bench_options(options, site, len(rows)), folder)
     rng = np.random.default_rng((options.seed, len(rows)))
-    look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
-    bench_options = BenchOptions(
+    driver = Driver(bench, rng, (lambda: None) if film is None else lambda: film.watch(bench))
+    start = driver.on_lane(*options.start) if options.start and not rows else driver.anywhere()
+    bench.town.world.place(start)
+    with bench:
+        _drive(driver, site, until, rows, options)
+        return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
+
+
+def _bench_options(options: argparse.Namespace, site: Site, driven: int) -> BenchOptions:
+    return BenchOptions(
         options.model,
         options.map,
-        look,
-        options.seed,
+        site.look,
+        options.seed + driven,
         not options.realtime,
         robot_python=options.robot_python,
     )
-    bench = Bench(bench_options, folder)
-    placer = Driver(bench, rng)
-    bench.town.world.place(placer.on_lane(*options.start) if options.start else placer.anywhere())
-    with ExitStack() as stack:
-        stack.enter_context(bench)
-        watch: Callable[[], None] = lambda: None  # noqa: E731  nobody films
-        if options.video:
-            film = Film(bench, options.video)
-            stack.callback(film.close)
-            watch = film.watch
-        _drive(Driver(bench, rng, watch), rows, options)
-        robot = {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
-    figures = {**summary(rows, options), "robot": robot}
-    _write(options.json, figures)
-    return figures
 
 
 def expect_navigator(model: Path) -> None:
@@ -133,19 +152,20 @@ def expect_navigator(model: Path) -> None:
         )
 
 
-def _drive(driver: Driver, rows: list[dict[str, Any]], options: argparse.Namespace) -> None:
-    """Drive until there is a row for every mission; each is written at once."""
+def _drive(
+    driver: Driver, site: Site, until: int, rows: list[dict[str, Any]], options: argparse.Namespace
+) -> None:
+    """Drive until there are so many rows; each is written at once."""
     bench = driver.bench
     began_s, lived_s = time.monotonic(), bench.now_s
-    with tqdm(total=options.missions, initial=len(rows), desc="missions") as bar:
-        while len(rows) < options.missions:
-            record = driver.drive(options.goal)
-            rows.append(row(record, time.monotonic() - began_s, bench.now_s - lived_s))
-            began_s, lived_s = time.monotonic(), bench.now_s
-            _write(options.json, summary(rows, options))
-            bar.update()
-            if not record.arrived and len(rows) < options.missions:
-                driver.carry()
+    while len(rows) < until:
+        record = driver.drive(options.goal)
+        figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
+        rows.append({"site": site.name, **figures})
+        began_s, lived_s = time.monotonic(), bench.now_s
+        _write(options.json, summary(rows, options))
+        if not record.arrived and len(rows) < until:
+            driver.carry()
 
 
 def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
@@ -181,7 +201,7 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
         return float(np.mean(values)) if values else math.nan
 
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "inputs": inputs_of(options),
         "missions": len(rows),
         "arrived": sum(r["arrived"] for r in rows),
@@ -195,16 +215,27 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
         "position_rms_m": mean("position_rms_m"),
         "heading_rms_rad": mean("heading_rms_rad"),
         "detours": sum(r["detours"] for r in rows),
+        "sites": arrivals_at(rows),
         "stops": [r["stop"] for r in rows if r["stop"]],
         "rows": rows,
     }
+
+
+def arrivals_at(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """How many missions were driven in each look, and how many of them arrived."""
+    sites: dict[str, dict[str, int]] = {}
+    for one in rows:
+        counts = sites.setdefault(one["site"], {"missions": 0, "arrived": 0})
+        counts["missions"] += 1
+        counts["arrived"] += one["arrived"]
+    return sites
 
 
 def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
     if options.json is None or not options.json.exists():
         return []
     before = read_figures(options.json)
-    same = before.get("inputs") == inputs_of(options)
+    same = (before.get("schema"), before.get("inputs")) == (SCHEMA, inputs_of(options))
     return list(before["rows"])[: options.missions] if same else []
 
 

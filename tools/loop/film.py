@@ -19,20 +19,26 @@ GOAL_RGB = (255, 220, 60)
 
 
 class Film:
-    """A video with a picture for every ``EVERY_S`` of the bench's time; ``close`` it."""
+    """A video with a picture for every ``EVERY_S`` of a bench's time; ``close`` it."""
 
-    def __init__(self, bench: Bench, path: Path) -> None:
+    def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
+        self._video = Mp4(path, 1.0 / EVERY_S, QUALITY)
+        self._bench: Bench | None = None
+        self._view: MapView
+        self._due_s = 0.0
+        self._filmed = False
+
+    def _turn_to(self, bench: Bench) -> None:
         ground = bench.town.world.scene.ground
         self._bench = bench
         self._view = MapView(ground.rgb, ground.west_m, ground.north_m, ground.texel_m, HEIGHT_PX)
-        self._video = Mp4(path, 1.0 / EVERY_S, QUALITY)
         self._due_s = bench.now_s
-        self._filmed = False
 
-    def watch(self) -> None:
-        """Take a picture when it is time."""
-        bench = self._bench
+    def watch(self, bench: Bench) -> None:
+        """Take a picture of this bench when it is time."""
+        if self._bench is not bench:
+            self._turn_to(bench)
         above, operator = bench.town.overhead.picture, bench.operator
         if bench.now_s < self._due_s or above is None or not operator.picture:
             return
@@ -41,7 +47,7 @@ class Film:
         seen = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))[..., ::-1]
         width = round(above.shape[1] * HEIGHT_PX / above.shape[0])
         overhead = cv2.resize(above, (width, HEIGHT_PX), interpolation=cv2.INTER_AREA)
-        right = np.concatenate((overhead, self._map()), axis=1)
+        right = np.concatenate((overhead, self._map(bench)), axis=1)
         mission = operator.mission
         left_m = f"{mission['remaining_m']:.1f} m to drive" if mission else ""
         caption = f"{operator.state}: {operator.reason}   {left_m}"
@@ -53,14 +59,14 @@ class Film:
         if self._filmed:
             self._video.close()
 
-    def _map(self) -> np.ndarray:
-        picture = self._view.draw(self._bench.town.pose)
-        robot = self._bench.operator.robot
+    def _map(self, bench: Bench) -> np.ndarray:
+        picture = self._view.draw(bench.town.pose)
+        robot = bench.operator.robot
         path = [self._view.pixel(*point) for point in robot.get("path") or ()]
         if path:
             points = np.array(path, dtype=np.int32).reshape(-1, 1, 2)
             cv2.polylines(picture, [points], False, PATH_RGB, 2, cv2.LINE_AA)
             cv2.circle(picture, path[-1], 6, GOAL_RGB, -1, cv2.LINE_AA)
-        if self._bench.operator.mission.get("phase") != "driving":
+        if bench.operator.mission.get("phase") != "driving":
             self._view.trail.clear()
         return picture

@@ -26,8 +26,8 @@ from robot.navigation.road_map import load_map
 from robot.output import write_json
 from robot.parts import Tick
 from robot.runtime.assemble import open_policy
-from sim_pybullet.randomise import load_look_sampler
 from tools.lap_drive import LapDrive, LapRecord
+from tools.loop.sites import sites_of
 from tools.video import MapView, side_by_side
 from trainer.mp4 import Mp4
 
@@ -76,6 +76,7 @@ def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
             "laps": options.laps,
             "seed": options.seed,
         },
+        "site": sites_of(options.look, options.seed)(0).name,
         "missions": 1,
         "arrived": int(arrived),
         "laps": record.laps,
@@ -101,9 +102,9 @@ def progress(laps: float) -> Iterator[tqdm]:
 
 def drive(options: argparse.Namespace) -> dict[str, Any]:
     """Drive as asked; the summary."""
-    look = load_look_sampler(options.look)(np.random.default_rng(options.seed))
+    site = sites_of(options.look, options.seed)(0)
     policy = open_policy(RobotConfig(model=str(options.model), translator=options.translator))
-    lap_drive = LapDrive(load_map(options.map), look, policy, options.seed)
+    lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
     film = Film(lap_drive, options.video) if options.video else None
     with progress(options.laps) as bar:
 
@@ -126,7 +127,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--model", type=Path, default=MODEL, help="ONNX policy for lane keeping")
     parser.add_argument("--translator", default="", help="ONNX translator, real-to-sim")
     parser.add_argument("--laps", type=float, required=True, help="how many")
-    parser.add_argument("--look", default="nominal", help="YAML file, or a shipped look")
+    parser.add_argument(
+        "--look", default="nominal", help="YAML file, a folder of them, or a shipped name"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--video", type=Path, help="write an MP4: camera and map")
     parser.add_argument("--json", type=Path, help="write the figures")

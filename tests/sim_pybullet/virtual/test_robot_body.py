@@ -5,8 +5,9 @@ import pytest
 
 from robot.contract import ACTION_WHEELS
 from robot.geometry import Pose
+from sim_pybullet.look import NOMINAL
 from sim_pybullet.town import Town
-from sim_pybullet.virtual.robot_body import RolledTwist
+from sim_pybullet.virtual.robot_body import RolledWheels, Tyres
 from tests.robot.hat.rig import make_rig
 
 DT_S = 1 / 60
@@ -16,15 +17,16 @@ DT_S = 1 / 60
 def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) -> None:
     rig = make_rig()
     town = Town([[]], 1, drive=drive, dt_s=DT_S)  # type: ignore[arg-type]
-    rolled = RolledTwist(rig.hat, rig.clock)
+    rolled, rng = RolledWheels(rig.hat, rig.clock), np.random.default_rng(0)
+    tyres = Tyres(NOMINAL.drive, DT_S)
     with rig.driver:
         for action in (2, 1, 2, 4, 3):
             for _ in range(60):
                 rig.drive(*ACTION_WHEELS[action], DT_S)
-                town.step(np.array([rolled.since_last()]))
+                town.step(tyres.twist(rolled.since_last(), rng))
         for _ in range(60):
             rig.drive(0.0, 0.0, DT_S)
-            town.step(np.array([rolled.since_last()]))
+            town.step(tyres.twist(rolled.since_last(), rng))
         expected = rig.driver.pose
     pose = Pose(*town.poses[0])
     town.close()
@@ -35,4 +37,4 @@ def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) ->
 
 def test_no_time_is_no_motion() -> None:
     rig = make_rig()
-    assert RolledTwist(rig.hat, rig.clock).since_last() == (0.0, 0.0)
+    assert RolledWheels(rig.hat, rig.clock).since_last().tolist() == [0.0, 0.0]
