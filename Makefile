@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test lint types layers pytest explore test38 demo bench format clean
+.PHONY: help setup test lint types layers pytest explore test38 demo bench mutants format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -45,6 +45,10 @@ demo: $(STAMP)  ## train a lane-keeping policy, export it, drive it through virt
 
 bench: $(STAMP)  ## the tables of figures: runs/bench.json
 	$(PY) -m tools.bench --out runs/bench.json
+
+mutants: $(STAMP)  ## what the tests would miss, over hours, resumed where it stopped: runs/mutants/
+	$(PY) -m tools.mutants --named
+	nice -n 10 $(PY) -m tools.mutants
 
 format: $(STAMP)  ## let ruff rewrite the style
 	$(VENV)/bin/ruff check --fix .

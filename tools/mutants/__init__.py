@@ -1,0 +1,1 @@
+"""Mutation tests: change one thing in the source, and see whether the tests notice."""
