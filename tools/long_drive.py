@@ -55,8 +55,9 @@ def drive(
     clocks.monotonic, clocks.sleep = clock.now, clock.sleep  # before the robot is imported
     from robot.config import RobotConfig
     from robot.contract import CONTROL_DT_S
-    from robot.link.config import BOUND_BY, LinkConfig
+    from robot.link.config import LinkConfig
     from robot.link.keys import keygen
+    from robot.link.roles import BOUND_BY
     from robot.runtime.assemble import open_robot
     from robot.runtime.rate import RateKeeper
     from tools.long_drive_parts import MadeUpCamera, MadeUpMotors, Others, start_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Iterator, List, Tuple
 
 from robot.config import RobotConfig
@@ -11,8 +10,9 @@ from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import Machine
 from robot.errors import ConfigError, DuckpilotError
 from robot.inference.policy_timing import time_decisions
-from robot.link.config import BOUND_BY, LinkConfig
+from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
+from robot.link.roles import BOUND_BY
 from robot.navigation.road_map import load_map
 from robot.runtime.assemble import open_policy
 
@@ -112,7 +112,7 @@ def _check_keys(link: LinkConfig) -> Finding:
     except (ConfigError, OSError) as error:
         says, _, remedy = str(error).partition("; ")
         return fail("keys", says, remedy or "docs/links.md tells how keys are made and copied")
-    if Path(link.keys).name != "robot" and "robot" in keys.peers:
+    if keys.role != "robot":
         return fail("keys", f"{link.keys} is another machine's folder", "copy the folder robot/")
     if not keys.peers:
         return fail("keys", f"{link.keys}/allowed: nobody is allowed", "copy the peers' keys there")

@@ -5,8 +5,10 @@
 | ``messages``, ``telemetry``, ``commands`` | the messages, as frozen dataclasses |
 | ``wire`` | JSON to and from them, strictly |
 | ``freshness`` | age, order and plausibility at the receiver |
-| ``keys`` | ``keygen`` and the allow-lists |
-| ``sockets``, ``streams`` | ZeroMQ: the door, publish and subscribe |
+| ``roles`` | who speaks and who listens on which stream |
+| ``keys`` | ``keygen``, roles and the allow-lists |
+| ``door`` | lets in whom its allow-list and the roles let in |
+| ``sockets``, ``streams`` | ZeroMQ: publish and subscribe |
 | ``command_server``, ``command_client`` | commands, with answers |
 | ``config`` | hosts, ports, and the sockets of each program |
 """

@@ -30,9 +30,7 @@ class _Pending:
 class CommandClient:
     """The operator's side. ``poll`` often: it beats, repeats STOP and collects the answers."""
 
-    def __init__(
-        self, link: Link, endpoint: str, peer: str = "robot", clock: Clock = time.monotonic
-    ) -> None:
+    def __init__(self, link: Link, endpoint: str, clock: Clock = time.monotonic) -> None:
         import zmq
 
         self.session = new_session()
@@ -46,7 +44,7 @@ class CommandClient:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._pending: Dict[str, _Pending] = {}
-        self._socket = link.connect(zmq.DEALER, endpoint, MESSAGE_LIMIT_BYTES, peer=peer)
+        self._socket = link.connect(zmq.DEALER, endpoint, MESSAGE_LIMIT_BYTES, Command.KIND)
 
     def send(
         self, kind: str, mission: Optional[Mission] = None, action: Optional[int] = None

@@ -1,4 +1,4 @@
-"""The robot's ear: commands from allowed senders, each done once, old ones refused."""
+"""The robot's ear: commands of monitors, each done once, old ones refused."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CommandServer:
         self._clock = clock
         self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
         self._helm = Helm()
-        self._socket = link.bind(zmq.ROUTER, endpoint, MESSAGE_LIMIT_BYTES)
+        self._socket = link.bind(zmq.ROUTER, endpoint, MESSAGE_LIMIT_BYTES, Command.KIND)
 
     def serve(self, handle: Handler) -> None:
         """Read what has come, give each new command to ``handle`` once, and answer all."""
@@ -69,12 +69,15 @@ class CommandServer:
         try:
             if len(parts) != 2:
                 raise ContractError(f"command: expected one part, got {len(parts) - 1}")
+            user = _user(parts)
+            if not self._link.may(user, Command.KIND):
+                raise ContractError(f"command: expected a monitor's key, got the key of {user}")
             command = Command.from_bytes(parts[1].bytes)
         except ContractError as error:
             self.refused += 1
             self.last_refusal = str(error)
             return None
-        sender = (_user(parts), command.session)
+        sender = (user, command.session)
         if command.robot_session == self.session:
             self._helm.heard(sender, min(command.robot_time_s, self._clock()))
         return self._answers.get((sender, command.id)) or self._do(command, handle, sender)

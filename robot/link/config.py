@@ -1,12 +1,4 @@
-"""Where the three machines are and which stream runs on which port; the sockets of each program.
-
-| stream | bound by | port | read by |
-|---|---|---|---|
-| pose | localizer | base_port | robot, monitor |
-| telemetry | robot | base_port + 1 | monitor |
-| frame | robot | base_port + 2 | monitor |
-| command | robot | base_port + 3 | written by the monitor |
-"""
+"""Where the three machines are; the sockets of each program. ``roles`` tells the streams."""
 
 from __future__ import annotations
 
@@ -18,10 +10,9 @@ from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.commands import Command
 from robot.link.keys import load_keys
+from robot.link.roles import BOUND_BY
 from robot.link.sockets import Link
 from robot.link.streams import M, Publisher, Subscriber
-
-BOUND_BY = {"pose": "localizer", "telemetry": "robot", "frame": "robot", "command": "robot"}
 
 
 @dataclass(frozen=True)
@@ -57,8 +48,7 @@ class LinkConfig:
 
     def subscriber(self, link: Link, kind: Type[M]) -> Subscriber[M]:
         """Receives the newest message of a class."""
-        stream = kind.KIND
-        return Subscriber(link, self.connect_endpoint(stream), kind, peer=BOUND_BY[stream])
+        return Subscriber(link, self.connect_endpoint(kind.KIND), kind)
 
     def command_server(self, link: Link) -> CommandServer:
         """The robot's ear."""

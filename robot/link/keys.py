@@ -6,6 +6,9 @@
     DIR/robot/secret.key            0600, never leaves the robot
     DIR/robot/public.key
     DIR/robot/allowed/monitor.key   public keys of those that the robot speaks to
+
+Each file is one line: the role of the key's owner, a space, the key. What a key may do follows from
+the role that the allow-list of its reader gives it, not from what its owner says of itself.
 """
 
 from __future__ import annotations
@@ -14,36 +17,51 @@ import os
 import string
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Sequence, Tuple, Union
+from typing import Dict, List, Sequence, Tuple, Union
 
 from robot.errors import ConfigError, nearest
+from robot.link.roles import ROLES
 
-MACHINES = ("robot", "localizer", "monitor")
 SECRET, PUBLIC, ALLOWED = "secret.key", "public.key", "allowed"
+READ_LIMIT = 1000  # characters: a key has 40
 # The alphabet of ZeroMQ RFC 32 (Z85): 32 bytes are 40 of these.
 _Z85 = frozenset(string.digits + string.ascii_letters + ".-:+=^!/*?&<>()[]{}@%$#")
 
 
 @dataclass(frozen=True)
-class Keys:
-    """One machine's key pair and the public keys of its peers, by name; all Z85 text."""
+class Peer:
+    """Somebody of the allow-list: what it is, and its public key (Z85)."""
 
+    role: str
+    public: bytes
+
+
+@dataclass(frozen=True)
+class Keys:
+    """One machine's key pair (Z85), what the machine is, and its peers by name."""
+
+    role: str
     public: bytes
     secret: bytes = field(repr=False)
-    peers: Dict[str, bytes] = field(default_factory=dict)
+    peers: Dict[str, Peer] = field(default_factory=dict)
 
-    def peer(self, name: str) -> bytes:
-        """The public key of the machine ``name``.
+    def peer(self, role: str) -> bytes:
+        """The public key of the machine that is the ``role``.
 
         Raises:
-            ConfigError: its key is not in the allow-list.
+            ConfigError: there is no such key in the allow-list, or there are several.
         """
-        if name not in self.peers:
-            raise ConfigError(f"no public key for {name!r}; {nearest(name, self.peers)}")
-        return self.peers[name]
+        found = sorted(name for name, peer in self.peers.items() if peer.role == role)
+        if len(found) != 1:
+            got = ", ".join(found) or "none"
+            roles = [peer.role for peer in self.peers.values()]
+            raise ConfigError(
+                f"keys: expected one {role} in the allow-list, got {got}; {nearest(role, roles)}"
+            )
+        return self.peers[found[0]].public
 
 
-def keygen(directory: Union[str, Path], machines: Sequence[str] = MACHINES) -> Dict[str, Path]:
+def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict[str, Path]:
     """Make a key folder per machine under ``directory``, each allowing all the others.
 
     Returns:
@@ -72,48 +90,136 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = MACHINES) -> D
     return folders
 
 
-def _write_folder(folder: Path, name: str, pairs: Dict[str, Tuple[bytes, bytes]]) -> None:
-    (folder / ALLOWED).mkdir(parents=True)
-    folder.chmod(0o700)
-    public, secret = pairs[name]
-    _write(folder / SECRET, secret, 0o600)
-    _write(folder / PUBLIC, public, 0o644)
-    for peer, (theirs, _) in pairs.items():
-        if peer != name:
-            _write(folder / ALLOWED / f"{peer}.key", theirs, 0o644)
+def renew(folder: Union[str, Path]) -> str:
+    """Write the roles into a machine's keys that were made before keys had one; its role.
+
+    The keys stay the same, so each machine is renewed by itself. Peers are what their files are
+    called; the machine is what its folder is called, or else the one that is not among its peers.
+
+    Raises:
+        ConfigError: no keys, or names that do not tell the roles.
+    """
+    folder = Path(folder)
+    allowed = sorted((folder / ALLOWED).glob("*.key"))
+    roles = {path: path.stem for path in allowed}
+    left = [role for role in ROLES if role not in roles.values()]
+    own = folder.resolve().name if folder.resolve().name in left else left[0] if left else ""
+    if len(left) != 1 and folder.resolve().name not in left:
+        raise ConfigError(
+            f"{folder}: expected a folder with the name of its machine, got one that does not tell "
+            f"whose keys it holds; call it {' or '.join(ROLES)}"
+        )
+    roles.update({folder / SECRET: own, folder / PUBLIC: own})
+    lines = {path: _line_with_role(path, role) for path, role in roles.items()}
+    try:
+        for path, line in lines.items():
+            _replace(path, line)
+    except OSError as error:
+        raise ConfigError(
+            f"{folder}: expected keys that may be written, got: {error.strerror}"
+        ) from error
+    return own
 
 
 def load_keys(folder: Union[str, Path]) -> Keys:
     """The keys of this machine from the folder that ``keygen`` made for it.
 
     Raises:
-        ConfigError: a file is absent, no key, or the secret can be read by others.
+        ConfigError: a file is absent, no key, without a role, or the secret can be read by others.
     """
     folder = Path(folder)
-    secret = _read(folder / SECRET)
+    role, secret = _read(folder / SECRET, folder)
     mode = (folder / SECRET).stat().st_mode & 0o777
     if mode & 0o077:
         raise ConfigError(
             f"{folder / SECRET}: expected mode 600, got {mode:o}: others can read the secret; "
             f"run chmod 600 {folder / SECRET}"
         )
-    peers = {path.stem: _read(path) for path in sorted((folder / ALLOWED).glob("*.key"))}
-    return Keys(_read(folder / PUBLIC), secret, peers)
+    public_role, public = _read(folder / PUBLIC, folder)
+    if public_role != role:
+        raise ConfigError(
+            f"{folder}: expected a pair of keys of one role, got the secret of a {role} and the "
+            f"public key of a {public_role}"
+        )
+    paths = sorted((folder / ALLOWED).glob("*.key"))
+    return Keys(role, public, secret, {path.stem: Peer(*_read(path, folder)) for path in paths})
 
 
-def _write(path: Path, key: bytes, mode: int) -> None:
+def _write_folder(folder: Path, name: str, pairs: Dict[str, Tuple[bytes, bytes]]) -> None:
+    (folder / ALLOWED).mkdir(parents=True)
+    folder.chmod(0o700)
+    public, secret = pairs[name]
+    _write(folder / SECRET, _line(name, secret), 0o600)
+    _write(folder / PUBLIC, _line(name, public), 0o644)
+    for peer, (theirs, _) in pairs.items():
+        if peer != name:
+            _write(folder / ALLOWED / f"{peer}.key", _line(peer, theirs), 0o644)
+
+
+def _line(role: str, key: bytes) -> bytes:
+    return b"%s %s\n" % (role.encode("ascii"), key)
+
+
+def _line_with_role(path: Path, role: str) -> bytes:
+    words = _words(path)
+    if len(words) == 2:
+        return " ".join(words).encode("ascii", "replace") + b"\n"  # it has one already
+    if role not in ROLES:
+        raise ConfigError(
+            f"{path}: expected a name that tells the role ({', '.join(ROLES)}), got {role!r}; "
+            "write the role and a space in front of the key in this file"
+        )
+    return _line(role, _key(path, words[-1] if words else ""))
+
+
+def _write(path: Path, line: bytes, mode: int) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     with os.fdopen(descriptor, "wb") as file:
-        file.write(key + b"\n")
+        file.write(line)
 
 
-def _read(path: Path) -> bytes:
+def _replace(path: Path, line: bytes) -> None:
+    """With the same mode; a power cut leaves the old file or the new one."""
+    hidden = path.with_name(f".{path.name}.new")
+    if hidden.exists():
+        hidden.unlink()
+    _write(hidden, line, path.stat().st_mode & 0o777)
+    os.replace(hidden, path)
+
+
+def _read(path: Path, folder: Path) -> Tuple[str, bytes]:
+    """Role and key."""
+    words = _words(path)
+    if len(words) == 1 and _is_key(words[0]):
+        raise ConfigError(
+            f"{path}: expected a role and a key, got a key without a role, from an older version; "
+            f"renew it: python -m robot keygen --renew {folder}"
+        )
+    if len(words) != 2 or words[0] not in ROLES:
+        raise ConfigError(
+            f"{path}: expected a role ({', '.join(ROLES)}) and a key of 40 characters of Z85, got "
+            f"{len(words)} words, {sum(map(len, words))} characters; make keys with: "
+            "python -m robot keygen DIR"
+        )
+    return words[0], _key(path, words[1])
+
+
+def _words(path: Path) -> List[str]:
     try:
-        text = path.read_text(encoding="ascii", errors="replace").strip()
+        with path.open(encoding="ascii", errors="replace") as file:
+            return file.read(READ_LIMIT).split()
     except OSError as error:
         raise ConfigError(
-            f"{path}: expected a key, got: {error.strerror}; make keys with: robot keygen DIR"
+            f"{path}: expected a key, got: {error.strerror}; make keys with: "
+            "python -m robot keygen DIR"
         ) from error
-    if len(text) != 40 or not _Z85.issuperset(text):
+
+
+def _is_key(text: str) -> bool:
+    return len(text) == 40 and _Z85.issuperset(text)
+
+
+def _key(path: Path, text: str) -> bytes:
+    if not _is_key(text):
         raise ConfigError(f"{path}: expected 40 characters of Z85, got {len(text)} characters")
     return text.encode("ascii")

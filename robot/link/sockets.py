@@ -1,8 +1,8 @@
 """ZeroMQ sockets for the three machines: newest-only streams, encrypted, without a thread.
 
-The side that binds is the door: it lets in the public keys of its allow-list (ZAP, ZeroMQ RFC 27)
-and nobody else; the side that connects pins the key of the machine it means. A ``Link`` belongs to
-one thread; its sockets are served by ``Link.wait`` and by their own calls, which never block.
+The side that binds is the door (``door``): it lets in the keys of its allow-list, each where its
+role may; the side that connects pins the key of the machine it means. A ``Link`` belongs to one
+thread; its sockets are served by ``Link.wait`` and by their own calls, which never block.
 
 One socket per stream and one part per message, because CONFLATE (set on the subscriber only) drops
 parts and breaks topic filters (libzmq #626, #1688, #3323).
@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import contextlib
 import time
-from typing import TYPE_CHECKING, List, Optional
+from typing import TYPE_CHECKING, List, Optional, Sequence
 
 from robot.errors import ConfigError
+from robot.link.door import Door
 from robot.link.keys import Keys
+from robot.link.roles import ADMITS, BOUND_BY
+from robot.link.telemetry import Reading
 
 if TYPE_CHECKING:
     import zmq
 
 LOOPBACK = ("tcp://127.0.0.1:", "tcp://localhost:", "tcp://[::1]:", "inproc://", "ipc://")
-ZAP_ENDPOINT = "inproc://zeromq.zap.01"
-ZAP_DOMAIN = b"duckpilot"
 ENVELOPE_BYTES = 64  # what CURVE adds to a message, with room to spare
 HEARTBEAT_MS = 200
 HEARTBEAT_TIMEOUT_MS = 600
@@ -31,7 +32,6 @@ CONNECT_TIMEOUT_MS = 500  # without it a lost SYN on Wi-Fi costs seconds
 DEAF_S = 2.0
 SEND_QUEUE = 2
 RECEIVE_QUEUE = 16
-MAX_ADMISSIONS = 16  # doorkeeping in one call, so that a flood cannot hold up the control loop
 
 
 class Link:
@@ -49,16 +49,18 @@ class Link:
         self._context = zmq.Context()
         self._poller = zmq.Poller()
         self._sockets: List[zmq.Socket[bytes]] = []
-        self._door: Optional[zmq.Socket[bytes]] = None
+        self._door: Optional[Door] = None
         if keys is not None:
-            self._names = {key: name for name, key in keys.peers.items()}
-            self._door = self._context.socket(zmq.REP)
-            self._door.linger = 0
-            self._door.bind(ZAP_ENDPOINT)
-            self._poller.register(self._door, zmq.POLLIN)
+            self._door = Door(self._context, keys)
+            self._poller.register(self._door.socket, zmq.POLLIN)
 
-    def bind(self, kind: int, endpoint: str, limit_bytes: int) -> zmq.Socket[bytes]:
-        """A socket of the ZeroMQ ``kind`` that waits for peers of the allow-list."""
+    def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> zmq.Socket[bytes]:
+        """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
+
+        Raises:
+            ConfigError: our own keys are not those of the machine that binds it.
+        """
+        self._expect_role((BOUND_BY[stream],))
         socket = self._socket(kind, endpoint, limit_bytes)
         # Who connects asks for signs of life, and tells with them how long to wait for the next.
         # Who binds must not ask: libzmq 4.3.5 aborts when it wants to ask somebody who filled the
@@ -67,16 +69,22 @@ class Link:
         socket.rcvhwm = RECEIVE_QUEUE
         if self.keys is not None:
             socket.curve_server = True
-            socket.zap_domain = ZAP_DOMAIN
+            socket.zap_domain = stream.encode("ascii")
             socket.zap_enforce_domain = True  # without a doorkeeper nobody enters
             socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
         socket.bind(endpoint)
         return socket
 
     def connect(
-        self, kind: int, endpoint: str, limit_bytes: int, peer: str, newest_only: bool = False
+        self, kind: int, endpoint: str, limit_bytes: int, stream: str, newest_only: bool = False
     ) -> zmq.Socket[bytes]:
-        """A socket of the ZeroMQ ``kind`` that speaks to the machine ``peer`` and to no other."""
+        """A socket of the ZeroMQ ``kind`` that speaks to the machine that binds a stream, alone.
+
+        Raises:
+            ConfigError: our own keys are of no machine that the stream admits, or we do not know
+                the key of the one that binds it.
+        """
+        self._expect_role(ADMITS[stream])
         socket = self._socket(kind, endpoint, limit_bytes)
         if newest_only:
             socket.conflate = True
@@ -84,7 +92,7 @@ class Link:
         else:
             socket.immediate = True  # what is sent while nobody is connected is lost, not queued
         if self.keys is not None:
-            socket.curve_serverkey = self.keys.peer(peer)
+            socket.curve_serverkey = self.keys.peer(BOUND_BY[stream])
             socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
         socket.connect(endpoint)
         return socket
@@ -107,22 +115,23 @@ class Link:
         while True:
             left_s = max(0.0, deadline_s - time.monotonic())
             ready = dict(self._poller.poll(int(1000 * left_s)))
-            if self._door is not None and ready.pop(self._door, None):
+            if self._door is not None and ready.pop(self._door.socket, None):
                 self.admit()
             if ready or time.monotonic() >= deadline_s:
                 return bool(ready)
 
     def admit(self) -> None:
         """Answer those who wait at the door, without blocking."""
-        import zmq
+        if self._door is not None:
+            self._door.admit()
 
-        for _ in range(MAX_ADMISSIONS if self._door is not None else 0):
-            assert self._door is not None
-            try:
-                request = self._door.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            self._door.send_multipart(self._verdict(request))
+    def may(self, name: str, stream: str) -> bool:
+        """Whether a peer may use a stream; without keys everybody on this machine may."""
+        return self._door is None or self._door.may(name, stream)
+
+    def reading(self) -> Reading:
+        """How many the door turned away, for the monitor."""
+        return self._door.reading() if self._door else Reading("turned away", 0.0)
 
     def close(self) -> None:
         """Close every socket, the door last."""
@@ -160,14 +169,10 @@ class Link:
             self._poller.register(socket, zmq.POLLIN)
         return socket
 
-    def _verdict(self, request: List[bytes]) -> List[bytes]:
-        """Version, request id, domain, address, identity, mechanism, key -> the ZAP reply."""
-        name = None
-        if len(request) == 7 and request[2] == ZAP_DOMAIN and request[5] == b"CURVE":
-            from zmq.utils import z85
-
-            name = self._names.get(z85.encode(request[6]))
-        request_id = request[1] if len(request) > 1 else b""
-        if name is None:
-            return [b"1.0", request_id, b"400", b"not in the allow-list", b"", b""]
-        return [b"1.0", request_id, b"200", b"OK", name.encode(), b""]
+    def _expect_role(self, roles: Sequence[str]) -> None:
+        if self.keys is not None and self.keys.role not in roles:
+            expected = " or ".join(roles)
+            raise ConfigError(
+                f"keys: expected those of the {expected}, got those of the {self.keys.role}; name "
+                f"the folder {roles[0]}/ that keygen made"
+            )

@@ -39,7 +39,7 @@ class Publisher(Generic[M]):
         self._link = link
         self._clock = clock
         self._sequence = 0
-        self._socket = link.bind(zmq.PUB, endpoint, limit_bytes(kind))
+        self._socket = link.bind(zmq.PUB, endpoint, limit_bytes(kind), kind.KIND)
 
     def send(self, message: M) -> M:
         """Stamp the message with session, sequence and time, and publish it.
@@ -57,7 +57,7 @@ class Publisher(Generic[M]):
 
 
 class Subscriber(Generic[M]):
-    """The newest message of the stream that the machine ``peer`` publishes at ``endpoint``.
+    """The newest message of the stream of a class, published at ``endpoint``.
 
     ``refused`` counts what was no message of this class, ``last_refusal`` says what was wrong.
     Order, age and plausibility are judged by ``freshness``.
@@ -68,7 +68,6 @@ class Subscriber(Generic[M]):
         link: Link,
         endpoint: str,
         kind: Type[M],
-        peer: str,
         clock: Clock = time.monotonic,
     ) -> None:
         import zmq
@@ -81,7 +80,7 @@ class Subscriber(Generic[M]):
         self._alive_s = clock()  # last heard or connected
         self._kind: Type[M] = kind
         self._socket = link.connect(
-            zmq.SUB, endpoint, limit_bytes(kind), peer=peer, newest_only=True
+            zmq.SUB, endpoint, limit_bytes(kind), kind.KIND, newest_only=True
         )
 
     def receive(self) -> Optional[M]:

@@ -176,6 +176,8 @@ def open_reports(
         recorder = stack.enter_context(Recorder(config.recording, subject))
         recorders.append(recorder)
         others.append(recorder.reading)
+    if link is not None:
+        others.append(link.reading)
     health = Health(time.monotonic, tuple(others))
     feed = open_feed(config, link, navigator, health)
     return [feed, *recorders]

@@ -11,6 +11,7 @@ import numpy as np
 
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
+from robot.link.keys import Keys
 from robot.navigation.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
@@ -112,11 +113,16 @@ class Stage:
             else:
                 self.bench.time.run_until(self.bench.now_s + 0.05)
 
-    def replace_localizer(self) -> None:
-        """Poses come from the stand-in from now on, true ones to begin with."""
+    def replace_localizer(self, keys: Keys | None = None) -> None:
+        """Poses come from the stand-in from now on, true ones to begin with.
+
+        With ``keys`` that are not the localizer's, nobody is expected to hear them.
+        """
         bench = self.bench
         bench.stop("localizer")
-        self.stand_in = StandIn(bench)
+        self.stand_in = StandIn(bench, keys)
+        if keys is not None:
+            return
         self.run(TAKEOVER_S)
         bench.until(self._hears, SETTLE_S, "stand-in poses", CONNECT_S)
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import zmq
 
+from robot.link.keys import Keys
 from robot.link.messages import PosesMessage, Sighting
+from robot.link.sockets import Link
 from tools.loop.town import OVERHEAD_FPS, ROBOT
 from tools.loop.wire_watch import let_sockets_wait
 
@@ -18,9 +20,14 @@ if TYPE_CHECKING:
 
 
 class StandIn:
-    """Publishes the robot's true pose with the localizer's own keys, and lies when told to."""
+    """Publishes the robot's true pose with the localizer's own keys, and lies when told to.
 
-    def __init__(self, bench: Bench) -> None:
+    Args:
+        bench: where it is one of the programs.
+        keys: instead of the localizer's.
+    """
+
+    def __init__(self, bench: Bench, keys: Keys | None = None) -> None:
         config = bench.link_configs["localizer"]
         self.late_s = 0.0
         self.jump_m = 0.0
@@ -32,8 +39,10 @@ class StandIn:
         self._bench = bench
         if bench.options.lockstep:
             let_sockets_wait()
-        self._link = config.open()
-        self._socket = self._link.bind(zmq.PUB, config.bind_endpoint(PosesMessage.KIND), 2**21)
+        self._link = config.open() if keys is None else Link(keys)
+        self._socket = self._link.bind(
+            zmq.PUB, config.bind_endpoint(PosesMessage.KIND), 2**21, PosesMessage.KIND
+        )
         self._sessions = (secrets.token_hex(8), secrets.token_hex(8))
         self._sequence = 0
         self._waiting: deque[tuple[float, PosesMessage]] = deque()

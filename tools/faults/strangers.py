@@ -11,7 +11,7 @@ import numpy as np
 import zmq
 
 from robot.link.commands import Command, Mission
-from robot.link.keys import Keys, keygen, load_keys
+from robot.link.keys import Keys, keygen, load_keys, renew
 from robot.link.messages import UNSENT
 from tools.faults.case import Act, Case
 from tools.faults.stage import Stage
@@ -35,6 +35,16 @@ def _nobody(_: Stage) -> Keys | None:
 def _monitors(stage: Stage) -> Keys:
     """A second program with the monitor's keys."""
     return load_keys(stage.bench.keys["monitor"])
+
+
+def _stolen(machine: str) -> Callable[[Stage], Keys]:
+    """Another machine's keys, in the hands of one who knows where the robot's ear is."""
+
+    def keys(stage: Stage) -> Keys:
+        own = load_keys(stage.bench.keys[machine])
+        return replace(own, role="monitor", peers=_monitors(stage).peers)
+
+    return keys
 
 
 def _commands(keys_of: Callable[[Stage], Keys | None], data: Callable[[Stage], list[bytes]]) -> Act:
@@ -76,6 +86,48 @@ def _junk(stage: Stage) -> list[bytes]:
     return [rng.bytes(int(rng.integers(1, 300))), bytes(spoilt)]
 
 
+def _takes_over(stage: Stage) -> list[bytes]:
+    """All that moves the robot or stops it."""
+    kinds = ("stop", "disarm", "arm", "clear")
+    asked = [Command(secrets.token_hex(8), "thief", kind) for kind in kinds]
+    asked.append(Command(secrets.token_hex(8), "thief", "mission", Mission(stage.goal)))
+    asked.append(Command(secrets.token_hex(8), "thief", "manual", None, 0))
+    return [command.to_bytes() for command in asked]
+
+
+def _names(thief: str) -> Callable[[Stage], str]:
+    """The robot must say who tried, in its log and on the page."""
+    told = f"the key of {thief} at 127.0.0.1 was turned away from 'command'"
+
+    def check(stage: Stage) -> str:
+        shown = [reading["name"] for reading in stage.bench.operator.robot["health"]]
+        if told not in stage.bench.processes["robot"].said():
+            return f"expected {told!r} in the robot's log"
+        return "" if f"turned away: {thief}" in shown else f"the page does not tell: {shown}"
+
+    return check
+
+
+def _localizer_with_the_monitors_keys(stage: Stage) -> None:
+    """It publishes where the robot listens, and says that it is the localizer."""
+    own = load_keys(stage.bench.keys["monitor"])
+    stage.replace_localizer(replace(own, role="localizer"))
+
+
+def _robot_with_old_keys(stage: Stage) -> None:
+    """Started again with keys of before there were roles."""
+    folder = stage.bench.keys["robot"]
+    for path in folder.rglob("*.key"):
+        path.write_text(path.read_text().split()[-1] + "\n", encoding="ascii")
+    stage.bench.stop("robot")
+    stage.note = stage.bench.start_and_end("robot").said().strip().rpartition("\n")[2]
+
+
+def _renewed(stage: Stage) -> None:
+    for name in stage.bench.keys:
+        renew(stage.bench.keys[name])
+
+
 def _poses(data: Callable[[Stage], bytes], count: int = 1) -> Act:
     def inject(stage: Stage) -> None:
         assert stage.stand_in is not None
@@ -98,7 +150,38 @@ def _flood_of_commands(_: Stage) -> list[bytes]:
     return [b"\0" * 100] * FLOOD
 
 
+def _refused_old_key(stage: Stage) -> str:
+    status = stage.bench.processes["robot"].child.returncode
+    told = "renew it: python -m robot keygen --renew"
+    if status != 2 or told not in stage.note:
+        return f"expected status 2 and {told!r}, got {status}: {stage.note}"
+    return ""
+
+
 CASES = (
+    Case(
+        *("localizer's key", "STOP, arm, mission", _commands(_stolen("localizer"), _takes_over)),
+        states=(),
+        check=_names("localizer"),
+    ),
+    Case(
+        *("robot's own key", "STOP, arm, mission", _commands(_stolen("robot"), _takes_over)),
+        states=(),
+        check=_names("robot"),
+    ),
+    Case(
+        *("monitor's key tells poses", "true ones", _localizer_with_the_monitors_keys),
+        threshold_s=1.0,
+        states=("HOLD",),
+        says="overhead pose",
+    ),
+    Case(
+        *("old key", "without a role", _robot_with_old_keys),
+        moving=False,
+        silent=True,
+        check=_refused_old_key,
+        heal=_renewed,
+    ),
     Case("wrong key", "a stranger's STOP", _commands(_stranger, _stop), states=()),
     Case("no key", "a STOP without encryption", _commands(_nobody, _stop), states=()),
     Case(

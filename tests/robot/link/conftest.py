@@ -10,8 +10,9 @@ from typing import Callable, Iterator
 
 import pytest
 
-from robot.link.config import BOUND_BY, LinkConfig
+from robot.link.config import LinkConfig
 from robot.link.keys import keygen
+from robot.link.roles import BOUND_BY
 from robot.link.sockets import Link
 
 

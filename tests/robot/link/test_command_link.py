@@ -102,7 +102,7 @@ def test_the_same_command_twice_is_done_once_and_answered_twice(
     server = robot.command_server(open_link(robot))
     body = Robot(server)
     raw = open_link(monitor).connect(
-        zmq.DEALER, monitor.connect_endpoint("command"), 4096, peer="robot"
+        zmq.DEALER, monitor.connect_endpoint("command"), 4096, "command"
     )
     command = Command("c1", "s1", "stop").to_bytes()
     answers: list[Ack] = []
@@ -125,7 +125,7 @@ def test_garbage_is_counted_and_does_not_stop_the_server(
 ) -> None:
     monitor = configs["monitor"]
     raw = open_link(monitor).connect(
-        zmq.DEALER, monitor.connect_endpoint("command"), 4096, peer="robot"
+        zmq.DEALER, monitor.connect_endpoint("command"), 4096, "command"
     )
     assert operator.robot is not None
     server = operator.robot.server

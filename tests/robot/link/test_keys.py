@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from robot.link.keys import MACHINES, keygen, load_keys
+from robot.link.keys import Peer, keygen, load_keys, renew
 
 pytest.importorskip("zmq")
 
@@ -15,9 +15,10 @@ pytest.importorskip("zmq")
 def test_each_machine_has_its_secret_and_the_public_keys_of_the_others(tmp_path: Path) -> None:
     folders = keygen(tmp_path)
     keys = {name: load_keys(folder) for name, folder in folders.items()}
-    assert set(keys) == set(MACHINES)
+    assert set(keys) == {"robot", "localizer", "monitor"}
     for name, own in keys.items():
-        assert own.peers == {other: k.public for other, k in keys.items() if other != name}
+        assert own.role == name
+        assert own.peers == {n: Peer(n, k.public) for n, k in keys.items() if n != name}
         assert own.secret.decode() not in repr(own)
     assert len({k.secret for k in keys.values()} | {k.public for k in keys.values()}) == 6
 
@@ -50,4 +51,98 @@ def test_a_spoilt_key_and_an_unknown_peer_are_refused(tmp_path: Path) -> None:
         load_keys(folder).peer("moniter")
     (folder / "public.key").write_text("not a key\n")
     with pytest.raises(ConfigError, match="40 characters"):
+        load_keys(folder)
+
+
+def make_old(folder: Path) -> None:
+    """As an older version made them: no roles."""
+    for path in folder.rglob("*.key"):
+        mode = path.stat().st_mode & 0o777
+        path.write_text(path.read_text().split()[-1] + "\n")
+        path.chmod(mode)
+
+
+def test_each_file_says_the_role_and_the_key_on_one_line(tmp_path: Path) -> None:
+    folders = keygen(tmp_path)
+    for name in ("robot", "localizer", "monitor"):
+        others = {"robot", "localizer", "monitor"} - {name}
+        files = {"secret.key": name, "public.key": name}
+        files.update({f"allowed/{other}.key": other for other in others})
+        for file, role in files.items():
+            line = (folders[name] / file).read_text()
+            assert line.count("\n") == 1
+            assert line.split()[0] == role
+            assert len(line.split()[1]) == 40
+
+
+@pytest.mark.parametrize("file", ["secret.key", "public.key", "allowed/monitor.key"])
+def test_a_key_without_a_role_is_refused_with_the_command_that_renews_it(
+    tmp_path: Path, file: str
+) -> None:
+    folder = keygen(tmp_path)["robot"]
+    path = folder / file
+    path.write_text(path.read_text().split()[1] + "\n")
+    with pytest.raises(ConfigError) as caught:
+        load_keys(folder)
+    told = str(caught.value)
+    assert "\n" not in told
+    assert told.endswith(f"renew it: python -m robot keygen --renew {folder}")
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_renewed_keys_are_the_same_keys_with_roles(tmp_path: Path, moved: bool) -> None:
+    folder = keygen(tmp_path)["localizer"]
+    new = load_keys(folder)
+    make_old(folder)
+    if moved:  # as on a machine where nobody kept the name
+        folder = folder.rename(tmp_path / "keys")
+    assert renew(folder) == "localizer"
+    assert load_keys(folder) == new
+    assert load_keys(folder).secret == new.secret
+    assert (folder / "secret.key").stat().st_mode & 0o777 == 0o600
+    assert renew(folder) == "localizer", "twice does no harm"
+    assert load_keys(folder) == new
+
+
+def test_keys_whose_roles_cannot_be_told_are_not_renewed(tmp_path: Path) -> None:
+    folder = keygen(tmp_path)["robot"]
+    make_old(folder)
+    before = {path: path.read_text() for path in folder.rglob("*.key")}
+    (folder / "allowed" / "tablet.key").write_text("x" * 40)
+    with pytest.raises(ConfigError, match=r"tablet.*: expected a name that tells the role"):
+        renew(folder)
+    assert before.items() <= {p: p.read_text() for p in folder.rglob("*.key")}.items()
+    (folder / "allowed" / "tablet.key").unlink()
+    (folder / "allowed" / "localizer.key").unlink()
+    elsewhere = folder.rename(tmp_path / "keys")
+    with pytest.raises(ConfigError, match="call it robot or localizer or monitor"):
+        renew(elsewhere)
+
+
+def test_a_pair_of_two_roles_and_two_of_one_role_are_refused(tmp_path: Path) -> None:
+    folder = keygen(tmp_path)["monitor"]
+    public = folder / "public.key"
+    public.write_text(public.read_text().replace("monitor", "robot"))
+    with pytest.raises(ConfigError, match="expected a pair of keys of one role"):
+        load_keys(folder)
+    public.write_text(public.read_text().replace("robot", "monitor"))
+    second = folder / "allowed" / "second.key"
+    second.write_text((folder / "allowed" / "robot.key").read_text())
+    with pytest.raises(ConfigError, match=r"expected one robot .* got robot, second"):
+        load_keys(folder).peer("robot")
+
+
+@pytest.mark.parametrize("text", ["", "pilot " + "x" * 40, "robot " + "x" * 39, "robot a b", "\0"])
+def test_what_is_no_key_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    folder = keygen(tmp_path)["robot"]
+    (folder / "public.key").write_text(text)
+    with pytest.raises(ConfigError, match="40 characters of Z85") as caught:
+        load_keys(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_key_as_large_as_a_disk_is_not_read(tmp_path: Path) -> None:
+    folder = keygen(tmp_path)["robot"]
+    (folder / "public.key").write_bytes(b"robot " + b"x" * 10_000_000)
+    with pytest.raises(ConfigError, match="40 characters of Z85, got 994 characters"):
         load_keys(folder)

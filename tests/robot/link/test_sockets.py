@@ -73,7 +73,7 @@ def test_strangers_receive_nothing(configs: Configs, open_link: Open, tmp_path: 
     publisher, subscriber = pair(configs, open_link)
     endpoint = configs["robot"].connect_endpoint("pose")
     links = strangers(configs, tmp_path)
-    others = {n: Subscriber(k, endpoint, PosesMessage, "localizer") for n, k in links.items()}
+    others = {n: Subscriber(k, endpoint, PosesMessage) for n, k in links.items()}
     deliver(publisher, subscriber)
     leaked = []
     deadline_s = time.monotonic() + 1.0
@@ -125,7 +125,7 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
 def raw_publisher(config: LinkConfig, open_link: Open) -> Callable[[bytes], None]:
     """Sends any bytes with the localizer's own key."""
     link = open_link(config)
-    socket = link.bind(zmq.PUB, config.bind_endpoint("pose"), 10**6)
+    socket = link.bind(zmq.PUB, config.bind_endpoint("pose"), 10**6, "pose")
 
     def send(data: bytes) -> None:
         link.admit()
@@ -192,7 +192,7 @@ def test_plaintext_needs_its_flag_and_excludes_keys() -> None:
     with pytest.raises(ConfigError, match="neither"):
         Link(None)
     with pytest.raises(ConfigError, match="both"):
-        Link(Keys(b"", b""), plaintext=True)
+        Link(Keys("robot", b"", b""), plaintext=True)
 
 
 def test_plaintext_on_loopback_works(open_link: Open) -> None:
