@@ -32,6 +32,11 @@ def bus_time_s(data_bytes: int, bus_hz: int) -> float:
     return (9 * (data_bytes + 1) + 2) / bus_hz
 
 
+def bus_read_time_s(data_bytes: int, bus_hz: int) -> float:
+    """The same of a read: address and register, repeated START, address and ``data_bytes``."""
+    return (9 * (data_bytes + 3) + 3) / bus_hz
+
+
 class SmbusBus:
     """The bus ``/dev/i2c-<number>`` through smbus2.
 

@@ -1,16 +1,17 @@
-"""Which coils of a two-phase stepper carry how much, position by position around the ring.
+"""What the bridges' inputs carry at each position around a two-phase stepper's ring.
 
-The ring is the four bridge inputs [AIN2, BIN1, AIN1, BIN2]: energising each in turn moves the rotor
-by one full step. Levels are PWM duties in [0, 1]; as the bridges do not regulate current, the duty
-is what limits the voltage on a coil.
+IN1 and IN2 say which way the current of a winding flows and stay as they are; the duty is on the
+bridge's PWM input. Between the pulses a TB6612FNG then shorts the winding (data sheet, H-SW control
+function: PWM low with one input high), so that its current goes on and its mean is duty * V / R.
+With the duty on an input the outputs would be at high impedance between the pulses, where the
+current dies: a twentieth of it would be left at half duty. A winding without current has both
+inputs low.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Tuple
-
-Levels = Tuple[float, float, float, float]  # of AIN2, BIN1, AIN1, BIN2
+from typing import NamedTuple
 
 FULL_STEPS = 4  # of one electrical turn
 MICROSTEPS = (1, 2, 4, 8, 16)
@@ -21,14 +22,39 @@ def ring_size(microsteps: int) -> int:
     return FULL_STEPS * microsteps
 
 
-def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
-    """The duties at a position counted in microsteps (any number; the ring repeats).
+class Levels(NamedTuple):
+    """How much of the time each input is high, in the order of the HAT's channels."""
 
-    The field's angle advances evenly and the stronger coil is always fully on, which gives more
-    torque than a sine curve: 1 is two-phase full stepping, 2 the usual half-step table.
+    pwma: float
+    ain2: float
+    ain1: float
+    bin1: float
+    bin2: float
+    pwmb: float
+
+
+ALL_LOW = Levels(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
+    """The inputs at a position counted in microsteps (any number; the ring repeats).
+
+    A full step forward turns the field from A (AIN2 high) to B (BIN1 high). Its angle advances
+    evenly and the stronger winding always has the whole duty, which gives more torque than a sine
+    curve: 1 is two-phase full stepping, 2 the usual half-step table. PWM inputs only differ from
+    the duty between half steps, so that whole and half steps change nothing but directions.
     """
     turn = (position + (0.5 if microsteps == 1 else 0.0)) / ring_size(microsteps)
     a, b = math.cos(2.0 * math.pi * turn), math.sin(2.0 * math.pi * turn)
     scale = duty / max(abs(a), abs(b))
-    a, b = round(scale * a, 9), round(scale * b, 9)  # a coil that is off is exactly 0
-    return (max(a, 0.0), max(b, 0.0), max(-a, 0.0), max(-b, 0.0))
+    a, b = round(scale * a, 9), round(scale * b, 9)  # a winding without current has exactly 0
+    on_a, on_b = float(a != 0.0), float(b != 0.0)
+    forward_a, forward_b = float(a > 0.0), float(b > 0.0)
+    return Levels(
+        pwma=abs(a) or duty,
+        ain2=forward_a,
+        ain1=on_a - forward_a,
+        bin1=forward_b,
+        bin2=on_b - forward_b,
+        pwmb=abs(b) or duty,
+    )

@@ -9,7 +9,7 @@ from typing import Dict, NamedTuple, Tuple
 from robot.contract import DRIVE
 from robot.errors import ConfigError, nearest
 from robot.geometry import DifferentialDrive
-from robot.hat.bus import bus_time_s
+from robot.hat.bus import bus_read_time_s, bus_time_s
 from robot.hat.coils import MICROSTEPS
 
 GAIN_MAX = 1.1
@@ -114,13 +114,20 @@ class HatConfig:
 
     def _check_bus_share(self) -> None:
         rate_hz = self.max_speed_mps / min(self.wheel_steps_m)
-        carries_hz = BUS_SHARE_MAX / bus_time_s(41, self.bus_hz)
+        carries_hz = BUS_SHARE_MAX / self._update_s
         if rate_hz > carries_hz:
             raise ConfigError(
                 f"max_speed_mps {self.max_speed_mps:g} with microsteps {self.microsteps}: needs "
                 f"{rate_hz:.0f} updates per second, a bus of {self.bus_hz // 1000} kHz carries "
                 f"{carries_hz:.0f}; use fewer microsteps, a lower speed or a faster bus"
             )
+
+    @property
+    def _update_s(self) -> float:
+        """Time on the bus for a step of both motors [s]; see ``StepperHat``."""
+        if self.microsteps <= 2:
+            return bus_time_s(41, self.bus_hz)
+        return bus_time_s(49, self.bus_hz) + bus_read_time_s(4, self.bus_hz)
 
     @property
     def full_step_m(self) -> float:

@@ -90,6 +90,22 @@ class Pca9685:
         """Set neighbouring outputs, from channel ``first`` on, in one transaction."""
         self._write(channel_register(first), b"".join(channel_bytes(level) for level in levels))
 
+    def expect_channel(self, channel: int, level: float) -> None:
+        """HardwareError unless the output is still as ``set_channels`` left it.
+
+        That tells of an all-off by another program and of writes to the channels, too: the chip
+        keeps what anybody wrote last.
+        """
+        expected = channel_bytes(level)
+        got = self._read(channel_register(channel), len(expected))
+        if got != expected:
+            self.check()  # a chip that was reset is told as such
+            raise HardwareError(
+                f"{self._where}: expected channel {channel} as it was written, {expected.hex()}, "
+                f"got {got.hex()}: released or driven by another program, such as "
+                "`python -m robot off`; end that one first"
+            )
+
     def all_off(self) -> None:
         """Every output low: one write of three bytes on the wire."""
         self._write(ALL_LED_OFF_H, bytes((FULL,)))
@@ -101,7 +117,7 @@ class Pca9685:
             (MODE2, "MODE2", TOTEM_POLE),
             (PRE_SCALE, "PRE_SCALE", FASTEST_PRE_SCALE),
         ):
-            value = self._read(register)
+            value = self._read(register, 1)[0]
             if value != expected:
                 raise HardwareError(
                     f"{self._where}: expected {name} = 0x{expected:02X}, got 0x{value:02X}; the "
@@ -130,9 +146,9 @@ class Pca9685:
         except OSError as error:
             self._fail(f"write of {len(data)} bytes to register 0x{register:02X}", error)
 
-    def _read(self, register: int) -> int:
+    def _read(self, register: int, count: int) -> bytes:
         try:
-            return self.bus.read(self.address, register, 1)[0]
+            return self.bus.read(self.address, register, count)
         except OSError as error:
             self._fail(f"read of register 0x{register:02X}", error)
 

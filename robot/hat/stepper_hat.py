@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain, cycle
 from typing import Dict, Optional, Sequence
 
 from robot.errors import HardwareError
@@ -17,7 +18,8 @@ class StepperHat:
     """The HAT named by ``config``; ``open`` must come first.
 
     When both motors step, channels 3 to 12 go out as one 41-byte message and change together on
-    STOP; when one does, only its four. PWMA and PWMB stay high: duties are on the coil inputs.
+    STOP; when one does, only its four. Where the duties change, between half steps, PWMA and PWMB
+    go along: 49 bytes, and 25.
 
     Raises:
         HardwareError: from every method, when bus or chip fail.
@@ -30,6 +32,8 @@ class StepperHat:
         self._chip: Optional[Pca9685] = None
         self._motors = (config.left, config.right)
         self._positions = [0, 0]  # around each ring [microsteps]
+        self._sent: Dict[int, float] = {}  # levels of the channels; empty while all are off
+        self._looks = cycle(_looks(self._motors))
         self.duty: Optional[float] = None  # of the coils now; None while they are off
 
     @property
@@ -41,22 +45,19 @@ class StepperHat:
 
     def open(self) -> None:
         """Find the chip and set it up; the coils are off and the wheels turn freely."""
-        self.duty = None
+        self._forget()
         self._chip = Pca9685.probe(self._bus, self._config.addresses, self._clock)
         self._chip.initialise()
 
     def energise(self, duty: float, beside_full_steps: float = 0.0) -> None:
         """Current in the coils of the present positions, or of those so far beside them."""
         self.duty = duty
-        self._write(self._motors, with_pwm=True, beside=beside_full_steps * self._config.microsteps)
+        self._write(self._motors, beside_full_steps * self._config.microsteps)
 
     def move(self, steps: Steps) -> None:
         """Turn the fields by ``steps`` microsteps (forward positive) at the run duty."""
         for index, count in enumerate(steps):
             self._positions[index] += -count if self._motors[index].reversed else count
-        if self.duty is None:
-            self.energise(self._config.run_duty)
-            return
         changed: Sequence[MotorConfig] = self._motors
         if self.duty == self._config.run_duty:
             changed = tuple(m for m, count in zip(self._motors, steps) if count)
@@ -68,27 +69,55 @@ class StepperHat:
         """All outputs off in one write of three bytes; nothing to do before the first ``open``."""
         if self._chip is not None:
             self._chip.all_off()
-        self.duty = None
+        self._forget()
 
     def check(self) -> None:
-        """HardwareError unless the chip still holds the settings of ``open``."""
-        self.chip.check()
+        """HardwareError unless the chip still holds what was written; one look each time, in turn.
 
-    def _write(
-        self, motors: Sequence[MotorConfig], with_pwm: bool = False, beside: float = 0.0
-    ) -> None:
+        A look takes the bus 0.7 ms at 100 kHz, so that a step is hardly late for it. Only while
+        the coils are on.
+        """
+        channel = next(self._looks)
+        if channel is None:
+            self.chip.check()
+        else:
+            self.chip.expect_channel(channel, self._sent[channel])
+
+    def _forget(self) -> None:
+        self.duty = None
+        self._sent = {}
+
+    def _write(self, motors: Sequence[MotorConfig], beside: float = 0.0) -> None:
         """Write the run of channels that covers the coils of ``motors`` in one transaction."""
         levels = self._all_levels(beside)
+        pwms = [c for motor in motors for c in (motor.channels.pwma, motor.channels.pwmb)]
+        with_pwm = any(self._sent.get(c) != levels[c] for c in pwms)
+        if with_pwm and self._sent:
+            # This write would hide that another program switched everything off since the last.
+            self.chip.expect_channel(pwms[0], self._sent[pwms[0]])
         part = slice(0, 6) if with_pwm else slice(1, 5)  # of pwma, ain2, ain1, bin1, bin2, pwmb
         span = [channel for motor in motors for channel in tuple(motor.channels)[part]]
-        first, last = min(span), max(span)
-        self.chip.set_channels(first, [levels.get(c, 0.0) for c in range(first, last + 1)])
+        run = range(min(span), max(span) + 1)
+        self.chip.set_channels(run[0], [levels[channel] for channel in run])
+        self._sent.update((channel, levels[channel]) for channel in run)
 
     def _all_levels(self, beside: float) -> Dict[int, float]:
         levels: Dict[int, float] = {}
         for motor, position in zip(self._motors, self._positions):
-            pwma, ain2, ain1, bin1, bin2, pwmb = motor.channels
-            coils = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
-            levels.update(zip((ain2, bin1, ain1, bin2), coils))
-            levels.update({pwma: 1.0, pwmb: 1.0})
+            inputs = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
+            levels.update(zip(motor.channels, inputs))
         return levels
+
+
+def _looks(motors: Sequence[MotorConfig]) -> Sequence[Optional[int]]:
+    """The order of looks: channels to read back, and None for the chip's modes.
+
+    Every second look is at the first or the last channel. Those are PWM inputs that whole and half
+    steps do not write, so that an all-off by another program shows there until somebody looks.
+    """
+    channels = sorted(chain.from_iterable(motor.channels for motor in motors))
+    outer, inner = (channels[0], channels[-1]), [*channels[1:-1], None]
+    order: Sequence[Optional[int]] = [
+        look for index, other in enumerate(inner) for look in (outer[index % 2], other)
+    ]
+    return order

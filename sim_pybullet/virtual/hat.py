@@ -3,17 +3,33 @@
 from __future__ import annotations
 
 import threading
+from typing import NamedTuple
 
 import numpy as np
 
 from robot.hat.clock import Clock
-from robot.hat.config import PORTS, Port
+from sim_pybullet.virtual.coil import CoilDrive, coil_drive
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 from sim_pybullet.virtual.rotor import Rotor, RotorModel
-from sim_pybullet.virtual.tb6612 import bridge_drive
+from sim_pybullet.virtual.tb6612 import bridge_spans
 
-LEFT_PORT, RIGHT_PORT = PORTS["M1M2"], PORTS["M3M4"]
+
+class BridgeWires(NamedTuple):
+    """PCA9685 channels at the inputs of one bridge."""
+
+    in1: int
+    in2: int
+    pwm: int
+
+
+# From the schematic of the Adafruit DC+Stepper Motor HAT (product 2348), which the 0x6F boards
+# copy: terminal -> bridge. Not the driver's table: exchanged pins must show.
+M1 = BridgeWires(in1=10, in2=9, pwm=8)
+M2 = BridgeWires(in1=11, in2=12, pwm=13)
+M3 = BridgeWires(in1=4, in2=3, pwm=2)
+M4 = BridgeWires(in1=5, in2=6, pwm=7)
+LEFT, RIGHT = (M1, M2), (M3, M4)  # windings A and B of each motor, as docs/wiring.md has them
 # The motors are mounted as mirror images: the right wheel rolls back when its rotor turns forward.
 MOUNTING = (1.0, -1.0)
 
@@ -67,11 +83,11 @@ class VirtualHat:
 
     def _drive_coils(self) -> None:
         with self._lock:
-            self._drive_motor(LEFT_PORT, self.rotors[0])
-            self._drive_motor(RIGHT_PORT, self.rotors[1])
+            for rotor, (wires_a, wires_b) in zip(self.rotors, (LEFT, RIGHT)):  # noqa: B905
+                a, b = self._coil(wires_a, rotor), self._coil(wires_b, rotor)
+                # Winding A is connected so that OUT2 high turns the rotor on to B.
+                rotor.drive(CoilDrive(-a.current, a.closed), b)
 
-    def _drive_motor(self, port: Port, rotor: Rotor) -> None:
-        """Phase A is wound so that AIN2 high is positive: the ring turns the rotor forward."""
-        a = bridge_drive(self.chip.outputs, port.ain1, port.ain2, port.pwma)
-        b = bridge_drive(self.chip.outputs, port.bin1, port.bin2, port.pwmb)
-        rotor.drive(-a.voltage, b.voltage, max(a.closed, b.closed))
+    def _coil(self, wires: BridgeWires, rotor: Rotor) -> CoilDrive:
+        spans = bridge_spans(self.chip.outputs, *wires)
+        return coil_drive(spans, self.chip.pwm_period_s, rotor.model.time_constant_s)

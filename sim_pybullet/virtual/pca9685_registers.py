@@ -60,6 +60,11 @@ class Pca9685Registers:
         """Whether the oscillator is off."""
         return bool(self._mode1 & SLEEP)
 
+    @property
+    def pwm_period_s(self) -> float:
+        """Duration of 4096 counts [s] (chapter 7.3.5)."""
+        return 4096 * (self._pre_scale + 1) / OSCILLATOR_HZ
+
     def power_cycle(self) -> None:
         """Supply lost and back: all registers at their reset values."""
         self._before_change()
@@ -169,7 +174,7 @@ class Pca9685Registers:
         now_s = self._clock.now()
         if self.asleep and not was_asleep:
             if self._outputs.any_pwm:
-                self._restart_s = now_s + 4096 * (self._pre_scale + 1) / OSCILLATOR_HZ
+                self._restart_s = now_s + self.pwm_period_s
             self._awake_s = math.inf
         elif was_asleep and not self.asleep:
             self._awake_s = now_s

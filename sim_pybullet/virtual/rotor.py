@@ -1,4 +1,4 @@
-"""A two-phase stepper with its load: where the rotor goes when its coils are driven.
+"""A two-phase stepper with its load: where the rotor goes when its windings are driven.
 
 Torque is holding torque times the sine of the angle between field and rotor (Acarnley, Stepping
 Motors, 4th ed., chapter 3); a field that moves too fast, or against too much load, leaves the rotor
@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+
+from sim_pybullet.virtual.coil import RELEASED, CoilDrive, relax
 
 FULL_STEPS = 4  # of one electrical turn
 
@@ -22,6 +24,7 @@ class RotorModel:
     inertia_kgm2: float = 3.2e-4  # 0.3 kg at the rim of a 32.5 mm wheel; the rotor's is 1e-6
     damping_nms: float = 5e-4  # back EMF into the supply: (torque constant)^2 / resistance
     friction_nm: float = 0.005  # rolling and bearings
+    time_constant_s: float = 1e-3  # L / R of a winding: 0.3 to 3 ms in motors of this class
 
     @property
     def electrical_turns(self) -> float:
@@ -39,8 +42,8 @@ class Rotor:
         self.angle_rad = angle_rad  # of the wheel
         self.speed_radps = 0.0
         self.load_nm = 0.0  # positive pushes towards positive angles
-        self._field = (0.0, 0.0)
-        self._closed = 0.0
+        self.currents = (0.0, 0.0)  # now [supply voltage / resistance]
+        self._drives = (RELEASED, RELEASED)
         self._expected_rad: float | None = None  # electrical angle where the field wants the rotor
 
     @property
@@ -63,14 +66,18 @@ class Rotor:
             return 0.0
         return self._expected_rad - self.model.electrical_turns * self.angle_rad
 
-    def drive(self, phase_a: float, phase_b: float, closed: float) -> None:
-        """Set the coils' mean voltages in [-1, 1] and the share of time that they are closed."""
-        self._field = (phase_a, phase_b)
-        self._closed = closed
-        if phase_a == 0.0 and phase_b == 0.0:
+    @property
+    def mean_currents(self) -> tuple[float, float]:
+        """Where the currents settle, averaged over the PWM [supply voltage / resistance]."""
+        return (self._drives[0].current, self._drives[1].current)
+
+    def drive(self, phase_a: CoilDrive, phase_b: CoilDrive) -> None:
+        """Set what the bridges do from now on; the currents follow by L / R."""
+        self._drives = (phase_a, phase_b)
+        if phase_a.current == 0.0 and phase_b.current == 0.0:
             self._expected_rad = None
             return
-        angle_rad = math.atan2(phase_b, phase_a)
+        angle_rad = math.atan2(phase_b.current, phase_a.current)
         reference = self._expected_rad
         if reference is None:  # switched on: the rotor goes to the nearest equilibrium
             reference = self.model.electrical_turns * self.angle_rad
@@ -81,14 +88,20 @@ class Rotor:
         count = max(1, math.ceil(duration_s / self.STEP_S))
         dt_s = duration_s / count
         model, turns = self.model, self.model.electrical_turns
-        a, b = (model.holding_torque_nm * phase for phase in self._field)
-        damping = model.damping_nms * self._closed
+        drive_a, drive_b = self._drives
+        current_a, current_b = self.currents
+        keep = math.exp(-dt_s / model.time_constant_s)
+        damping = model.damping_nms * max(drive_a.closed, drive_b.closed)
         friction = model.friction_nm * dt_s / model.inertia_kgm2
         angle, speed = self.angle_rad, self.speed_radps
         for _ in range(count):
+            current_a = relax(current_a, drive_a, keep)
+            current_b = relax(current_b, drive_b, keep)
             electrical = turns * angle
-            torque = b * math.cos(electrical) - a * math.sin(electrical) + self.load_nm
+            pull = current_b * math.cos(electrical) - current_a * math.sin(electrical)
+            torque = model.holding_torque_nm * pull + self.load_nm
             speed += dt_s * (torque - damping * speed) / model.inertia_kgm2
             speed = math.copysign(max(abs(speed) - friction, 0.0), speed)
             angle += dt_s * speed
         self.angle_rad, self.speed_radps = angle, speed
+        self.currents = (current_a, current_b)

@@ -9,37 +9,43 @@ from sim_pybullet.virtual.pwm import PwmOutputs
 
 
 class BridgeState(Enum):
-    """The rows of the function table; STBY is tied high on the boards."""
+    """What the outputs do."""
 
-    FORWARD = "O1 high, O2 low"
-    REVERSE = "O1 low, O2 high"
-    BRAKE = "both low: the winding is shorted"
-    OPEN = "high impedance: no current"
-
-
-class BridgeDrive(NamedTuple):
-    """Averages over one PWM period."""
-
-    voltage: float  # in [-1, 1] of the motor supply, positive for FORWARD
-    closed: float  # share of the period in which current can flow
+    CW = "OUT1 high, OUT2 low"
+    CCW = "OUT1 low, OUT2 high"
+    SHORT_BRAKE = "both low: the winding is shorted, its current goes round and decays slowly"
+    STOP = "high impedance: the current flows back into the supply and is gone soon"
 
 
-def bridge_state(in1: bool, in2: bool, pwm: bool) -> BridgeState:
-    """The function table (data sheet, page 4)."""
-    if in1 and in2:
-        return BridgeState.BRAKE
-    if not in1 and not in2:
-        return BridgeState.OPEN
-    if not pwm:
-        return BridgeState.BRAKE
-    return BridgeState.FORWARD if in1 else BridgeState.REVERSE
+H, L = True, False
+# "H-SW Control Function" of the data sheet: IN1, IN2, PWM -> outputs, with STBY high as on the
+# boards. The sheet lists two low inputs with PWM high only; none of the four transistors conducts.
+H_SW_CONTROL = {
+    (H, H, H): BridgeState.SHORT_BRAKE,
+    (H, H, L): BridgeState.SHORT_BRAKE,
+    (L, H, H): BridgeState.CCW,
+    (L, H, L): BridgeState.SHORT_BRAKE,
+    (H, L, H): BridgeState.CW,
+    (H, L, L): BridgeState.SHORT_BRAKE,
+    (L, L, H): BridgeState.STOP,
+    (L, L, L): BridgeState.STOP,
+}
 
 
-def bridge_drive(outputs: PwmOutputs, in1: int, in2: int, pwm: int) -> BridgeDrive:
-    """The averages, from the PCA9685 channels wired to IN1, IN2 and PWM."""
-    voltage = closed = 0.0
-    for share, levels in outputs.spans(in1, in2, pwm):
-        state = bridge_state(*levels)
-        voltage += share * ((state is BridgeState.FORWARD) - (state is BridgeState.REVERSE))
-        closed += share * (state is not BridgeState.OPEN)
-    return BridgeDrive(voltage, closed)
+class Span(NamedTuple):
+    """A part of the PWM period in which the outputs do not change."""
+
+    share: float
+    state: BridgeState
+
+
+def bridge_state(in1: bool, in2: bool, pwm: bool, stby: bool = True) -> BridgeState:
+    """The control function; in standby all outputs are high impedance."""
+    return H_SW_CONTROL[in1, in2, pwm] if stby else BridgeState.STOP
+
+
+def bridge_spans(outputs: PwmOutputs, in1: int, in2: int, pwm: int) -> tuple[Span, ...]:
+    """The PWM period, from the PCA9685 channels wired to IN1, IN2 and PWM."""
+    return tuple(
+        Span(share, bridge_state(*levels)) for share, levels in outputs.spans(in1, in2, pwm)
+    )

@@ -2,27 +2,39 @@ import math
 
 import pytest
 
-from robot.hat.coils import MICROSTEPS, ring_levels, ring_size
+from robot.hat.coils import Levels, ring_levels, ring_size
 
+MICROSTEPS = (1, 2, 4, 8, 16)
+# AIN2, BIN1, AIN1, BIN2 of the published half-step table.
 HALF_STEPS = ["1000", "1100", "0100", "0110", "0010", "0011", "0001", "1001"]
 
 
-def field_angle(levels: tuple) -> float:
-    return math.atan2(levels[1] - levels[3], levels[0] - levels[2])
+def ring(levels: Levels) -> str:
+    inputs = (levels.ain2, levels.bin1, levels.ain1, levels.bin2)
+    assert set(inputs) <= {0.0, 1.0}, "the inputs are held: duties belong on PWMA and PWMB"
+    return "".join(str(int(level)) for level in inputs)
 
 
-def test_half_steps_follow_the_published_table() -> None:
-    rows = ["".join(str(int(x)) for x in ring_levels(i, 2, 1.0)) for i in range(8)]
-    assert rows == HALF_STEPS
+def field_angle(levels: Levels) -> float:
+    a, b = levels.pwma * (levels.ain2 - levels.ain1), levels.pwmb * (levels.bin1 - levels.bin2)
+    return math.atan2(b, a)
+
+
+@pytest.mark.parametrize("duty", [0.1, 0.3, 1.0])
+def test_half_steps_follow_the_published_table(duty: float) -> None:
+    rows = [ring_levels(i, 2, duty) for i in range(8)]
+    assert [ring(row) for row in rows] == HALF_STEPS
+    assert {(row.pwma, row.pwmb) for row in rows} == {(duty, duty)}, "steps change no PWM input"
 
 
 def test_full_steps_use_two_coils_at_a_time() -> None:
-    assert [sum(ring_levels(i, 1, 1.0)) for i in range(4)] == [2.0] * 4
+    assert [ring(ring_levels(i, 1, 0.7)) for i in range(4)] == ["1100", "0110", "0011", "1001"]
 
 
 @pytest.mark.parametrize("microsteps", MICROSTEPS)
 def test_field_turns_by_equal_angles_and_repeats(microsteps: int) -> None:
     size = ring_size(microsteps)
+    assert size == 4 * microsteps
     for i in range(-size, size):
         here, there = ring_levels(i, microsteps, 1.0), ring_levels(i + 1, microsteps, 1.0)
         turn = math.remainder(field_angle(there) - field_angle(here), 2 * math.pi)
@@ -36,7 +48,8 @@ def test_duty_limits_every_coil_and_never_both_ends_of_a_winding(
     microsteps: int, duty: float
 ) -> None:
     for i in range(ring_size(microsteps)):
-        ain2, bin1, ain1, bin2 = ring_levels(i, microsteps, duty)
-        assert max(ain2, bin1, ain1, bin2) == pytest.approx(duty)
-        assert ain1 * ain2 == 0.0
-        assert bin1 * bin2 == 0.0
+        levels = ring_levels(i, microsteps, duty)
+        assert max(levels.pwma, levels.pwmb) == pytest.approx(duty)
+        assert levels.ain1 * levels.ain2 == 0.0
+        assert levels.bin1 * levels.bin2 == 0.0
+        ring(levels)

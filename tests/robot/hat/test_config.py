@@ -5,7 +5,7 @@ import yaml
 
 from robot.contract import MAX_WHEEL_MPS
 from robot.errors import ConfigError
-from robot.hat.config import HatConfig
+from robot.hat.config import PORTS, HatConfig
 from robot.typed_config import from_plain, to_plain
 
 
@@ -13,6 +13,15 @@ def test_defaults_drive_every_action_and_survive_yaml() -> None:
     config = HatConfig()
     assert config.max_speed_mps >= MAX_WHEEL_MPS
     assert from_plain(HatConfig, to_plain(config)) == config
+
+
+def test_the_ports_are_those_of_the_schematic() -> None:
+    """Adafruit 2348 and its copies: PWMA, AIN2, AIN1, BIN1, BIN2, PWMB."""
+    assert {name: tuple(port) for name, port in PORTS.items()} == {
+        "M1M2": (8, 9, 10, 11, 12, 13),
+        "M3M4": (2, 3, 4, 5, 6, 7),
+    }
+    assert PORTS["M1M2"]._fields == ("pwma", "ain2", "ain1", "bin1", "bin2", "pwmb")
 
 
 @pytest.mark.parametrize(
@@ -32,7 +41,7 @@ def test_defaults_drive_every_action_and_survive_yaml() -> None:
         ({"addresses": []}, "at least one address"),
         ({"bus": -1}, "the number of /dev/i2c"),
         ({"bus_hz": 3_400_000}, "Fast-mode Plus"),
-        ({"microsteps": 4}, "376 updates per second, a bus of 100 kHz carries 211"),
+        ({"microsteps": 4}, "376 updates per second, a bus of 100 kHz carries 154"),
         ({"hold_after_s": 90.0}, "<= release"),
         ({"left": {"port": "M1M2", "gain": 1.2}}, "motor gain: expected 0.91 to 1.10, got 1.2"),
     ],

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError, HardwareError
 from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
-from robot.hat.coils import ring_levels, ring_size
 from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.driver import HELD_S, WAKE_S
 from robot.hat.stepping import BRAKE_S
@@ -18,13 +17,14 @@ from tests.robot.hat.rig import ALL_OFF, Rig, make_rig
 START_S = WAKE_S + 0.01
 
 
-def ring_position(rig: Rig, first_channel: int, microsteps: int) -> int:
-    """Which row of the ring the chip's outputs show; fails when they show none."""
-    duty = [rig.hat.chip.outputs.duty(first_channel + i) for i in (0, 2, 1, 3)]
-    for i in range(ring_size(microsteps)):
-        if duty == pytest.approx(ring_levels(i, microsteps, max(duty)), abs=1e-3):
-            return i
-    raise AssertionError(f"no legal coil pattern: {duty}")
+# AIN2, AIN1, BIN1, BIN2 of each half step, as channels 9 to 12 and 3 to 6 must show them.
+RING = ["1000", "1010", "0010", "0110", "0100", "0101", "0001", "1001"]
+
+
+def ring_position(rig: Rig, first_channel: int) -> int:
+    """Which half step the chip's outputs show; fails when they show none."""
+    duties = [rig.hat.chip.outputs.duty(first_channel + i) for i in range(4)]
+    return RING.index("".join(f"{duty:g}" for duty in duties))
 
 
 @pytest.mark.parametrize("wheels", [(0.3, 0.3), (-0.2, 0.2), (0.1, 0.0), (-0.3, -0.15)])
@@ -57,6 +57,20 @@ def test_straight_driving_is_one_write_for_a_step_of_both_motors() -> None:
         assert {t.data[0] for t in writes} == {0x12}
 
 
+def test_between_half_steps_the_duties_go_along_in_the_same_write() -> None:
+    rig = make_rig(HatConfig(microsteps=8, bus_hz=1_000_000, max_speed_mps=0.1))
+    with rig.driver:
+        rig.drive(0.05, 0.05, 1.0)
+        rig.bus.log.clear()
+        before = rig.driver.counts
+        rig.drive(0.05, 0.05, 1.0)
+        steps = rig.driver.counts.left - before.left
+        writes = [t for t in rig.bus.log if not t.read_count]
+        assert steps > 80
+        assert len(writes) == steps
+        assert {(t.data[0], len(t.data)) for t in writes} == {(0x0E, 49)}
+
+
 def test_coils_only_ever_move_one_place_around_the_ring() -> None:
     rig, rng = make_rig(), np.random.default_rng(3)
     seen = []
@@ -65,7 +79,7 @@ def test_coils_only_ever_move_one_place_around_the_ring() -> None:
     def watch() -> None:
         drive_coils()
         if rig.driver.energised and rig.hat.chip.outputs.any_high:
-            seen.append([ring_position(rig, first, 2) for first in (9, 3)])
+            seen.append([ring_position(rig, first) for first in (9, 3)])
 
     with rig.driver:
         rig.drive(0.1, 0.1, START_S)  # finds the rotors by a jump
@@ -208,9 +222,11 @@ def test_standing_coils_drop_to_hold_and_then_let_go() -> None:
     with rig.driver:
         rig.drive(0.1, 0.1, 1.0)
         rig.come_to_rest()
-        duties = [rig.hat.chip.outputs.duty(channel) for channel in range(3, 13)]
-        coils = [duty for i, duty in enumerate(duties) if i not in (4, 5)]
-        assert max(coils) == pytest.approx(rig.driver.config.hold_duty, abs=1e-3)
+        duties = [rig.hat.chip.outputs.duty(channel) for channel in (2, 7, 8, 13)]
+        assert duties == pytest.approx([0.3] * 4, abs=1e-3)
+        currents = [abs(i) for rotor in rig.hat.rotors for i in rotor.mean_currents if i]
+        assert currents == pytest.approx([0.3] * len(currents), abs=1e-3)
+        assert len(currents) >= 2
         rig.wait(5.0)
         assert not rig.driver.energised
         assert rig.last.data == ALL_OFF
@@ -367,6 +383,56 @@ def test_a_chip_that_lost_its_supply_is_noticed() -> None:
         rig.hat.chip.power_cycle()
         with pytest.raises(HardwareError, match="the chip was reset"):
             rig.drive(0.2, 0.2, 2.0)
+
+
+def another_writes(rig: Rig, data: bytes) -> None:
+    rig.bus.write(0x6F, data)
+
+
+@pytest.mark.parametrize("microsteps", [1, 2, 4, 16])
+@pytest.mark.parametrize("wheels", [(0.1, 0.1), (0.05, 0.0), (0.0, 0.0)])
+def test_coils_that_another_program_switched_off_stay_off(wheels: tuple, microsteps: int) -> None:
+    rig = make_rig(HatConfig(microsteps=microsteps, bus_hz=1_000_000, max_speed_mps=0.1))
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        rig.drive(*wheels, 0.2)
+        another_writes(rig, ALL_OFF)
+        with pytest.raises(HardwareError, match="released or driven by another program"):
+            rig.drive(*wheels, 0.25)
+        assert not rig.hat.chip.outputs.any_high
+        before = rig.rolled_m
+        for _ in range(5):
+            with pytest.raises(HardwareError, match="the motors are off since"):
+                rig.drive(0.1, 0.1, 0.1)
+        assert not rig.hat.chip.outputs.any_high
+        assert rig.rolled_m == pytest.approx(before, abs=0.02)
+
+
+@pytest.mark.parametrize("channel", range(2, 14))
+def test_a_channel_that_another_program_writes_while_the_robot_stands_is_noticed(
+    channel: int,
+) -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.1, 0.1, 1.0)
+        rig.come_to_rest()
+        another_writes(rig, bytes((0x06 + 4 * channel, 0, 0, 0x33, 0x03)))
+        with pytest.raises(HardwareError, match=f"channel {channel} as it was written"):
+            rig.wait(1.5)
+        assert not rig.hat.chip.outputs.any_high
+
+
+def test_looking_takes_the_bus_a_fiftieth_of_its_time() -> None:
+    rig = make_rig()
+    with rig.driver:
+        rig.drive(0.3, 0.3, 1.0)
+        rig.bus.log.clear()
+        rig.drive(0.3, 0.3, 4.0)
+        reads = [t for t in rig.bus.log if t.read_count]
+        assert 76 <= len(reads) <= 90, "one look each 50 ms; the modes are three reads"
+        bits = sum(9 * (3 + t.read_count) + 3 for t in reads)
+        assert bits / 100_000 < 0.02 * 4.0
+        assert {t.data[0] for t in reads} >= {0x00, 0x01, 0xFE, *range(0x0E, 0x3E, 4)}
 
 
 @pytest.mark.parametrize("wheels", [(math.nan, 0.0), (0.0, math.inf), (0.5, 0.0)])

@@ -1,20 +1,19 @@
-import itertools
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_pybullet.virtual.pwm import PwmOutputs
+from sim_pybullet.virtual.coil import RELEASED, CoilDrive
 from sim_pybullet.virtual.rotor import Rotor, RotorModel
-from sim_pybullet.virtual.tb6612 import BridgeState, bridge_drive, bridge_state
 
 FREE = RotorModel(friction_nm=0.0, damping_nms=0.0)
 DAMPED = RotorModel(damping_nms=0.02)
 
 
 def field(rotor: Rotor, angle_rad: float, level: float = 1.0) -> None:
-    rotor.drive(level * math.cos(angle_rad), level * math.sin(angle_rad), 1.0)
+    phases = (level * math.cos(angle_rad), level * math.sin(angle_rad))
+    rotor.drive(*(CoilDrive(current, 1.0) for current in phases))
 
 
 @given(st.floats(-3.0, 3.0))
@@ -72,31 +71,22 @@ def test_a_field_far_too_fast_leaves_the_rotor_behind() -> None:
 def test_released_rotor_turns_freely_and_is_taken_up_where_it_is() -> None:
     rotor = Rotor(RotorModel())
     field(rotor, 0.0)
-    rotor.drive(0.0, 0.0, 0.0)
+    rotor.drive(RELEASED, RELEASED)
     rotor.angle_rad += 2.0
     assert rotor.lost_steps == 0
     field(rotor, 0.0)
     assert rotor.lost_steps == 0
 
 
-def test_bridge_function_table() -> None:
-    table = {inputs: bridge_state(*inputs) for inputs in itertools.product((False, True), repeat=3)}
-    for (in1, in2, pwm), state in table.items():
-        if in1 and in2:
-            assert state is BridgeState.BRAKE
-        elif not in1 and not in2:
-            assert state is BridgeState.OPEN
-        elif not pwm:
-            assert state is BridgeState.BRAKE
-        else:
-            assert state is (BridgeState.FORWARD if in1 else BridgeState.REVERSE)
-
-
-@given(st.integers(1, 4095))
-def test_duty_on_an_input_scales_the_voltage(counts: int) -> None:
-    led = bytearray((0, 0, 0, 0x10) * 16)
-    led[0:4] = bytes((0, 0, counts & 0xFF, counts >> 8))  # IN1
-    led[8:12] = bytes((0, 0x10, 0, 0))  # PWM
-    drive = bridge_drive(PwmOutputs.from_registers(bytes(led), inverted=False), 0, 1, 2)
-    assert drive.voltage == pytest.approx(counts / 4096)
-    assert drive.closed == pytest.approx(counts / 4096)
+def test_currents_follow_by_the_time_constant_and_are_gone_soon_after_a_release() -> None:
+    rotor = Rotor(RotorModel(time_constant_s=2e-3))
+    rotor.drive(CoilDrive(1.0, 1.0), CoilDrive(-0.5, 1.0))
+    rotor.advance(2e-3)
+    assert rotor.currents == pytest.approx((1 - math.exp(-1), -0.5 * (1 - math.exp(-1))))
+    rotor.advance(0.1)
+    assert rotor.currents == pytest.approx((1.0, -0.5))
+    rotor.drive(RELEASED, RELEASED)
+    rotor.advance(1.2e-3)  # full current is gone after ln 2 of the time constant
+    assert rotor.currents[0] > 0.0
+    rotor.advance(0.3e-3)
+    assert rotor.currents == (0.0, 0.0)
