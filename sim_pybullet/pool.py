@@ -11,7 +11,7 @@ import numpy as np
 
 from robot.errors import ConfigError
 from sim_pybullet.look import GroundLook, Look, TrackLook
-from sim_pybullet.randomise import Sampler
+from sim_pybullet.randomise import Sampler, one_site
 from sim_pybullet.scene import Ground, Scene
 from sim_pybullet.scenery.place import Place, paint_place, place_solids
 
@@ -20,10 +20,28 @@ Looks = Sequence[Look] | Sampler
 
 @dataclass(frozen=True)
 class PaintedWorld:
-    """A map as one Look paints it."""
+    """A map as one Look paints it, and where that Look comes from."""
 
     scene: Scene
     look: Look
+    site: Sampler | None = (
+        None  # of the Looks of episodes here; None where the Look is the only one
+    )
+
+    def episode_look(self, rng: np.random.Generator) -> Look:
+        """A Look of the site whose paint and camera are those of this world."""
+        if self.site is None:
+            return self.look
+        painted = self.look
+        return replace(
+            self.site(rng),
+            ground=painted.ground,
+            track=painted.track,
+            sky=painted.sky,
+            light=painted.light,
+            clutter=painted.clutter,
+            camera=painted.camera,
+        )
 
 
 # Floors that some pool of this process still uses: a training's two worlds, the one it learns in
@@ -45,7 +63,8 @@ class LookPool:
 
     With a list of Looks every map is painted in each of them, and an episode has one Look of the
     list. With a sampler an episode takes floor, clutter, sky, light and camera from a painted world
-    and everything else from a Look of its own.
+    and everything else from a Look of its own, of the same site where the sampler has several:
+    what one file says of floor, camera, sensor, drive and timing belongs together.
 
     Args:
         road_maps: M maps or tracks.
@@ -60,32 +79,20 @@ class LookPool:
     def __init__(
         self, road_maps: Sequence[Place], looks: Looks, rng: np.random.Generator, size: int = 16
     ) -> None:
-        self._sample = looks if callable(looks) else None
         self._size = size if callable(looks) else len(looks)
         if self._size < 1:
             raise ConfigError("LookPool: expected at least one Look and a size of 1 or more")
         worlds = []
         for road_map in road_maps:
             for k in range(self._size):
-                look = looks(rng) if callable(looks) else looks[k]
+                site = one_site(looks, rng) if callable(looks) else None
+                look = site(rng) if site is not None else looks[k]
                 solids = place_solids(road_map, look, rng)
                 scene = Scene(painted_floor(road_map, look), solids, look.sky, look.light)
-                worlds.append(PaintedWorld(scene, look))
+                worlds.append(PaintedWorld(scene, look, site))
         self.worlds = tuple(worlds)
 
     def draw(self, map_index: int, rng: np.random.Generator) -> tuple[int, Look]:
         """A painted world of a map (index into ``worlds``), and the Look of an episode in it."""
         index = map_index * self._size + int(rng.integers(self._size))
-        painted = self.worlds[index].look
-        if self._sample is None:
-            return index, painted
-        look = self._sample(rng)
-        return index, replace(
-            look,
-            ground=painted.ground,
-            track=painted.track,
-            sky=painted.sky,
-            light=painted.light,
-            clutter=painted.clutter,
-            camera=painted.camera,
-        )
+        return index, self.worlds[index].episode_look(rng)

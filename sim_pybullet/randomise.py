@@ -15,7 +15,7 @@ Absent leaves are nominal. Every leaf can so be switched off by deleting its lin
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,24 @@ from sim_pybullet.look import NOMINAL, POSE_ERRORS, Look, look_from_plain
 LOOKS_DIR = Path(__file__).parent / "looks"
 
 Sampler = Callable[[np.random.Generator], Look]
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Several distributions of looks, all as likely, as a sampler."""
+
+    sites: tuple[Sampler, ...]
+
+    def __call__(self, rng: np.random.Generator) -> Look:
+        """A look of any of them."""
+        return one_site(self, rng)(rng)
+
+
+def one_site(sample: Sampler, rng: np.random.Generator) -> Sampler:
+    """A sampler all of whose looks are of one place: one of several sites, else itself."""
+    if isinstance(sample, Sites):
+        return one_site(sample.sites[int(rng.integers(len(sample.sites)))], rng)
+    return sample
 
 
 def shipped_looks() -> dict[str, Path]:
@@ -70,8 +88,8 @@ def load_look_sampler(
     """
     path = _find(source)
     if path.is_dir():
-        samplers = [load_look_sampler(file, pose_error, without) for file in _looks_in(path)]
-        return lambda rng: samplers[int(rng.integers(len(samplers)))](rng)
+        files = _looks_in(path)
+        return Sites(tuple(load_look_sampler(file, pose_error, without) for file in files))
     sample = look_sampler(_without(read_yaml(path), without), where=str(path))
     if pose_error is None:
         return sample

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
 from robot.errors import ConfigError, nearest
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS
 from sim_pybullet.randomise import is_reality
+from sim_pybullet.tasks.lane_keeping import Lane
 from sim_pybullet.tasks.track_racing import STYLES
 
 T = TypeVar("T")
@@ -185,6 +186,7 @@ class RunConfig:
     without: tuple[str, ...] = ()  # groups and fields of the look that stay nominal
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
+    lane: Lane = "outer"  # of a ring, in the task lane: driven the one way, the other, or both
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
     start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
     relit: bool = False  # whether episodes are seen under lights of their own in training
@@ -198,11 +200,14 @@ class RunConfig:
         choose("task", self.task, TASKS)
         choose("algorithm", self.algorithm, ALGORITHMS)
         choose("style", self.style, STYLES)
-        if is_reality(self.look):
-            raise ConfigError(
-                f"look: expected one to train in, got {self.look!r}: those in reality/ are kept "
-                "for judging policies; evaluate in it, or train in randomised"
-            )
+        choose("lane", self.lane, dict.fromkeys(get_args(Lane)))
+        for use, look in (("train", self.look), ("choose", self.evaluation.look)):
+            if is_reality(look):
+                raise ConfigError(
+                    f"look: expected one to {use} in, got {look!r}: those in reality/ are kept for "
+                    "judging policies; evaluate in it when the policy is chosen, and train and "
+                    "choose in randomised"
+                )
         if self.steps < 1 or not (self.seconds is None or self.seconds > 0):
             got = f"steps {self.steps}, seconds {self.seconds}"
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {got}")

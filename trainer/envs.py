@@ -18,12 +18,13 @@ from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.rendering.camera import BatchCamera, NoCamera
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Task
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.lane_keeping import Lane, LaneKeeping
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.track_racing import STYLES, TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
+from trainer.division import refuse_judging_look, refuse_judging_maps
 
 _TASKS: dict[str, Callable[[Sequence[Any], int], Task]] = {
     "lane": LaneKeeping,
@@ -33,6 +34,7 @@ _TASKS: dict[str, Callable[[Sequence[Any], int], Task]] = {
     "track": TrackRacing,
 }
 
+RINGED = ("lane", "four_laps")  # tasks on rings of road, of which one lane or both are driven
 
 # Worlds of a run, over all maps: a second and 160 MB for eight of them; a track takes some 50 MB.
 _PAINTED = {"lane": 48, "navigation": 144, "track": 12}
@@ -40,14 +42,21 @@ _FEWEST_LOOKS = 4  # of each map
 _STRETCH_LAPS = 0.08  # of an episode with a spread start, from which most of it is learned
 
 
-def build_task(name: str, road_maps: Sequence[Place], robots: int) -> Task:
-    """The task of that name for so many robots.
+def build_task(
+    name: str, road_maps: Sequence[Place], robots: int, lane: Lane | None = None
+) -> Task:
+    """The task of that name for so many robots; ``lane``: which of a ring, the outer one if None.
 
     Raises:
-        ConfigError: an unknown name.
+        ConfigError: an unknown name, or a lane for a task that is not to keep one.
         MapError: a map that the task cannot be done on.
     """
-    return choose("task", name, _TASKS)(road_maps, robots)
+    make = choose("task", name, _TASKS)
+    if lane is None:
+        return make(road_maps, robots)
+    if name not in RINGED:
+        raise ConfigError(f"lane: expected none for the task {name}, got {lane!r}")
+    return partial(make, lane=lane)(road_maps, robots)
 
 
 def load_places(task: str, names: Sequence[str]) -> list[Place]:
@@ -74,7 +83,8 @@ def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own.
 
     Raises:
-        DuckpilotError: a map, look or translator that is absent or does not fit.
+        DuckpilotError: a map, look or translator that is absent, does not fit, or is kept for
+            judging policies.
     """
     translator = open_translator(config.translate, config.image) if config.translate else None
     return DuckpilotVecEnv(_make_world(config, robots, seed, translator=translator))
@@ -97,6 +107,8 @@ def _make_world(
     translator: Translator | None = None,
 ) -> BatchWorld:
     places = load_places(config.task, config.maps)
+    refuse_judging_maps(places)
+    refuse_judging_look(config.look)
     if config.task == "navigation":
         maps = [place for place in places if isinstance(place, RoadMap)]
         task: Task = Navigation(maps, robots, config.start_spread)
@@ -108,7 +120,8 @@ def _make_world(
             laps = _STRETCH_LAPS
         task = TrackRacing(tracks, robots, laps, STYLES[config.style], config.start_spread)
     else:
-        task = build_task(config.task, places, robots)
+        lane = config.lane if config.task in RINGED else None
+        task = build_task(config.task, places, robots, lane)
     looks = find_looks(config.task, config.look, config.pose_error, config.without)
     pool_size = max(_PAINTED.get(config.task, 48) // len(task.road_maps), _FEWEST_LOOKS)
     return BatchWorld(task, looks, config.image, seed, pool_size, "planar", camera, translator)

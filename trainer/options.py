@@ -15,7 +15,10 @@ from robot.inference.translator import PARSING, OnnxTranslator
 from robot.navigation.road_map import load_map
 from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.scenery.place import Place
+from sim_pybullet.tasks.lane_keeping import Lane
 from trainer.config import RunConfig, choose
+from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
 from trainer.presets import cruising, preset
 
 ZEROS = {"image": None, "path": None}
@@ -32,7 +35,9 @@ class TrainOptions:
     preset: str = "fast"
     """paper, fast or debug."""
     map: tuple[str, ...] = ()
-    """Map or track files, or names of shipped ones; else loop, arena or forest."""
+    """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
+    lane: Lane = "outer"
+    """Of a ring, in the task lane: outer, inner (the other way round), or both."""
     steps: int | None = None
     """Decisions of all robots together; else the preset's."""
     seconds: float | None = None
@@ -48,9 +53,9 @@ class TrainOptions:
     translate: str | None = None
     """An ONNX translator, or a parser, that every picture passes through."""
     judge_map: tuple[str, ...] = ()
-    """Where the policy is judged between updates, if not where it is trained."""
+    """Where the policy is chosen: maps it drives on between updates, if not those of training."""
     judge_look: str = ""
-    """In which look it is judged, if not in that of the training; untranslated."""
+    """In which look it is chosen, if not in that of the training; untranslated."""
     style: str = "race"
     """Of the task track: race, or cruise along the road as people do, wherever on it they are."""
     judgings: int | None = None
@@ -67,17 +72,21 @@ class TrainOptions:
             DuckpilotError: an unknown name.
         """
         config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
-        config = replace(config, maps=self.map or config.maps, seed=self.seed)
+        config = replace(config, maps=maps_named(self.map) or config.maps, seed=self.seed)
+        config = replace(config, lane=self.lane)
+        judged_on = maps_named(self.judge_map)
         config = replace(config, look=self.look, pose_error=self.pose_error)
         config = replace(config, translate=self.translate, without=self.without)
         if self.translate:
             config = replace(config, image=_seen_through(self.translate, config.image))
         load_look_sampler(self.look, self.pose_error, self.without)
-        check_places(self.task, (*config.maps, *self.judge_map))
+        refuse_judging_look(self.look)
+        refuse_judging_maps(check_places(self.task, config.maps))
+        refuse_judging_maps(check_places(self.task, judged_on), "choose")
         config = cruising(config) if self.style == "cruise" else replace(config, style=self.style)
-        judging = replace(config.evaluation, maps=self.judge_map, look=self.judge_look)
+        judging = replace(config.evaluation, maps=judged_on, look=self.judge_look)
         if self.judge_look:
-            load_look_sampler(self.judge_look)
+            refuse_judging_look(self.judge_look, "choose")
         if self.judgings is not None:
             if self.judgings < 1:
                 raise ConfigError(f"judgings: expected 1 or more, got {self.judgings}")
@@ -127,18 +136,17 @@ class EvaluateOptions:
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
         load_look_sampler(self.look, self.pose_error, self.without)
-        check_places(self.task, self.map)
+        check_places(self.task, maps_named(self.map))
 
 
-def check_places(task: str | None, names: Sequence[str]) -> None:
-    """Make sure that these are maps; or tracks, if the task is or may be to race.
+def check_places(task: str | None, names: Sequence[str]) -> list[Place]:
+    """Load these maps; or tracks, if the task is or may be to race.
 
     Raises:
-        DuckpilotError: they are not.
+        DuckpilotError: they are none.
     """
-    for name in names:
-        races = task == "track" or (task is None and is_track(name))
-        (load_track if races else load_map)(name)
+    races = [task == "track" or (task is None and is_track(name)) for name in names]
+    return [(load_track if r else load_map)(name) for r, name in zip(races, names, strict=True)]
 
 
 def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:

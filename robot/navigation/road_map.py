@@ -97,8 +97,9 @@ class RoadMap:
 
 
 def shipped_maps() -> Dict[str, Path]:
-    """The maps that come with this package, by name."""
-    return {path.stem: path for path in sorted(MAPS_FOLDER.glob("*.yaml"))}
+    """The maps that come with this package, by name; one in a folder as ``rings/bean``."""
+    files = sorted(MAPS_FOLDER.rglob("*.yaml"))
+    return {path.relative_to(MAPS_FOLDER).with_suffix("").as_posix(): path for path in files}
 
 
 def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -21,9 +21,14 @@ from sim_pybullet.tasks.following import (
 from sim_pybullet.tasks.path_task import PathTask
 from sim_pybullet.vehicle import WheeledRobots
 
+Lane = Literal["outer", "inner", "both"]
+
 
 class LaneKeeping(PathTask):
     """Drive ``laps`` laps along the middle of the outer lane, or of the inner one.
+
+    Traffic keeps right: the outer lane goes round counter-clockwise, the inner one clockwise. So
+    a ring whose outer lane bends left only has an inner one that bends right only.
 
     An episode begins at a random place of the lane, a little off its middle and its direction. The
     reward is that of `sim_pybullet.tasks.following.following_terms`.
@@ -34,11 +39,11 @@ class LaneKeeping(PathTask):
     Args:
         road_maps: rings of road; each episode is on one of them.
         n_robots: N.
-        lane: which one.
+        lane: which one; with ``both`` an episode has either, as likely.
         laps: of an episode.
 
     Raises:
-        ConfigError: no maps, no robots or no laps.
+        ConfigError: no maps, no robots, no laps or no such lane.
         MapError: a map is not a ring of road.
     """
 
@@ -49,7 +54,7 @@ class LaneKeeping(PathTask):
         self,
         road_maps: Sequence[RoadMap],
         n_robots: int,
-        lane: Literal["outer", "inner"] = "outer",
+        lane: Lane = "outer",
         laps: float = 2.0,
     ) -> None:
         if not road_maps or n_robots < 1 or laps <= 0.0:
@@ -57,10 +62,13 @@ class LaneKeeping(PathTask):
                 "LaneKeeping: expected at least one map, one robot and laps above 0, got "
                 f"{len(road_maps)} maps, {n_robots} robots, {laps} laps"
             )
-        self._loops = [lane_loop(road_map, outer=lane == "outer") for road_map in road_maps]
+        if lane not in get_args(Lane):
+            raise ConfigError(f"lane: expected outer, inner or both, got {lane!r}")
+        sides = ("outer", "inner") if lane == "both" else (lane,)
+        self._loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]
         half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
         vehicle = WheeledRobots(n_robots)
-        super().__init__(road_maps, vehicle, n_robots, half_lanes_m, self._loops[0])
+        super().__init__(road_maps, vehicle, n_robots, half_lanes_m, self._loops[0][0])
         self._laps = laps
 
     def _mission(
@@ -69,7 +77,8 @@ class LaneKeeping(PathTask):
         road_map: int,
         rng: np.random.Generator,
     ) -> tuple[Path, float]:
-        loop = self._loops[road_map]
+        loops = self._loops[road_map]
+        loop = loops[int(rng.integers(len(loops))) if len(loops) > 1 else 0]
         return loop, rng.uniform(0.0, loop.length_m)
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:

@@ -4,6 +4,7 @@ import gc
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,6 +146,33 @@ def test_with_a_sampler_paint_is_shared_and_the_rest_is_drawn_anew() -> None:
     for index, look in draws:
         painted = pool.worlds[index].look
         assert (look.ground, look.camera) == (painted.ground, painted.camera)
+
+
+def test_an_episode_is_of_one_site(tmp_path: Path) -> None:
+    """Floor, camera, sensor, drive and timing of one file of a folder, in every episode."""
+    for k in range(1, 6):
+        v = 0.01 * k
+        text = f"ground: {{wear: {v}}}\ncamera: {{roll_rad: {v}}}\nsensor: {{vignetting: {v}}}\n"
+        text += f"drive: {{trim: {v}}}\ntiming: {{frame_skip: {v}}}\npose: {{outlier: {v}}}\n"
+        (tmp_path / f"site_{k}.yaml").write_text(text)
+    pool = LookPool([LOOP], load_look_sampler(tmp_path), np.random.default_rng(0), 12)
+    rng, seen = np.random.default_rng(1), set()
+    for _ in range(60):
+        look = pool.draw(0, rng)[1]
+        parts = {look.ground.wear, look.camera.roll_rad, look.sensor.vignetting, look.drive.trim}
+        assert len(parts | {look.timing.frame_skip, look.pose.outlier}) == 1
+        seen |= parts
+    assert len(seen) > 2
+
+
+def test_reality_never_gives_one_site_the_camera_of_another() -> None:
+    """Only lab has a narrow lens (focal length from 1.05), and only lab a blue gain below 0.6."""
+    pool = LookPool([LOOP], load_look_sampler("reality"), np.random.default_rng(0), 10)
+    rng = np.random.default_rng(1)
+    looks = [pool.draw(0, rng)[1] for _ in range(80)]
+    labs = [look.camera.focal_scale >= 1.05 for look in looks]
+    assert labs == [look.sensor.white_balance[2] < 0.6 for look in looks]
+    assert 0 < sum(labs) < 80
 
 
 def test_one_floor_is_painted_once() -> None:

@@ -126,8 +126,36 @@ def test_each_episode_is_on_one_of_the_maps() -> None:
     assert lengths[0] > lengths[1]
 
 
+def test_both_lanes_are_driven_on_every_map_each_its_own_way() -> None:
+    ring = load_map("rings/pretzel")
+    task = LaneKeeping([LOOP, ring], 80, "both")
+    starts = task.reset(np.arange(80), np.random.default_rng(0))
+    lengths = {
+        (m, round(float(length), 3))
+        for m, length in zip(starts.maps, task.paths.length_m, strict=True)
+    }
+    assert len(lengths) == 4
+    for road_map, shown in ((LOOP, 0), (ring, 1)):
+        outer, inner = lane_loop(road_map), lane_loop(road_map, outer=False)
+        assert (shown, round(outer.length_m, 3)) in lengths
+        assert (shown, round(inner.length_m, 3)) in lengths
+        turned = [np.sum(np.diff(np.unwrap(each.headings_rad))) for each in (outer, inner)]
+        assert turned[0] > 5.5  # left round the ring
+        assert turned[1] < -5.5  # right round it
+
+
+def test_training_rings_bend_both_ways() -> None:
+    for name in ("bean", "pretzel", "turtle", "wedge", "zigzag"):
+        for outer in (True, False):
+            bends = np.diff(np.unwrap(lane_loop(load_map(f"rings/{name}"), outer).headings_rad))
+            assert bends[bends > 0.02].sum() > 1.4
+            assert bends[bends < -0.02].sum() < -1.4
+
+
 def test_refuses_nothing_to_do_and_roads_that_are_no_ring() -> None:
     with pytest.raises(ConfigError, match="at least one map"):
         LaneKeeping([], 1)
+    with pytest.raises(ConfigError, match="outer, inner or both"):
+        LaneKeeping([LOOP], 1, "middle")  # type: ignore[arg-type]
     with pytest.raises(MapError, match="ring of road"):
         LaneKeeping([load_map("town")], 1)

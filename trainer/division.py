@@ -1,0 +1,147 @@
+"""Who may learn from what: every map and look belongs to one part, written in ``division.yaml``.
+
+Policies learn on the first part and are chosen on the second. The third judges them, and nothing is
+ever chosen by it: whoever would train or choose there is refused. A map is known by its roads, not
+by its name: a copy of a judging map, turned or mirrored or with other tiles, is that map.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from robot.errors import ConfigError
+from robot.navigation.road_map import RoadMap, load_map, shipped_maps
+from robot.typed_config import from_plain, read_yaml
+from sim_pybullet.randomise import is_reality, load_look_sampler, looks_of
+from sim_pybullet.scenery.place import Place
+
+FILE = Path(__file__).parent / "division.yaml"
+PARTS = ("training", "choosing", "judging")
+_SIDES = "SENW"  # in this order each is a quarter turn counter-clockwise from the one before
+_MIRRORED = str.maketrans("EW", "WE")
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Names of one kind of thing, by what they are for."""
+
+    training: tuple[str, ...] = ()
+    choosing: tuple[str, ...] = ()
+    judging: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Division:
+    """What ``division.yaml`` holds."""
+
+    maps: Parts
+    looks: Parts
+    pictures: Parts  # photographs and recorded drives that people took; none comes with this
+    outside: tuple[str, ...]  # judging maps that do not come with this: NAME FINGERPRINT
+
+
+@lru_cache(maxsize=1)
+def division() -> Division:
+    """The shipped file."""
+    return from_plain(Division, read_yaml(FILE), str(FILE))
+
+
+def fingerprint(road_map: RoadMap) -> str:
+    """Twelve digits that maps share whose roads are the same, however they lie on the grid.
+
+    Where roads leave each tile counts; the size of the tiles, objects, kinds of floor, empty rows
+    and columns around the roads, quarter turns and mirror images do not.
+    """
+    grid = np.array(
+        [["".join(sorted(t.road_sides)) for t in row] for row in road_map.tiles], object
+    )
+    rows, columns = (np.flatnonzero((grid != "").any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return ""
+    grid = grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    text = min(_written(np.rot90(one, k), k) for one in (grid, _mirrored(grid)) for k in range(4))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def part_of(road_map: RoadMap) -> str | None:
+    """To which of `PARTS` a map belongs, by its roads; None for one that is nobody's."""
+    return _known().get(fingerprint(road_map), (None, ""))[0]
+
+
+def maps_named(names: Iterable[str]) -> tuple[str, ...]:
+    """These names, a folder of shipped maps (``judging/rings``) replaced by the maps in it."""
+    found: list[str] = []
+    for name in names:
+        inner = [each for each in shipped_maps() if each.startswith(f"{name.rstrip('/')}/")]
+        found += inner or [name]
+    return tuple(found)
+
+
+def refuse_judging_maps(places: Sequence[Place], use: str = "train") -> None:
+    """Make sure that no policy learns or is chosen where policies are judged.
+
+    Raises:
+        ConfigError: one of these maps is kept for judging; race tracks belong to no part.
+    """
+    for place in places:
+        part, name = None, ""
+        if isinstance(place, RoadMap):
+            part, name = _known().get(fingerprint(place), (None, ""))
+        if part == "judging":
+            raise ConfigError(
+                f"map: expected one to {use} on, got {place.name}, whose roads are those of "
+                f"{name}, kept for judging policies (trainer/division.yaml); train on "
+                f"{_some(division().maps.training)}, choose on {_some(division().maps.choosing)}"
+            )
+
+
+def refuse_judging_look(look: str, use: str = "train") -> None:
+    """Make sure that no policy learns or is chosen in looks that policies are judged in.
+
+    They are known by their name, and a copy by its painter, which no other look has.
+
+    Raises:
+        ConfigError: this look is kept for judging, or there is none of that name.
+    """
+    files = looks_of(look)
+    painters = {load_look_sampler(f)(np.random.default_rng(0)).ground.painter for f in files}
+    if is_reality(look) or "strips" in painters:
+        raise ConfigError(
+            f"look: expected one to {use} in, got {look!r}: those in reality/, and copies of them, "
+            f"are kept for judging policies; {use} in {_some(division().looks.training)}, and "
+            "evaluate in this one when the policy is chosen"
+        )
+
+
+@lru_cache(maxsize=1)
+def _known() -> dict[str, tuple[str, str]]:
+    """The part and the name of every map that belongs to one, by fingerprint."""
+    maps = division().maps
+    known = {
+        fingerprint(load_map(name)): (part, name) for part in PARTS for name in getattr(maps, part)
+    }
+    for line in division().outside:
+        name, digits = line.split()
+        known[digits] = ("judging", name)
+    return known
+
+
+def _written(grid: np.ndarray, quarter_turns: int) -> str:
+    turned = str.maketrans(_SIDES, _SIDES[quarter_turns:] + _SIDES[:quarter_turns])
+    return "/".join(
+        ",".join("".join(sorted(tile.translate(turned))) for tile in row) for row in grid
+    )
+
+
+def _mirrored(grid: np.ndarray) -> np.ndarray:
+    return np.array([[tile.translate(_MIRRORED) for tile in row[::-1]] for row in grid], object)
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
