@@ -11,7 +11,7 @@ import numpy as np
 
 from robot.errors import ConfigError
 from sim_pybullet.look import GroundLook, Look, TrackLook
-from sim_pybullet.randomise import Sampler, one_site
+from sim_pybullet.randomise import Sampler, fixed, one_site
 from sim_pybullet.scene import Ground, Scene
 from sim_pybullet.scenery.place import Place, paint_place, place_solids
 
@@ -24,14 +24,10 @@ class PaintedWorld:
 
     scene: Scene
     look: Look
-    site: Sampler | None = (
-        None  # of the Looks of episodes here; None where the Look is the only one
-    )
+    site: Sampler  # of the Looks of episodes here
 
     def episode_look(self, rng: np.random.Generator) -> Look:
         """A Look of the site whose paint and camera are those of this world."""
-        if self.site is None:
-            return self.look
         painted = self.look
         return replace(
             self.site(rng),
@@ -85,8 +81,8 @@ class LookPool:
         worlds = []
         for road_map in road_maps:
             for k in range(self._size):
-                site = one_site(looks, rng) if callable(looks) else None
-                look = site(rng) if site is not None else looks[k]
+                site = one_site(looks, rng) if callable(looks) else fixed(looks[k])
+                look = site(rng)
                 solids = place_solids(road_map, look, rng)
                 scene = Scene(painted_floor(road_map, look), solids, look.sky, look.light)
                 worlds.append(PaintedWorld(scene, look, site))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from robot.errors import ConfigError
 from robot.inference.translator import Translator, open_translator
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
@@ -26,7 +26,7 @@ from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig, choose
 from trainer.division import refuse_judging_look, refuse_judging_maps
 
-_TASKS: dict[str, Callable[[Sequence[Any], int], Task]] = {
+_TASKS: dict[str, Callable[..., Task]] = {
     "lane": LaneKeeping,
     "navigation": Navigation,
     "four_laps": partial(LaneKeeping, laps=4.0),
