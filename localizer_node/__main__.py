@@ -7,28 +7,18 @@ import sys
 from typing import Optional, Sequence
 
 from localizer_node import calibrate_command, commands
-from robot.errors import DuckpilotError, HardwareError
+from robot.command_line import OneLineParser, answer, whole
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
-    """Run one command; 0 done, 2 wrong input, 1 a device that does not answer."""
+    """Run one command; 0 done, 2 wrong input, 130 Ctrl-C, 1 a device that does not answer."""
     arguments = _parser().parse_args(argv)
-    try:
-        arguments.command(arguments)
-    except DuckpilotError as error:
-        print(f"localizer_node: {error}", file=sys.stderr)
-        return 2
-    except (HardwareError, OSError) as error:
-        print(f"localizer_node: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 0
-    return 0
+    return answer("localizer_node", lambda: arguments.command(arguments))
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m localizer_node", description=__doc__)
-    actions = parser.add_subparsers(required=True)
+    parser = OneLineParser(prog="python -m localizer_node", description=__doc__)
+    actions = parser.add_subparsers(required=True, metavar="COMMAND")
     run = actions.add_parser("run", help="follow the robots and publish their poses")
     run.add_argument("--calibration", required=True)
     run.add_argument(
@@ -36,7 +26,7 @@ def _parser() -> argparse.ArgumentParser:
         default="0",
         help="camera number, csi, pipe:COMMAND, socket:PATH, video, or picture folder",
     )
-    run.add_argument("--fps", type=int, default=30)
+    run.add_argument("--fps", type=whole(1, 240), default=30)
     run.add_argument("--link", help="YAML of the link; without it poses are printed as JSON lines")
     run.set_defaults(command=commands.run)
     locate = actions.add_parser("locate", help="find the robots in one picture")

@@ -13,13 +13,15 @@ from localizer_node.calibrate import MAX_RESIDUAL_MM, Report, calibrate, guess_l
 from localizer_node.calibration import DEFAULT_COLOURS, Colour, Marker, save_calibration
 from localizer_node.camera_fit import Freedom
 from localizer_node.learn_colour import learn_colour
-from localizer_node.outputs import SCHEMA, write_json, write_picture
+from localizer_node.outputs import SCHEMA, expect_outputs, write_json
 from localizer_node.points import corner_points, read_points
 from localizer_node.rectify import Rectifier
 from robot.camera.replay import read_picture
+from robot.command_line import number
 from robot.errors import ConfigError
 from robot.lens import MODELS, Lens, load_ros_calibration
 from robot.navigation.road_map import load_map
+from robot.output import write_png
 from robot.typed_config import from_plain, read_yaml
 
 DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too
@@ -40,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pixel of a map corner, four times: south-west, south-east, north-east, north-west",
     )
     parser.add_argument("--lens", default="fisheye", help=f"{', '.join(MODELS)}, or a lens file")
-    parser.add_argument("--height", type=float, help="of the camera above the floor, measured [m]")
+    parser.add_argument(
+        "--height", type=number(0.1, 20.0), help="of the camera above the floor, measured [m]"
+    )
     parser.add_argument("--map", default="arena", help="road map whose floor this is")
     parser.add_argument("--robots", help="YAML with `robots:`, a list of markers")
     parser.add_argument(
@@ -51,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=U,V",
         help="learn a colour (blue, green, …) from the middle of a patch in --image",
     )
-    parser.add_argument("--max-residual-mm", type=float, default=MAX_RESIDUAL_MM)
+    parser.add_argument("--max-residual-mm", type=number(0.1, 1000.0), default=MAX_RESIDUAL_MM)
     parser.set_defaults(command=make)
 
 
@@ -59,7 +63,10 @@ def _size(text: str) -> Tuple[int, int]:
     match = re.fullmatch(r"(\d+)[xX](\d+)", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"expected WxH such as 1280x720, got {text!r}")
-    return int(match.group(1)), int(match.group(2))
+    size = int(match.group(1)), int(match.group(2))
+    if not all(16 <= side <= 16_384 for side in size):
+        raise argparse.ArgumentTypeError(f"expected sides of 16 to 16384 pixels, got {text!r}")
+    return size
 
 
 def _pixel(text: str) -> Tuple[float, float]:
@@ -80,6 +87,9 @@ def make(arguments: argparse.Namespace) -> None:
     Raises:
         ConfigError: whatever is wrong with points, lens, colours or result.
     """
+    names = ("image", "points", "robots", "lens", "map")
+    inputs = {name: getattr(arguments, name) for name in names}
+    expect_outputs(arguments.out, arguments.json, arguments.picture, inputs=inputs)
     image = read_picture(Path(arguments.image)) if arguments.image else None
     size = arguments.size if image is None else (image.shape[1], image.shape[0])
     if size is None:
@@ -105,7 +115,7 @@ def make(arguments: argparse.Namespace) -> None:
     save_calibration(report.calibration, arguments.out)
     if arguments.picture and image is not None:
         floor = Rectifier(report.calibration).floor_picture(image)
-        write_picture(arguments.picture, floor)
+        write_png(Path(arguments.picture), floor)
     _tell(report, arguments)
 
 

@@ -5,13 +5,13 @@ Pixels are (u, v) of the raw picture, u right, v down, (0, 0) the centre of the 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, Tuple, Union
 
 from robot.errors import ConfigError, nearest
 from robot.lens import Lens
+from robot.output import write_text
 from robot.typed_config import load_yaml, to_plain
 
 KINDS = ("two_colour", "tag", "plain")
@@ -181,7 +181,4 @@ def save_calibration(calibration: Calibration, path: Union[str, Path]) -> None:
     """Write YAML, whole or not at all."""
     import yaml
 
-    target = Path(path)
-    partial = target.with_name(target.name + ".part")
-    partial.write_text(yaml.safe_dump(to_plain(calibration), sort_keys=False), encoding="utf-8")
-    os.replace(partial, target)
+    write_text(Path(path), yaml.safe_dump(to_plain(calibration), sort_keys=False))

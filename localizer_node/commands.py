@@ -13,12 +13,13 @@ from localizer_node.calibration import load_calibration
 from localizer_node.detect import Detection
 from localizer_node.draw import annotated
 from localizer_node.node import Localizer, Publish, locate_frame
-from localizer_node.outputs import SCHEMA, write_json, write_picture
+from localizer_node.outputs import SCHEMA, expect_outputs, write_json
 from localizer_node.publish import PosePublisher
 from localizer_node.sources import open_source
 from localizer_node.track import RobotPose
 from robot.camera.replay import read_picture
 from robot.link.config import LinkConfig
+from robot.output import write_png
 from robot.typed_config import load_yaml, to_plain
 
 
@@ -43,12 +44,13 @@ def _print_lines(poses: Tuple[RobotPose, ...]) -> None:
 
 def locate(arguments: argparse.Namespace) -> None:
     """Find the robots in one picture, and tell or draw them."""
+    inputs = {"image": arguments.image, "calibration": arguments.calibration}
+    expect_outputs(arguments.json, arguments.picture, inputs=inputs)
     image = read_picture(Path(arguments.image))
     calibration = load_calibration(arguments.calibration)
     found = locate_frame(image, calibration)
-    inputs = {"image": arguments.image, "calibration": arguments.calibration}
     if arguments.picture:
-        write_picture(arguments.picture, annotated(image, calibration, found))
+        write_png(Path(arguments.picture), annotated(image, calibration, found))
     if arguments.json:
         write_json(arguments.json, _located(found, inputs))
         return

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any, Dict, Optional
 
-import numpy as np
-
-from robot.errors import ConfigError
+from robot import output
 
 SCHEMA = 1
+STDOUT = "-"
 
 
 def write_json(target: str, plain: Dict[str, Any]) -> None:
     """JSON to a file, whole or not at all, or to standard output for ``-``."""
-    text = json.dumps(plain, indent=1) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
+    if target == STDOUT:
+        sys.stdout.write(json.dumps(plain, indent=1) + "\n")
         return
-    partial = Path(target + ".part")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, target)
+    output.write_json(Path(target), plain)
 
 
-def write_picture(path: str, picture: np.ndarray) -> None:
-    """An RGB picture to a file; ConfigError where that cannot be."""
-    import cv2
-
-    if not cv2.imwrite(path, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)):
-        raise ConfigError(f"{path}: expected a picture name in an existing folder (.png)")
+def expect_outputs(*targets: Optional[str], inputs: Dict[str, Any]) -> None:
+    """Make sure, before the work, that these files can be written; ConfigError if not."""
+    files = (Path(target) for target in targets if target not in (None, STDOUT))
+    output.expect_writable(*files, inputs=[Path(each) for each in inputs.values() if each])

@@ -1,11 +1,13 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all; and whether they can be written, before the work."""
 
 from __future__ import annotations
 
 import json
 import os
+import tempfile
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Iterable, Iterator, Optional
 
 from robot.errors import ConfigError
 
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
 def write_json(path: Path, data: Any) -> None:
     """Write JSON; ConfigError where the folder cannot be written."""
-    write_bytes(path, (json.dumps(data, indent=1) + "\n").encode("utf-8"))
+    write_text(path, json.dumps(data, indent=1) + "\n")
 
 
 def write_png(path: Path, picture: np.ndarray) -> None:
@@ -25,12 +27,87 @@ def write_png(path: Path, picture: np.ndarray) -> None:
     write_bytes(path, cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
+def write_text(path: Path, text: str) -> None:
+    """As ``write_bytes``, in UTF-8."""
+    write_bytes(path, text.encode("utf-8"))
+
+
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write beside, then rename: a reader never sees half a file."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    """Write beside, then rename: a reader never sees half a file.
+
+    Raises:
+        ConfigError: there is no place to write to.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
+        with atomically(path) as temporary:
+            temporary.write_bytes(data)
     except OSError as error:
-        raise ConfigError(f"{path}: expected a place to write to, got: {error.strerror}") from error
+        raise _no_place(path, error) from error
+
+
+@contextmanager
+def atomically(path: Path) -> Iterator[Path]:
+    """A temporary path beside ``path`` that takes its place once the block has succeeded.
+
+    What a link points to is replaced, not the link. A device or a pipe is written to as it is:
+    a file in its place would be no device any more.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        yield path
+        return
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name[:200]}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        if temporary.exists():
+            temporary.unlink()
+
+
+def expect_writable(*paths: Optional[Path], inputs: Iterable[Optional[Path]] = ()) -> None:
+    """Make sure, before the work, that these files can be written after it; nothing is left.
+
+    Args:
+        paths: files to be; None is none.
+        inputs: files that are read, which none of them may replace.
+
+    Raises:
+        ConfigError: a folder has the name, two have the same, or its folder takes no files.
+    """
+    taken = {os.path.realpath(path): "what is read" for path in inputs if path is not None}
+    for path in paths:
+        if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
+            continue
+        if path.is_dir():
+            raise ConfigError(f"{path}: expected a file to write to, got a folder; add a name")
+        real = os.path.realpath(path)
+        if real in taken:
+            raise ConfigError(f"{path}: expected a file of its own to write to, got {taken[real]}")
+        taken[real] = "another output"
+        expect_folder(Path(real).parent, path)
+
+
+def expect_folder(folder: Path, whose: Optional[Path] = None) -> None:
+    """Make sure that a folder is there, or can be made, and takes files; nothing is left.
+
+    Args:
+        folder: to write to.
+        whose: what is told of, where that is a file in it.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    found = folder
+    try:
+        while not found.exists() and found != found.parent:
+            found = found.parent
+        with tempfile.NamedTemporaryFile(dir=str(found), prefix=".duckpilot-"):
+            pass
+    except OSError as error:
+        raise _no_place(whose or folder, error) from error
+
+
+def _no_place(path: Path, error: OSError) -> ConfigError:
+    return ConfigError(f"{path}: expected a place to write to, got: {error.strerror}")

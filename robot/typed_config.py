@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import reprlib
 import typing
 from pathlib import Path
 from typing import Any, Dict, Tuple, Type, TypeVar, Union
@@ -15,6 +16,8 @@ from typing import Any, Dict, Tuple, Type, TypeVar, Union
 from robot.errors import ConfigError, nearest
 
 T = TypeVar("T")
+
+MOST_YAML_BYTES = 4_000_000
 
 
 def to_plain(value: Any) -> Any:
@@ -34,13 +37,15 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
     """
     label = where or kind.__name__
     if not isinstance(data, dict):
-        raise ConfigError(f"{label}: expected a mapping of settings, got {data!r}")
+        raise ConfigError(f"{label}: expected a mapping of settings, got {_told(data)}")
     fields = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     hints = _type_hints(kind)  # type: ignore[arg-type]
     values: Dict[str, Any] = {}
     for key, item in data.items():
         if key not in fields:
-            raise ConfigError(f"{label}: unknown key {key!r}; {nearest(str(key), fields)}")
+            raise ConfigError(
+                f"{label}: unknown key {_told(key)}; {nearest(str(key)[:80], fields)}"
+            )
         values[key] = _convert(hints[key], item, f"{label}.{key}")
     required = [
         f.name
@@ -67,6 +72,8 @@ def read_yaml(path: Union[str, Path]) -> Any:
     import yaml
 
     try:
+        if Path(path).stat().st_size > MOST_YAML_BYTES:
+            raise ConfigError(f"{path}: expected a YAML file of at most {MOST_YAML_BYTES} bytes")
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(
@@ -79,6 +86,15 @@ def read_yaml(path: Union[str, Path]) -> Any:
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: 2026-99-99
         told = " ".join(str(error).split())
         raise ConfigError(f"{path}: expected YAML, got: {told}") from error
+
+
+def _told(value: Any) -> str:
+    """Short, whatever it is: a few lines of YAML with aliases may stand for gigabytes."""
+    return _REPR.repr(value)
+
+
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = 80
 
 
 @functools.lru_cache(maxsize=None)
@@ -117,12 +133,13 @@ def _convert_union(kind: Any, value: Any, label: str) -> Any:
 
 def _convert_sequence(kind: Any, value: Any, label: str) -> Tuple[Any, ...]:
     if not isinstance(value, (list, tuple)):
-        raise ConfigError(f"{label}: expected a list, got {value!r}")
+        raise ConfigError(f"{label}: expected a list, got {_told(value)}")
     members = typing.get_args(kind)
     if (len(members) == 2 and members[1] is Ellipsis) or typing.get_origin(kind) is list:
         return tuple(_convert(members[0], v, f"{label}[{i}]") for i, v in enumerate(value))
     if len(members) != len(value):
-        raise ConfigError(f"{label}: expected {len(members)} values, got {len(value)}: {value!r}")
+        got = f"{len(value)}: {_told(value)}"
+        raise ConfigError(f"{label}: expected {len(members)} values, got {got}")
     return tuple(_convert(m, v, f"{label}[{i}]") for i, (m, v) in enumerate(zip(members, value)))
 
 
@@ -134,4 +151,4 @@ def _convert_scalar(kind: Any, value: Any, label: str) -> Any:
     if kind in (bool, str) and isinstance(value, kind):
         return value
     name = getattr(kind, "__name__", str(kind))
-    raise ConfigError(f"{label}: expected {name}, got {value!r} ({type(value).__name__})")
+    raise ConfigError(f"{label}: expected {name}, got {_told(value)} ({type(value).__name__})")

@@ -10,6 +10,10 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
+from robot.command_line import tell_of_imports
+
+tell_of_imports("sim_pybullet")
+
 ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {  # id -> maker and its arguments
     "duckpilot/LaneKeeping-v0": ("make_lane_keeping", {}),
     "duckpilot/LaneKeepingInner-v0": ("make_lane_keeping", {"lane": "inner"}),

@@ -6,18 +6,19 @@ python -m sim_pybullet.show_cameras --out cameras.png [--map town] [--look look.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from robot.command_line import SEED, OneLineParser, answer, whole
 from robot.contract import ImageSpec
-from robot.errors import DuckpilotError, MapError
+from robot.errors import MapError
 from robot.geometry import bezier_points, bezier_tangents
 from robot.lens import CameraRig
 from robot.navigation.road_map import RoadMap, load_map
+from robot.output import expect_writable, write_bytes
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, load_look
 from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
@@ -72,25 +73,26 @@ def sheet(scene: Scene, rig: CameraRig, poses: np.ndarray) -> np.ndarray:
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the sheet; exit status 2 for wrong input."""
-    parser = argparse.ArgumentParser(prog="show_cameras", description=__doc__)
+    parser = OneLineParser(prog="python -m sim_pybullet.show_cameras", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="PNG file to write")
     parser.add_argument("--map", default="town", help="map file or shipped map")
     parser.add_argument("--look", type=Path, help="YAML file of a Look")
-    parser.add_argument("--poses", type=int, default=4, help="how many rows")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--poses", type=whole(1, 100), default=4, help="how many rows")
+    parser.add_argument("--seed", type=SEED, default=0)
     options = parser.parse_args(arguments)
-    try:
-        rng = np.random.default_rng(options.seed)
-        look = load_look(options.look) if options.look else NOMINAL
-        road_map = load_map(options.map)
-        poses = lane_poses(road_map, options.poses, rng)
-        picture = sheet(build_scene(road_map, look, rng), look.rig(), poses)
-    except DuckpilotError as error:
-        print(error, file=sys.stderr)
-        return 2
+    return answer("show_cameras", lambda: draw(options))
+
+
+def draw(options: argparse.Namespace) -> None:
+    """Write the sheet asked for; DuckpilotError for wrong input."""
+    expect_writable(options.out, inputs=[options.look])
+    rng = np.random.default_rng(options.seed)
+    look = load_look(options.look) if options.look else NOMINAL
+    road_map = load_map(options.map)
+    poses = lane_poses(road_map, options.poses, rng)
+    picture = sheet(build_scene(road_map, look, rng), look.rig(), poses)
     large = cv2.resize(picture, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_NEAREST)
     write_picture(options.out, large)
-    return 0
 
 
 def coloured(labels: np.ndarray) -> np.ndarray:
@@ -111,12 +113,9 @@ def _captions(width: int, texts: tuple[str, ...]) -> np.ndarray:
 
 
 def write_picture(path: Path, rgb: np.ndarray) -> None:
-    """Write (H, W, 3) uint8 RGB as PNG, whole or not at all."""
+    """Write (H, W, 3) uint8 RGB as PNG, whole or not at all, as small as can be."""
     _, data = cv2.imencode(".png", rgb[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 9))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(np.asarray(data).tobytes())
-    os.replace(partial, path)
+    write_bytes(path, np.asarray(data).tobytes())
 
 
 if __name__ == "__main__":

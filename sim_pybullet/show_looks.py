@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 
+from robot.command_line import SEED, OneLineParser, answer, whole
 from robot.contract import ImageSpec
-from robot.errors import DuckpilotError
 from robot.navigation.road_map import RoadMap, load_map
+from robot.output import expect_writable
 from sim_pybullet.randomise import Sampler, load_look_sampler
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import build_scene
@@ -50,25 +50,26 @@ def sheet(pictures: np.ndarray, columns: int = COLUMNS) -> np.ndarray:
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the sheet; exit status 2 for wrong input."""
-    parser = argparse.ArgumentParser(prog="show_looks", description=__doc__)
+    parser = OneLineParser(prog="python -m sim_pybullet.show_looks", description=__doc__)
     parser.add_argument("--look", default="randomised", help="file, folder or name of looks")
     parser.add_argument(
         "--without", nargs="*", default=[], help="group or group.field to switch off"
     )
     parser.add_argument("--out", type=Path, required=True, help="PNG file to write")
     parser.add_argument("--map", default="town", help="map file or shipped map")
-    parser.add_argument("--count", type=int, default=24, help="how many draws")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=whole(1, 600), default=24, help="how many draws")
+    parser.add_argument("--seed", type=SEED, default=0)
     options = parser.parse_args(arguments)
-    try:
-        sample = load_look_sampler(options.look, without=options.without)
-        rng = np.random.default_rng(options.seed)
-        pictures = draws(load_map(options.map), sample, options.count, rng)
-    except DuckpilotError as error:
-        print(error, file=sys.stderr)
-        return 2
+    return answer("show_looks", lambda: draw(options))
+
+
+def draw(options: argparse.Namespace) -> None:
+    """Write the sheet asked for; DuckpilotError for wrong input."""
+    expect_writable(options.out)
+    sample = load_look_sampler(options.look, without=options.without)
+    rng = np.random.default_rng(options.seed)
+    pictures = draws(load_map(options.map), sample, options.count, rng)
     write_picture(options.out, sheet(pictures))
-    return 0
 
 
 if __name__ == "__main__":

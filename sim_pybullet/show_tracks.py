@@ -13,8 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from robot.command_line import OneLineParser, answer
 from robot.contract import ImageSpec
-from robot.errors import DuckpilotError
+from robot.output import expect_writable
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.racing.track import Track, centre_line, load_track, shipped_tracks
 from sim_pybullet.racing.track_ground import paint_track
@@ -77,22 +78,23 @@ def _write(picture: np.ndarray, text: str, x_px: int, y_px: int) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Write tracks.png and track_looks.png; exit status 2 for wrong input."""
-    parser = argparse.ArgumentParser(prog="show_tracks", description=__doc__)
+    parser = OneLineParser(prog="python -m sim_pybullet.show_tracks", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder of the two pictures")
     parser.add_argument("--track", nargs="*", default=[], help="else all shipped ones")
     parser.add_argument("--look", default="tracks", help="a folder of looks, or one look")
     options = parser.parse_args(arguments)
-    try:
-        tracks = [load_track(name) for name in options.track or shipped_tracks()]
-        files = looks_of(options.look)
-    except DuckpilotError as error:
-        print(error, file=sys.stderr)
-        return 2
+    return answer("show_tracks", lambda: draw(options))
+
+
+def draw(options: argparse.Namespace) -> None:
+    """Write the sheets asked for; DuckpilotError for wrong input."""
+    expect_writable(options.out / "tracks.png", options.out / "track_looks.png")
+    tracks = [load_track(name) for name in options.track or shipped_tracks()]
+    files = looks_of(options.look)
     looks = [load_look_sampler(file)(np.random.default_rng(0)) for file in files]
     write_picture(options.out / "tracks.png", from_above(tracks))
     sheet = frames_of_looks(tracks[0], [file.stem for file in files], looks)
     write_picture(options.out / "track_looks.png", sheet)
-    return 0
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Callable
@@ -15,12 +14,13 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from robot.command_line import OneLineParser, answer
 from robot.contract import ACTION_WHEELS, ImageSpec
-from robot.errors import DuckpilotError
 from robot.geometry import bezier_points, bezier_tangents
+from robot.inference.policy import OnnxPolicy
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import RoadMap, load_map
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 from tools.timing import in_turn, seconds_per_call
 
 ROBOTS = 64
@@ -188,22 +188,21 @@ def show(figures: dict[str, Any], console: Console) -> None:
     console.print(table)
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Measure, write and show."""
-    parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.bench", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/bench.json"))
     parser.add_argument("--model", type=Path, default=SHIPPED_MODELS / "lane_dueling.onnx")
-    options = parser.parse_args()
-    try:
-        if not options.model.exists():
-            raise DuckpilotError(f"--model: expected an ONNX policy, no file {options.model}")
+    options = parser.parse_args(arguments)
+
+    def work() -> None:
+        expect_writable(options.out, inputs=[options.model])
+        OnnxPolicy(options.model)  # refused now rather than after half of the measurements
         figures = measure(options.model)
         write_json(options.out, figures)
-    except DuckpilotError as error:
-        print(f"bench: {error}", file=sys.stderr)
-        return 2
-    show(figures, Console())
-    return 0
+        show(figures, Console())
+
+    return answer("bench", work)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ that was killed goes on with the stage it was in.
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import subprocess
@@ -18,8 +17,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from robot.command_line import SEED, OneLineParser, answer, number
 from robot.inference.policy_file import SHIPPED_MODELS
-from robot.output import write_json
+from robot.output import expect_folder, write_json
 
 TRAIN_SECONDS = 75.0
 EPISODES = 20
@@ -126,22 +126,31 @@ def show(metrics: dict, out: Path, console: Console) -> None:
     console.print(table)
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the demo; exit status 0 when it drove."""
-    parser = argparse.ArgumentParser(prog="python -m tools.demo", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.demo", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/demo"))
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=TRAIN_SECONDS, help="of training")
-    options = parser.parse_args()
+    parser.add_argument("--seed", type=SEED, default=0)
+    parser.add_argument(
+        "--seconds", type=number(1.0, 1e6), default=TRAIN_SECONDS, help="of training"
+    )
+    options = parser.parse_args(arguments)
+    return answer("demo", lambda: show_all(options.out, options.seed, options.seconds))
+
+
+def show_all(out: Path, seed: int, seconds: float) -> int:
+    """Run the stages that are not done; exit status 0 when it drove.
+
+    Raises:
+        ConfigError: there is no place to write to.
+    """
+    expect_folder(out)
     console = Console()
-    out: Path = options.out
     if (out / "metrics.json").exists():  # the last demo ended: this is a new one
         shutil.rmtree(out)
     out.mkdir(parents=True, exist_ok=True)
     try:
-        total_s = sum(
-            run_stage(stage, console) for stage in stages(out, options.seed, options.seconds)
-        )
+        total_s = sum(run_stage(stage, console) for stage in stages(out, seed, seconds))
     except subprocess.CalledProcessError as error:
         console.print(f"[red]demo stopped: {' '.join(error.cmd[1:])} ended with {error.returncode}")
         return 1

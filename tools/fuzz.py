@@ -22,12 +22,13 @@ import numpy as np
 from tqdm import tqdm
 
 from robot import typed_config
-from robot.errors import ConfigError, ContractError
+from robot.command_line import SEED, OneLineParser, answer, whole
+from robot.errors import ContractError
 from robot.link import commands, messages, telemetry, wire
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 
 TRACED = 1 / 32  # share of the inputs
 CORPUS = 4096
@@ -262,13 +263,17 @@ def lines_of_decoders() -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit status 0 when every decoder held, 1 otherwise."""
-    parser = argparse.ArgumentParser(prog="python -m tools.fuzz", description=__doc__)
-    parser.add_argument("--count", type=int, default=1_000_000, help="inputs")
-    parser.add_argument("--seed", type=int, default=0)
+    parser = OneLineParser(prog="python -m tools.fuzz", description=__doc__)
+    parser.add_argument("--count", type=whole(1, 10**9), default=1_000_000, help="inputs")
+    parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument("--json", type=Path, help="write the figures")
     options = parser.parse_args(arguments)
-    if options.count < 1:
-        parser.error(f"--count: expected 1 or more, got {options.count}")
+    return answer("fuzz", lambda: fuzz(options))
+
+
+def fuzz(options: argparse.Namespace) -> int:
+    """Try as asked; 1 where a decoder failed. ConfigError where the figures cannot be written."""
+    expect_writable(options.json)
     fuzzer = Fuzzer(np.random.default_rng(options.seed), seeds())
     with tqdm(total=options.count, desc="messages") as bar:
         fuzzer.run(options.count, bar.update)
@@ -287,12 +292,8 @@ def main(arguments: list[str] | None = None) -> int:
         "failures": found.failures[:100],
     }
     print(json.dumps(figures, indent=1))
-    try:
-        if options.json:
-            write_json(options.json, figures)
-    except ConfigError as error:
-        print(f"fuzz: {error}", file=sys.stderr)
-        return 2
+    if options.json:
+        write_json(options.json, figures)
     return 1 if found.failures else 0
 
 

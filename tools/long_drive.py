@@ -21,6 +21,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robot.command_line import answer
 from tools.free_ports import free_ports
 
 if TYPE_CHECKING:
@@ -116,14 +117,11 @@ def main(arguments: list | None = None) -> int:
     except (IndexError, ValueError):
         print("long_drive: expected MODEL HOURS [EVERY_S], positive numbers", file=sys.stderr)
         return 2
-    from robot.errors import DuckpilotError
 
-    try:
+    def work() -> None:
         drive(model, hours, lambda row: print(json.dumps(row), flush=True), every_s)
-    except DuckpilotError as error:
-        print(f"long_drive: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return answer("long_drive", work)
 
 
 if __name__ == "__main__":

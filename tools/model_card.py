@@ -7,15 +7,16 @@ evaluation that lies in the run's folder (``evaluate --json RUN/….json``).
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from robot.errors import ConfigError, DuckpilotError
+from robot.command_line import OneLineParser, answer
+from robot.errors import ConfigError
 from robot.inference.policy_file import SHIPPED_MODELS
+from robot.output import expect_writable
 from trainer.config import RunConfig
 from trainer.presets import preset
 from trainer.report.paper import NAMES
@@ -95,6 +96,7 @@ def ship(run: Path, name: str, models: Path) -> None:
     Raises:
         ConfigError: the run has not ended or was not exported.
     """
+    expect_writable(*(models / f"{name}{end}" for end in (".onnx", "_int8.onnx", ".md")))
     text = card(run, name)
     for source, target in (
         ("model.onnx", f"{name}.onnx"),
@@ -138,17 +140,12 @@ def _read(path: Path) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 0 done, 2 wrong input."""
-    parser = argparse.ArgumentParser(prog="python -m tools.model_card", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.model_card", description=__doc__)
     parser.add_argument("run", type=Path, help="the folder of a finished run")
     parser.add_argument("name", help="of the policy, such as nav_ppo")
     parser.add_argument("--models", type=Path, default=SHIPPED_MODELS)
     options = parser.parse_args(arguments)
-    try:
-        ship(options.run, options.name, options.models)
-    except DuckpilotError as error:
-        sys.stderr.write(f"model_card: {error}\n")
-        return 2
-    return 0
+    return answer("model_card", lambda: ship(options.run, options.name, options.models))
 
 
 if __name__ == "__main__":

@@ -27,9 +27,11 @@ from localizer_node.camera_fit import Freedom
 from localizer_node.node import Localizer
 from localizer_node.rectify import map_outline
 from localizer_node.track import RobotPose
+from robot.command_line import SEED, OneLineParser, answer, whole
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap, load_map
+from robot.output import expect_writable, write_text
 from sim_pybullet.look import GroundLook
 from sim_pybullet.overhead import (
     Hanging,
@@ -213,27 +215,32 @@ def drive(
         score.add(told, {n: w.pose for n, w in crowd.items()})
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Drive, and print or write the figures."""
-    parser = argparse.ArgumentParser(prog="python -m tools.overhead_drive", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.overhead_drive", description=__doc__)
     parser.add_argument("--kind", choices=sorted(ROBOTS), default="two_colour")
-    parser.add_argument("--frames", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", metavar="OUT", help="write the figures there")
-    arguments = parser.parse_args()
+    parser.add_argument("--frames", type=whole(1, 10_000_000), default=1000)
+    parser.add_argument("--seed", type=SEED, default=0)
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures there")
+    options = parser.parse_args(arguments)
+    return answer("overhead_drive", lambda: measure(options))
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Drive as asked; ConfigError where the figures cannot be written."""
+    expect_writable(options.json)
     cv2.setNumThreads(1)
     score = Score()
-    runs = math.ceil(arguments.frames / HANGING_FRAMES)
+    runs = math.ceil(options.frames / HANGING_FRAMES)
     for run in track(range(runs), "driving", console=Console(stderr=True)):
-        frames = min(HANGING_FRAMES, arguments.frames - run * HANGING_FRAMES)
-        kind = arguments.kind
-        drive(ROBOTS[kind], frames, arguments.seed + run, score, blue_things=kind != "plain")
-    figures = {"kind": arguments.kind, "frames": arguments.frames, **score.summary()}
+        frames = min(HANGING_FRAMES, options.frames - run * HANGING_FRAMES)
+        kind = options.kind
+        drive(ROBOTS[kind], frames, options.seed + run, score, blue_things=kind != "plain")
+    figures = {"kind": options.kind, "frames": options.frames, **score.summary()}
     text = json.dumps(figures, indent=1)
-    if arguments.json:
-        Path(arguments.json).write_text(text + "\n", encoding="utf-8")
+    if options.json:
+        write_text(options.json, text + "\n")
     print(text)
-    return 0
 
 
 if __name__ == "__main__":

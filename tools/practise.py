@@ -6,7 +6,6 @@ they did is told before each question.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Callable
@@ -15,7 +14,7 @@ import numpy as np
 
 from robot.bringup.person import AtTerminal
 from robot.cli.selftest import try_motors
-from robot.errors import DuckpilotError, HardwareError
+from robot.command_line import OneLineParser, answer
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.driver import MotorDriver
@@ -62,18 +61,12 @@ def practise(config: HatConfig, read: Callable[[str], str] = input) -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit status 0 when all steps passed, 1 when one failed, 2 for wrong input."""
-    parser = argparse.ArgumentParser(prog="python -m tools.practise", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.practise", description=__doc__)
     parser.add_argument(
         "--robot", choices=sorted(ROBOTS), default="well", help="which fault it has"
     )
     options = parser.parse_args(arguments)
-    try:
-        return practise(ROBOTS[options.robot])
-    except (DuckpilotError, HardwareError) as error:
-        print(f"practise: {error}", file=sys.stderr)
-        return 2 if isinstance(error, DuckpilotError) else 1
-    except KeyboardInterrupt:
-        return 130
+    return answer("practise", lambda: practise(ROBOTS[options.robot]))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ Olympics. ``--into FILE --block NAME`` puts them between ``<!-- NAME -->`` and `
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -15,7 +14,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from robot.errors import ConfigError, DuckpilotError
+from robot.command_line import OneLineParser, answer
+from robot.errors import ConfigError
+from robot.output import expect_writable
 from trainer.run import RunFolder, atomically
 
 SKILLED = 0.99  # share of a greedy evaluation's episodes that succeed
@@ -121,21 +122,21 @@ def put(text: str, file: Path, block: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 0 done, 2 wrong input."""
-    parser = argparse.ArgumentParser(prog="python -m tools.skill_table", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.skill_table", description=__doc__)
     parser.add_argument("runs", type=Path, nargs="+")
     parser.add_argument("--into", type=Path, help="a Markdown file; else standard output")
     parser.add_argument("--block", default="tables", help="the name in its marks")
     options = parser.parse_args(arguments)
-    try:
+
+    def work() -> None:
+        expect_writable(options.into)
         text = skill_table(options.runs) + "\n" + driving_table(options.runs)
         if options.into is None:
             sys.stdout.write(text)
         else:
             put(text, options.into, options.block)
-    except DuckpilotError as error:
-        sys.stderr.write(f"skill_table: {error}\n")
-        return 2
-    return 0
+
+    return answer("skill_table", work)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from robot.errors import DuckpilotError
-from robot.output import write_json
+from robot.command_line import OneLineParser, answer, whole
+from robot.output import expect_writable, write_json
 from trainer.config import RunConfig
 from trainer.envs import ScaledReward, make_env
 from trainer.learners.algorithms import build_model
@@ -86,28 +86,32 @@ def measure(
 
 def main(arguments: list[str] | None = None) -> int:
     """0 where both algorithms stay within twice the step without, 1 where one does not."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser = OneLineParser(
+        prog="python -m tools.translation_cost", description=(__doc__ or "").split("\n\n")[0]
+    )
     parser.add_argument("--translator", required=True, help="ONNX file, sim-to-real")
     parser.add_argument("--task", default="lane", help="lane or navigation")
     parser.add_argument("--look", default="nominal")
-    parser.add_argument("--turns", type=int, default=8)
+    parser.add_argument("--turns", type=whole(1, 1000), default=8)
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args(arguments)
+    return answer("translation_cost", lambda: compare(asked))
+
+
+def compare(asked: argparse.Namespace) -> int:
+    """Measure each algorithm; the exit status."""
+    expect_writable(asked.json, inputs=[Path(asked.translator)])
     torch.set_num_threads(1)
     console = Console(soft_wrap=True)
     costs = []
-    try:
-        for name in ALGORITHMS:
-            config = replace(preset(asked.task, name, "fast"), look=asked.look)
-            found = measure(config, asked.translator, max(1, asked.turns), _STEPS[name])
-            costs.append(found)
-            console.print(
-                f"{name}, {found.robots} robots: {found.without_ms:.1f} ms without, "
-                f"{found.with_ms:.1f} ms with, {found.ratio:.2f} times (at most {_MOST:g} is due)"
-            )
-    except DuckpilotError as error:
-        print(error, file=sys.stderr)
-        return 2
+    for name in ALGORITHMS:
+        config = replace(preset(asked.task, name, "fast"), look=asked.look)
+        found = measure(config, asked.translator, asked.turns, _STEPS[name])
+        costs.append(found)
+        console.print(
+            f"{name}, {found.robots} robots: {found.without_ms:.1f} ms without, "
+            f"{found.with_ms:.1f} ms with, {found.ratio:.2f} times (at most {_MOST:g} is due)"
+        )
     if asked.json is not None:
         write_json(asked.json, [asdict(cost) for cost in costs])
     return 0 if all(cost.ratio <= _MOST for cost in costs) else 1

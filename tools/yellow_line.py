@@ -9,7 +9,6 @@ of them show any of it) and those whose judged point lies within 1 cm of the lin
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -21,12 +20,13 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from robot.command_line import SEED, OneLineParser, answer
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
-from robot.errors import ConfigError, DuckpilotError
+from robot.errors import ConfigError
 from robot.lens import CameraRig
 from robot.navigation.path import Path as RoadPath
 from robot.navigation.road_map import load_map
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 from robot.vision.yellow_dashes import DEFAULT, floor_table
 from robot.vision.yellow_line import detect_yellow_line
 from sim_pybullet.classes import SemanticClass
@@ -133,16 +133,20 @@ def _agreement(
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = OneLineParser(
+        prog="python -m tools.yellow_line", description=__doc__.splitlines()[0] if __doc__ else None
+    )
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--map", default="loop")
     parser.add_argument("--look", type=Path, help="YAML file of a Look; nominal by default")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument("--json", type=Path, help="file to write")
     options = parser.parse_args(arguments)
-    try:
+
+    def work() -> None:
         if options.frames < 1:
             raise ConfigError(f"--frames: expected 1 or more, got {options.frames}")
+        expect_writable(options.json, inputs=[options.look])
         look = load_look(options.look) if options.look else NOMINAL
         result = measure(options.map, look, options.frames, options.seed)
         inputs = {key: str(value) for key, value in vars(options).items() if value is not None}
@@ -150,10 +154,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(json.dumps(figures, indent=2))
         if options.json:
             write_json(options.json, figures)
-    except DuckpilotError as error:
-        print(f"tools.yellow_line: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return answer("tools.yellow_line", work)
 
 
 if __name__ == "__main__":

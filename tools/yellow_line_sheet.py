@@ -8,7 +8,6 @@ A red border is a robot left of the line, green right of it, grey no line found.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -17,9 +16,9 @@ import numpy as np
 
 from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
-from robot.errors import DuckpilotError
+from robot.command_line import OneLineParser, answer
 from robot.lens import DUCKIEBOT_LENS, CameraRig
-from robot.output import write_png
+from robot.output import expect_writable, write_png
 from robot.vision.yellow_dashes import DEFAULT, floor_table, yellow_mask
 from robot.vision.yellow_line import YellowLine, detect_yellow_line
 
@@ -66,19 +65,22 @@ def _pixels(rig: CameraRig, points_m: np.ndarray) -> np.ndarray:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = OneLineParser(
+        prog="python -m tools.yellow_line_sheet",
+        description=__doc__.splitlines()[0] if __doc__ else None,
+    )
     parser.add_argument("--images", type=Path, required=True, help="a folder of pictures")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
     options = parser.parse_args(arguments)
-    try:
+
+    def work() -> None:
+        expect_writable(options.out)
         files = picture_files(options.images)
         chosen = np.linspace(0, len(files) - 1, min(MOST_TILES, len(files))).round().astype(int)
         frames = [fit_to_frame(read_picture(files[i])) for i in chosen]
         write_png(options.out, draw_sheet(frames, CameraRig(DUCKIEBOT_LENS)))
-    except DuckpilotError as error:
-        print(f"tools.yellow_line_sheet: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return answer("tools.yellow_line_sheet", work)
 
 
 if __name__ == "__main__":

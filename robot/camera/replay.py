@@ -82,8 +82,10 @@ def picture_files(folder: Path) -> List[Path]:
         ConfigError: it is no folder, or holds none.
     """
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: expected a folder of pictures, got no such folder")
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PICTURES)
+        got = "a file; give the folder that it lies in" if folder.exists() else "no such folder"
+        raise ConfigError(f"{folder}: expected a folder of pictures, got {got}")
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in PICTURES)
+    files = sorted(path for path in found if path.is_file())
     if not files:
         raise ConfigError(f"{folder}: expected pictures ({', '.join(PICTURES)}), got none")
     return files

@@ -2,7 +2,7 @@
 
 A module has ``add_arguments(parser)`` and ``run(options)``, and is imported only when it is asked
 for: switching the motors off must not wait for numpy. Exit status 0: done; 2: wrong input, told in
-one line; 1: anything else.
+one line; 130: Ctrl-C; 1: anything else.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-from typing import List, NoReturn, Optional
+from typing import List, Optional
 
-from robot.errors import DuckpilotError, HardwareError
+from robot.command_line import OneLineParser, answer
 
 COMMANDS = {
     "drive": "drive",
@@ -28,29 +28,17 @@ COMMANDS = {
 }
 
 
-class OneLineParser(argparse.ArgumentParser):
-    """Tells what is wrong in one line, without the usage before it."""
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with status 2."""
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
 def main(arguments: Optional[List[str]] = None) -> int:
     """Run one command; returns its exit status."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    options = make_parser(arguments).parse_args(arguments)
-    try:
-        status = options.run(options)
-    except DuckpilotError as error:
-        print(f"robot {options.command}: {error}", file=sys.stderr)
-        return 2
-    except HardwareError as error:
-        print(f"robot {options.command}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return int(status or 0)
+    words = sys.argv[1:] if arguments is None else arguments
+    command = words[0] if words[:1] and words[0] in COMMANDS else ""
+
+    def work() -> Optional[int]:
+        options = make_parser(words).parse_args(words)
+        status: Optional[int] = options.run(options)
+        return status
+
+    return answer(f"robot {command}".strip(), work)
 
 
 def make_parser(arguments: List[str]) -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ from robot.errors import ConfigError
 from robot.footprint import measure_footprint
 from robot.hat.clock import MonotonicClock
 from robot.inference.policy_timing import time_policy
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 from robot.parts import Tick
 from robot.runtime.dry_run import dry_runtime
 from robot.runtime.rate import RateKeeper
@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Do it; DuckpilotError for a wrong model."""
+    expect_writable(options.json, inputs=[options.model])
     if not 0.5 <= options.seconds <= 3600.0:
         raise ConfigError(f"--seconds: expected 0.5 to 3600, got {options.seconds:g}")
     decision = time_policy(options.model)

@@ -19,6 +19,7 @@ from robot.bringup.person import AtTerminal, Person
 from robot.bringup.roll import CountedMotors, Roller
 from robot.bringup.wheels import Values
 from robot.camera.replay import read_picture
+from robot.command_line import number
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.hat.clock import Clock, MonotonicClock
@@ -48,12 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("--image", type=Path, help="a picture; without it one is taken now")
     camera.add_argument(
         "--ahead-m",
-        type=float,
+        type=number(0.02, 2.0),
         default=NEAR_EDGE_M,
         help="from the wheels' axle to the nearest row of squares (default %(default)s)",
     )
     camera.add_argument(
-        "--square-m", type=float, default=target.SQUARE_M, help="side of a square as printed"
+        "--square-m",
+        type=number(0.001, 0.5),
+        default=target.SQUARE_M,
+        help="side of a square as printed",
     )
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
     _add_config(lens)

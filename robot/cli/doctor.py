@@ -12,7 +12,7 @@ from typing import List
 from robot.doctor.findings import Finding, Level
 from robot.doctor.machine import ThisMachine
 from robot.doctor.report import examine
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it; 1 when something fails."""
+    expect_writable(options.json, inputs=[options.config])
     findings: List[Finding] = []
     for finding in examine(ThisMachine(), options.config):
         findings.append(finding)

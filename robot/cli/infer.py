@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import List
+from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -17,11 +17,13 @@ from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.cli.sheet import Labelled, draw_sheet
 from robot.contract import Action
+from robot.errors import ConfigError
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import preprocess
-from robot.output import write_json, write_png
+from robot.output import expect_writable, write_json, write_png
 
 PROGRESS_EVERY = 25
+NAMED = 3  # of the files that were skipped
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,9 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Do it; DuckpilotError for a wrong model, folder or picture."""
+    """Do it; DuckpilotError for a wrong model, a folder without pictures, no place for results."""
+    expect_writable(options.json, options.sheet, inputs=[options.model])
     policy = OnnxPolicy(options.model)
-    labelled = label(policy, options.images)
+    labelled, skipped = label(policy, options.images)
     inputs = {
         "model": str(options.model),
         "images": str(options.images),
@@ -51,27 +54,50 @@ def run(options: argparse.Namespace) -> None:
         }
         for each in labelled
     ]
-    write_json(options.json, {"schema": 1, "inputs": inputs, "images": images})
+    write_json(
+        options.json, {"schema": 1, "inputs": inputs, "images": images, "skipped": list(skipped)}
+    )
     if options.sheet:
         write_png(options.sheet, draw_sheet(labelled))
     counts = [sum(each.action is action for each in labelled) for action in Action]
     summary = ", ".join(f"{action.name} {count}" for action, count in zip(Action, counts))
     print(f"{len(labelled)} pictures: {summary}")
+    if skipped:
+        more = f" and {len(skipped) - NAMED} more" if len(skipped) > NAMED else ""
+        print(f"skipped {len(skipped)} that are no pictures: {', '.join(skipped[:NAMED])}{more}")
 
 
-def label(policy: OnnxPolicy, folder: Path) -> List[Labelled]:
-    """The policy's answer to each picture of a folder, one at a time as on the robot."""
+class Answers(NamedTuple):
+    """What a policy made of a folder."""
+
+    labelled: List[Labelled]
+    skipped: Tuple[str, ...]  # files that only have a picture's name: empty, or macOS's ._*.jpg
+
+
+def label(policy: OnnxPolicy, folder: Path) -> Answers:
+    """The policy's answer to each picture of a folder, one at a time as on the robot.
+
+    Raises:
+        ConfigError: there is none.
+    """
     files = picture_files(folder)
     path = np.zeros((1, policy.contract.path_points), np.float32)
-    labelled = []
+    labelled, skipped, first = [], [], None
     for i, file in enumerate(files):
-        frame = fit_to_frame(read_picture(file))
+        name = file.relative_to(folder).as_posix()
+        try:
+            frame = fit_to_frame(read_picture(file))
+        except ConfigError as error:
+            skipped.append(name)
+            first = first or error
+            continue
         picture = preprocess(frame, policy.contract.image)
         values = policy.values(picture[None], path if path.size else None)[0]
-        name = file.relative_to(folder).as_posix()
         labelled.append(Labelled(name, frame, Action(int(values.argmax())), values))
         if sys.stderr.isatty() and (i + 1) % PROGRESS_EVERY == 0:
             print(f"\r{i + 1} of {len(files)} pictures", end="", file=sys.stderr, flush=True)
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr)
-    return labelled
+    if first is not None and not labelled:
+        raise first
+    return Answers(labelled, tuple(skipped))

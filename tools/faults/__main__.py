@@ -15,8 +15,9 @@ from pathlib import Path
 import cv2
 from tqdm import tqdm
 
-from robot.errors import DuckpilotError, HardwareError, nearest
-from robot.output import write_json
+from robot.command_line import SEED, OneLineParser, answer
+from robot.errors import ConfigError, DuckpilotError, nearest
+from robot.output import expect_writable, write_json
 from tools.faults import (
     camera,
     i2c,
@@ -50,12 +51,12 @@ FAMILIES: dict[str, tuple[Case, ...]] = {
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m tools.faults", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.faults", description=__doc__)
     parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
     parser.add_argument("--family", action="append", choices=list(FAMILIES), help="only these")
     parser.add_argument("--case", action="append", help="only these, by name")
     parser.add_argument("--realtime", action="store_true", help="by the wall clock")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument("--json", type=Path, help="write the outcomes; goes on from there")
     parser.add_argument("--report", type=Path, help="write the table, such as docs/faults.md")
     return parser.parse_args(arguments)
@@ -79,17 +80,22 @@ def chosen(options: argparse.Namespace) -> list[tuple[str, Case]]:
 def main(arguments: list[str] | None = None) -> int:
     """Exit status 0 when the robot did right in every case, 2 for wrong input, 1 otherwise."""
     options = parse(arguments)
+    return answer("faults", lambda: meet(options))
+
+
+def meet(options: argparse.Namespace) -> int:
+    """Meet the faults asked for; 0 when the robot did right in all, 1 otherwise."""
+    expect_writable(options.json, options.report, inputs=[options.model])
+    cases = chosen(options)
+    expect_navigator(options.model)
+    outcomes = _done(options.json)
     cv2.setNumThreads(1)
     try:
-        cases = chosen(options)
-        expect_navigator(options.model)
-        outcomes = _done(options.json)
-        _write(options.json, outcomes)
         with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
             _play(cases, outcomes, options, Path(folder))
-    except (DuckpilotError, BenchError, HardwareError) as error:
+    except BenchError as error:
         print(f"faults: {error}", file=sys.stderr)
-        return 2 if isinstance(error, DuckpilotError) else 1
+        return 1
     if options.report:
         met = {(outcome.family, outcome.name) for outcome in outcomes}
         every = [(family, case.name) for family, cases in FAMILIES.items() for case in cases]
@@ -126,7 +132,10 @@ def _play(
 def _done(path: Path | None) -> list[Outcome]:
     if path is None or not path.exists():
         return []
-    return [Outcome(**row) for row in read_figures(path).get("outcomes", ())]
+    try:
+        return [Outcome(**row) for row in read_figures(path)["outcomes"]]
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others") from error
 
 
 def _write(path: Path | None, outcomes: list[Outcome]) -> None:

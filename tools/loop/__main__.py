@@ -7,7 +7,7 @@ import sys
 
 def main(arguments: list[str]) -> int:
     """``--laps`` asks for one robot's laps; else all programs are started and drive missions."""
-    if any(word.split("=")[0] == "--laps" for word in arguments):
+    if any(len(w) > 3 and "--laps".startswith(w.split("=")[0]) for w in arguments):
         from tools.loop import laps
 
         return laps.main(arguments)

@@ -22,9 +22,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from robot.errors import ConfigError, ContractError, DuckpilotError, HardwareError
+from robot.command_line import SEED, OneLineParser, answer, whole
+from robot.errors import ConfigError, ContractError
 from robot.inference.policy_file import SHIPPED_MODELS, read_contract
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.film import Film
 from tools.loop.missions import Driver, MissionRecord
@@ -37,22 +38,29 @@ SCHEMA = 2
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.loop", description=__doc__)
     add = parser.add_argument
     add("--map", default="arena", help="map file, or the name of a shipped one")
     add("--model", type=Path, default=MODEL, help="ONNX policy for navigation")
-    add("--missions", type=int, default=1, help="how many, each to a random place")
+    add("--missions", type=whole(1, 100_000), default=1, help="how many, each to a random place")
     add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
     add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
     add("--look", default="nominal", help="YAML file, a folder of them, or a shipped name")
-    add("--seed", type=int, default=0)
+    add("--seed", type=SEED, default=0)
     add("--realtime", action="store_true", help="by the wall clock, not in step")
     add("--robot-python", default=sys.executable, help="runs the robot's process")
     add("--video", type=Path, help="write an MP4: both cameras and the map")
     add("--json", type=Path, help="write the figures; goes on with what is there")
+    laps = parser.add_argument_group(
+        "laps instead of missions",
+        "one robot alone, in one process and in lock-step; also takes --map, --model (a policy for "
+        "lane keeping), --look, --seed, --video and --json",
+    )
+    laps.add_argument("--laps", metavar="N", help="drive so many laps of a ring of road")
+    laps.add_argument("--translator", help="ONNX translator, real-to-sim, before the policy")
     options = parser.parse_args(arguments)
-    if options.missions < 1:
-        parser.error(f"--missions: expected 1 or more, got {options.missions}")
+    if options.laps or options.translator:
+        parser.error("--translator: expected --laps N, too: missions are driven without one")
     if options.goal is not None and options.missions > 1:
         parser.error(f"--goal: expected one mission, got --missions {options.missions}")
     if shutil.which(options.robot_python) is None:
@@ -74,13 +82,18 @@ def place(text: str) -> tuple[float, float]:
 def main(arguments: list[str] | None = None) -> int:
     """Exit status 0 when every mission arrived, 2 for wrong input, 1 otherwise."""
     options = parse(arguments)
+    return answer("loop", lambda: drive(options))
+
+
+def drive(options: argparse.Namespace) -> int:
+    """Drive as asked and say how it went; 0 when every mission arrived, 1 otherwise."""
     cv2.setNumThreads(1)
     try:
         with tempfile.TemporaryDirectory(prefix="duckpilot-loop-") as folder:
             figures = run(options, Path(folder))
-    except (DuckpilotError, BenchError, HardwareError) as error:
+    except BenchError as error:
         print(f"loop: {error}", file=sys.stderr)
-        return 2 if isinstance(error, DuckpilotError) else 1
+        return 1
     print(
         f"{figures['arrived']} of {figures['missions']} missions arrived, "
         f"{figures['driven_m']:.0f} m in {figures['seconds']:.0f} s, "
@@ -91,10 +104,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
+    expect_writable(options.json, options.video, inputs=[options.model])
     expect_navigator(options.model)
     site_after = sites_of(options.look, options.seed)
     rows = _rows_so_far(options)
-    _write(options.json, summary(rows, options))
+    if len(rows) == options.missions:
+        return summary(rows, options)
     robot: dict[str, Any] = {}
     with ExitStack() as stack:
         film = Film(options.video) if options.video else None
@@ -236,7 +251,7 @@ def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
         return []
     before = read_figures(options.json)
     same = (before.get("schema"), before.get("inputs")) == (SCHEMA, inputs_of(options))
-    return list(before["rows"])[: options.missions] if same else []
+    return list(before.get("rows") or ())[: options.missions] if same else []
 
 
 def read_figures(path: Path) -> dict[str, Any]:

@@ -7,8 +7,6 @@ the robot's own code. Time is simulated, so the drive is the same on every machi
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,13 +15,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from robot.command_line import SEED, OneLineParser, answer, number
 from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S, Action
-from robot.errors import DuckpilotError
 from robot.geometry import Pose
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
-from robot.output import write_json
+from robot.output import expect_writable, write_json
 from robot.parts import Tick
 from robot.runtime.assemble import open_policy
 from tools.lap_drive import LapDrive, LapRecord
@@ -122,33 +120,33 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m tools.loop", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.loop --laps N", description=__doc__)
     parser.add_argument("--map", default="loop", help="map file, or the name of a shipped one")
     parser.add_argument("--model", type=Path, default=MODEL, help="ONNX policy for lane keeping")
     parser.add_argument("--translator", default="", help="ONNX translator, real-to-sim")
-    parser.add_argument("--laps", type=float, required=True, help="how many")
+    parser.add_argument("--laps", type=number(0.01, 10_000), required=True, help="how many")
     parser.add_argument(
         "--look", default="nominal", help="YAML file, a folder of them, or a shipped name"
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument("--video", type=Path, help="write an MP4: camera and map")
     parser.add_argument("--json", type=Path, help="write the figures")
-    options = parser.parse_args(arguments)
-    if not 0.0 < options.laps < math.inf:
-        parser.error(f"--laps: expected a positive number, got {options.laps}")
-    return options
+    return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit status 0 when the robot drove all its laps, 2 for wrong input, 1 otherwise."""
     options = parse(arguments)
-    try:
-        figures = drive(options)
-        if options.json:
-            write_json(options.json, figures)
-    except DuckpilotError as error:
-        print(f"loop: {error}", file=sys.stderr)
-        return 2
+    return answer("loop", lambda: tell(options))
+
+
+def tell(options: argparse.Namespace) -> int:
+    """Drive as asked and say how it went; 0 when all laps were driven, 1 otherwise."""
+    inputs = [options.model, Path(options.translator) if options.translator else None]
+    expect_writable(options.json, options.video, inputs=inputs)
+    figures = drive(options)
+    if options.json:
+        write_json(options.json, figures)
     print(
         f"{figures['laps']:.2f} of {options.laps:g} laps in {figures['seconds']:.0f} s, "
         f"{100 * figures['mean_path_distance_m']:.1f} cm from the lane's middle on average, "

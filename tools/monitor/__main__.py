@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import argparse
 import secrets
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from robot.errors import DuckpilotError
-from robot.link.config import LinkConfig
+from robot.command_line import OneLineParser, answer, whole
+from robot.errors import ConfigError
+from robot.link.config import BOUND_BY, LinkConfig
 from robot.navigation.road_map import load_map
+from robot.output import expect_folder
 from robot.typed_config import load_yaml
 from tools.monitor.access import LOOPBACK_NAMES
 
 PORT = 8600
+LAST_PORT = 65_530  # the demonstration's links take the four after it
 
 
 def parse(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m tools.monitor", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.monitor", description=__doc__)
     parser.add_argument("--host", default="127.0.0.1", help="where to listen; 0.0.0.0: everywhere")
-    parser.add_argument("--port", type=int, default=PORT)
+    parser.add_argument("--port", type=whole(1024, LAST_PORT), default=PORT)
     parser.add_argument("--map", default="town", help="a map file or the name of a shipped map")
     parser.add_argument("--drives", type=Path, default=Path("runs/drives"), help="recordings")
     parser.add_argument("--model", type=Path, help="the robot's policy: shows where it looks")
@@ -36,24 +40,31 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     """Serve until interrupted; 2 for wrong input."""
     arguments = parse(argv)
-    try:
+
+    def work() -> None:
         with ExitStack() as stack:
             serve(arguments, stack)
-    except DuckpilotError as error:
-        print(f"monitor: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return answer("monitor", work)
 
 
 def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
-    """Run the server; processes begun for it end with ``stack``."""
+    """Run the server; processes begun for it end with ``stack``.
+
+    Raises:
+        ConfigError: wrong input, or no free port, before an address to open is told.
+    """
     import uvicorn
 
     from tools.monitor.app import create_app
     from tools.monitor.monitor import Monitor
 
     road_map = load_map(arguments.map)
+    expect_folder(arguments.drives)
+    listening = stack.enter_context(_listening(arguments.host, arguments.port))
     if arguments.demo:
+        for stream in range(len(BOUND_BY)):
+            _listening("127.0.0.1", arguments.port + 1 + stream).close()
         config = LinkConfig(plaintext=True, base_port=arguments.port + 1)
         stack.enter_context(_demo_robot(arguments.map, config.base_port))
     else:
@@ -65,7 +76,26 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     print(f"Open http://{shown}:{arguments.port}/?token={token}", flush=True)
     if arguments.host not in LOOPBACK_NAMES:
         print("This page is not encrypted: use it on a network you trust.", flush=True)
-    uvicorn.run(app, host=arguments.host, port=arguments.port, log_level="warning")
+    uvicorn.Server(uvicorn.Config(app, log_level="warning")).run([listening])
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    """A socket that is bound, which a second program's cannot be; ConfigError if it cannot."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listening = socket.socket(family, kind, protocol)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        listening.listen()
+    except (OSError, UnicodeError) as error:
+        told = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(
+            f"--host {host} --port {port}: expected an address of this computer and a free port, "
+            f"got: {told}"
+        ) from error
+    return listening
 
 
 @contextmanager
