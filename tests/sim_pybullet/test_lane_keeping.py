@@ -8,16 +8,11 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError, MapError
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import load_map
-from sim_pybullet.tasks.following import (
-    HALF_LANE_TILES,
-    NOMINAL_STEP_M,
-    START_HEADING_RAD,
-    START_OFFSET,
-)
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 
 LOOP = load_map("loop")
-HALF_LANE_M = HALF_LANE_TILES * LOOP.tile_size_m
+HALF_LANE_M = 0.19 * 0.585  # the yellow line begins at 0.18 tiles, the white at 0.193
+NOMINAL_STEP_M = 0.03  # straight on at 30 cm/s for a tenth of a second
 NOBODY = np.zeros(1, dtype=bool)
 
 
@@ -42,9 +37,27 @@ def test_starts_are_in_the_lane_and_differ() -> None:
     at = task.paths.project(starts.poses[:, :2])
     np.testing.assert_allclose(at.offset_m, task.course.offset_m, atol=2e-3)
     np.testing.assert_allclose(at.arc_m, task.course.arc_m, atol=0.02)
-    assert np.abs(task.course.offset_m).max() <= START_OFFSET * HALF_LANE_M
-    assert np.abs(task.course.heading_error_rad).max() <= START_HEADING_RAD
     assert len(np.unique(task.course.arc_m)) == 200
+
+
+def test_starts_are_on_both_sides_of_the_lane_and_askew_to_both() -> None:
+    task = LaneKeeping([LOOP], 400)
+    task.reset(np.arange(400), np.random.default_rng(1))
+    for seen, most in (
+        (task.course.offset_m, 0.25 * HALF_LANE_M),
+        (task.course.heading_error_rad, np.radians(10.0)),
+    ):
+        assert -most <= seen.min() < -0.95 * most
+        assert 0.95 * most < seen.max() <= most
+        assert abs(np.median(seen)) < 0.15 * most
+
+
+def test_starts_are_all_around_the_ring() -> None:
+    task = LaneKeeping([LOOP], 400)
+    task.reset(np.arange(400), np.random.default_rng(1))
+    quarters = np.histogram(task.course.arc_m, 4, (0.0, lane_loop(LOOP).length_m))[0]
+    assert quarters.sum() == 400
+    assert quarters.min() > 70
 
 
 @settings(deadline=None, max_examples=30)

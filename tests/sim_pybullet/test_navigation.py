@@ -8,17 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError, MapError
-from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M
-from sim_pybullet.tasks.navigation import SHORTEST_TILES, Navigation, RandomRoutes
+from sim_pybullet.tasks.navigation import Navigation, RandomRoutes
 from tests.sim_pybullet.flat_camera import PoseCamera
 
 ARENA = load_map("arena")
-HALF_LANE_M = HALF_LANE_TILES * ARENA.tile_size_m
+HALF_LANE_M = 0.19 * 0.44
+NOMINAL_STEP_M = 0.03
+ARRIVAL_M = 0.05
+OFF_PATH_M = 0.25 * 0.44
 NOBODY = np.zeros(1, dtype=bool)
 
 
@@ -45,7 +46,7 @@ def test_starts_are_at_the_beginnings_of_long_enough_paths() -> None:
     starts = task.reset(np.arange(100), np.random.default_rng(1))
     assert set(starts.maps) == {0, 1}
     sizes_m = np.array([task.road_maps[m].tile_size_m for m in starts.maps])
-    assert np.all(task.paths.length_m >= SHORTEST_TILES * sizes_m)
+    assert np.all(task.paths.length_m >= 3.0 * sizes_m)
     for pose, m in zip(starts.poses, starts.maps, strict=True):
         assert task.road_maps[m].on_road(*pose[:2])
     at = task.paths.project(starts.poses[:, :2], np.zeros(100, dtype=int))
@@ -117,8 +118,7 @@ def test_terminates_off_the_path_lost_or_in_collision(
     offset: float, error_deg: float, collided: bool, fails: bool
 ) -> None:
     task, path = mission()
-    limit_m = OFF_PATH_TILES * ARENA.tile_size_m
-    pose = beside(path, 0.3, offset * limit_m, np.radians(error_deg))
+    pose = beside(path, 0.3, offset * OFF_PATH_M, np.radians(error_deg))
     step = task.step(pose, np.array([collided]))
     assert bool(step.terminated[0]) is fails
     assert not step.truncated[0]
