@@ -45,7 +45,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="which sample (default: 0)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--again", action="store_true", help="try the survivors once more")
-    parser.add_argument("--named", action="store_true", help="those of tests/mutants/named.toml")
+    parser.add_argument(
+        "--named", nargs="?", const="", metavar="PATH", help="those of tests/mutants/named.toml"
+    )
     parser.add_argument("--report", action="store_true", help="only the table of what was tried")
     args = parser.parse_args()
     if unknown := sorted(set(args.packages) - set(TESTS)):
@@ -57,8 +59,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
         pool = ProcessPoolExecutor(args.workers, initializer=trial.prepare, initargs=(scratch,))
         with pool:
-            if args.named:
-                raise SystemExit(try_named(pool))
+            if args.named is not None:
+                raise SystemExit(try_named(pool, args.named))
             for package in packages:
                 mutants = sorted(all_mutants(package), key=lambda each: _lot(args.seed, each.name))
                 try_package(pool, package, mutants[: args.sample], args.again)
@@ -93,11 +95,12 @@ def explained() -> dict[str, str]:
     return {each["name"]: each["why"] for each in tomllib.loads(EXPLAINED.read_text())["survivor"]}
 
 
-def try_named(pool: ProcessPoolExecutor) -> int:
-    """How many of the named mutants survive."""
+def try_named(pool: ProcessPoolExecutor, path: str) -> int:
+    """How many of the named mutants survive, among those of files whose path begins so."""
     tries = [
         (what, pool.submit(trial.try_mutant, mutant, tests, 900.0))
         for mutant, what, tests in named_mutants()
+        if mutant.path.startswith(path)
     ]
     outcomes = []
     for what, future in tries:
@@ -119,7 +122,7 @@ def try_package(
     tries = {}
     for mutant in open_ones:
         tests, seconds = choose_tests(mutant, calls)
-        limit = 20.0 + 5 * seconds
+        limit = 20.0 + 3 * seconds
         tries[pool.submit(trial.try_mutant, mutant, tests, limit)] = mutant
     with (OUT / "results.jsonl").open("a") as file:
         for count, future in enumerate(as_completed(tries), start=1):
@@ -157,10 +160,10 @@ def choose_tests(mutant: Mutant, calls: trial.Calls) -> tuple[list[str], float]:
     for test, (seconds, called) in calls.items():
         shared = calls.get(test.split("::")[0], (0.0, []))[1]  # by imports and fixtures
         in_module = any(each.startswith(f"{mutant.path}:") for each in called)
-        marks = (scope in called, stem in test, in_module, scope in shared)
-        imported = f"{mutant.path}:<module>" in shared
-        if "::" in test and seconds >= 0 and (any(marks) or (not mutant.scope and imported)):
-            ranked.append(([not mark for mark in marks], seconds, test))
+        imported = not mutant.scope and f"{mutant.path}:<module>" in shared
+        marks = (scope in called, stem in test, in_module, scope in shared, imported)
+        if "::" in test and seconds >= 0 and any(marks):
+            ranked.append((marks.index(True), seconds, test))
     tests: list[str] = []
     total = 0.0
     for _, seconds, test in sorted(ranked):
