@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, List, Optional, Sequence
 from robot.errors import ConfigError
 from robot.link.door import Door
 from robot.link.keys import Keys
+from robot.link.listener import Listeners
 from robot.link.roles import ADMITS, BOUND_BY
 from robot.link.telemetry import Reading
 
@@ -28,6 +29,7 @@ ENVELOPE_BYTES = 64  # what CURVE adds to a message, with room to spare
 HEARTBEAT_MS = 200
 HEARTBEAT_TIMEOUT_MS = 600
 RECONNECT_MS = 50
+HANDSHAKE_MS = 2000  # whoever has not shown a key by then is put out; who connects waits DEAF_S
 CONNECT_TIMEOUT_MS = 500  # without it a lost SYN on Wi-Fi costs seconds
 DEAF_S = 2.0
 SEND_QUEUE = 2
@@ -49,6 +51,7 @@ class Link:
         self._context = zmq.Context()
         self._poller = zmq.Poller()
         self._sockets: List[zmq.Socket[bytes]] = []
+        self._listeners = Listeners()
         self._door: Optional[Door] = None
         if keys is not None:
             self._door = Door(self._context, keys)
@@ -58,8 +61,11 @@ class Link:
         """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
 
         Raises:
-            ConfigError: our own keys are not those of the machine that binds it.
+            ConfigError: our own keys are not those of the machine that binds it, or the port is
+                taken.
         """
+        import zmq
+
         self._expect_role((BOUND_BY[stream],))
         socket = self._socket(kind, endpoint, limit_bytes)
         # Who connects asks for signs of life, and tells with them how long to wait for the next.
@@ -72,6 +78,8 @@ class Link:
             socket.zap_domain = stream.encode("ascii")
             socket.zap_enforce_domain = True  # without a doorkeeper nobody enters
             socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
+        if endpoint.startswith("tcp://"):
+            socket.setsockopt(zmq.USE_FD, self._listeners.listen(endpoint))
         socket.bind(endpoint)
         return socket
 
@@ -121,7 +129,8 @@ class Link:
                 return bool(ready)
 
     def admit(self) -> None:
-        """Answer those who wait at the door, without blocking."""
+        """Answer those who wait at the door, without blocking; shut it when too many came."""
+        self._listeners.guard()
         if self._door is not None:
             self._door.admit()
 
@@ -140,6 +149,7 @@ class Link:
         if self._door is not None:
             self._door.close()
         self._context.term()
+        self._listeners.close()
 
     def __enter__(self) -> Link:
         return self
@@ -162,6 +172,7 @@ class Link:
         socket.heartbeat_ivl = HEARTBEAT_MS
         socket.heartbeat_timeout = HEARTBEAT_TIMEOUT_MS
         socket.heartbeat_ttl = HEARTBEAT_TIMEOUT_MS
+        socket.handshake_ivl = HANDSHAKE_MS
         socket.reconnect_ivl = RECONNECT_MS
         socket.connect_timeout = CONNECT_TIMEOUT_MS
         self._sockets.append(socket)

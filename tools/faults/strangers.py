@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+import socket
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from tools.faults.case import Act, Case
 from tools.faults.stage import Stage
 
 MEGABYTE = 2**20
+CALLERS = 1500
 FLOOD = 300  # messages at once, ten times a second
 
 
@@ -150,6 +152,18 @@ def _flood_of_commands(_: Stage) -> list[bytes]:
     return [b"\0" * 100] * FLOOD
 
 
+def _crowd(stage: Stage) -> None:
+    """Connections that say nothing and stay for a second."""
+    port = stage.bench.link_configs["robot"].base_port + 3
+    with contextlib.ExitStack() as crowd:
+        for number in range(CALLERS):
+            caller = crowd.enter_context(socket.socket())
+            caller.settimeout(0.05)
+            caller.connect_ex(("127.0.0.1", port))
+            if number % 150 == 0:
+                stage.run(0.1)
+
+
 def _refused_old_key(stage: Stage) -> str:
     status = stage.bench.processes["robot"].child.returncode
     told = "renew it: python -m robot keygen --renew"
@@ -195,6 +209,7 @@ CASES = (
         _commands(_monitors, _flood_of_commands),
         states=(),
     ),
+    Case("crowd", f"{CALLERS} connections without a key", _crowd, states=()),
     Case("1 MB command", "", _commands(_monitors, lambda _: [bytes(MEGABYTE)]), states=()),
     Case("fuzzed commands", "", _commands(_monitors, _junk), states=()),
     Case(

@@ -34,6 +34,7 @@ def let_sockets_wait() -> None:
 
     limits: Any = sockets
     limits.HEARTBEAT_TIMEOUT_MS = limits.CONNECT_TIMEOUT_MS = PATIENT_MS
+    limits.HANDSHAKE_MS = PATIENT_MS
     limits.SEND_QUEUE = SEND_QUEUE
 
 
