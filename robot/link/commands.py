@@ -23,7 +23,8 @@ from robot.link.wire import (
 )
 
 ALWAYS_TAKEN = ("beat", "stop", "disarm")
-KINDS = (*ALWAYS_TAKEN, "arm", "clear", "mission", "manual")
+WITH_MISSION = ("plan", "mission")
+KINDS = (*ALWAYS_TAKEN, "arm", "clear", *WITH_MISSION, "manual")
 MANUAL_EXPIRY_S = 0.5  # a manual command holds no longer than this
 MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
 REASON_LIMIT_BYTES = 400
@@ -31,7 +32,10 @@ REASON_LIMIT_BYTES = 400
 
 @dataclass(frozen=True)
 class Mission:
-    """Drive to ``destination`` [m], world frame; from ``start``, or from where the robot is."""
+    """Drive to ``destination`` [m], world frame.
+
+    With ``start`` only when the robot is there: whoever says it has put the robot there.
+    """
 
     destination: Tuple[float, float]
     start: Optional[Tuple[float, float]] = None
@@ -47,8 +51,9 @@ class Command:
     """One request. Kinds:
 
     ``beat`` says that the operator is there; ``stop`` is the emergency stop; ``disarm`` lets the
-    coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``mission`` drives to
-    ``mission.destination``; ``manual`` drives ``action`` (None: stand) for ``MANUAL_EXPIRY_S``.
+    coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``plan`` asks whether the robot
+    would take ``mission``, and changes nothing; ``mission`` drives it; ``manual`` drives ``action``
+    (None: stand) for ``MANUAL_EXPIRY_S``.
     """
 
     id: str
@@ -68,8 +73,11 @@ class Command:
         require_number("command action", self.action, 0, len(ACTION_WHEELS) - 1)
         require_name("command robot_session", self.robot_session)
         require_number("command robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
-        if (self.mission is not None) != (self.kind == "mission"):
-            raise ContractError(f"command {self.kind}: expected a mission only with kind mission")
+        if (self.mission is not None) != (self.kind in WITH_MISSION):
+            raise ContractError(
+                f"command {self.kind}: expected a mission with kind plan or mission, and with no "
+                "other"
+            )
         if self.action is not None and self.kind != "manual":
             raise ContractError(f"command {self.kind}: expected an action only with kind manual")
 

@@ -90,6 +90,18 @@ class MissionNavigator:
         How the robot drives is learned anew: what a fault of the last mission taught ends here.
 
         Raises:
+            PlanError: as ``plan``.
+        """
+        path = self.plan(destination_m)
+        self._take(path)
+        self._fusion.relearn(np.arange(1))
+        self._detours = 0
+        self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)
+
+    def plan(self, destination_m: XY) -> Path:
+        """The way from here to ``destination_m`` [m]; changes nothing.
+
+        Raises:
             PlanError: where the robot is, is not known yet or too far from the way, or there is
                 none.
         """
@@ -107,10 +119,7 @@ class MissionNavigator:
                 f"middle), it stands {100.0 * abs(at.offset_m):.0f} cm beside the nearest one, "
                 f"turned by {turned_deg:.0f} degrees; put it into a lane, or drive it there by hand"
             )
-        self._take(path)
-        self._fusion.relearn(np.arange(1))
-        self._detours = 0
-        self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)
+        return path
 
     def end(self, phase: str, reason: str = "") -> None:
         """The mission is over: ``stopped`` or ``failed``, and why."""

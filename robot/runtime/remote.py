@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Callable, Optional, Protocol
+import math
+from typing import Callable, Optional, Protocol, Tuple
 
 from robot.contract import ACTION_WHEELS
-from robot.errors import ContractError
-from robot.geometry import WheelSpeeds
+from robot.errors import ContractError, PlanError
+from robot.geometry import Pose, WheelSpeeds
 from robot.link import commands
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Ask
 from robot.safety.state_machine import Command
 from robot.safety.wheel_limits import STILL
+
+START_WITHIN_M = 0.15  # a robot's length: as well as a person puts it down
 
 
 class Server(Protocol):
@@ -22,6 +25,27 @@ class Server(Protocol):
 
     def operator_age_s(self) -> float:
         """Age of the operator's last sign of life [s]."""
+
+
+def expect_at_start(pose: Optional[Pose], start_m: Optional[Tuple[float, float]]) -> None:
+    """A mission from somewhere is for a robot that is there.
+
+    Args:
+        pose: where the robot is.
+        start_m: x, y of the world [m]; None for a mission from wherever it is.
+
+    Raises:
+        PlanError: it is farther away than ``START_WITHIN_M``; says how far.
+    """
+    if start_m is None or pose is None:
+        return
+    away_m = math.dist(start_m, (pose.x_m, pose.y_m))
+    if away_m > START_WITHIN_M:
+        raise PlanError(
+            f"expected the robot within {100.0 * START_WITHIN_M:.0f} cm of the mission's start "
+            f"({start_m[0]:.2f}, {start_m[1]:.2f}) m, it is {away_m:.2f} m from there; put it "
+            "there, or choose a destination alone"
+        )
 
 
 class RemoteOperator:
@@ -46,14 +70,20 @@ class RemoteOperator:
 
     def _obey(self, command: commands.Command, ask: Ask) -> None:
         wheels: Optional[WheelSpeeds] = None
-        if command.mission is not None:
-            self._navigates.begin(command.id, command.mission.destination)
+        mission = command.mission
+        if mission is not None:
+            navigator = self._navigates
+            navigator.plan(mission.destination)
+            expect_at_start(navigator.pose, mission.start)
+            if command.kind == "plan":
+                return
+            navigator.begin(command.id, mission.destination)
         if command.kind == "manual":
             wheels = STILL if command.action is None else ACTION_WHEELS[command.action]
         kind = "auto" if command.kind == "mission" else command.kind
         answer = ask(Command(kind), wheels)
         if not answer.accepted:
-            if command.mission is not None:
+            if mission is not None:
                 self._navigates.end("failed", answer.sentence)
             raise ContractError(answer.sentence)
 

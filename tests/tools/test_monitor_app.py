@@ -14,7 +14,8 @@ from starlette.websockets import WebSocketDisconnect
 from robot.link.commands import MANUAL_EXPIRY_S
 from robot.link.config import LinkConfig
 from robot.navigation.road_map import load_map
-from robot.safety.state_machine import State
+from robot.safety.state_machine import Answer, State
+from robot.safety.state_machine import Command as Request
 from tests.robot.link.conftest import free_base_port, until
 from tests.tools.monitored import RobotThread
 from tools.monitor.app import create_app
@@ -122,10 +123,98 @@ def test_a_goal_off_the_road_is_refused_with_the_reason(page: Page) -> None:
     assert "the nearest lane is at" in answer["reason"]
 
 
+def states_of(page: Page) -> set[str]:
+    """Every state that a page was told for half a second."""
+    seen: set[str] = set()
+    began_s = time.monotonic()
+    while time.monotonic() - began_s < 0.5:
+        page.read()
+        seen.add(page.state["robot"]["state"])
+    return seen
+
+
+def test_nothing_arms_for_a_mission_that_is_refused(page: Page, thread: RobotThread) -> None:
+    assert page.ask("disarm")["accepted"]
+    page.until(state="DISARMED")
+    seen: list[State] = []
+    arm = thread.robot.safety.command
+
+    def watched(request: Any) -> Any:
+        answer = arm(request)
+        seen.append(thread.robot.safety.verdict.state)
+        return answer
+
+    thread.robot.safety.command = watched  # type: ignore[method-assign]
+    answer = page.ask("mission", destination=(1.7, 1.2), arm=True)
+    assert not answer["accepted"]
+    assert "the nearest lane is at" in answer["reason"]
+    assert states_of(page) == {"DISARMED"}
+    assert seen == [], "the robot was not even asked to arm"
+
+
+def test_arm_and_drive_is_one_request(page: Page, thread: RobotThread) -> None:
+    assert page.ask("disarm")["accepted"]
+    page.until(state="DISARMED")
+    assert page.ask("mission", destination=ahead(thread, -0.1), arm=True)["accepted"]
+    page.until(state="AUTO")
+
+
+def test_arm_and_drive_of_a_robot_that_was_armed_just_before(
+    page: Page, thread: RobotThread
+) -> None:
+    """The page still showed DISARMED when the button was pressed."""
+    assert page.ask("mission", destination=ahead(thread, -0.1), arm=True)["accepted"]
+    page.until(state="AUTO")
+
+
+def test_a_robot_armed_for_a_mission_that_it_then_refuses_is_disarmed(
+    page: Page, thread: RobotThread
+) -> None:
+    assert page.ask("disarm")["accepted"]
+    page.until(state="DISARMED")
+    command = thread.robot.safety.command
+
+    def unwilling(request: Request) -> Answer:
+        return Answer(False, "a doubt came") if request is Request.AUTO else command(request)
+
+    thread.robot.safety.command = unwilling  # type: ignore[method-assign]
+    answer = page.ask("mission", destination=ahead(thread, -0.1), arm=True)
+    assert answer == {"accepted": False, "reason": "a doubt came"}
+    page.until(state="DISARMED")
+
+
+def test_a_robot_that_may_not_arm_is_not_sent(page: Page, thread: RobotThread) -> None:
+    assert page.ask("stop")["accepted"]
+    page.until(state="HOLD")
+    command = thread.robot.safety.command
+
+    def unwilling(request: Request) -> Answer:
+        return Answer(False, "no frame") if request is Request.ARM else command(request)
+
+    thread.robot.safety.command = unwilling  # type: ignore[method-assign]
+    answer = page.ask("mission", destination=ahead(thread, -0.1), arm=True)
+    assert answer == {"accepted": False, "reason": "no frame"}
+    assert states_of(page) == {"HOLD"}
+
+
+@pytest.mark.parametrize(("away_m", "taken"), [(0.1, True), (0.3, False)])
+def test_a_mission_from_a_start_is_for_a_robot_that_is_there(
+    page: Page, thread: RobotThread, away_m: float, taken: bool
+) -> None:
+    start = ahead(thread, away_m)
+    answer = page.ask("mission", destination=ahead(thread, 0.5), start=start)
+    assert answer["accepted"] is taken
+    if not taken:
+        assert "it is 0.30 m from there" in answer["reason"]
+        assert thread.robot.safety.verdict.state is State.READY
+
+
 @pytest.mark.parametrize(
     "body",
     [
         {"kind": "mission"},
+        {"kind": "arm", "start": [1.0, 1.0]},
+        {"kind": "arm", "arm": True},
         {"kind": "arm", "destination": [1.0, 1.0]},
         {"kind": "mission", "destination": [1e9, 0.0]},
     ],

@@ -10,9 +10,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from robot.navigation.road_map import load_map
+from robot.navigation.road_map import RoadMap, load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
 from tools.monitor.demo_drive import start_pose
@@ -28,13 +29,14 @@ ALARM = "document.querySelector('#alarm')"
 class Programs:
     """A monitor and a demonstration robot, each a process of its own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, road_map: str) -> None:
         base_port = free_base_port()
         config = folder / "link.yaml"
         config.write_text(json.dumps({"plaintext": True, "base_port": base_port}))
-        robot = ["demo_robot", "--base-port", str(base_port), "--map", "loop", "--no-camera"]
+        self.map = road_map
+        robot = ["demo_robot", "--base-port", str(base_port), "--map", road_map, "--no-camera"]
         self.robot = self._start(*robot)
-        page = ["--port", str(free_base_port()), "--map", "loop", "--drives", str(folder / "d")]
+        page = ["--port", str(free_base_port()), "--map", road_map, "--drives", str(folder / "d")]
         self.monitor = self._start("", "--link", str(config), *page)
         assert self.monitor.stdout is not None
         found = re.search(r"http://\S+", self.monitor.stdout.readline())
@@ -53,8 +55,8 @@ class Programs:
 
 
 @pytest.fixture
-def programs(tmp_path: Path) -> Iterator[Programs]:
-    programs = Programs(tmp_path)
+def programs(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Programs]:
+    programs = Programs(tmp_path, getattr(request, "param", "loop"))
     yield programs
     programs.close()
 
@@ -78,9 +80,9 @@ def opened(browser: Browser, programs: Programs) -> None:
     browser.until(HEARD)
 
 
-def click_map(browser: Browser, x_m: float, y_m: float) -> None:
-    """Click the place on the map's canvas, which shows the loop map centred, with margins."""
-    road_map = load_map("loop")
+def on_screen(browser: Browser, name: str, x_m: float, y_m: float) -> tuple[float, float]:
+    """The place on the map's canvas, which shows the map centred, with margins."""
+    road_map = load_map(name)
     x, y, width, height = browser.evaluate(
         "(() => { const b = document.querySelector('#map').getBoundingClientRect();"
         "return [b.x, b.y, b.width, b.height]; })()"
@@ -90,7 +92,11 @@ def click_map(browser: Browser, x_m: float, y_m: float) -> None:
     scale = min((width - 2 * margin_px) / road_map.width_m, free_px / road_map.height_m)
     left = x + (width - road_map.width_m * scale) / 2
     bottom = y + margin_px + (free_px + road_map.height_m * scale) / 2
-    browser.click(left + x_m * scale, bottom - y_m * scale)
+    return left + x_m * scale, bottom - y_m * scale
+
+
+def click_map(browser: Browser, x_m: float, y_m: float, name: str = "loop") -> None:
+    browser.click(*on_screen(browser, name, x_m, y_m))
 
 
 def text(browser: Browser, selector: str) -> str:
@@ -101,12 +107,6 @@ def test_a_person_drives_stops_and_sees_silence(browser: Browser, programs: Prog
     opened(browser, programs)
     road_map = load_map("loop")
     start = start_pose(road_map)
-
-    click_map(browser, 0.5 * road_map.width_m, 0.5 * road_map.height_m)
-    browser.click_on("#go")
-    browser.until("!document.querySelector('#toast').hidden")
-    assert "nearest lane" in text(browser, "#toast")
-    browser.click_on("#forget")
 
     click_map(browser, *start.moved(0.3, 0.0)[:2])
     browser.click_on("#go")
@@ -136,6 +136,60 @@ def test_a_person_drives_stops_and_sees_silence(browser: Browser, programs: Prog
     assert text(browser, "#state") == "SILENT"
     assert browser.evaluate("document.querySelector('#arm').disabled")
     assert browser.problems == []
+
+
+PROBLEM = "document.querySelector('#problem')"
+
+
+def drag_map(browser: Browser, programs: Programs, places: list[tuple[float, float]]) -> None:
+    (x0, y0), (x1, y1) = (on_screen(browser, programs.map, *place) for place in places)
+    at = {"button": "left", "clickCount": 1}
+    browser.call("Input.dispatchMouseEvent", type="mousePressed", x=x0, y=y0, **at)
+    for share in (0.5, 1.0):
+        x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+        browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, buttons=1, **at)
+    browser.call("Input.dispatchMouseEvent", type="mouseReleased", x=x1, y=y1, **at)
+
+
+@pytest.mark.parametrize("programs", ["town"], indirect=True)
+def test_a_place_off_the_road_is_told_beside_the_map_and_arms_nobody(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs)
+    road_map = load_map(programs.map)
+    start = start_pose(road_map)
+
+    click_map(browser, *off_road(road_map, 1.05), programs.map)
+    browser.until(f"!{PROBLEM}.hidden")
+    assert "off the road" in text(browser, "#problem")
+    assert browser.evaluate("document.querySelector('#choice').hidden")
+
+    click_map(browser, *off_road(road_map, 0.9), programs.map)  # within a tile: snapped to a lane
+    browser.until(f"{PROBLEM}.hidden && !document.querySelector('#choice').hidden")
+    x_m, y_m = (float(v) for v in re.findall(r"-?[0-9.]+", text(browser, "#choice-text"))[:2])
+    assert road_map.lane_index.near(x_m, y_m).distance_m.min() < 0.01
+
+    far = start.moved(0.6, 0.0)
+    drag_map(browser, programs, [far[:2], start.moved(0.9, 0.0)[:2]])
+    browser.click_on("#go")
+    browser.until(f"!{PROBLEM}.hidden")
+    assert re.search(r"it is 0\.[56]\d m from there", text(browser, "#problem"))
+    assert text(browser, "#state") == "DISARMED"
+    assert "READY" not in text(browser, "#log"), "nothing was armed on the way"
+    browser.click_on("#forget")
+    browser.until(f"{PROBLEM}.hidden")
+    assert browser.problems == []
+
+
+def off_road(road_map: RoadMap, tiles: float) -> tuple[float, float]:
+    """A place on the map that is this many tiles from the nearest lane."""
+    size = road_map.tile_size_m
+    rng = np.random.default_rng(0)
+    places = rng.uniform((0.0, 0.0), (road_map.width_m, road_map.height_m), (20_000, 2))
+    for x_m, y_m in places:
+        if abs(road_map.lane_index.near(x_m, y_m).distance_m.min() - tiles * size) < 0.02 * size:
+            return float(x_m), float(y_m)
+    raise AssertionError("no such place")
 
 
 def test_a_hand_on_the_keys_drives_and_a_blurred_page_lets_go(

@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+import math
+import re
+
 from robot.geometry import Pose
 from tools.faults.case import Case
 from tools.faults.stage import Stage
 
 
-def _ask_for(place: tuple[float, float], says: str) -> Case:
-    name = "off the map" if says == "map" else "unreachable"
-
+def _ask_for(name: str, place: tuple[float, float]) -> Case:
     def inject(stage: Stage) -> None:
-        operator = stage.bench.operator
-        operator.ask("arm")
-        accepted, stage.note = operator.ask("mission", place)
+        accepted, stage.note = stage.bench.operator.ask("mission", place, arm=True)
         if accepted:
             stage.note = "accepted"
 
     def check(stage: Stage) -> str:
-        stage.bench.operator.ask("disarm")
-        return "" if stage.note != "accepted" else "the mission was accepted"
+        return "" if "road" in stage.note else f"expected to hear of the road, got: {stage.note}"
 
-    return Case(name, f"a mission to {place}", inject, states=("READY",), moving=False, check=check)
+    return Case(
+        *(name, f"arm and drive to {place}", inject),
+        states=("DISARMED",),
+        says="started|disarm",
+        moving=False,
+        check=check,
+    )
+
+
+def _from_elsewhere(stage: Stage) -> None:
+    stage.note = stage.bench.operator.ask("mission", stage.goal, arm=True, start=stage.goal)[1]
+
+
+def _told_how_far(stage: Stage) -> str:
+    away_m = math.dist(stage.goal, stage.bench.town.pose[:2])
+    found = re.search(r"it is ([0-9.]+) m from there", stage.note)
+    near = found is not None and abs(float(found[1]) - away_m) < 0.05
+    return "" if near else f"expected to hear of {away_m:.2f} m, got: {stage.note}"
 
 
 def _carry(x_m: float, y_m: float) -> Case:
@@ -41,8 +56,14 @@ def _turned(stage: Stage) -> None:
 
 
 CASES = (
-    _ask_for((0.66, 2.0), "road"),
-    _ask_for((9.0, 9.0), "map"),
+    _ask_for("unreachable", (0.66, 2.0)),
+    _ask_for("off the map", (9.0, 9.0)),
+    Case(
+        *("wrong start", "a mission from where the robot is not", _from_elsewhere),
+        states=("DISARMED",),
+        moving=False,
+        check=_told_how_far,
+    ),
     _carry(0.66, 2.0),
     Case("turned round", "somebody turns it", _turned, 1.0, ("FAULT", "HOLD")),
 )

@@ -90,11 +90,24 @@ class Operator:
         if answer:
             self._send(self._socket, answer)
 
-    def ask(self, kind: str, destination: tuple[float, float] | None = None) -> tuple[bool, str]:
-        """Ask the robot, as a button of the page; whether it was accepted, and why not."""
+    def ask(
+        self,
+        kind: str,
+        destination: tuple[float, float] | None = None,
+        arm: bool = False,
+        start: tuple[float, float] | None = None,
+    ) -> tuple[bool, str]:
+        """Ask the robot, as a button of the page; whether it was accepted, and why not.
+
+        With ``arm`` as *Arm and drive* does.
+        """
         body: dict[str, Any] = {"kind": kind}
+        if arm:
+            body["arm"] = True
         if destination is not None:
             body["destination"] = [round(v, 4) for v in destination]
+        if start is not None:
+            body["start"] = [round(v, 4) for v in start]
         reply = self._request("POST", "/api/command", json.dumps(body))
         answer = json.loads(reply.read())
         return bool(answer["accepted"]), str(answer["reason"])

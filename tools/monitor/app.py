@@ -31,18 +31,24 @@ SEND_EVERY_S = 0.1
 
 
 class CommandBody(BaseModel):
-    """What the page asks; places are x, y [m] in the world frame."""
+    """What the page asks; places are x, y [m] in the world frame.
+
+    With ``arm`` a robot that stands is armed for its mission, once it has said that it would go.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
     kind: Literal["arm", "disarm", "stop", "clear", "mission"]
     destination: tuple[float, float] | None = None
     start: tuple[float, float] | None = None
+    arm: bool = False
 
     def mission(self) -> Mission | None:
         """The mission; ContractError when it does not fit the kind or is out of range."""
         if (self.destination is not None) != (self.kind == "mission"):
             raise ContractError(f"{self.kind}: expected a destination only with kind mission")
+        if self.kind != "mission" and (self.arm or self.start is not None):
+            raise ContractError(f"{self.kind}: expected start and arm only with kind mission")
         return Mission(self.destination, self.start) if self.destination is not None else None
 
 
@@ -131,7 +137,10 @@ def _add_control(app: FastAPI, monitor: Monitor) -> None:
             mission = body.mission()
         except ContractError as error:
             return AnswerBody(accepted=False, reason=str(error))
-        ack = await monitor.command(body.kind, mission)
+        if mission is not None:
+            ack = await monitor.drive(mission, body.arm)
+        else:
+            ack = await monitor.command(body.kind)
         return AnswerBody(accepted=ack.accepted, reason=ack.reason)
 
     @app.websocket("/ws")

@@ -17,7 +17,6 @@ import numpy as np
 
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.errors import ContractError
-from robot.geometry import Pose
 from robot.link.commands import Command
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
@@ -29,6 +28,7 @@ from robot.link.telemetry import (
 )
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap, load_map
+from robot.runtime.remote import expect_at_start
 from robot.safety.state_machine import Command as Request
 from robot.safety.state_machine import Inputs, Safety, SafetyLimits, State
 from tools.monitor.demo_camera import Camera, make_camera
@@ -88,9 +88,10 @@ class DemoRobot:
     def _obey(self, command: Command) -> None:
         planned = None
         if command.mission is not None:
-            if command.mission.start is not None and not self.safety.verdict.may_move:
-                self.pose = self._placed(command.mission.start)
             planned = plan_path(self._graph, self.pose, command.mission.destination)
+            expect_at_start(self.pose, command.mission.start)
+            if command.kind == "plan":
+                return
         if command.kind == "manual":
             self._manual = (command.action, time.monotonic())
         request = "auto" if command.kind == "mission" else command.kind
@@ -101,12 +102,6 @@ class DemoRobot:
             self._drive = Drive(command.id, planned, command.mission.destination)
         elif self.safety.verdict.state is not State.AUTO:
             self._drive.ended("stopped", self.safety.verdict.sentence)
-
-    def _placed(self, start: tuple[float, float]) -> Pose:
-        """On the lane nearest to a place: a person carried the robot there."""
-        near = self._road_map.lane_index.near(*start)
-        best = int(near.distance_m.argmin())
-        return Pose(start[0], start[1], float(near.heading_rad[best]))
 
     def _inputs(self, now_s: float) -> Inputs:
         return Inputs(

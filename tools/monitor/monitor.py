@@ -22,6 +22,8 @@ from tools.monitor.state import MonitorState, Snapshot
 
 TURN_S = 0.02
 PATIENCE_S = 1.5
+NEWS_S = 0.25  # a change of the robot's state is reported within this
+ARMED = ("READY", "MANUAL", "AUTO")
 HAND_S = 0.5  # after its last manual command a page drives no longer
 PAGE_ALIVE_S = 1.0  # a page that showed nothing new for so long is no watcher
 
@@ -90,6 +92,31 @@ class Monitor:
             return await asyncio.wait_for(asyncio.shield(future), PATIENCE_S)
         except TimeoutError:
             return Ack(command_id, False, "no answer yet; STOP is repeated until there is one")
+
+    async def drive(self, mission: Mission, arm: bool) -> Ack:
+        """Send on a mission; the robot's answer.
+
+        With ``arm`` a robot that stands unarmed is asked whether it would go, then armed, then
+        sent: a mission that is refused leaves it as it was.
+        """
+        armed = False
+        if arm:
+            asked = await self.command("plan", mission)
+            if not asked.accepted:
+                return asked
+            answer = await self.command("arm")
+            armed = answer.accepted
+            if not armed and not await self._turns_out_armed():
+                return answer
+        answer = await self.command("mission", mission)
+        if armed and not answer.accepted:
+            await self.command("disarm")
+        return answer
+
+    async def _turns_out_armed(self) -> bool:
+        """Whether the robot was armed just before; its report may be on the way."""
+        await asyncio.sleep(NEWS_S)
+        return self.state.telemetry is not None and self.state.telemetry.state in ARMED
 
     def drive_by_hand(self, page: object, action: int | None) -> bool:
         """Pass on one manual command: it holds for ``MANUAL_EXPIRY_S`` and is never repeated.
@@ -162,4 +189,6 @@ def _what(kind: str, mission: Mission | None) -> str:
     if mission is None:
         return kind
     x_m, y_m = mission.destination
+    if kind == "plan":
+        return f"a way to ({x_m:.2f}, {y_m:.2f}) m"
     return f"drive to ({x_m:.2f}, {y_m:.2f}) m"

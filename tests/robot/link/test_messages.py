@@ -99,7 +99,9 @@ commands = st.sampled_from(KINDS).flatmap(
         id=names,
         session=names,
         kind=st.just(kind),
-        mission=st.builds(Mission, points, st.none() | points) if kind == "mission" else st.none(),
+        mission=st.builds(Mission, points, st.none() | points)
+        if kind in ("plan", "mission")
+        else st.none(),
         action=st.none() | st.integers(0, 4) if kind == "manual" else st.none(),
         robot_session=names,
         robot_time_s=times,

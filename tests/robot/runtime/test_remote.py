@@ -61,7 +61,8 @@ def test_every_kind_of_the_link_is_a_request() -> None:
     operator = RemoteOperator(server, world.navigator)
     for kind in KINDS:
         if kind != "beat":
-            server.waiting.append(command(kind, Mission(GOAL) if kind == "mission" else None))
+            mission = Mission(GOAL) if kind in ("plan", "mission") else None
+            server.waiting.append(command(kind, mission))
     operator.serve(asked)
     assert server.refusals == [""] * (len(KINDS) - 1)
     assert {request for request, _ in asked.requests} == set(Request)
@@ -100,6 +101,59 @@ def test_a_mission_that_cannot_be_planned_asks_for_nothing() -> None:
     RemoteOperator(server, World(driving().pose).navigator).serve(asked)
     assert "expected an overhead pose" in server.refusals[0]
     assert asked.requests == []
+
+
+def away(world: World, forward_m: float) -> Tuple[float, float]:
+    assert world.navigator.pose is not None
+    x_m, y_m = world.navigator.pose.to_world([forward_m, 0.0])
+    return float(x_m), float(y_m)
+
+
+@pytest.mark.parametrize("kind", ["plan", "mission"])
+@pytest.mark.parametrize(("forward_m", "taken"), [(0.0, True), (0.149, True), (0.151, False)])
+def test_a_mission_from_a_start_is_for_a_robot_that_is_there(
+    kind: str, forward_m: float, taken: bool
+) -> None:
+    world = driving()
+    world.navigator.end("stopped")
+    server, asked = FakeServer(), Asked()
+    server.waiting = [command(kind, Mission(GOAL, away(world, forward_m)))]
+    RemoteOperator(server, world.navigator).serve(asked)
+    requests = [request for request, _ in asked.requests]
+    if taken:
+        assert server.refusals == [""]
+        assert requests == ([Request.AUTO] if kind == "mission" else [])
+    else:
+        assert "within 15 cm of the mission's start" in server.refusals[0]
+        assert "it is 0.15 m from there; put it there" in server.refusals[0]
+        assert requests == []
+        assert world.navigator.status is not None
+        assert world.navigator.status.phase == "stopped", "no mission has begun"
+
+
+def test_how_far_the_robot_is_from_the_start_is_told() -> None:
+    world = driving()
+    server, asked = FakeServer(), Asked()
+    server.waiting = [command("mission", Mission(GOAL, away(world, -1.28)))]
+    RemoteOperator(server, world.navigator).serve(asked)
+    assert "it is 1.28 m from there" in server.refusals[0]
+    assert asked.requests == []
+
+
+def test_a_plan_changes_nothing_and_is_refused_as_its_mission_would_be() -> None:
+    world = driving()
+    before = (world.navigator.status, world.navigator.path_points)
+    server, asked = FakeServer(), Asked(Answer(False, "never asked"))
+    far = Mission((900.0, 900.0))
+    server.waiting = [command("plan", Mission(GOAL)), command("plan", far)]
+    RemoteOperator(server, world.navigator).serve(asked)
+    assert server.refusals[0] == ""
+    assert "expected the goal on the road" in server.refusals[1]
+    assert asked.requests == []
+    assert (world.navigator.status, world.navigator.path_points) == before
+    server.waiting = [command("mission", far)]
+    RemoteOperator(server, world.navigator).serve(asked)
+    assert server.refusals[2] == server.refusals[1]
 
 
 class Wire:

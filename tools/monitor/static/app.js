@@ -11,13 +11,13 @@ import { Replay } from "./replay.js";
 const LOST_MS = 1000;
 const RECONNECT_MS = 500;
 const OVERHEAD_SHOWN_S = 1;
-const NEWS_MS = 250; // a change of state reaches the page within this
 
 let socket = null;
 let state = null;
 let heardAt = performance.now();
 let logged = 0;
 let drives = -1;
+let asking = false; // about a mission: the answer is shown on the map
 
 const map = new MapView($("map"), choose);
 const picture = new Picture();
@@ -48,7 +48,7 @@ function take({ state: newest, log }) {
   addLog(fresh);
   logged = log.length ? log.at(-1).number : logged;
   const refused = fresh.findLast(({ level }) => level === "refused");
-  if (refused && !firstTime) toast(refused.text);
+  if (refused && !firstTime && !saidByTheMap(refused.text)) toast(refused.text);
   if (state.drives !== drives) { drives = state.drives; replay.list(); }
   showState(state, 0);
   showAges($("heard"), state.heard);
@@ -87,7 +87,14 @@ function showRobot(robot, fresh, recorded, pictureAge = null) {
 }
 
 function choose(chosen) {
+  if (chosen.off) {
+    forget();
+    tell(`That ${chosen.off} is off the road, more than a tile from any lane. Choose a place on `
+      + "the road.");
+    return;
+  }
   map.setChosen(chosen);
+  tell("");
   const [x, y] = chosen.destination.map((value) => value.toFixed(2));
   const from = chosen.start ? `from (${chosen.start.map((v) => v.toFixed(2)).join(", ")}) ` : "";
   $("choice-text").textContent = `${from}to (${x}, ${y}) m`;
@@ -97,23 +104,40 @@ function choose(chosen) {
 
 function forget() {
   map.setChosen(null);
+  tell("");
   $("choice").hidden = true;
 }
 
-async function command(kind, places = {}) {
+// Why the robot does not go there, beside the place that was chosen.
+function tell(problem) {
+  $("problem").textContent = problem;
+  $("problem").hidden = !problem;
+  $("hint").hidden ||= !!problem;
+}
+
+// The answer and its line in the log come on two ways, in any order.
+function saidByTheMap(text) {
+  return asking || (!$("problem").hidden && text.endsWith($("problem").textContent));
+}
+
+async function command(kind) {
+  const problem = await ask(kind);
+  if (problem) toast(`${kind}: ${problem}`);
+}
+
+// Ask the robot; why not, or "".
+async function ask(kind, more = {}) {
   try {
     const response = await fetch("/api/command", {
       method: "POST",
       headers: { "Content-Type": "application/json" },
-      body: JSON.stringify({ kind, ...places }),
+      body: JSON.stringify({ kind, ...more }),
     });
     if (!response.ok) throw new Error(await response.text());
     const answer = await response.json();
-    if (!answer.accepted) toast(`${kind}: ${answer.reason}`);
-    return answer.accepted;
+    return answer.accepted ? "" : answer.reason || "refused";
   } catch (error) {
-    toast(`${kind}: the monitor does not answer: ${error.message}`);
-    return false;
+    return `the monitor does not answer: ${error.message}`;
   }
 }
 
@@ -124,13 +148,15 @@ function stop() {
 
 async function go() {
   const { start, destination } = map.chosen;
-  if (standing() && !await command("arm")) {
-    await new Promise((done) => setTimeout(done, NEWS_MS)); // it may have been armed just now
-    if (standing()) return;
+  $("go").disabled = asking = true; // one press, one mission
+  const problem = await ask("mission", { start, destination, arm: standing() });
+  $("go").disabled = asking = false;
+  $("toast").hidden = true;
+  if (problem) {
+    tell(problem);
+    return;
   }
   map.clearTrail();
-  if (!await command("mission", { start, destination })) return;
-  $("toast").hidden = true;
   forget();
 }
 

@@ -14,7 +14,8 @@ const CARRIED_M = 0.3; // farther at once and it was not driven
 const GLIDE_MS = 110; // between two reports
 
 export class MapView {
-  // choose({start, destination}) is called with world places [x, y]; start is null for a click.
+  // choose({start, destination, off}) is called with world places [x, y]; start is null for a
+  // click. off names the one that is farther than a tile from any lane, and null, too.
   constructor(canvas, choose) {
     this.canvas = canvas;
     this.choose = choose;
@@ -90,15 +91,15 @@ export class MapView {
     return [(px - this.left) / this.scale, (this.bottom - py) / this.scale];
   }
 
-  // The nearest point of a lane when the place is on or beside the road, else the place itself.
+  // The nearest point of a lane within a tile; null farther from the road.
   snapped(place) {
     let best = null;
-    let least = 0.35 * this.drawing.tile_size_m;
+    let least = this.drawing.tile_size_m;
     for (const point of this.lanePoints) {
       const distance = Math.hypot(point[0] - place[0], point[1] - place[1]);
-      if (distance < least) [best, least] = [point, distance];
+      if (distance <= least) [best, least] = [point, distance];
     }
-    return best || place;
+    return best;
   }
 
   #down(event) {
@@ -120,9 +121,12 @@ export class MapView {
     this.choose(choice);
   }
 
+  // Start and destination, or which of them lies off the road.
   #choice(event) {
     const start = this.press.drag ? this.snapped(this.press.place) : null;
-    return { start, destination: this.snapped(this.place(event)) };
+    const destination = this.snapped(this.place(event));
+    const off = this.press.drag && !start ? "start" : destination ? null : "destination";
+    return { start, destination, off };
   }
 
   #animate() {
@@ -238,11 +242,11 @@ export class MapView {
       const { start, destination: to } = this.chosen;
       if (start) {
         pen.setLineDash([6 * this.ratio, 6 * this.ratio]);
-        this.#line(pen, [start, to], "text", 0.012, 0.6);
+        if (to) this.#line(pen, [start, to], "text", 0.012, 0.6);
         pen.setLineDash([]);
         this.#pin(pen, start, "text", false);
       }
-      this.#pin(pen, to, "text", true);
+      if (to) this.#pin(pen, to, "text", true);
     }
     if (overhead) this.#ring(pen, overhead);
     const pose = this.#shownPose(now);
