@@ -30,6 +30,19 @@ def test_every_path_is_a_drive_without_gaps_over_three_tiles(name):
         assert each.path.length_m > 2.0 * road_map.tile_size_m
 
 
+def test_beside_a_manoeuvre_a_path_goes_straight_where_it_can():
+    """Two crossings side by side: none of their twelve ways turns in the other one, too."""
+    up = ["grass", "straight/N", "straight/N", "grass"]
+    crossings = ["straight/E", "4way", "4way", "straight/E"]
+    paths = manoeuvres(read_map({"tiles": [up, crossings, up], "tile_size": 0.5}, "pair"))
+    assert len(paths) == 24
+    for each in paths:
+        arcs = np.linspace(0.0, each.path.length_m, 200)
+        headings = np.unwrap([each.path.pose_at(arc).heading_rad for arc in arcs])
+        turned = np.degrees(np.abs(np.diff(headings)).sum())
+        assert turned == pytest.approx(0.0 if "straight" in each.name else 90.0, abs=3.0)
+
+
 def test_the_expert_drives_each_of_them_once():
     task = Manoeuvres([load_map("arena")], ROBOTS)
     world = BatchWorld(task, [NOMINAL], seed=0)

@@ -41,6 +41,11 @@ def beside(path: Path, arc_m: float, offset_m: float = 0.0, error_rad: float = 0
     return np.array([[x + left[0], y + left[1], heading + error_rad]])
 
 
+def test_navigators_are_guided_and_see_one_picture() -> None:
+    assert Navigation.guided
+    assert Navigation.frames == 1
+
+
 def test_starts_are_at_the_beginnings_of_long_enough_paths() -> None:
     task = Navigation([ARENA, load_map("town")], 100)
     starts = task.reset(np.arange(100), np.random.default_rng(1))

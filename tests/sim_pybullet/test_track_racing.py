@@ -237,8 +237,15 @@ def test_starts_are_spread_over_the_road_and_over_speeds_where_asked() -> None:
         assert 0.9 * far * most_m < away.max() <= far * most_m
         assert 0.9 * turned < np.degrees(np.abs(course.heading_error_rad)).max() <= turned
         begun = task.vehicle.starts_mps
-        assert begun.min() >= 0.0
+        assert 0.0 <= begun.min() <= 0.1 * speeds
         assert 0.9 * speeds <= begun.max() <= speeds
+
+
+def test_starts_are_all_around_the_track() -> None:
+    task = TrackRacing([TRACK], 400)
+    task.reset(np.arange(400), np.random.default_rng(0))
+    shares = task.course.arc_m / LINE.path.length_m
+    assert 0.0 <= shares.min() < 0.01 < 0.99 < shares.max() < 1.0
 
 
 def test_who_cruises_drives_no_faster_than_the_governor_lets_it() -> None:
