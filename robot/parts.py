@@ -54,6 +54,8 @@ class Guidance(NamedTuple):
     off_path: bool = False
     off_map: bool = False
     pose_jump: bool = False
+    pose_doubt: bool = False  # see `robot.safety.gates.Inputs`
+    not_moving: bool = False
     duplicate_publisher: bool = False
 
 

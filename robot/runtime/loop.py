@@ -223,6 +223,8 @@ class Runtime:
             off_path=way.off_path,
             off_map=way.off_map,
             pose_jump=way.pose_jump,
+            pose_doubt=way.pose_doubt,
+            not_moving=way.not_moving,
             duplicate_publisher=way.duplicate_publisher,
         )
 

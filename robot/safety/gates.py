@@ -31,6 +31,8 @@ class Reason(Enum):
     NON_FINITE = "non_finite"
     DUPLICATE_PUBLISHER = "duplicate_publisher"
     POSE_JUMP = "pose_jump"
+    POSE_DOUBT = "pose_doubt"
+    NOT_MOVING = "not_moving"
     POSE_STALE = "pose_stale"
     OFF_MAP = "off_map"
     OFF_PATH = "off_path"
@@ -97,6 +99,8 @@ class Inputs:
     off_path: bool = False
     off_map: bool = False
     pose_jump: bool = False
+    pose_doubt: bool = False  # the overhead poses tell another way than the wheels' steps
+    not_moving: bool = False  # the wheels step, the overhead poses stay where they are
     duplicate_publisher: bool = False
 
     def aged(self, by_s: float) -> Inputs:
@@ -165,6 +169,12 @@ def _pose_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
     if inputs.pose_jump:
         sentence = "the overhead pose jumped farther than the robot can drive"
         yield Trip(Reason.POSE_JUMP, sentence)
+    if inputs.not_moving:
+        sentence = "the wheels step, but the overhead poses stand; is the robot held, lifted or"
+        yield Trip(Reason.NOT_MOVING, f"{sentence} blocked, or the overhead picture frozen?")
+    if inputs.pose_doubt:
+        sentence = "the overhead poses tell another way than the wheels; do they drift, or are they"
+        yield Trip(Reason.POSE_DOUBT, f"{sentence} another robot's?")
     if inputs.pose_age_s is not None and _old(inputs.pose_age_s, limits.pose_age_s):
         sentence = _late("the newest overhead pose", inputs.pose_age_s, limits.pose_age_s)
         yield Trip(Reason.POSE_STALE, sentence)

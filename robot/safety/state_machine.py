@@ -63,6 +63,8 @@ _ROUTE = frozenset(
     (
         Reason.DUPLICATE_PUBLISHER,
         Reason.POSE_JUMP,
+        Reason.POSE_DOUBT,
+        Reason.NOT_MOVING,
         Reason.POSE_STALE,
         Reason.OFF_MAP,
         Reason.OFF_PATH,
