@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +12,9 @@ from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.inference.translator import Translator
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
+from sim_pybullet.episodes import DrawnEpisodes, Episodes, NumberedEpisodes
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.pool import LookPool, Looks
+from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.feed import CameraFeed
@@ -61,6 +63,8 @@ class BatchWorld:
         image: the picture of the policy.
         seed: of everything that is random.
         pool_size: painted worlds per map, with a sampler of Looks.
+        numbers: of the episodes; without it they have none and never end, see
+            `sim_pybullet.episodes`.
         drive: see `sim_pybullet.town.Town`.
         camera: draws the N robots; by default a ``RayCamera``.
         translator: what every picture passes through before the policy sees it.
@@ -76,11 +80,16 @@ class BatchWorld:
         drive: Drive = "planar",
         camera: BatchCamera | None = None,
         translator: Translator | None = None,
+        numbers: Sequence[int] | None = None,
     ) -> None:
         self.task = task
         self.n_robots = n = task.n_robots
-        self._pool = LookPool(task.road_maps, looks, np.random.default_rng(seed), pool_size)
-        self._town = Town([world.scene.solids for world in self._pool.worlds], n, drive)
+        self._episodes: Episodes
+        if numbers is None:
+            self._episodes = DrawnEpisodes(task.road_maps, looks, n, seed, pool_size)
+        else:
+            self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers)
+        self._town = Town(self._episodes.solids, n, drive)
         image = image or ImageSpec()
         camera = camera or RayCamera(image, n)
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
@@ -89,7 +98,6 @@ class BatchWorld:
         self._maps = np.zeros(n, dtype=int)
         self._stack = FrameStack(n, task.frames, self._feed.shape)
         self.image_shape = self._stack.shape
-        self.seed(seed)
 
     def close(self) -> None:
         """Free the physics client."""
@@ -97,9 +105,7 @@ class BatchWorld:
 
     def seed(self, seed: int) -> None:
         """Begin the random numbers anew; the painted worlds stay as they are."""
-        streams = np.random.SeedSequence(seed).spawn(5)
-        rngs = [np.random.default_rng(stream) for stream in streams]
-        self._task_rng, self._look_rng, self._motor_rng, self._camera_rng, self._pose_rng = rngs
+        self._episodes.seed(seed)
 
     @property
     def poses(self) -> np.ndarray:
@@ -111,6 +117,16 @@ class BatchWorld:
         """(N,) int, the map that each robot is on: index into the task's road_maps."""
         return self._maps.copy()
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """(N,) int, of each robot's episode; below 0: there is none left for it."""
+        return self._episodes.numbers.copy()
+
+    @property
+    def active(self) -> np.ndarray:
+        """(N,) bool: who has an episode to drive. Of the others nothing is drawn nor judged."""
+        return self._episodes.numbers >= 0
+
     def expert_actions(self) -> np.ndarray:
         """(N,) what the vehicle's expert would do now, who knows the true poses."""
         task = self.task
@@ -118,9 +134,9 @@ class BatchWorld:
 
     def reset(self) -> Observation:
         """Begin an episode of every robot."""
-        everyone = np.arange(self.n_robots)
-        self._begin(everyone)
-        return self._observe(everyone)
+        begun = self._begin(np.arange(self.n_robots))
+        first = self._observe(begun)
+        return first if len(begun) == self.n_robots else _spread(first, begun, self.n_robots)
 
     def step(self, actions: np.ndarray) -> BatchStep:
         """Let every robot carry out its action for `robot.contract.CONTROL_DT_S`.
@@ -130,10 +146,10 @@ class BatchWorld:
         """
         collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
         poses = self._town.poses
-        judged = self.task.step(poses, collided)
+        judged = _of(self.active, self.task.step(poses, collided))
         course = self.task.course
         if self._guidance is not None:
-            self._guidance.update(poses, self._pose_rng)
+            self._guidance.update(poses, self._episodes.rng("pose"))
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
@@ -143,41 +159,59 @@ class BatchWorld:
             tuple(self._recorder.metrics(int(i)) for i in ended),
         )
         if len(ended):
-            self._begin(ended)
-            observation = _replaced(observation, ended, self._observe(ended))
+            begun = self._begin(ended)
+            observation = _replaced(observation, begun, self._observe(begun))
         return BatchStep(observation, judged.reward, judged, course, poses, collided, finished)
 
     def _drive(self, actions: np.ndarray) -> np.ndarray:
         vehicle, collided = self.task.vehicle, np.zeros(self.n_robots, dtype=bool)
+        rng = self._episodes.rng("motor")
         for _ in range(PHYSICS_STEPS):
-            self._town.step(vehicle.step(actions, self._motor_rng))
+            self._town.step(vehicle.step(actions, rng))
             self._feed.record(self._town.poses)
             if self._guidance is not None:
                 self._guidance.record(vehicle.counted)
             collided |= self._town.collided
         return collided
 
-    def _begin(self, robots: np.ndarray) -> None:
-        starts, looks = self.task.reset(robots, self._task_rng), []
+    def _begin(self, wanting: np.ndarray) -> np.ndarray:
+        """The next episode of these robots (M,); those for whom there is one."""
+        robots = self._episodes.begin(wanting)
+        if not len(robots):
+            return robots
+        starts, looks = self._episodes.starts(self.task, robots), []
         for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
-            world, look = self._pool.draw(int(road_map), self._look_rng)
+            world, painted, look = self._episodes.setting(i, int(road_map))
+            self._town.furnish(world, painted.scene.solids)
             self._town.place(i, Pose(*pose), world)
             self.task.vehicle.reset(i, look.drive)
             self._maps[i] = road_map
-            self._feed.begin(i, self._pool.worlds[world].scene, look, pose)
+            self._feed.begin(i, painted.scene, look, pose)
             looks.append(look.pose)
         if self._guidance is not None:
             hints = self.task.paths.index_at(self.task.course.arc_m)
-            self._guidance.begin(robots, looks, self._town.poses, hints, self._pose_rng)
+            for k, i in enumerate(robots.tolist()):
+                rng, one = self._episodes.own("pose", i), slice(k, k + 1)
+                self._guidance.begin(robots[one], looks[one], self._town.poses, hints, rng)
         self._recorder.begin(robots)
+        return robots
 
-    def _observe(self, robots: np.ndarray | None = None) -> Observation:
-        image = self._feed.pictures(self._camera_rng, robots)
-        image = self._stack.push(image) if robots is None else self._stack.restart(robots, image)
-        if self._guidance is None:
-            return Observation(image, None)
-        path = self._guidance.path_inputs(self.task.paths)
-        return Observation(image, path if robots is None else path[robots])
+    def _observe(self, begun: np.ndarray | None = None) -> Observation:
+        """What robots see that have just begun an episode; else what all active ones see (N)."""
+        everyone = begun is None and bool(self.active.all())
+        robots = np.flatnonzero(self.active) if begun is None else begun
+        drawn = None if everyone else robots
+        skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
+        image = self._feed.pictures(skip, drawn, noise)
+        if begun is None:
+            image = self._stack.push(image, drawn)
+        else:
+            image = self._stack.restart(begun, image)
+        path = None if self._guidance is None else self._guidance.path_inputs(self.task.paths)
+        if path is not None and not everyone:
+            path = path[robots]
+        seen = Observation(image, path)
+        return seen if everyone or begun is not None else _spread(seen, robots, self.n_robots)
 
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
@@ -189,6 +223,23 @@ def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
             f"got {actions!r}"
         )
     return actions
+
+
+def _of(active: np.ndarray, step: TaskStep) -> TaskStep:
+    """A step in which nothing ends for robots that have no episode."""
+    return step._replace(
+        terminated=step.terminated & active,
+        truncated=step.truncated & active,
+        success=step.success & active,
+    )
+
+
+def _spread(observation: Observation, robots: np.ndarray, n: int) -> Observation:
+    """The observations of some of N robots in their rows, zeros in the others."""
+    image, path = observation
+    nothing = None if path is None else np.zeros((n, path.shape[1]), path.dtype)
+    whole = Observation(np.zeros((n, *image.shape[1:]), image.dtype), nothing)
+    return _replaced(whole, robots, observation)
 
 
 def _some(observation: Observation, robots: np.ndarray) -> Observation:

@@ -87,13 +87,25 @@ class Bullet:
         self._client.setCollisionFilterGroupMask(number, -1, STATIC, ROBOT)
         return int(number)
 
-    def add_solids(self, solids: Sequence[Solid], x_m: float, y_m: float) -> None:
-        """Solids that stay in place, shifted by (x_m, y_m), except those that do not collide."""
+    def add_solids(self, solids: Sequence[Solid], x_m: float, y_m: float) -> list[int]:
+        """Solids that stay in place, shifted by (x_m, y_m), except those that do not collide.
+
+        Returns:
+            The numbers of their bodies.
+        """
         hard = [solid for solid in solids if solid.collides and min(solid.size_m) > 0.0]
+        numbers = []
         for first in range(0, len(hard), _COMPOUND):
             shape = self._compound(hard[first : first + _COMPOUND])
             number = self._client.createMultiBody(0.0, shape, basePosition=(x_m, y_m, 0.0))
             self._client.setCollisionFilterGroupMask(number, -1, STATIC, ROBOT)
+            numbers.append(int(number))
+        return numbers
+
+    def remove(self, numbers: Sequence[int]) -> None:
+        """Take these bodies out of the client."""
+        for number in numbers:
+            self._client.removeBody(number)
 
     def add_box_robot(
         self, size_m: tuple[float, ...], centre_m: tuple[float, ...], mask: int

@@ -54,6 +54,14 @@ def painted_floor(place: Place, look: Look) -> Ground:
     return floor
 
 
+def paint_world(place: Place, looks: Looks, rng: np.random.Generator) -> PaintedWorld:
+    """A map or track in a Look drawn from a sampler or a list."""
+    site = one_site(looks, rng) if callable(looks) else fixed(looks[int(rng.integers(len(looks)))])
+    look = site(rng)
+    solids = place_solids(place, look, rng)
+    return PaintedWorld(Scene(painted_floor(place, look), solids, look.sky, look.light), look, site)
+
+
 class LookPool:
     """``size`` painted worlds of each map, drawn from at random when an episode begins.
 
@@ -78,15 +86,8 @@ class LookPool:
         self._size = size if callable(looks) else len(looks)
         if self._size < 1:
             raise ConfigError("LookPool: expected at least one Look and a size of 1 or more")
-        worlds = []
-        for road_map in road_maps:
-            for k in range(self._size):
-                site = one_site(looks, rng) if callable(looks) else fixed(looks[k])
-                look = site(rng)
-                solids = place_solids(road_map, look, rng)
-                scene = Scene(painted_floor(road_map, look), solids, look.sky, look.light)
-                worlds.append(PaintedWorld(scene, look, site))
-        self.worlds = tuple(worlds)
+        each = [looks if callable(looks) else [looks[k]] for k in range(self._size)]
+        self.worlds = tuple(paint_world(m, one, rng) for m in road_maps for one in each)
 
     def draw(self, map_index: int, rng: np.random.Generator) -> tuple[int, Look]:
         """A painted world of a map (index into ``worlds``), and the Look of an episode in it."""

@@ -56,8 +56,11 @@ class Town:
         self._floor = self._bullet.add_floor() if self._wheels else -1
         reach_m = [abs(solid.x_m) for solids in worlds for solid in solids]
         self._apart_m = max(_APART_M, 2.0 * max(reach_m, default=0.0))
-        for world, solids in enumerate(worlds):
+        self._solids = list(worlds)
+        self._standing = [
             self._bullet.add_solids(solids, world * self._apart_m, 0.0)
+            for world, solids in enumerate(worlds)
+        ]
         mask = STATIC | ROBOT if robots_collide else STATIC
         self._bodies = [self._build_robot(mask) for _ in range(n_robots)]
         self._origins = np.zeros((n_robots, 3))  # of each robot's world in the client
@@ -87,6 +90,13 @@ class Town:
         self._collided[i] = False
         x_m, y_m, heading_rad = self._origins[i] + self._poses[i]
         self._bullet.place(self._bodies[i], x_m, y_m, heading_rad)
+
+    def furnish(self, world: int, solids: Sequence[Solid]) -> None:
+        """Put these solids in the place of those that stand in a world, if they are others."""
+        if self._solids[world] is not solids:
+            self._bullet.remove(self._standing[world])
+            self._standing[world] = self._bullet.add_solids(solids, world * self._apart_m, 0.0)
+            self._solids[world] = solids
 
     def step(self, twists: np.ndarray) -> None:
         """Advance by one time step.

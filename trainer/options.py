@@ -107,7 +107,9 @@ class EvaluateOptions:
     task: str | None = None
     """lane, four_laps, navigation, manoeuvres or track; else what the policy was trained for."""
     map: tuple[str, ...] = ()
-    """Map or track files, or names of shipped ones; else loop, arena or forest."""
+    """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
+    lane: Lane | None = None
+    """Of rings: outer, inner (the other way round) or both, in turn; else outer."""
     look: str = "nominal"
     """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
     without: tuple[str, ...] = ()
@@ -133,6 +135,8 @@ class EvaluateOptions:
             raise ConfigError("model: expected a policy, .onnx, got none")
         if self.episodes < 1:
             raise ConfigError(f"episodes: expected 1 or more, got {self.episodes}")
+        if self.seed < 0:
+            raise ConfigError(f"seed: expected 0 or more, got {self.seed}")
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
         load_look_sampler(self.look, self.pose_error, self.without)

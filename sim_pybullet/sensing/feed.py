@@ -78,8 +78,17 @@ class CameraFeed:
         self._turns_radps[:] = wrap_angle(poses[:, 2] - self._headings) / self._dt_s
         self._headings = poses[:, 2].copy()
 
-    def pictures(self, rng: np.random.Generator, robots: np.ndarray | None = None) -> np.ndarray:
-        """What arrives now: (M, H, W, 3) uint8 RGB in a fresh array, of all robots or of some."""
+    def pictures(
+        self,
+        rng: np.random.Generator,
+        robots: np.ndarray | None = None,
+        noise_rng: np.random.Generator | None = None,
+    ) -> np.ndarray:
+        """What arrives now: (M, H, W, 3) uint8 RGB in a fresh array, of all robots or of some.
+
+        The sensor's noise comes from ``noise_rng``, where there is one.
+        """
+        noise_rng = rng if noise_rng is None else noise_rng
         x, y, cosine, sine = self._past.read().T
         poses = np.stack((x, y, np.arctan2(sine, cosine)), axis=1)
         chosen = slice(None) if robots is None else robots
@@ -89,7 +98,7 @@ class CameraFeed:
         for picture, i in zip(light, everyone, strict=True):
             self._mirror(picture, i, poses[i, 2])
         turns = self._turns_radps[chosen]
-        pictures = apply_sensor(light, sensors, rng, self._crop_top_px, turns)
+        pictures = apply_sensor(light, sensors, noise_rng, self._crop_top_px, turns)
         if self._translator is not None:
             pictures = self._translator(pictures)
         if self._skip.any():

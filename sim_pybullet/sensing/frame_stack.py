@@ -24,12 +24,14 @@ class FrameStack:
         height, width, channels = self._stack.shape[1:]
         return (height, width, channels)
 
-    def push(self, pictures: np.ndarray) -> np.ndarray:
-        """The next picture of every robot, (N, H, W, 3); their stacks in a fresh array."""
+    def push(self, pictures: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+        """The next picture of every robot, or of robots (M,); their stacks in a fresh array."""
         if self._frames == 1:
             return pictures
-        self._stack = np.concatenate((self._stack[..., self._channels :], pictures), axis=-1)
-        return self._stack.copy()
+        chosen = slice(None) if robots is None else robots
+        older = self._stack[chosen][..., self._channels :]
+        self._stack[chosen] = np.concatenate((older, pictures), axis=-1)
+        return np.array(self._stack[chosen])
 
     def restart(self, robots: np.ndarray, pictures: np.ndarray) -> np.ndarray:
         """The first pictures (M, H, W, 3) of robots (M,), which stand for their past as well."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -68,7 +70,9 @@ def add_gloss(
     azimuth, cosine = light.azimuth_rad - heading_rad, np.cos(light.elevation_rad)
     towards = (cosine * np.cos(azimuth), cosine * np.sin(azimuth), -np.sin(light.elevation_rad))
     alike = np.clip(directions @ np.array(towards, np.float32), -1.0, 1.0)
-    spot = np.exp((alike - 1.0) / light.gloss_width_rad**2) * (directions[..., 2] < 0.0)
-    if spot.max() > _BARELY:
-        lit = frame + (light.gloss * _LAMP * spot)[..., None]
-        frame[:] = np.minimum(lit + 0.5, 255.0).astype(np.uint8)
+    least = 1.0 + light.gloss_width_rad**2 * math.log(_BARELY)
+    lit = (alike > least) & (directions[..., 2] < 0.0)
+    if lit.any():  # the lamp is mirrored behind the robot more often than before it
+        spot = np.exp((alike[lit] - 1.0) / light.gloss_width_rad**2)
+        bright = frame[lit] + (light.gloss * _LAMP * spot)[:, None]
+        frame[lit] = np.minimum(bright + 0.5, 255.0).astype(np.uint8)

@@ -64,7 +64,8 @@ class PoseError:
         self._errors = self._keep * self._errors + spread * rng.standard_normal(spread.shape)
         seen = _off(poses, self._errors)
         outliers = rng.random(len(poses)) < self._outlier
-        seen[outliers, :2] += rng.uniform(-OUTLIER_M, OUTLIER_M, (int(outliers.sum()), 2))
+        jumps = rng.uniform(-OUTLIER_M, OUTLIER_M, (len(poses), 2))
+        seen[outliers, :2] += jumps[outliers]
         seen[self._missing(rng)] = np.nan
         self._sent.push(seen)
         arrived = self._sent.read()

@@ -74,6 +74,7 @@ def _blurred(frames: np.ndarray, sigmas_px: list[float]) -> np.ndarray:
     radius = math.ceil(3.0 * max(sigmas_px))
     sigmas = np.maximum(np.array(sigmas_px), 1e-3)[:, None]
     kernels = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigmas) ** 2)
+    kernels *= np.abs(np.arange(-radius, radius + 1)) <= np.ceil(3.0 * sigmas)  # each its own
     kernels /= kernels.sum(axis=1, keepdims=True)
     flat = frames.reshape(*frames.shape[:2], -1)
     return np.asarray(blur(flat, kernels.astype(np.float32))).reshape(frames.shape)

@@ -64,8 +64,13 @@ class Task(Protocol):
     def half_lane_m(self) -> np.ndarray:
         """(N,) distance from the path at which a robot leaves its lane."""
 
-    def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
-        """Begin an episode for these robots: indices (M,)."""
+    def reset(
+        self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
+    ) -> Starts:
+        """Begin an episode for these robots: indices (M,).
+
+        With a number, what could be drawn among several (map, lane, manoeuvre) is taken in turn.
+        """
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Judge one decision by the poses (N, 3) that it led to; ``collided`` is (N,) bool."""

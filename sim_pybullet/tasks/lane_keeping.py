@@ -76,9 +76,10 @@ class LaneKeeping(PathTask):
         robot: int,  # noqa: ARG002
         road_map: int,
         rng: np.random.Generator,
+        turn: int | None,
     ) -> tuple[Path, float]:
         loops = self._loops[road_map]
-        loop = loops[int(rng.integers(len(loops))) if len(loops) > 1 else 0]
+        loop = loops[int(rng.integers(len(loops))) if turn is None else turn % len(loops)]
         return loop, rng.uniform(0.0, loop.length_m)
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:

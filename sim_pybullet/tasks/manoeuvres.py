@@ -56,8 +56,8 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
 class Manoeuvres(Navigation):
     """`Navigation` over the manoeuvres of one map instead of random missions.
 
-    Robot i drives ``ROUNDS`` of them in a row, beginning with the i-th such group, so that all
-    robots together go through the list again and again.
+    Numbered episodes go through the list in turn. Without numbers robot i drives ``ROUNDS`` of them
+    in a row, beginning with the i-th such group, so that all robots together do so.
 
     Args:
         road_maps: one map.
@@ -80,9 +80,12 @@ class Manoeuvres(Navigation):
         robot: int,
         road_map: int,  # noqa: ARG002
         rng: np.random.Generator,  # noqa: ARG002
+        turn: int | None,
     ) -> tuple[Path, float]:
-        number = robot * ROUNDS + int(self._rounds[robot]) % ROUNDS
-        self._rounds[robot] += 1
+        number = turn
+        if number is None:
+            number = robot * ROUNDS + int(self._rounds[robot]) % ROUNDS
+            self._rounds[robot] += 1
         return self.manoeuvres[number % len(self.manoeuvres)].path, 0.0
 
 

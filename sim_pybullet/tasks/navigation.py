@@ -82,6 +82,7 @@ class Navigation(PathTask):
         robot: int,  # noqa: ARG002
         road_map: int,
         rng: np.random.Generator,
+        turn: int | None,  # noqa: ARG002
     ) -> tuple[Path, float]:
         return self._routes[road_map].draw(rng), 0.0
 

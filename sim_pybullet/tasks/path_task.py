@@ -70,12 +70,18 @@ class PathTask(ABC):
         """(N,) distance from the path at which a robot leaves its lane."""
         return np.asarray(self._half_widths_m[self._maps])
 
-    def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
-        """Begin an episode for these robots (M,) on a random map."""
-        maps = rng.integers(len(self.road_maps), size=len(robots))
+    def reset(
+        self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
+    ) -> Starts:
+        """Begin an episode for these robots (M,) on a random map, or on that of its number."""
+        count = len(self.road_maps)
+        maps = rng.integers(count, size=len(robots))
+        turn = None
+        if number is not None:
+            maps[:], turn = number % count, number // count
         poses = np.zeros((len(robots), 3))
         for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
-            path, arc_m = self._mission(i, m, rng)
+            path, arc_m = self._mission(i, m, rng, turn)
             most_m = self._spread * START_OFFSET * self._half_widths_m[m]
             offset_m = rng.uniform(-most_m, most_m)
             most_rad = self._spread * START_HEADING_RAD
@@ -90,8 +96,13 @@ class PathTask(ABC):
         """Reward and end of the decision that led to poses (N, 3)."""
 
     @abstractmethod
-    def _mission(self, robot: int, road_map: int, rng: np.random.Generator) -> tuple[Path, float]:
-        """The path of a robot's next episode on a map, and how far along it [m] it begins."""
+    def _mission(
+        self, robot: int, road_map: int, rng: np.random.Generator, turn: int | None
+    ) -> tuple[Path, float]:
+        """The path of a robot's next episode on a map, and how far along it [m] it begins.
+
+        ``turn``: what episodes on this map take in turn, their number there; None where they draw.
+        """
 
     def _follow(self, poses: np.ndarray) -> tuple[Course, np.ndarray]:
         """One more decision: where it led to, and who (N,) has turned away from the path."""

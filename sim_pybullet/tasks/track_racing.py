@@ -91,9 +91,11 @@ class TrackRacing(PathTask):
         self.vehicle.governed_mps = style.top_mps
         self._poses = np.zeros((n_robots, 3))
 
-    def reset(self, robots: np.ndarray, rng: np.random.Generator) -> Starts:
+    def reset(
+        self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
+    ) -> Starts:
         """Begin an episode for these robots (M,) on a random track, at a random place."""
-        starts = super().reset(robots, rng)
+        starts = super().reset(robots, rng, number)
         if self._spread > 1.0:
             self.vehicle.starts_mps[robots] = rng.uniform(0.0, self._style.top_mps, len(robots))
         self._poses[robots] = starts.poses
@@ -104,6 +106,7 @@ class TrackRacing(PathTask):
         robot: int,  # noqa: ARG002
         road_map: int,
         rng: np.random.Generator,
+        turn: int | None,  # noqa: ARG002
     ) -> tuple[Path, float]:
         path = self._lines[road_map].path
         return path, rng.uniform(0.0, path.length_m)

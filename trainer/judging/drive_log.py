@@ -134,30 +134,31 @@ class Tracer:
     """Follows the robots of one world, and tells a log of each episode that ends.
 
     Args:
-        world: of N robots.
-        seeds: (N, R) of the first R episodes of each robot; below 0 for those not asked for.
-        log: gets the tracks.
+        world: of N robots, with numbered episodes.
+        log: gets the tracks, their seeds are the numbers.
     """
 
-    def __init__(self, world: BatchWorld, seeds: np.ndarray, log: DriveLog) -> None:
+    def __init__(self, world: BatchWorld, log: DriveLog) -> None:
         self._world, self._log = world, log
-        self._seeds = [iter(row) for row in seeds.tolist()]
-        self._rides = [_Ride() for _ in self._seeds]
+        self._rides = [_Ride() for _ in range(world.n_robots)]
 
     def see(self, observation: Observation) -> None:
         """Before each decision: what the robots see, where they are."""
-        offset_m, maps = self._world.task.course.offset_m, self._world.maps
-        for i, (ride, pose) in enumerate(zip(self._rides, self._world.poses, strict=True)):
-            ride.map_index = int(maps[i])
-            ride.add(pose, float(offset_m[i]), observation.image[i, ..., -3:])
+        offset_m, maps, poses = (
+            self._world.task.course.offset_m,
+            self._world.maps,
+            self._world.poses,
+        )
+        for i in np.flatnonzero(self._world.active).tolist():
+            self._rides[i].map_index = int(maps[i])
+            self._rides[i].add(poses[i], float(offset_m[i]), observation.image[i, ..., -3:])
 
-    def end(self, step: BatchStep) -> None:
-        """After each decision: the episodes that ended with it."""
+    def end(self, step: BatchStep, numbers: np.ndarray) -> None:
+        """After each decision: the episodes that ended with it; they had these numbers (N,)."""
         for k, robot in enumerate(step.finished.robots.tolist()):
             ride, self._rides[robot] = self._rides[robot], _Ride()
-            seed, frame = next(self._seeds[robot], -1), step.finished.observation.image[k, ..., -3:]
-            if seed >= 0:
-                self._log.add(ride.end(seed, step, robot, frame))
+            frame = step.finished.observation.image[k, ..., -3:]
+            self._log.add(ride.end(int(numbers[robot]), step, robot, frame))
 
 
 class _Ride:

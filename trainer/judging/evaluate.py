@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -28,17 +28,12 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from sim_pybullet.racing.track import SCALE
 from sim_pybullet.scenery.place import Place
-from sim_pybullet.tasks import manoeuvres
-from trainer.config import choose
-from trainer.envs import build_task
+from sim_pybullet.tasks.lane_keeping import Lane
+from trainer.envs import RINGED, build_task
 from trainer.judging.drive_log import DriveLog, Tracer
 
 ROBOTS = 20  # at once
-# Episodes of each robot in one world. Missions differ in length: were each the only one of its
-# robot, most robots would wait most of the time.
-ROUNDS = {"lane": 1, "four_laps": 1, "navigation": 5, "manoeuvres": manoeuvres.ROUNDS, "track": 1}
-_FEWEST_LOOKS = 4  # of each map in one world
-_FIRST_WORLD = 1_000_000_007  # seeds of worlds, away from those that runs are trained with
+_FIRST_WORLD = 1_000_000_007  # seed of all worlds, away from those that runs are trained with
 
 DrivingPolicy = OnnxPolicy | TranslatingPolicy
 
@@ -51,6 +46,9 @@ class Drive(NamedTuple):
     metrics: DriveMetrics
     failed: bool = False  # off the lane, lost or in collision, not just out of time
     laps: float | None = None  # driven, where the task counts them
+    collided: bool = False  # the drive ended in a collision
+    map: str = ""
+    lane: str | None = None  # of a ring
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,19 @@ class Inputs:
     seed: int
     translate: str | None = None  # the translator between picture and policy
     without: tuple[str, ...] = ()  # what of the look stays nominal
+    lane: Lane | None = None  # of rings: outer, inner or both
+
+
+@dataclass(frozen=True)
+class OnMap:
+    """The drives on one map, of a ring those along one of its lanes."""
+
+    map: str
+    lane: str | None
+    part: str | None  # of the maps that this one belongs to, see `trainer.division`
+    episodes: int
+    succeeded: int
+    mean_path_distance_m: float
 
 
 @dataclass(frozen=True)
@@ -84,9 +95,11 @@ class Evaluation:
     failures: tuple[int, ...]  # seeds; ``--seed S --episodes 1`` runs one again
     algorithm: str
     run: str
-    collisions: int = 0  # episodes that ended off the lane, lost or in collision
+    collisions: int = 0  # episodes that ended in one
+    failed_ends: int = 0  # episodes that ended off the lane, lost or in collision
     laps: float | None = None  # driven in an episode, where the task counts them
     mean_speed_mps: float = 0.0  # of a race car: on the real track
+    by_map: tuple[OnMap, ...] = ()
     schema: int = 1
 
 
@@ -112,44 +125,48 @@ def evaluate(
     task: str,
     road_maps: Sequence[Place],
     looks: Looks,
-    seeds: range,
+    seeds: Sequence[int],
     finished: Callable[[Drive], None],
     zero: str | None = None,
     log: DriveLog | None = None,
+    lane: Lane | None = None,
 ) -> list[Drive]:
     """One greedy episode for each seed; ``finished`` hears of each, ``log`` gets its track.
 
-    In each world every robot drives the task's ROUNDS, one episode after the other, and these have
-    the next seeds. All of its robots always drive along: so an episode is the same whichever seeds
-    are asked for together with it. The policy gets zeros for ``zero``: image, path or nothing.
+    An episode is the same whichever others are driven, and nothing else is driven or painted
+    (`sim_pybullet.episodes.NumberedEpisodes`); to the rounding of a robot's clock, since episodes
+    begin at different times. Consecutive seeds take the maps in turn, and on each map both lanes of
+    a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or nothing.
 
     Raises:
-        ConfigError: the path shall be zero in a task that has none.
+        ConfigError: the path shall be zero in a task that has none, or a lane be kept in one that
+            keeps none.
     """
+    if not len(seeds):
+        return []
+    robots = min(ROBOTS, len(seeds))
+    world = BatchWorld(
+        build_task(task, road_maps, robots, lane), looks, seed=_FIRST_WORLD, numbers=seeds
+    )
+    tracer = None if log is None else Tracer(world, log)
     drives: list[Drive] = []
-    rounds = choose("task", task, ROUNDS)
-    pool_size = max(ROBOTS // len(road_maps), _FEWEST_LOOKS)
-    for group in range(seeds.start // (ROBOTS * rounds), (seeds.stop - 1) // (ROBOTS * rounds) + 1):
-        numbers = (np.arange(ROBOTS * rounds) + group * ROBOTS * rounds).reshape(ROBOTS, rounds)
-        wanted = (numbers >= seeds.start) & (numbers < seeds.stop)
-        world = BatchWorld(
-            build_task(task, road_maps, ROBOTS),
-            looks,
-            seed=_FIRST_WORLD + group,
-            pool_size=pool_size,
-        )
-        tracer = None if log is None else Tracer(world, np.where(wanted, numbers, -1), log)
-        try:
-            for episode, drive in _drive(policy, world, wanted, zero, tracer):
-                drives.append(drive._replace(seed=int(numbers[episode])))
-                finished(drives[-1])
-        finally:
-            world.close()
+    try:
+        for drive in _drive(policy, world, zero, tracer):
+            driven = drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps)))
+            drives.append(driven)
+            finished(driven)
+    finally:
+        world.close()
     return sorted(drives)
 
 
-def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) -> Evaluation:
-    """The figures of a set of episodes."""
+def summarise(
+    inputs: Inputs,
+    policy: DrivingPolicy,
+    drives: Sequence[Drive],
+    parts: Mapping[str, str | None] | None = None,
+) -> Evaluation:
+    """The figures of a set of episodes; ``parts`` says of each map to which part it belongs."""
     metrics = [drive.metrics for drive in drives]
     successes = sum(drive.success for drive in drives)
     time_s = sum(m.survival_time_s for m in metrics)
@@ -167,9 +184,11 @@ def summarise(inputs: Inputs, policy: DrivingPolicy, drives: Sequence[Drive]) ->
         failures=tuple(drive.seed for drive in drives if not drive.success),
         algorithm=policy.contract.algorithm,
         run=policy.contract.run,
-        collisions=sum(drive.failed for drive in drives),
+        collisions=sum(drive.collided for drive in drives),
+        failed_ends=sum(drive.failed for drive in drives),
         laps=sum(laps) / len(laps) if laps else None,
         mean_speed_mps=sum(m.driven_lane_m for m in metrics) / time_s / scale,
+        by_map=_by_map(drives, parts or {}),
     )
 
 
@@ -181,33 +200,61 @@ def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
     return max(0.0, (centre - spread) / (1 + z * z / n))
 
 
+def _by_map(drives: Sequence[Drive], parts: Mapping[str, str | None]) -> tuple[OnMap, ...]:
+    groups: dict[tuple[str, str | None], list[Drive]] = {}
+    for drive in drives:
+        groups.setdefault((drive.map, drive.lane), []).append(drive)
+    rows = []
+    for (name, lane), group in groups.items():
+        time_s = sum(drive.metrics.survival_time_s for drive in group)
+        offset_m = sum(drive.metrics.deviation_m_s for drive in group) / time_s
+        succeeded = sum(drive.success for drive in group)
+        rows.append(OnMap(name, lane, parts.get(name), len(group), succeeded, offset_m))
+    return tuple(sorted(rows, key=lambda row: (row.map, row.lane or "")))
+
+
+def _lane(task: str, lane: Lane | None, turn: int) -> str | None:
+    """Which lane of its ring an episode is on: of both they take turns."""
+    if task not in RINGED:
+        return None
+    return ("outer", "inner")[turn % 2] if lane == "both" else lane or "outer"
+
+
 def _drive(
-    policy: DrivingPolicy,
-    world: BatchWorld,
-    wanted: np.ndarray,
-    zero: str | None,
-    tracer: Tracer | None,
-) -> Iterator[tuple[tuple[int, int], Drive]]:
-    """The wanted (robots, rounds) episodes, as each ends: robot and round, and how it went."""
+    policy: DrivingPolicy, world: BatchWorld, zero: str | None, tracer: Tracer | None
+) -> Iterator[Drive]:
+    """The episodes of a world, as each ends."""
     observation = world.reset()
-    names = world.task.fact_names
-    rounds, missing = np.zeros(world.n_robots, dtype=int), wanted.copy()
-    while missing.any():
+    names, places = world.task.fact_names, world.task.road_maps
+    while world.active.any():
         if tracer is not None:
             tracer.see(observation)
-        step = world.step(_choose(policy, observation, zero))
+        numbers, maps, active = world.numbers, world.maps, np.flatnonzero(world.active)
+        actions = np.zeros(world.n_robots, dtype=int)
+        actions[active] = _choose(policy, _of(observation, active), zero)
+        step = world.step(actions)
         if tracer is not None:
-            tracer.end(step)
+            tracer.end(step, numbers)
         observation = step.observation
-        for robot, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
-            episode = (int(robot), int(rounds[robot]))
-            if episode[1] < wanted.shape[1] and missing[episode]:
-                missing[episode] = False
-                facts = dict(zip(names, step.task.facts[:, robot].tolist(), strict=True))
-                success, failed = step.task.success[robot], step.task.terminated[robot]
-                laps = facts.get("laps")
-                yield episode, Drive(0, bool(success), metrics, bool(failed), laps)
-            rounds[robot] += 1
+        for robot, metrics in zip(
+            step.finished.robots.tolist(), step.finished.metrics, strict=True
+        ):
+            facts = dict(zip(names, step.task.facts[:, robot].tolist(), strict=True))
+            failed = bool(step.task.terminated[robot])
+            yield Drive(
+                int(numbers[robot]),
+                bool(step.task.success[robot]),
+                metrics,
+                failed,
+                facts.get("laps"),
+                failed and bool(step.collided[robot]),
+                places[maps[robot]].name,
+            )
+
+
+def _of(observation: Observation, robots: np.ndarray) -> Observation:
+    image, path = observation
+    return Observation(image[robots], None if path is None else path[robots])
 
 
 def _choose(policy: DrivingPolicy, observation: Observation, zero: str | None) -> np.ndarray:
@@ -221,4 +268,6 @@ def _choose(policy: DrivingPolicy, observation: Observation, zero: str | None) -
         if path is None:
             raise ConfigError("zero: expected image, got path; this task gives none")
         path = np.zeros_like(path)
-    return policy.act(pictures, path)
+    # One at a time, as on a robot: in a batch rounding depends on how many others there are.
+    each = [None] * len(pictures) if path is None else [path[k : k + 1] for k in range(len(path))]
+    return np.array([policy.act(pictures[k : k + 1], one)[0] for k, one in enumerate(each)])

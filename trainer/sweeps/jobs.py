@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress
+from rich.table import Table
 
 from robot.errors import ConfigError
 from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.navigation.road_map import RoadMap
+from robot.output import expect_writable
 from robot.typed_config import to_plain
 from trainer.config import TESTS, choose
+from trainer.division import maps_named, part_of
 from trainer.envs import find_looks, load_places
 from trainer.judging.drive_log import DriveLog, drives_beside
-from trainer.judging.evaluate import DrivingPolicy, Inputs, evaluate, open_policy, summarise
+from trainer.judging.evaluate import (
+    Drive,
+    DrivingPolicy,
+    Evaluation,
+    Inputs,
+    evaluate,
+    open_policy,
+    summarise,
+)
+from trainer.judging.rows import Rows, rows_beside
+from trainer.judging.told import Told
 from trainer.options import EvaluateOptions, TrainOptions, extended
 from trainer.run import RunFolder, write_json
 from trainer.sweeps.sweep import SweepOptions, combinations
@@ -108,6 +122,7 @@ class EvaluateJob:
         if self.json is None or not self.json.exists():
             return False
         found = json.loads(self.json.read_text(encoding="utf-8"))["inputs"]
+        found.setdefault("lane", None)  # written before there was a choice
         if found != to_plain(inputs(self.options, found["task"])):
             raise ConfigError(
                 f"{self.json}: expected the evaluation asked for, got another one; "
@@ -122,7 +137,8 @@ class EvaluateJob:
     def run(self, console: Console) -> int:
         """Drive, and say how it went."""
         options = self.options
-        if self.json is not None:  # before the work, not after it
+        expect_writable(self.json, inputs=(Path(options.model),))  # before the work, not after it
+        if self.json is not None:
             self.json.parent.mkdir(parents=True, exist_ok=True)
         policy: DrivingPolicy = open_policy(Path(options.model), options.task)
         if options.translate is not None:
@@ -133,30 +149,78 @@ class EvaluateJob:
             raise ConfigError("drives: expected a task on maps, got track: no map to draw on")
         maps = load_places(asked.task, asked.maps)
         looks = find_looks(asked.task, options.look, options.pose_error, options.without)
-        seeds = range(options.seed, options.seed + options.episodes)
+        wanted = range(options.seed, options.seed + options.episodes)
         log = DriveLog() if self.drives else None
-        columns = Progress.get_default_columns()
-        with Progress(*columns, MofNCompleteColumn(), console=console) as bar:
-            row = bar.add_task(f"{asked.task} {Path(options.model).name}", total=len(seeds))
-            drives = evaluate(
-                policy, asked.task, maps, looks, seeds, lambda _: bar.advance(row), asked.zero, log
-            )
-        result = summarise(asked, policy, drives)
+        rows = self._rows(asked)
+        kept = {} if rows is None else rows.drives
+        left = [seed for seed in wanted if seed not in kept]
+        drives = [kept[seed] for seed in wanted if seed in kept]
+        title = f"{asked.task} {Path(options.model).name}"
+        try:
+            with Told(console, title, len(wanted), len(drives)) as told:
+                asked_for = (policy, asked.task, maps, looks, left, _hearers(told, rows))
+                drives += evaluate(*asked_for, asked.zero, log, asked.lane)
+        except KeyboardInterrupt:
+            if rows is not None:
+                rows.close(done=False)
+            console.print(_cut_off(rows))
+            return 1
+        parts = {place.name: part_of(place) for place in maps if isinstance(place, RoadMap)}
+        result = summarise(asked, policy, sorted(drives), parts)
         if self.json is not None:
             if log is not None:
                 log.save(drives_beside(self.json))
             write_json(self.json, result)
-        console.print(
-            f"{options.model}: success {result.success_rate:.1%} of {options.episodes} (at least "
-            f"{result.success_rate_low:.1%} with 95 % confidence), "
-            f"{100 * result.mean_path_distance_m:.1f} cm from the path"
-        )
-        if asked.task == "track" and result.laps is not None:
-            console.print(
-                f"{result.laps:.2f} laps, {result.collisions} collisions, "
-                f"{result.mean_speed_mps:.1f} m/s on average (real track)"
-            )
+        if rows is not None:
+            rows.close(done=True)
+        _tell(console, result)
         return 0
+
+    def _rows(self, asked: Inputs) -> Rows | None:
+        """The drives of an evaluation that was cut off; tracks are not kept by the drive."""
+        if self.json is None or self.drives:
+            return None
+        files = [Path(f) for f in (self.options.model, self.options.translate) if f is not None]
+        return Rows(rows_beside(self.json), asked, files)
+
+
+def _hearers(told: Told, rows: Rows | None) -> Callable[[Drive], None]:
+    def hear(drive: Drive) -> None:
+        if rows is not None:
+            rows.add(drive)
+        told.add(drive.success)
+
+    return hear
+
+
+def _cut_off(rows: Rows | None) -> str:
+    if rows is None:
+        return "interrupted; without --json, or with --drives, nothing is kept"
+    return (
+        f"interrupted; {len(rows.drives)} drives are kept in {rows.path}, the same command goes on"
+    )
+
+
+def _tell(console: Console, result: Evaluation) -> None:
+    asked = result.inputs
+    console.print(
+        f"{asked.model}: success {result.success_rate:.1%} of {result.episodes} (at least "
+        f"{result.success_rate_low:.1%} with 95 % confidence), "
+        f"{100 * result.mean_path_distance_m:.1f} cm from the path"
+    )
+    if len(result.by_map) > 1:
+        columns = ("map", "lane", "kept for", "succeeded", "from the path")
+        table = Table(*columns, title=f"look {asked.look}")
+        for row in result.by_map:
+            succeeded = f"{row.succeeded} of {row.episodes}"
+            from_path = f"{100 * row.mean_path_distance_m:.1f} cm"
+            table.add_row(row.map, row.lane or "-", row.part or "nothing", succeeded, from_path)
+        console.print(table)
+    if asked.task == "track" and result.laps is not None:
+        console.print(
+            f"{result.laps:.2f} laps, {result.collisions} collisions, "
+            f"{result.mean_speed_mps:.1f} m/s on average (real track)"
+        )
 
 
 def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
@@ -165,7 +229,7 @@ def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
     return Inputs(
         options.model,
         task,
-        options.map or (choose("task", task, TESTS),),
+        maps_named(options.map) or (choose("task", task, TESTS),),
         options.look,
         options.pose_error,
         options.zero,
@@ -173,6 +237,7 @@ def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
         options.seed,
         options.translate,
         options.without,
+        options.lane,
     )
 
 

@@ -79,25 +79,26 @@ def test_what_is_no_file_of_drives_is_refused(tmp_path: Path, content: bytes) ->
 
 def test_tracks_are_where_the_robots_were() -> None:
     """Robots that spin on the spot: each ends, and its track is that of the world's own poses."""
-    robots, rounds = 2, 2
-    world = BatchWorld(build_task("lane", [load_map("loop")], robots), [NOMINAL], seed=3)
+    robots, asked = 2, [10, 11, 21]
+    task = build_task("lane", [load_map("loop")], robots)
+    world = BatchWorld(task, [NOMINAL], seed=3, numbers=asked)
     log = DriveLog()
-    tracer = Tracer(world, np.array([[10, 11], [-1, 21]]), log)
-    observation, seen, ended = world.reset(), [[] for _ in range(robots)], np.zeros(robots, int)
+    tracer = Tracer(world, log)
+    observation, seen = world.reset(), [[] for _ in range(robots)]
     expected: dict[int, np.ndarray] = {}
     frames: dict[int, np.ndarray] = {}
-    while (ended < rounds).any():
+    while world.active.any():
         for robot in range(robots):
             seen[robot].append(world.poses[robot])
         tracer.see(observation)
+        numbers = world.numbers
         step = world.step(np.zeros(robots, dtype=int))
-        tracer.end(step)
+        tracer.end(step, numbers)
         for k, robot in enumerate(step.finished.robots.tolist()):
-            seed = 10 * (robot + 1) + int(ended[robot])
+            seed = int(numbers[robot])
             expected[seed] = np.array([*seen[robot], step.poses[robot]])
             frames[seed] = step.finished.observation.image[k]
             seen[robot] = []
-            ended[robot] += 1
         observation = step.observation
     world.close()
     assert [t.seed for t in log.tracks] == [10, 11, 21]

@@ -1,19 +1,28 @@
+import io
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
-from robot.contract import PolicyContract
+from robot.contract import ImageSpec, PolicyContract
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
+from sim_pybullet import episodes
+from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from trainer.cli import main
 from trainer.export import export_network
 from trainer.judging.evaluate import Drive, Inputs, evaluate, summarise, wilson_low
+from trainer.judging.told import Told
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
 from trainer.presets import preset
+from trainer.sweeps import jobs
 
 
 @pytest.fixture(scope="module")
@@ -38,23 +47,157 @@ def drive(model: Path, seeds: range) -> list[Drive]:
     return evaluate(OnnxPolicy(model), "lane", [load_map("loop")], [NOMINAL], seeds, lambda _: None)
 
 
-def test_an_episode_is_the_same_alone_and_in_company(model: Path) -> None:
-    together = drive(model, range(1018, 1023))
-    assert [d.seed for d in together] == [1018, 1019, 1020, 1021, 1022]
-    assert drive(model, range(1021, 1022)) == together[3:4]
+def assert_same(drives: list[Drive], others: list[Drive]) -> None:
+    """To the rounding of a clock that began at another time."""
+    for one, other in zip(drives, others, strict=True):
+        assert one._replace(metrics=other.metrics, laps=other.laps) == other
+        assert one.metrics == pytest.approx(other.metrics, rel=1e-6, abs=1e-9)
 
 
-def test_the_later_rounds_of_a_robot_are_the_same_alone(navigator: Path) -> None:
+@pytest.mark.parametrize("look", ["nominal", "randomised", "reality"])
+def test_an_episode_is_the_same_alone_and_in_company(model: Path, look: str) -> None:
+    def keep(seeds: list[int]) -> list[Drive]:
+        policy, rings = OnnxPolicy(model), [load_map("loop"), load_map("rings/pretzel")]
+        looks = load_look_sampler(look)
+        return evaluate(policy, "lane", rings, looks, seeds, lambda _: None, lane="both")
+
+    together = keep(list(range(1018, 1043)))  # more than there are robots at once
+    assert [d.seed for d in together] == list(range(1018, 1043))
+    assert_same(keep([1021]), together[3:4])
+    assert_same(keep([1041, 1020]), [together[2], together[23]])
+    assert len({d.metrics for d in together}) == 25
+    rings = ("loop", "pretzel")
+    assert [d.map for d in together] == [rings[s % 2] for s in range(1018, 1043)]
+    assert [d.lane for d in together] == [("outer", "inner")[s // 2 % 2] for s in range(1018, 1043)]
+
+
+def test_missions_are_the_same_alone_and_by_drifting_poses(navigator: Path) -> None:
+    looks = load_look_sampler("randomised", "arena")
+
     def navigate(seeds: range) -> list[Drive]:
         arena = [load_map("arena")]
-        return evaluate(
-            OnnxPolicy(navigator), "navigation", arena, [NOMINAL], seeds, lambda _: None
-        )
+        return evaluate(OnnxPolicy(navigator), "navigation", arena, looks, seeds, lambda _: None)
 
     together = navigate(range(103, 107))
     assert [d.seed for d in together] == [103, 104, 105, 106]
-    assert navigate(range(104, 105)) == together[1:2]
+    assert_same(navigate(range(104, 105)), together[1:2])
     assert len({d.metrics for d in together}) == 4
+
+
+def test_few_episodes_cost_few_robots_and_few_worlds(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    painted, seen = [], []
+    paint, act = episodes.paint_world, OnnxPolicy.act
+    monkeypatch.setattr(episodes, "paint_world", lambda *a: painted.append(a[0].name) or paint(*a))
+    monkeypatch.setattr(OnnxPolicy, "act", lambda *a: seen.append(len(a[1])) or act(*a))
+    policy, looks = OnnxPolicy(model), load_look_sampler("randomised")
+    drives = evaluate(policy, "lane", [load_map("loop")], looks, range(1000, 1004), lambda _: None)
+    assert painted == ["loop"]
+    decisions = sum(round(d.metrics.survival_time_s / 0.1) for d in drives)
+    assert sum(seen) == decisions  # nobody looks who has nothing to drive
+
+
+def test_looks_vary_from_episode_to_episode_and_worlds_from_group_to_group() -> None:
+    """Whoever judges in one look all along, or in the same few, judges that look."""
+    loop, looks = load_map("loop"), load_look_sampler("randomised")
+    found = episodes.NumberedEpisodes([loop], looks, 1, 5, range(40, 72))
+    settings = []
+    while len(found.begin(np.array([0]))):
+        settings.append(found.setting(0, 0))
+    for of in (lambda k: k.drive, lambda k: k.sensor, lambda k: k.timing):
+        assert len({of(setting.look) for setting in settings}) == 32
+    for part in (lambda k: k.ground, lambda k: k.camera, lambda k: k.light):
+        assert len({part(setting.look) for setting in settings}) == 8  # four share the paint
+
+
+def test_all_manoeuvres_are_driven_once_from_any_seed_on(navigator: Path) -> None:
+    task = Manoeuvres([load_map("arena")], 1)
+    rng, all_robots = np.random.default_rng(0), np.array([0])
+    lengths = []
+    for number in range(7, 7 + 32):
+        task.reset(all_robots, rng, number)
+        lengths.append(float(task.paths.length_m[0]))
+    assert sorted(lengths) == pytest.approx(sorted(m.path.length_m for m in task.manoeuvres))
+
+
+def test_an_evaluation_that_was_cut_off_goes_on(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(name: str, *more: str) -> int:
+        asked = ["--model", str(model), "--episodes", "6", "--json", str(tmp_path / name)]
+        return main(["evaluate", *asked, *more])
+
+    assert command("whole.json") == 0
+    real = jobs.evaluate
+
+    def interrupted(*args: Any, **kwargs: Any) -> list[Drive]:
+        def hear(drive: Drive) -> None:
+            args[5](drive)
+            if len(heard) == 4:
+                raise KeyboardInterrupt
+            heard.append(drive)
+
+        heard: list[Drive] = []
+        return real(*args[:5], hear, *args[6:], **kwargs)
+
+    monkeypatch.setattr(jobs, "evaluate", interrupted)
+    assert command("cut.json") == 1
+    assert "5 drives are kept" in capsys.readouterr().out.replace("\n", " ")
+    assert not (tmp_path / "cut.json").exists()
+    rows = tmp_path / "cut.rows.jsonl"
+    rows.write_text(rows.read_text() + '{"seed": 10')  # killed in the middle of a line
+    asked: list[list[int]] = []
+    monkeypatch.setattr(jobs, "evaluate", lambda *a: asked.append(list(a[4])) or real(*a))
+    assert command("cut.json", "--look", "randomised") == 2
+    assert "delete the file" in capsys.readouterr().err.replace("\n", " ")
+    assert command("cut.json") == 0
+    assert [len(seeds) for seeds in asked] == [1]
+    whole, cut = (json.loads((tmp_path / f"{n}.json").read_text()) for n in ("whole", "cut"))
+    assert cut["failures"] == whole["failures"]
+    assert cut["survival_time_s"] == pytest.approx(whole["survival_time_s"])
+    assert not rows.exists()
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_drives(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "evaluate", lambda *_: pytest.fail("drove"))
+    (tmp_path / "file").write_text("")
+    for bad in (tmp_path, tmp_path / "file" / "e.json", model):
+        assert main(["evaluate", "--model", str(model), "--json", str(bad)]) == 2
+
+
+def test_progress_is_told_in_a_log() -> None:
+    out, now = io.StringIO(), [0.0]
+    with Told(Console(file=out, width=200), "lane", 10, 2, lambda: now[0]) as told:
+        for k in range(4):
+            now[0] += 20.0
+            told.add(success=k != 1)
+    lines = out.getvalue().splitlines()
+    assert lines[0] == "lane: goes on after 2 drives"
+    assert lines[1] == "lane: 4 of 10, 1 of the last 2 succeeded, 0.05 a second, 120 s to go"
+    assert lines[2].startswith("lane: 6 of 10, 3 of the last 4 succeeded")
+    assert len(lines) == 3
+
+
+def test_collisions_are_collisions_and_other_failures_are_not() -> None:
+    metrics = DriveMetrics(1.0, 2.0, 0.1, 0.0, 0.05)
+    ends = [(True, True), (True, False), (True, False), (False, False)]
+    drives = [Drive(k, not f, metrics, f, None, c, "a") for k, (f, c) in enumerate(ends)]
+    inputs = Inputs("m", "lane", ("loop",), "nominal", None, None, 4, 0)
+
+    class Policy:
+        contract = PolicyContract("lane", "ddqn", ImageSpec())
+
+    result = summarise(inputs, Policy(), drives)  # type: ignore[arg-type]
+    assert (result.collisions, result.failed_ends) == (1, 3)
+    assert [(row.map, row.episodes, row.succeeded) for row in result.by_map] == [("a", 4, 1)]
+
+
+def test_which_lane_is_a_matter_of_rings(navigator: Path, capsys: Any) -> None:
+    assert main(["evaluate", "--model", str(navigator), "--lane", "both", "--episodes", "1"]) == 2
+    assert "lane: expected none for the task navigation" in capsys.readouterr().err
 
 
 def test_an_untrained_policy_fails_and_its_figures_add_up(model: Path) -> None:
