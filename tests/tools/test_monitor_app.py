@@ -382,3 +382,99 @@ def test_a_monitor_that_breaks_ends_the_program(
     with TestClient(create_app(monitor, load_map("loop"), "secret"), base_url=ORIGIN):
         monkeypatch.setattr(monitor, "turn", lambda: 1 / 0)
         assert until(lambda: ended == [signal.SIGTERM])
+
+
+def nested(depth: int) -> list[str]:
+    """JSON that is nothing but depth, and JSON of ours with depth inside."""
+    lists, objects = "[" * depth + "]" * depth, '{"a":' * depth + "1" + "}" * depth
+    return [lists, objects, f'{{"manual":{lists}}}', f'{{"kind":{lists}}}']
+
+
+DEPTHS = (10, 30, 60, 200, 500, 800, 900, 950, 980, 990, 1000, 1200, 2000, 100_000)
+
+
+def test_depth_is_refused_and_the_page_lives_on(page: Page, browser: TestClient) -> None:
+    for depth in DEPTHS:
+        for text in nested(depth):
+            page.socket.send_text(text)
+            answer = browser.post("/api/command", content=text, headers=JSON)
+            assert answer.status_code in (400, 413, 422), (depth, answer.status_code)
+            assert len(answer.content) < 300
+    for _ in range(3):
+        page.read()
+    assert page.ask("stop")["accepted"]
+    page.until(state="HOLD")
+
+
+JSON = {**HEADERS, "content-type": "application/json"}
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"kind": NaN}',
+        b'{"kind": "\\ud800"}',
+        b'"\\ud800"',
+        b'{"kind": "mission", "destination": [1' + b"0" * 400 + b", 1]}",
+        b"\xff\xfe",
+        b"",
+        b"null",
+        b"{" + b'"a":1,' * 500 + b'"b":2}',
+    ],
+)
+def test_whatever_is_posted_is_answered_in_short(browser: TestClient, body: bytes) -> None:
+    answer = browser.post("/api/command", content=body, headers=JSON)
+    assert answer.status_code in (200, 400, 422)
+    assert len(answer.content) < 400
+    if answer.status_code == 200:
+        assert not answer.json()["accepted"]
+
+
+def test_a_body_has_a_size_and_a_limit(browser: TestClient) -> None:
+    stop = b'{"kind": "stop"}'
+    fits = browser.post("/api/command", content=stop.ljust(4096), headers=JSON)
+    assert fits.status_code == 200
+    larger = browser.post("/api/command", content=stop.ljust(4097), headers=JSON)
+    assert (larger.status_code, larger.text) == (413, "expected at most 4096 bytes\n")
+    padded = {**JSON, "content-length": "0" * 20 + "9"}
+    assert browser.post("/api/command", content=stop, headers=padded).status_code == 413
+    pieces = browser.post("/api/command", content=iter([stop]), headers=JSON)
+    assert pieces.status_code == 411
+
+
+def test_what_is_no_text_of_ours_leaves_the_page_alone(page: Page) -> None:
+    for text in ("", "x" * 201, '{"manual": 2' + " " * 200 + "}", "[]", "1", '{"manual": true}'):
+        page.socket.send_text(text)
+    page.socket.send_bytes(bytes(100))
+    page.socket.send_bytes(b"seen")
+    for _ in range(3):
+        page.read()
+    assert page.state["robot"]["state"] == "READY"
+
+
+def test_a_page_that_floods_passes_on_no_more_than_fifty_commands_a_second(
+    page: Page, thread: RobotThread
+) -> None:
+    asked: list[float] = []
+    obey = thread.robot._obey
+
+    def counted(command: Any) -> None:
+        if command.kind == "manual":
+            asked.append(time.monotonic())
+        obey(command)
+
+    thread.robot._obey = counted  # type: ignore[method-assign]
+    began_s = time.monotonic()
+    while time.monotonic() - began_s < 0.5:
+        for _ in range(50):
+            page.socket.send_text('{"manual": 2}')
+        page.read()
+    page.socket.send_text('{"manual": null}')
+    assert until(lambda: len(asked) > 0)
+    took_s = time.monotonic() - began_s
+    assert len(asked) <= 50 * took_s + 3
+
+
+@pytest.mark.parametrize("t_s", ["nan", "inf", "-1", "1e7", "x"])
+def test_a_time_that_no_drive_has_is_refused(browser: TestClient, t_s: str) -> None:
+    assert browser.get(f"/api/drives/a/picture?t_s={t_s}").status_code == 422

@@ -20,6 +20,8 @@ from robot.typed_config import load_yaml
 from tools.monitor.access import LOOPBACK_NAMES
 
 PORT = 8600
+WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15
+WS_QUEUE = 8
 LAST_PORT = 65_530  # the demonstration's links take the four after it
 
 
@@ -58,6 +60,7 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
 
     from tools.monitor.app import create_app
     from tools.monitor.monitor import Monitor
+    from tools.monitor.patience import ImpatientProtocol
 
     road_map = load_map(arguments.map)
     expect_folder(arguments.drives)
@@ -76,7 +79,14 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     print(f"Open http://{shown}:{arguments.port}/?token={token}", flush=True)
     if arguments.host not in LOOPBACK_NAMES:
         print("This page is not encrypted: use it on a network you trust.", flush=True)
-    uvicorn.Server(uvicorn.Config(app, log_level="warning")).run([listening])
+    server = uvicorn.Config(
+        app,
+        log_level="warning",
+        http=ImpatientProtocol,
+        ws_max_size=WS_LIMIT_BYTES,
+        ws_max_queue=WS_QUEUE,
+    )
+    uvicorn.Server(server).run([listening])
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -17,6 +17,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
+BODY_LIMIT_BYTES = 4096  # as of any message on the link
 WILDCARDS = ("0.0.0.0", "::")
 SAFE_METHODS = ("GET", "HEAD")
 HEADERS = {
@@ -56,6 +57,8 @@ class AccessGate:
         connection = HTTPConnection(scope)
         response = self._answer(connection)
         if response is None:
+            response = _size_problem(connection)
+        if response is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
             await receive()
@@ -87,6 +90,18 @@ class AccessGate:
     def _known_host(self, host: str) -> bool:
         name = _hostname(host)
         return name in self._hosts or (self._any_address and _is_address(name))
+
+
+def _size_problem(connection: HTTPConnection) -> Response | None:
+    """A refusal of a body that is larger than anything the page sends, or does not say its size."""
+    if connection.scope.get("method", "GET") in SAFE_METHODS:
+        return None
+    size = connection.headers.get("content-length", "")
+    if not (size.isascii() and size.isdigit()):
+        return PlainTextResponse("expected a request with Content-Length\n", 411)
+    if len(size) > 9 or int(size) > BODY_LIMIT_BYTES:
+        return PlainTextResponse(f"expected at most {BODY_LIMIT_BYTES} bytes\n", 413)
+    return None
 
 
 def _same_origin(connection: HTTPConnection, host: str) -> bool:

@@ -5,21 +5,24 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
 import signal
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import FastAPI, HTTPException, Response, WebSocket, WebSocketDisconnect
-from fastapi.responses import FileResponse
+from fastapi import FastAPI, HTTPException, Query, Request, Response, WebSocket
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ConfigDict
 
 from robot.errors import ConfigError, ContractError
 from robot.link.commands import Mission
-from robot.link.wire import plain
+from robot.link.wire import plain, tidy_text
 from robot.navigation.road_map import RoadMap
 from tools.monitor.access import AccessGate
 from tools.monitor.drives import list_drives, read_drive, read_picture
@@ -28,6 +31,9 @@ from tools.monitor.monitor import Monitor
 
 STATIC = Path(__file__).parent / "static"
 SEND_EVERY_S = 0.1
+TEXT_LIMIT = 200  # characters from the page; its longest is {"manual":null}
+MANUAL_EVERY_S = 0.02
+FAR_S = 1e6  # no drive is longer
 
 
 class CommandBody(BaseModel):
@@ -84,11 +90,20 @@ def create_app(
         monitor.close()
 
     app = FastAPI(title="duckpilot monitor", docs_url=None, openapi_url=None, lifespan=lifespan)
+    app.add_exception_handler(RequestValidationError, _malformed)
     app.add_middleware(AccessGate, token=token, host=host)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     _add_pages(app, monitor, asdict(draw_map(road_map)))
     _add_control(app, monitor)
     return app
+
+
+async def _malformed(_: Request, error: Exception) -> JSONResponse:
+    """What is wrong, without what came: that may be anything, even what no answer can carry."""
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return JSONResponse({"detail": tidy_text(f"{where}: {first['msg']}", 200)}, 422)
 
 
 def _end_if_broken(task: asyncio.Task[None]) -> None:
@@ -120,7 +135,9 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
             raise HTTPException(404, str(error)) from error
 
     @app.get("/api/drives/{name}/picture")
-    def drive_picture(name: str, t_s: float) -> Response:
+    def drive_picture(
+        name: str, t_s: Annotated[float, Query(ge=0.0, le=FAR_S, allow_inf_nan=False)]
+    ) -> Response:
         try:
             found = read_picture(monitor.drives, name, t_s)
         except ConfigError as error:
@@ -150,8 +167,6 @@ def _add_control(app: FastAPI, monitor: Monitor) -> None:
         sending = asyncio.create_task(page.send())
         try:
             await page.listen()
-        except WebSocketDisconnect:
-            pass
         finally:
             sending.cancel()
             page.gone()
@@ -165,6 +180,7 @@ class Page:
         self._monitor = monitor
         self._driving = False
         self._refused = False
+        self._asked_s = -math.inf
 
     async def send(self) -> None:
         """Send until the page is gone; a slow page gets fewer, never older states."""
@@ -184,9 +200,13 @@ class Page:
     async def listen(self) -> None:
         """Read what the page shows and how it drives, until it is gone."""
         while True:
-            text = await self._socket.receive_text()
-            self._monitor.page_showed(self)
-            if text != "seen":
+            message = await self._socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text")
+            if text == "seen":
+                self._monitor.page_showed(self)
+            elif text is not None and len(text) <= TEXT_LIMIT:
                 self._drive(text)
 
     def gone(self) -> None:
@@ -200,8 +220,13 @@ class Page:
             action = json.loads(text)["manual"]
             if not (action is None or (type(action) is int and 0 <= action <= 4)):
                 raise ValueError(action)
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             return  # not ours: an old page after an update
+        self._monitor.page_showed(self)
+        now_s = time.monotonic()
+        if action is not None and now_s - self._asked_s < MANUAL_EVERY_S:
+            return  # faster than any hand: the next one comes in time
+        self._asked_s = now_s
         taken = self._monitor.drive_by_hand(self, action)
         if not taken and not self._refused:
             self._monitor.state.note("refused", "driving by hand: another page drives")

@@ -171,7 +171,7 @@ def _opened(folder: Path, name: str) -> Iterator[SeekingReader]:
     with (folder / f"{name}{SUFFIX}").open("rb") as stream:
         try:
             yield SeekingReader(stream)
-        except (McapError, ValueError, KeyError, struct.error) as error:
+        except (McapError, ValueError, KeyError, TypeError, RecursionError, struct.error) as error:
             raise ConfigError(f"drive {name!r} is damaged: {error}") from error
 
 
