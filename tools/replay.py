@@ -1,6 +1,7 @@
 """``python -m tools.replay RECORDING``: decides a recorded drive again and compares.
 
-Exit status 0: every action came out as it was. 1: some did not; they are listed.
+Exit status 0: every action came out as it was. 1: some did not; they are listed. 2: a file in which
+there is nothing to decide again, and why.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from robot.errors import DuckpilotError
+from robot.errors import ContractError, DuckpilotError
 from robot.inference.policy import OnnxPolicy
+from robot.recording.contents import why_not
 from robot.recording.replay import Replayed, replay
 
 SHOWN = 20
@@ -42,10 +44,13 @@ def tell(found: Replayed, recording: Path) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """0: nothing differs; 1: something does, or nothing was decided; 2: wrong input."""
+    """0: nothing differs; 1: something does; 2: wrong input, or nothing was decided in it."""
     options = parse(arguments)
     try:
         policy = OnnxPolicy(options.model) if options.model else None
+        problem = why_not(options.recording, with_model=policy is not None)
+        if problem:
+            raise ContractError(f"{options.recording}: {problem}")
         found = replay(options.recording, policy)
     except DuckpilotError as error:
         print(f"replay: {error}", file=sys.stderr)
@@ -54,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(json.dumps(asdict(found)))
     else:
         tell(found, options.recording)
-    return 1 if found.differences or not found.decisions else 0
+    return 1 if found.differences else 0
 
 
 if __name__ == "__main__":

@@ -39,23 +39,36 @@ def records(path: PathLike) -> Iterator[Any]:
     Raises:
         ConfigError: no such file, or no MCAP.
     """
-    from mcap.exceptions import InvalidMagic, McapError
+    from mcap.exceptions import McapError
     from mcap.stream_reader import StreamReader
     from mcap.writer import MCAP0_MAGIC
     from zstandard import ZstdError
 
     try:
         with Path(path).open("rb") as stream:
+            _expect_mcap(path, stream.read(len(MCAP0_MAGIC)), MCAP0_MAGIC)
+            stream.seek(0)
             reader = StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT_BYTES)
             try:
                 yield from reader.records
-            except InvalidMagic as error:
-                if stream.tell() <= len(MCAP0_MAGIC):
-                    raise ConfigError(f"{path}: expected an MCAP recording, got another") from error
             except (McapError, ZstdError, ValueError, struct.error):
                 return  # cut off, or damaged from here on
     except OSError as error:
         raise ConfigError(f"{path}: expected a recording, got: {error.strerror}") from error
+
+
+def _expect_mcap(path: PathLike, begins: bytes, magic: bytes) -> None:
+    if begins == magic:
+        return
+    if not begins:
+        got = "an empty file"
+    elif magic.startswith(begins):
+        got = f"a file that was cut off after {len(begins)} bytes"
+    elif all(byte >= 32 or byte in b"\t\r\n" for byte in begins):
+        got = f"text that begins with {begins.decode('utf-8', 'replace')!r}"
+    else:
+        got = f"another kind of file, which begins with {begins.hex()}"
+    raise ConfigError(f"{path}: expected an MCAP recording, got {got}")
 
 
 def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
@@ -129,16 +142,21 @@ def read_turns(path: PathLike) -> Iterator[Tuple[Turn, Optional[np.ndarray]]]:
         if entry.topic == topics.CAMERA.name:
             frame = entry
             continue
-        try:
-            turn = Turn.from_plain(entry.message())
-        except ValueError as error:
-            raise ContractError(f"{path}: expected turns of this version, got: {error}") from error
+        turn = turn_of(path, entry)
         seen = frame is not None and turn.frame is not None and frame.number == turn.frame & MASK
         yield turn, _frame(frame) if seen and frame is not None else None
+
+
+def turn_of(path: PathLike, entry: Entry) -> Turn:
+    """The turn in a message; ContractError for one of another version, or none."""
+    try:
+        return Turn.from_plain(entry.message())
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ContractError(f"{path}: expected turns of this version, got: {error}") from error
 
 
 def _frame(entry: Entry) -> np.ndarray:
     try:
         return picture(topics.image_bytes(entry.message()))
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ContractError(f"recorded frame {entry.number}: {error}") from error

@@ -87,7 +87,8 @@ def recorded_policy(path: PathLike) -> Policy:
                 files[name].write_bytes(data)
         if MODEL not in files:
             raise ContractError(
-                f"{path}: expected the policy in the recording, found none; name its file"
+                f"{path}: expected the policy in the recording, found none; name its file with "
+                "--model"
             )
         policy = OnnxPolicy(files[MODEL])
         if TRANSLATOR not in files:
