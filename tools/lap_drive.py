@@ -19,6 +19,7 @@ from robot.navigation.road_map import RoadMap
 from robot.parts import Policy, Tick
 from robot.runtime.loop import Runtime
 from robot.safety.state_machine import Command, Safety
+from robot.vision.plausibility import PictureDoubts
 from sim_pybullet.look import Look
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from sim_pybullet.virtual.camera import VirtualCamera
@@ -62,7 +63,10 @@ class LapDrive:
         self.lane: LanePath = lane_loop(road_map)
         self.half_lane_m = HALF_LANE_TILES * road_map.tile_size_m
         camera = VirtualCamera(self.world.see, self.clock)
-        self.runtime = Runtime(camera, policy, self.driver, Safety(self.clock.now), self.clock)
+        self.runtime = Runtime(
+            *(camera, policy, self.driver, Safety(self.clock.now), self.clock),
+            eyes=PictureDoubts(),
+        )
         start = Pose(*self.lane.pose_at(rng.uniform(0.0, self.lane.length_m)))
         self.world.place(start)
         self.driver.pose = start

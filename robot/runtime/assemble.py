@@ -36,6 +36,7 @@ from robot.runtime.remote import RemoteOperator
 from robot.runtime.telemetry_feed import TelemetryFeed
 from robot.runtime.watchdog import Watchdog
 from robot.safety.state_machine import Safety, State
+from robot.vision.plausibility import PictureDoubts
 
 FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
@@ -100,6 +101,7 @@ def open_robot(
             audience,
             Operators(tuple(everybody)),
             navigator,
+            PictureDoubts(),
         )
         stack.enter_context(watchdog)
         yield runtime

@@ -19,20 +19,27 @@ from robot.parts import Guidance, Policy
 from robot.runtime.loop import Runtime
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command, Safety
+from robot.vision.plausibility import PictureDoubts
 
 # A stall of the computer must not end a measurement of stalls.
 PATIENT = SafetyLimits(frame_age_s=60.0, loop_age_s=60.0)
 
 
 class _NoiseCamera:
+    """Blotches that wander through noise: the robot must not take its camera for covered."""
+
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._rng = np.random.default_rng(0)
         self._sequence = 0
+        height, width, _ = FRAME_SHAPE
+        coarse = self._rng.integers(0, 224, (height // 20, width // 20, 3), dtype=np.uint8)
+        self._scene = coarse.repeat(20, axis=0).repeat(20, axis=1)
 
     def read(self) -> Frame:
         self._sequence += 1
-        picture = self._rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
+        noise = self._rng.integers(0, 32, FRAME_SHAPE, dtype=np.uint8)
+        picture = np.roll(self._scene, self._sequence, axis=1) + noise
         return Frame(picture, self._sequence, self._clock.now())
 
 
@@ -77,7 +84,9 @@ def dry_runtime(model: Optional[Path], clock: Optional[Clock] = None) -> Runtime
     policy: Policy = OnnxPolicy(model) if model else _StraightOn()
     safety = Safety(clock.now, PATIENT)
     camera, path = _NoiseCamera(clock), _StraightPath()
-    runtime = Runtime(camera, policy, _NoMotors(), safety, clock, navigator=path)
+    runtime = Runtime(
+        camera, policy, _NoMotors(), safety, clock, navigator=path, eyes=PictureDoubts()
+    )
     runtime.step()
     for command in (Command.ARM, Command.AUTO):
         runtime.ask(command)

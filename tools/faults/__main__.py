@@ -25,6 +25,7 @@ from tools.faults import (
     missions,
     models,
     network,
+    pictures,
     programs,
     recording,
     strangers,
@@ -38,6 +39,7 @@ from tools.loop.timekeeper import BenchError
 
 FAMILIES: dict[str, tuple[Case, ...]] = {
     "camera": camera.CASES,
+    "pictures": pictures.CASES,
     "I2C": i2c.CASES,
     "model": models.CASES,
     "localizer": localizer.CASES,

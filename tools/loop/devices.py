@@ -109,6 +109,7 @@ class PictureServer(Listener):
         super().__init__(path)
         self.see, self.answered = see, answered
         self.fault = ""  # stop, freeze, size or garbage
+        self.spoil: Callable[[np.ndarray], np.ndarray] | None = None  # what a picture becomes
         self.picture: np.ndarray | None = None  # the last one
         self._asking: list[socket.socket] = []
 
@@ -120,7 +121,8 @@ class PictureServer(Listener):
                 return
             asking, self._asking = self._asking, []
         if self.fault != "freeze" or self.picture is None:
-            self.picture = self.see()
+            seen = self.see()
+            self.picture = seen if self.spoil is None else self.spoil(seen)
         data = self._bytes(self.picture)
         for connection in asking:
             with contextlib.suppress(OSError):

@@ -18,7 +18,7 @@ from robot.geometry import Pose
 from robot.runtime.assemble import open_robot
 from robot.runtime.loop import Runtime
 from robot.safety.state_machine import State
-from tests.robot.runtime.test_assemble import BlackCamera, RollingMotors
+from tests.robot.runtime.test_assemble import DarkCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 
@@ -30,7 +30,7 @@ def test_systemd_hears_ready_the_state_the_heart_and_the_end(
     @contextmanager
     def made_up(*arguments: Any) -> Iterator[Runtime]:
         motors = RollingMotors(Pose(0.0, 0.0, 0.0))
-        parts = {"camera": nullcontext(BlackCamera()), "motors": nullcontext(motors)}
+        parts = {"camera": nullcontext(DarkCamera()), "motors": nullcontext(motors)}
         with open_robot(*arguments, **parts) as runtime:
             runtimes.append(runtime)
             yield runtime

@@ -42,16 +42,17 @@ from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_poli
 PATIENT = SafetyLimits(frame_age_s=2.0, loop_age_s=2.0, link_age_s=0.6, pose_age_s=2.0)
 
 
-class BlackCamera:
-    """The tiny policy steers by the path alone on black pictures."""
+class DarkCamera:
+    """The tiny policy steers by the path alone on dark pictures; faint blotches pass by."""
 
     def __init__(self) -> None:
         self._sequence = 0
+        blotches = np.random.default_rng(0).integers(0, 2, (6, 8, 1), np.uint8) * 14
+        self._scene = blotches.repeat(20, axis=0).repeat(20, axis=1).repeat(3, axis=2)
 
     def read(self) -> Frame:
         self._sequence += 1
-        picture = np.zeros((120, 160, 3), np.uint8)
-        picture[0, 0] = self._sequence % 250  # no frozen picture
+        picture = np.roll(self._scene, 4 * self._sequence, axis=1)
         return Frame(picture, self._sequence, time.monotonic())
 
 
@@ -152,7 +153,7 @@ def test_a_mission_from_the_monitor_to_the_wheels(tmp_path: Path) -> None:
     model = write_policy(tmp_path / "nav.onnx", navigation_contract())
     config = RobotConfig(str(model), map="town", link=links, safety=PATIENT)
     with closing(Overhead(links, motors)) as overhead, open_robot(
-        config, camera=nullcontext(BlackCamera()), motors=nullcontext(motors)
+        config, camera=nullcontext(DarkCamera()), motors=nullcontext(motors)
     ) as runtime, running(runtime):
         overhead.until(overhead.met)
         refused = overhead.ask("mission", Mission(goal))
@@ -189,7 +190,7 @@ def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path
     motors = RollingMotors(Pose(0.0, 0.0, 0.0))
     operator, heard = FakeOperator(), FakeSubscriber()
     operator.silent_s = None
-    parts = {"camera": nullcontext(BlackCamera()), "motors": nullcontext(motors)}
+    parts = {"camera": nullcontext(DarkCamera()), "motors": nullcontext(motors)}
     config = RobotConfig(str(model), recording=RecordingConfig(str(tmp_path / "drives"), 0.0))
     with open_robot(config, (operator,), (heard,), **parts) as runtime:
         runtime.run(turns=2)
@@ -212,7 +213,7 @@ def test_a_robot_without_its_watchdog_does_not_drive(
     monkeypatch.setattr(Runtime, "watch", broken)
     model = write_policy(tmp_path / "lane.onnx", lane_contract())
     parts = {
-        "camera": nullcontext(BlackCamera()),
+        "camera": nullcontext(DarkCamera()),
         "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
     }
     with open_robot(RobotConfig(str(model)), **parts) as runtime:
@@ -227,7 +228,7 @@ def test_what_is_missing_is_said_before_anything_moves(tmp_path: Path) -> None:
         open_robot(RobotConfig(str(model))).__enter__()
     lane = write_policy(tmp_path / "lane.onnx", lane_contract())
     with pytest.raises(HardwareError, match="/dev/i2c-"):
-        open_robot(RobotConfig(str(lane)), camera=nullcontext(BlackCamera())).__enter__()
+        open_robot(RobotConfig(str(lane)), camera=nullcontext(DarkCamera())).__enter__()
 
 
 def test_each_kind_of_camera_opens_in_a_block(tmp_path: Path) -> None:

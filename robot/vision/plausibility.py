@@ -1,0 +1,115 @@
+"""Whether pictures show anything, and whether they move when the wheels do.
+
+Both questions are asked of grey means of 8 x 8 pixels, where a sensor's noise has all but vanished.
+A picture shows something when its coarse structure is strong enough, and is found again in the next
+picture: noise of any strength and grain is never the same twice. A picture has moved when enough of
+it differs by more than noise from the last one that had moved.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+import numpy as np
+
+from robot.camera.source import Frame
+from robot.geometry import Pose, WheelSpeeds
+from robot.parts import Sight
+from robot.safety.wheel_limits import STILL
+
+BLOCK_PX = 8
+COLUMNS, ROWS = 20, 15  # blocks of a frame
+WIDE = 5  # blocks; structure is what stands out from its surroundings of this size
+# How far structure may shift between two decisions: a hard turn moves it by two and a half blocks.
+SHIFT_COLUMNS, SHIFT_ROWS = 4, 1
+# Grey levels of structure that two pictures share. The darkest of 9,000 honest simulated frames had
+# 3.0; a covered lens has 1.1 at most, with noise of 40 levels.
+STRUCTURE = 2.0
+# Correlation of structure at the best shift. Honest frames have 0.65 to 1 (one in a hundred below
+# 0.5, never for long), noise of any grain up to 8 pixels less than 0.35.
+SAME = 0.4
+CHANGED_SHARE = 0.1  # of the blocks, before a picture has moved
+CHANGED_LEVELS = 2.6  # grey levels; JPEG alone moves a block by up to 1.6
+CHANGED_NOISE = 5.2  # standard deviations of a block's noise
+_MAD = 1.4826  # standard deviations of a normal distribution in its median absolute deviation
+_HIGH_PASS = math.sqrt(8.0 / 9.0)  # what a pixel's noise keeps when its 3 x 3 mean is taken off
+
+
+def grey(image: np.ndarray) -> np.ndarray:
+    """Brightness (H, W) float32 of a frame (H, W, 3) uint8 RGB."""
+    import cv2
+
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32))
+
+
+def blocks(plane: np.ndarray) -> np.ndarray:
+    """The means (15, 20) of a plane's blocks."""
+    import cv2
+
+    return np.asarray(cv2.resize(plane, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
+
+
+def structure(plane: np.ndarray) -> np.ndarray:
+    """What of the blocks (15, 20) stands out from its surroundings, in grey levels."""
+    import cv2
+
+    coarse = blocks(plane)
+    around = cv2.blur(coarse, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(coarse - around)
+
+
+def shows_something(before: np.ndarray, now: np.ndarray) -> bool:
+    """Whether two ``structure`` after one another share enough of it, shifted or not."""
+    import cv2
+
+    core = now[SHIFT_ROWS : ROWS - SHIFT_ROWS, SHIFT_COLUMNS : COLUMNS - SHIFT_COLUMNS]
+    shared = float(cv2.matchTemplate(before, core, cv2.TM_CCOEFF).max()) / core.size
+    if shared < STRUCTURE**2:
+        return False
+    return float(cv2.matchTemplate(before, core, cv2.TM_CCOEFF_NORMED).max()) >= SAME
+
+
+def has_moved(before: np.ndarray, now: np.ndarray) -> bool:
+    """Whether a grey picture (H, W) differs from another by more than noise and brightness."""
+    import cv2
+
+    change = now - before
+    change -= np.median(change)
+    rough = np.abs(change - cv2.blur(change, (3, 3)))
+    noise = _MAD * float(np.median(rough)) / _HIGH_PASS / BLOCK_PX
+    least = max(CHANGED_NOISE * noise, CHANGED_LEVELS)
+    return float((np.abs(blocks(change)) > least).mean()) >= CHANGED_SHARE
+
+
+class PictureDoubts:
+    """Looks at every new frame once; keeps ``robot.parts.Eyes``. Ages are by the caller's clock."""
+
+    def __init__(self) -> None:
+        self._sequence: Optional[int] = None
+        self._structure: Optional[np.ndarray] = None  # of the newest frame
+        self._moved: Optional[np.ndarray] = None  # the last frame that had moved, in grey
+        self._seen_s = -math.inf  # when a frame last showed something
+        self._moved_s = -math.inf
+
+    def look(
+        self,
+        frame: Optional[Frame],
+        pose: Optional[Pose],  # noqa: ARG002  neither question asks for it
+        wheels: WheelSpeeds,
+        now_s: float,
+    ) -> Sight:
+        """What the newest frame tells; see ``robot.parts.Eyes``."""
+        if frame is not None and frame.sequence != self._sequence:
+            self._sequence = frame.sequence
+            self._take(grey(frame.image), now_s)
+        if wheels == STILL:
+            self._moved, self._moved_s = None, now_s
+        return Sight(blind_s=now_s - self._seen_s, still_s=now_s - self._moved_s)
+
+    def _take(self, plane: np.ndarray, now_s: float) -> None:
+        before, self._structure = self._structure, structure(plane)
+        if before is not None and shows_something(before, self._structure):
+            self._seen_s = now_s
+        if self._moved is None or has_moved(self._moved, plane):
+            self._moved, self._moved_s = plane, now_s
