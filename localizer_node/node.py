@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
 from typing import Callable, List, Optional, Tuple
 
@@ -13,7 +14,10 @@ from localizer_node.rectify import Rect
 from localizer_node.track import RobotPose, Tracker
 from robot.errors import ContractError
 
+logger = logging.getLogger(__name__)
 Publish = Callable[[Tuple[RobotPose, ...]], None]
+REPEAT_BYTES = 32  # two pictures that differ in no more are one; a sensor's noise changes most
+REPEATS_TOLD = 5  # in a row, once
 TAG_SEARCH_EVERY = 10  # pictures; looking for a lost tag without blue takes a whole picture's time
 
 
@@ -36,6 +40,20 @@ def check_picture(image: np.ndarray, calibration: Calibration) -> None:
         )
 
 
+def is_repeat(image: np.ndarray, last: Optional[np.ndarray]) -> bool:
+    """Whether a picture (H, W, 3) is the last one again, but for a few pixels.
+
+    A camera that hangs, or its driver, tells the same again and again. A camera that lives does
+    not, even of a scene at rest: its sensor's noise differs. What is the same but for fresh noise
+    is beyond this; robots compare poses with the steps of their wheels.
+    """
+    if last is None:
+        return False
+    if np.count_nonzero(image[::8, ::8] != last[::8, ::8]) > REPEAT_BYTES:
+        return False
+    return int(np.count_nonzero(image != last)) <= REPEAT_BYTES
+
+
 def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]:
     """The robots in one RGB picture (H, W, 3) uint8, surest first; no memory of earlier ones.
 
@@ -50,12 +68,18 @@ class Localizer:
     """Follows the robots from picture to picture.
 
     ``publish`` is told the poses of every picture, even if there are none. While all robots are in
-    sight, only the neighbourhoods of where they must be are searched.
+    sight, only the neighbourhoods of where they must be are searched. A picture that repeats the
+    last one says nothing of where the robots are now: it has no poses.
+
+    Attributes:
+        frame: number of the last picture.
     """
 
     def __init__(self, calibration: Calibration, publish: Optional[Publish] = None) -> None:
         self.calibration = calibration
-        self.frame = -1  # number of the last picture
+        self.frame = -1
+        self._repeats = 0  # pictures in a row that repeated the one before
+        self._last: Optional[np.ndarray] = None
         self._detector = Detector(calibration)
         self._tracker = Tracker(calibration)
         self._publish = publish
@@ -64,19 +88,28 @@ class Localizer:
     def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
         """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
 
-        Only robots seen in this picture are told, from their third picture on.
+        Only robots seen in this picture are told, from their third picture on, and none in a
+        picture that repeats the last one.
 
         Raises:
             ContractError: a picture of another size, or taken before the last one.
         """
         check_picture(image, self.calibration)
         self.frame += 1
+        self._repeats = self._repeats + 1 if is_repeat(image, self._last) else 0
+        if self._repeats == REPEATS_TOLD:
+            logger.warning("the overhead camera repeats its picture; no poses until it goes on")
+        self._last = image
+        poses = () if self._repeats else self._locate(image, t_capture_s)
+        if self._publish is not None:
+            self._publish(poses)
+        return poses
+
+    def _locate(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
         search_tags = self.frame % TAG_SEARCH_EVERY == 0
         detections = self._detector.detect(image, self._regions(t_capture_s), search_tags)
         poses = self._tracker.update(detections, t_capture_s, self.frame)
         self._all_seen = len(poses) == len(self.calibration.robots)
-        if self._publish is not None:
-            self._publish(poses)
         return poses
 
     def _regions(self, t_s: float) -> Optional[List[Rect]]:

@@ -24,6 +24,7 @@ from robot.navigation.guidance import path_input
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
+from robot.navigation.way_check import WayCheck
 from robot.parts import Guidance, Tick
 from robot.safety.state_machine import State
 
@@ -37,6 +38,7 @@ IN_LANE_RAD = math.radians(30.0)
 DETOURS = 3  # in one mission; then something is wrong with the robot
 MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
 USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
+BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
 
@@ -69,7 +71,8 @@ class MissionNavigator:
         self._graph = LaneGraph(road_map)
         self._receive, self._odometry = receive, odometry
         self._gate = PoseGate(robot, PoseLimits(bounds_m=bounds))
-        self._fusion = PoseFusion()
+        self._fusion, self._way = PoseFusion(), WayCheck()
+        self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer = odometry()
         self._jumps = 0
         self._arrived_s = -math.inf  # when the last pose came that the fusion took
@@ -95,6 +98,7 @@ class MissionNavigator:
         path = self.plan(destination_m)
         self._take(path)
         self._fusion.relearn(np.arange(1))
+        self._way.reset()
         self._detours = 0
         self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)
 
@@ -140,12 +144,16 @@ class MissionNavigator:
         """Take what poses and steps have come, and see where that is on the path."""
         self._move(now_s)
         self._measure(now_s)
-        pose = self.pose
+        pose, doubt = self.pose, self._way.doubt
+        if not self._fusion.at_bound[0]:
+            self._within_s = now_s
         guidance = Guidance(
             pose=pose,
             pose_age_s=self._pose_age_s(now_s),
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
             pose_jump=self._jumps >= JUMPS,
+            pose_doubt=(doubt.doubtful and not doubt.stands) or now_s - self._within_s > BOUND_S,
+            not_moving=doubt.doubtful and doubt.stands,
             duplicate_publisher=self._gate.stream.conflict(now_s),
         )
         if pose is None or self._path is None or self.status is None:
@@ -213,6 +221,7 @@ class MissionNavigator:
         arc_m = math.copysign(math.hypot(forward_m, left_m), forward_m)
         arc_m /= np.sinc(turn_rad / (2.0 * math.pi))
         self._fusion.move(np.array([arc_m]), np.array([turn_rad]), now_s)
+        self._way.stepped(now_s, self._odometer)
 
     def _measure(self, now_s: float) -> None:
         message = self._receive()
@@ -224,12 +233,22 @@ class MissionNavigator:
             age_s = float(self._fusion.age_s(now_s)[0])
             heading_rad = math.nan if message.heading_rad is None else message.heading_rad
             measured = np.array([[message.x_m, message.y_m, heading_rad]])
-            self._fusion.measure(measured, np.array([now_s - self._gate.age_s(now_s)]))
+            captured_s = now_s - self._gate.age_s(now_s)
+            self._fusion.measure(measured, np.array([captured_s]))
+            self._compare(message, captured_s)
             self._jumps = int(self._fusion.rejected[0])
             if self._fusion.age_s(now_s)[0] < age_s:
                 self._arrived_s = now_s
         elif self._unbelievable > jumps:
             self._jumps += 1
+
+    def _compare(self, message: PoseMessage, captured_s: float) -> None:
+        """The way that the poses tell with that of the steps; a heading may be the filter's."""
+        heading_rad = message.heading_rad
+        if heading_rad is None and self.pose is not None:
+            heading_rad = self.pose.heading_rad
+        if heading_rad is not None:
+            self._way.see(captured_s, Pose(message.x_m, message.y_m, heading_rad))
 
     def _pose_age_s(self, now_s: float) -> float:
         """Time without a pose [s], and the delay of the last one beyond what is usual.

@@ -49,13 +49,46 @@ def test_robots_are_followed_and_published():
     assert [len(poses) for poses in published] == [0, 0] + [2] * 28
 
 
+def pictured(marker, pose, seed=None):
+    """A robot at rest as a sensor sees it: no two pictures are the same."""
+    picture = RIG.floor()
+    RIG.paint_robot(picture, marker, pose)
+    grain = np.random.default_rng(seed).integers(-2, 3, picture.shape)
+    return np.clip(picture + grain, 0, 255).astype(np.uint8)
+
+
+def flickering(picture, i):
+    flickers = picture.copy()
+    flickers[5, 7] = i % 2 * 200
+    return flickers
+
+
+@pytest.mark.parametrize("again", [lambda picture, _: picture.copy(), flickering])
+def test_a_picture_that_repeats_the_last_one_has_no_poses(again):
+    published = []
+    localizer = Localizer(RIG.calibration(ROBOTS[:1]), published.append)
+    live = [pictured(ROBOTS[0], (0.5, 0.5 + 0.01 * i, 0.5)) for i in range(12)]
+    frozen = [again(live[5], i) for i in range(20)]
+    for i, picture in enumerate([*live[:6], *frozen, *live[6:]]):
+        localizer.feed(picture, i / 30.0)
+    told = [len(poses) for poses in published]
+    assert told[:6] == [0, 0, 1, 1, 1, 1]
+    assert told[6] <= 1, "a flicker may begin with a change"
+    assert told[7:26] == [0] * 19
+    assert told[-3:] == [1] * 3
+
+
+def test_a_robot_at_rest_is_told_where_only_noise_changes():
+    localizer = Localizer(RIG.calibration(ROBOTS[:1]))
+    told = [len(localizer.feed(pictured(ROBOTS[0], (0.5, 0.5, 0.5)), i / 30.0)) for i in range(9)]
+    assert told == [0, 0] + [1] * 7
+
+
 def test_a_robot_that_leaves_its_window_is_searched_everywhere():
     localizer = Localizer(RIG.calibration(ROBOTS[:1]))
 
     def at(x, y):
-        picture = RIG.floor()
-        RIG.paint_robot(picture, ROBOTS[0], (x, y, 0.5))
-        return picture
+        return pictured(ROBOTS[0], (x, y, 0.5))
 
     for i in range(5):
         assert len(localizer.feed(at(0.5, 0.5), i / 30.0)) == (i >= 2)
