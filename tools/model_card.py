@@ -78,7 +78,8 @@ def card(run: Path, name: str) -> str:
         "",
         f"    {train_command(config, f'runs/{name}')}",
         "",
-        f"`{name}_int8.onnx` is the same, its convolutions and the layer after them quantised.",
+        f"`{name}_int8.onnx` is the same, its convolutions and the layer after them quantised."
+        + _agreement(run),
         "",
         "Judged by `python -m trainer evaluate`, one greedy episode for each seed:",
         "",
@@ -110,6 +111,15 @@ def ship(run: Path, name: str, models: Path) -> None:
             temporary.write_bytes((run / source).read_bytes())
     with atomically(models / f"{name}.md") as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _agreement(run: Path) -> str:
+    path = RunFolder(run).exported
+    if not path.exists():
+        return ""
+    exported = _read(path)
+    alike, frames = exported["int8_same_choice"], exported["frames"]
+    return f"\nIt chooses alike on {alike:.1%} of {frames:,} frames that it was not calibrated on."
 
 
 def _row(result: Mapping[str, Any], name: str) -> str:

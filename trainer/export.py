@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import warnings
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
+from robot.output import write_json
 from trainer.config import SHAPES, RunConfig
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
@@ -34,7 +35,7 @@ CHECKED_FRAMES = 1_000
 class Exported:
     """What an export was checked with."""
 
-    frames: int  # observations from the environment
+    frames: int  # observations from the environment; none of them calibrated the INT8 version
     largest_difference: float  # between torch and ONNX, in values
     int8_same_choice: float  # share of the frames where INT8 and FP32 choose alike
 
@@ -46,7 +47,7 @@ def export_run(
     frames: int = CHECKED_FRAMES,
     int8: bool = True,
 ) -> Exported:
-    """Write ``model.onnx`` (and ``model_int8.onnx``) of a run's kept policy.
+    """Write ``model.onnx`` (and ``model_int8.onnx`` and ``export.json``) of a run's kept policy.
 
     Raises:
         ConfigError: the run has kept no policy yet.
@@ -59,14 +60,22 @@ def export_run(
     network = GreedyNetwork(policy)
     export_network(network, _contract(folder, config), folder.onnx)
     rng = np.random.default_rng(config.seed)
-    seen = collect_observations(network, env, frames, rng)
-    difference = check_equal(network, folder.onnx, seen)
-    agreement = float("nan")
     if int8:
-        quantise(folder.onnx, seen, folder.onnx_int8)
-        choices = [run_onnx(path, seen).argmax(1) for path in (folder.onnx, folder.onnx_int8)]
-        agreement = float((choices[0] == choices[1]).mean())
-    return Exported(frames, difference, agreement)
+        calibration = collect_observations(network, env, frames, rng)
+        quantise(folder.onnx, calibration, folder.onnx_int8)
+    checked = collect_observations(network, env, frames, rng)  # of other episodes
+    difference = check_equal(network, folder.onnx, checked)
+    agreement = same_choices(folder.onnx, folder.onnx_int8, checked) if int8 else float("nan")
+    exported = Exported(frames, difference, agreement)
+    if int8:
+        write_json(folder.exported, asdict(exported))
+    return exported
+
+
+def same_choices(one: Path, other: Path, observations: dict[str, np.ndarray]) -> float:
+    """Share of the observations on which two exported policies choose the same action."""
+    choices = [run_onnx(path, observations).argmax(1) for path in (one, other)]
+    return float((choices[0] == choices[1]).mean())
 
 
 def export_checkpoint(checkpoint: Path, out: Path) -> None:

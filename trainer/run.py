@@ -113,6 +113,7 @@ class RunFolder:
         self.curve = path / "curve.png"
         self.onnx = path / "model.onnx"
         self.onnx_int8 = path / "model_int8.onnx"
+        self.exported = path / "export.json"
         self.metrics = path / "metrics.json"
         self.tensorboard = path / "tensorboard"
 

@@ -36,6 +36,7 @@ def test_policies_and_card_are_put_where_the_robot_finds_them(run: Path, tmp_pat
     models.mkdir()
     judge(run, "a.json", "runs/x/model.onnx")
     judge(run, "b.json", "runs/x/model_int8.onnx", "image")
+    (run / "export.json").write_text(json.dumps({"frames": 1000, "int8_same_choice": 0.987}))
     assert main([str(run), "nav_new", "--models", str(models)]) == 0
     assert (models / "nav_new.onnx").read_bytes() == b"model.onnx"
     assert (models / "nav_new_int8.onnx").read_bytes() == b"model_int8.onnx"
@@ -43,6 +44,7 @@ def test_policies_and_card_are_put_where_the_robot_finds_them(run: Path, tmp_pat
     assert "| `nav_new.onnx` | town, arena | randomised, arena | 997 of 1000" in text
     assert "| `nav_new_int8.onnx`, picture empty" in text
     assert "3,000 steps" in text
+    assert "alike on 98.7% of 1,000 frames that it was not calibrated on" in text
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "dueling"])

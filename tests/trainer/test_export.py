@@ -1,3 +1,5 @@
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ from robot.contract import PATH_POINTS, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from tests.trainer.toy import make_toy, toy_config, train_toy
+from trainer import export
 from trainer.config import ALGORITHMS, RunConfig
 from trainer.export import check_equal, export_network, export_run, quantise
 from trainer.learners.algorithms import build_policy
@@ -103,6 +106,7 @@ def test_a_run_is_exported_and_checked_on_its_own_frames(tmp_path: Path) -> None
     assert exported.frames == 1_000
     assert exported.largest_difference <= 1e-4
     assert exported.int8_same_choice > 0.95
+    assert json.loads(folder.exported.read_text()) == asdict(exported)
     contract = OnnxPolicy(folder.onnx_int8).contract
     assert (contract.run, contract.trained_steps, contract.score) == (tmp_path.name, 1_000, 1.0)
 
@@ -111,3 +115,26 @@ def test_a_run_without_an_evaluation_has_nothing_to_export(tmp_path: Path) -> No
     config = toy_config("dueling", 1_000)
     with pytest.raises(ConfigError, match="an evaluation kept"):
         export_run(RunFolder(tmp_path), config, make_toy(config, 4, 0))
+
+
+def test_int8_is_checked_on_frames_that_did_not_calibrate_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An INT8 version that is right on its calibration only must not look good."""
+    config = toy_config("dueling", 1_000)
+    train_toy(config, tmp_path)
+    folder, calibration = RunFolder(tmp_path), set()
+
+    def learn_by_heart(_: Path, seen: dict[str, np.ndarray], out: Path) -> None:
+        calibration.update(image.tobytes() for image in seen["image"])
+        out.touch()
+
+    def answer(path: Path, seen: dict[str, np.ndarray]) -> np.ndarray:
+        known = [path == folder.onnx or i.tobytes() in calibration for i in seen["image"]]
+        return np.eye(5)[np.where(known, 1, 4)]
+
+    monkeypatch.setattr(export, "quantise", learn_by_heart)
+    monkeypatch.setattr(export, "run_onnx", answer)
+    monkeypatch.setattr(export, "check_equal", lambda *_: 0.0)
+    assert export_run(folder, config, make_toy(config, 16, 5), 400).int8_same_choice < 0.05
+    assert len(calibration) == 400

@@ -105,6 +105,7 @@ class Bench:
 
     def __init__(self, options: BenchOptions, folder: Path) -> None:
         self.options, self.folder = options, folder
+        folder.mkdir(exist_ok=True)
         self.road_map = load_map(options.map)
         order = ("localizer", "robot", "monitor")
         self.time: Timekeeper = Conductor(folder, order) if options.lockstep else RealTime()

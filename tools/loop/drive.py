@@ -110,39 +110,43 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     rows = _rows_so_far(options)
     if len(rows) == options.missions:
         return summary(rows, options)
-    robot: dict[str, Any] = {}
+    trip = Trip(options, rows)
     with ExitStack() as stack:
         film = Film(options.video) if options.video else None
         if film is not None:
             stack.callback(film.close)
-        bar = stack.enter_context(tqdm(total=options.missions, initial=len(rows), desc="missions"))
+        stack.callback(trip.bar.close)
         while len(rows) < options.missions:
-            site = site_after(len(rows))
-            until = min(options.missions, site.until or options.missions)
-            robot = _drive_at(site, until, rows, options, folder / str(len(rows)), film)
-            bar.update(len(rows) - bar.n)
-    figures = {**summary(rows, options), **({"robot": robot} if robot else {})}
+            robot = _drive_at(site_after(len(rows)), trip, folder, film)
+    figures = {**summary(rows, options), "robot": robot}
     _write(options.json, figures)
     return figures
 
 
-def _drive_at(
-    site: Site,
-    until: int,
-    rows: list[dict[str, Any]],
-    options: argparse.Namespace,
-    folder: Path,
-    film: Film | None,
-) -> dict[str, Any]:
-    """Begin a bench at a site and drive until there are ``until`` rows; the robot's figures."""
-    folder.mkdir()
-    bench = Bench(_bench_options(options, site, len(rows)), folder)
-    rng = np.random.default_rng((options.seed, len(rows)))
+class Trip:
+    """What was asked and what was driven so far; ``rows`` are those of the JSON."""
+
+    def __init__(self, options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
+        self.options, self.rows = options, rows
+        self.bar = tqdm(total=options.missions, initial=len(rows), desc="missions")
+
+    def add(self, figures: dict[str, Any]) -> None:
+        """One more mission, written at once."""
+        self.rows.append(figures)
+        _write(self.options.json, summary(self.rows, self.options))
+        self.bar.update()
+
+
+def _drive_at(site: Site, trip: Trip, folder: Path, film: Film | None) -> dict[str, Any]:
+    """Begin a bench at a site and drive until the robot leaves it; the robot's figures."""
+    options, driven = trip.options, len(trip.rows)
+    bench = Bench(_bench_options(options, site, driven), folder / str(driven))
+    rng = np.random.default_rng((options.seed, driven))
     driver = Driver(bench, rng, (lambda: None) if film is None else lambda: film.watch(bench))
-    start = driver.on_lane(*options.start) if options.start and not rows else driver.anywhere()
+    start = driver.on_lane(*options.start) if options.start and not driven else driver.anywhere()
     bench.town.world.place(start)
     with bench:
-        _drive(driver, site, until, rows, options)
+        _drive(driver, site, trip)
         return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
 
 
@@ -167,18 +171,16 @@ def expect_navigator(model: Path) -> None:
         )
 
 
-def _drive(
-    driver: Driver, site: Site, until: int, rows: list[dict[str, Any]], options: argparse.Namespace
-) -> None:
-    """Drive until there are so many rows; each is written at once."""
-    bench = driver.bench
+def _drive(driver: Driver, site: Site, trip: Trip) -> None:
+    """Drive until the robot leaves the site or there is a row for every mission."""
+    bench, rows = driver.bench, trip.rows
+    until = min(trip.options.missions, site.until or trip.options.missions)
     began_s, lived_s = time.monotonic(), bench.now_s
     while len(rows) < until:
-        record = driver.drive(options.goal)
+        record = driver.drive(trip.options.goal)
         figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
-        rows.append({"site": site.name, **figures})
+        trip.add({"site": site.name, **figures})
         began_s, lived_s = time.monotonic(), bench.now_s
-        _write(options.json, summary(rows, options))
         if not record.arrived and len(rows) < until:
             driver.carry()
 
