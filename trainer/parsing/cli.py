@@ -1,8 +1,8 @@
-"""The commands ``parse train`` and ``parse evaluate``."""
+"""The commands ``parse train``, ``parse choose`` and ``parse evaluate``."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,6 +70,48 @@ def train_command(
     save_parser(parser, folder.parser)
     draw_sheet(parser, splits[-1].held_out, folder.sheet)
     _report(folder.parser, splits, folder.scores, console)
+    return 0
+
+
+@parse_app.command(name="choose")
+def choose_command(
+    out: Path,
+    pairs: Pairs = (),
+    annotations: str = "",
+    photos: Path | None = None,
+    size: tuple[int, int] = (120, 160),
+    steps: int = 600,
+    seed: int = 0,
+) -> int:
+    """Ask training frames how much of the loss's favour for rare classes to take back in use.
+
+    Args:
+        out: folder for the parser that is asked and choice.json.
+        pairs: as of train.
+        annotations: as of train; what is chosen for comes last.
+        photos: as of train.
+        size: height and width of what the network sees [px].
+        steps: updates.
+        seed: of everything random.
+    """
+    import torch
+
+    from robot.output import write_json
+    from trainer.parsing.choose import choose_undone
+    from trainer.parsing.folder import Sources
+    from trainer.parsing.train import ParseConfig
+
+    torch.set_num_threads(1)
+    config = ParseConfig("road", "small", *size, steps=steps, seed=seed)
+    splits = Sources(tuple(map(str, pairs)), annotations, str(photos or "")).load(config)
+    out.mkdir(parents=True, exist_ok=True)
+    sources = [split.training for split in splits]
+    choice = choose_undone(config, sources, out / "checkpoint.pt", Console())
+    write_json(out / "choice.json", asdict(choice))
+    table = Table("taken back", "pixels right", "mean IoU")
+    for share, found in choice.scores:
+        table.add_row(f"{share:.2f}", f"{found.pixel_accuracy:.1%}", f"{found.mean_iou:.1%}")
+    Console().print(table, f"best: {choice.best}")
     return 0
 
 

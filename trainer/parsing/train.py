@@ -22,7 +22,7 @@ from trainer.run import atomically
 
 BATCH_OF_USE = 16
 # Of what the loss favoured rare classes by, undone in use: lines come out two thirds as wide. All
-# of it would lose the rarest classes again.
+# of it would lose the rarest classes again. `trainer.parsing.choose` finds it on training frames.
 UNDONE = 0.5
 
 
@@ -54,18 +54,26 @@ class Parser:
     """Frames -> labels, with a network that was taught."""
 
     def __init__(
-        self, config: ParseConfig, network: SegNet, weights: np.ndarray | None = None
+        self,
+        config: ParseConfig,
+        network: SegNet,
+        weights: np.ndarray | None = None,
+        undone: float = UNDONE,
     ) -> None:
-        """``weights``: (C,) of the classes in its loss; none of parsers from before."""
+        """``weights``: (C,) of the classes in its loss; none of parsers from before.
+
+        ``undone``: the share of their favour that is taken back.
+        """
         self.config = config
         self.labels = label_set(config.labels)
         self.network = network.eval()
         self.weights = np.ones(len(self.labels.classes)) if weights is None else weights
+        self.undone = undone
 
     @property
     def favours(self) -> torch.Tensor:
         """(C, 1, 1): what of its loss's favour to each class is taken off the logits."""
-        return torch.from_numpy(UNDONE * np.log(self.weights)).float()[:, None, None]
+        return torch.from_numpy(self.undone * np.log(self.weights)).float()[:, None, None]
 
     @torch.no_grad()
     def __call__(self, frames: np.ndarray) -> np.ndarray:
