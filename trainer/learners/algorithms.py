@@ -34,6 +34,7 @@ class ChannelLastPPO(ChannelLast, PPO):
         """As of stable-baselines3."""
         self.ent_coef = self.entropies(self._current_progress_remaining)
         super().train()
+        _log_losses(self)
 
 
 class ChannelLastA2C(ChannelLast, A2C):
@@ -45,6 +46,12 @@ class ChannelLastA2C(ChannelLast, A2C):
         """As of stable-baselines3."""
         self.ent_coef = self.entropies(self._current_progress_remaining)
         super().train()
+        _log_losses(self)
+
+
+def _log_losses(model: BaseAlgorithm) -> None:
+    if isinstance(model.policy, DrivingActorCritic):
+        model.policy.losses.log(model.logger)
 
 
 def build_model(config: RunConfig, env: VecEnv, replay: Path) -> BaseAlgorithm:

@@ -23,7 +23,7 @@ from torch import nn
 from robot.contract import PATH_POINTS
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.learners.true_path import TRUE_PATH
+from trainer.learners.true_path import TRUE_PATH, AuxiliaryLosses
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 
@@ -150,6 +150,7 @@ class DrivingActorCritic(ActorCriticPolicy):
 
     def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
         self.true_path = true_path
+        self.losses = AuxiliaryLosses()
         super().__init__(*args, **kwargs)
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
@@ -170,8 +171,9 @@ class DrivingActorCritic(ActorCriticPolicy):
         chosen = self._get_action_dist_from_latent(latent)
         entropy = chosen.entropy()
         if self.true_path and entropy is not None:
-            error = self.path_head(latent) - obs[TRUE_PATH]
-            entropy = entropy - self.true_path * error.square().mean(dim=1)
+            error = (self.path_head(latent) - obs[TRUE_PATH]).square().mean(dim=1)
+            self.losses.add(entropy, error)
+            entropy = entropy - self.true_path * error
         return self.value_net(latent_value), chosen.log_prob(actions), entropy
 
 

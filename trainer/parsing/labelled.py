@@ -12,6 +12,7 @@ import numpy as np
 from robot.errors import ConfigError
 from sim_pybullet.classes import SemanticClass
 from trainer.parsing.classes import CAMVID, VOID, LabelSet
+from trainer.sequences import ends
 
 HELD_OUT_SHARE = 0.25  # of each sequence: its end
 
@@ -104,16 +105,8 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
 def split_by_sequence(data: Labelled) -> tuple[Labelled, Labelled]:
     """Training and held-out frames: the last quarter of every sequence is held out.
 
-    A sequence is what shares the name before the last underscore; names sort by time. Neighbours
-    look alike, so a random split would test on what was trained on.
+    See `trainer.sequences`: neighbours look alike, so a random split would test on what was trained
+    on.
     """
-    held: list[int] = []
-    sequences: dict[str, list[int]] = {}
-    for i, name in enumerate(data.names):
-        sequences.setdefault(name.rpartition("_")[0], []).append(i)
-    for members in sequences.values():
-        members.sort(key=lambda i: data.names[i])
-        count = round(HELD_OUT_SHARE * len(members))
-        held += members[len(members) - count :]
-    kept = sorted(set(range(len(data))) - set(held))
-    return data.pick(kept), data.pick(sorted(held))
+    held = ends(data.names, HELD_OUT_SHARE)
+    return data.pick(np.flatnonzero(~held)), data.pick(np.flatnonzero(held))

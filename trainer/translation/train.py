@@ -17,7 +17,7 @@ from trainer.translation.cyclegan import Batch, CycleGan
 from trainer.translation.folder import TranslationFolder
 from trainer.translation.networks import as_bytes, as_floats
 from trainer.translation.pictures import Pictures, load_paint, load_pictures
-from trainer.translation.validation import Kept, Validation, better, held_out
+from trainer.translation.validation import Kept, Validation, better, held_out, held_out_photographs
 
 SHOWN = 4  # columns of a sample grid
 VALIDATE_EVERY = 125
@@ -28,7 +28,7 @@ _LARGEST_SHIFT = 0.05  # of the picture: photographs are cut a little differentl
 class UnpairedPictures:
     """Draws batches: simulated pictures with their paint, and photographs.
 
-    ``validation`` judges by simulated pictures that are not drawn.
+    ``validation`` judges by simulated pictures and photographs that are not drawn.
     """
 
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
@@ -37,8 +37,11 @@ class UnpairedPictures:
         self._paint = load_paint(self.sim, config.image)
         self._device = device
         out = held_out(self.sim)
-        self.validation = Validation(self.sim.part(out), self._paint[out], self.real.images, device)
+        away = held_out_photographs(self.real)
+        strangers = self.real.images[away]
+        self.validation = Validation(self.sim.part(out), self._paint[out], strangers, device)
         self.sim, self._paint = self.sim.part(~out), self._paint[~out]
+        self.real = self.real.part(~away)
 
     def draw(self, count: int, rng: np.random.Generator) -> Batch:
         """So many of each."""

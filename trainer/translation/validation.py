@@ -14,6 +14,7 @@ import torch
 from torch import nn
 
 from robot.errors import ConfigError
+from trainer.sequences import ends
 from trainer.translation.bright_lines import bright_lines
 from trainer.translation.cyclegan import CycleGan
 from trainer.translation.distance import features, kernel_distance
@@ -23,7 +24,7 @@ from trainer.translation.pictures import Pictures
 
 LANE_OVERLAP = 0.85  # of the lines in picture and translation: what a translation must keep
 _MARGIN = 0.01  # more than is due, since other pictures give other figures
-HELD_OUT_EVERY = 8  # of each collection: one picture of so many is not learned from
+HELD_OUT_EVERY = 8  # one picture of so many is not learned from
 _FEWEST = 2  # pictures that a distance can be told from
 _BATCH = 32
 
@@ -67,7 +68,7 @@ class Validation:
     Args:
         sim: simulated pictures.
         paint: their paint (N, 4, H, W), see `trainer.translation.pictures.load_paint`.
-        real: photographs (M, H, W, 3) uint8.
+        real: photographs (M, H, W, 3) uint8, held out as well.
         device: of the generators.
 
     Raises:
@@ -80,7 +81,7 @@ class Validation:
         if min(len(sim.images), len(real)) < _FEWEST:
             raise ConfigError(
                 f"translation: expected at least {2 * _FEWEST} simulated pictures in a collection "
-                f"and {_FEWEST} photographs, got too few to judge translations by"
+                f"and {2 * _FEWEST} photographs of a drive, got too few to judge translations by"
             )
         self._device = device
         self._real = features(real)
@@ -107,6 +108,19 @@ def held_out(sim: Pictures) -> np.ndarray:
     for number in np.unique(sim.folder):
         mine = np.flatnonzero(sim.folder == number)
         chosen[mine[1 :: min(HELD_OUT_EVERY, max(2, len(mine) // _FEWEST))]] = True
+    return chosen
+
+
+def held_out_photographs(real: Pictures) -> np.ndarray:
+    """(N,) bool: the end of every drive of every folder, see `trainer.sequences`.
+
+    Neighbours in a drive look alike, so photographs here and there would not be strangers.
+    """
+    chosen = np.zeros(len(real.images), bool)
+    for number in np.unique(real.folder):
+        mine = np.flatnonzero(real.folder == number)
+        names = [real.files[i].stem for i in mine]
+        chosen[mine] = ends(names, 1.0 / HELD_OUT_EVERY, _FEWEST)
     return chosen
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.logger import configure
 
 from robot.contract import PATH_POINTS
 from sim_pybullet.vec_env import DuckpilotVecEnv
@@ -120,3 +121,21 @@ def test_wraps_the_worlds_of_the_simulator() -> None:
     wrapped = WithTruePath(env)
     assert wrapped.num_envs == ROBOTS
     wrapped.close()
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c"])
+def test_entropy_and_path_loss_are_logged_apart(algorithm: str, tmp_path: Path) -> None:
+    """An entropy lies between 0 and that of a draw by lot, whatever the path's loss is."""
+    config = run(algorithm, "arena")
+    env = WithTruePath(make_env(config, config.learn.robots, seed=1))
+    model = build_model(config, env, tmp_path / "replay")
+    assert isinstance(model.policy, DrivingActorCritic)
+    torch.nn.init.constant_(model.policy.path_head.bias, 30.0)
+    torch.nn.init.zeros_(model.policy.path_head.weight)
+    model.set_logger(configure(None, []))
+    logged: dict[str, float] = {}
+    model.logger.record = lambda name, value, *_, **__: logged.update({name: value})  # type: ignore[method-assign]
+    model.learn(config.learn.robots * 100, log_interval=None)
+    env.close()
+    assert -np.log(5) <= logged["train/entropy_loss"] < 0.0
+    assert logged["train/path_loss"] > 100.0

@@ -3,6 +3,7 @@
 from itertools import product
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -12,8 +13,17 @@ from robot.errors import ConfigError
 from trainer.presets import preset
 from trainer.translation.config import translation_preset
 from trainer.translation.cyclegan import CycleGan
+from trainer.translation.networks import as_bytes
 from trainer.translation.pictures import Pictures, load_paint, load_pictures
-from trainer.translation.validation import Kept, Score, Validation, better, held_out
+from trainer.translation.train import UnpairedPictures
+from trainer.translation.validation import (
+    Kept,
+    Score,
+    Validation,
+    better,
+    held_out,
+    held_out_photographs,
+)
 
 FAST: ImageSpec = preset("lane", "dueling", "fast").image
 SCORES = [Score(kid, lanes) for kid, lanes in product((0.5, 2.0), (0.7, 0.855, 0.87, 0.95))]
@@ -66,3 +76,39 @@ def test_the_identity_keeps_all_lines(sim: Path, real: Path) -> None:
     assert validation.score(torch.nn.Identity()).lanes == 1.0
     dark = validation.score(torch.nn.Threshold(9.0, -1.0))
     assert dark.lanes == 0.0
+
+
+def test_photographs_held_out_are_the_end_of_every_drive() -> None:
+    names = [f"noon_{k:04d}" for k in range(32)] + [f"night_{k:04d}" for k in range(5)] + ["one_0"]
+    files = tuple(Path(f"site/{name}.png") for name in names)
+    pictures = Pictures(np.zeros((38, 1, 1, 3)), np.zeros(38, int), files)
+    out = held_out_photographs(pictures)
+    assert [n for n, away in zip(names, out, strict=True) if away] == [
+        *(f"noon_{k:04d}" for k in range(28, 32)),
+        *(f"night_{k:04d}" for k in (3, 4)),
+    ]
+
+
+def test_nobody_is_judged_by_photographs_that_taught(
+    sim: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every photograph has a colour of its own; which are drawn, and which are judged by?"""
+    judged: set[int] = set()
+    monkeypatch.setattr(
+        "trainer.translation.validation.features",
+        lambda pictures: judged.update(pictures[:, 0, 0, 0].tolist()),
+    )
+    for folder, first in (("a", 20), ("b", 120)):
+        (tmp_path / folder).mkdir()
+        for k in range(9):
+            picture = np.full((60, 80, 3), first + 5 * k, np.uint8)
+            cv2.imwrite(str(tmp_path / folder / f"drive_{k}.png"), picture)
+    folders = tuple(str(tmp_path / folder) for folder in "ab")
+    config = translation_preset("debug", (str(sim),), folders)
+    pictures = UnpairedPictures(config, torch.device("cpu"))
+    rng, drawn = np.random.default_rng(0), set()
+    for _ in range(40):
+        real = as_bytes(pictures.draw(4, rng).real)
+        drawn |= set(real[:, 0, 0, 0].tolist())
+    assert judged == {20 + 5 * 7, 20 + 5 * 8, 120 + 5 * 7, 120 + 5 * 8}
+    assert drawn == {first + 5 * k for first in (20, 120) for k in range(7)}
