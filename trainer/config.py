@@ -216,6 +216,11 @@ class RunConfig:
                 "true_path: expected learn.entropy above 0, whose weight in the loss it shares, "
                 f"got {getattr(self.learn, 'entropy', None)}; or set true_path to 0"
             )
+        if not (1.0 <= self.start_spread <= 4.0 and 0.0 <= self.true_path <= 100.0):
+            raise ConfigError(
+                "run: expected a start_spread from 1 to 4 and a true_path from 0 to 100, got "
+                f"{self.start_spread} and {self.true_path}"
+            )
         for name in ("rate_left", "entropy_left"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ConfigError(

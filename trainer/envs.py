@@ -39,6 +39,7 @@ RINGED = ("lane", "four_laps")  # tasks on rings of road, of which one lane or b
 # Worlds of a run, over all maps: a second and 160 MB for eight of them; a track takes some 50 MB.
 _PAINTED = {"lane": 48, "navigation": 144, "track": 12}
 _FEWEST_LOOKS = 4  # of each map
+_STRETCH_OF_A_RING = 0.5  # laps, likewise: more places, looks and bends for as many decisions
 _STRETCH_LAPS = 0.08  # of an episode with a spread start, from which most of it is learned
 
 
@@ -120,8 +121,9 @@ def _make_world(
             laps = _STRETCH_LAPS
         task = TrackRacing(tracks, robots, laps, STYLES[config.style], config.start_spread)
     else:
-        lane = config.lane if config.task in RINGED else None
-        task = build_task(config.task, places, robots, lane)
+        rings = [place for place in places if isinstance(place, RoadMap)]
+        laps = 2.0 if config.start_spread == 1.0 else _STRETCH_OF_A_RING
+        task = LaneKeeping(rings, robots, config.lane, laps, config.start_spread)
     looks = find_looks(config.task, config.look, config.pose_error, config.without)
     pool_size = max(_PAINTED.get(config.task, 48) // len(task.road_maps), _FEWEST_LOOKS)
     return BatchWorld(task, looks, config.image, seed, pool_size, "planar", camera, translator)

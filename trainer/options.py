@@ -62,6 +62,10 @@ class TrainOptions:
     """How often it is judged at most, evenly spread; else by the preset."""
     rate_left: float | None = None
     """Share of the learning rate at the last step, to which it falls evenly; else the preset's."""
+    start_spread: float | None = None
+    """How many times as far off its path a robot starts in training; else the preset's."""
+    true_path: float | None = None
+    """Weight of the auxiliary task, to tell the true path from the picture; else the preset's."""
     full: bool = False
     """Use all the steps, even when the task has been learned."""
 
@@ -93,8 +97,9 @@ class TrainOptions:
             judging = replace(judging, every_share=1.0 / self.judgings)
         if self.full:
             judging = replace(judging, stop_after_perfect=0)
-        if self.rate_left is not None:
-            config = replace(config, rate_left=self.rate_left)
+        for name in ("rate_left", "start_spread", "true_path"):
+            if getattr(self, name) is not None:
+                config = replace(config, **{name: getattr(self, name)})
         return replace(config, evaluation=judging)
 
 

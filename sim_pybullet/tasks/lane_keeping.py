@@ -41,6 +41,8 @@ class LaneKeeping(PathTask):
         n_robots: N.
         lane: which one; with ``both`` an episode has either, as likely.
         laps: of an episode.
+        start_spread: how many times as far off the middle and its direction robots start, for
+            training. Good drivers hardly ever see the edge of the lane; there they learn to return.
 
     Raises:
         ConfigError: no maps, no robots, no laps or no such lane.
@@ -56,6 +58,7 @@ class LaneKeeping(PathTask):
         n_robots: int,
         lane: Lane = "outer",
         laps: float = 2.0,
+        start_spread: float = 1.0,
     ) -> None:
         if not road_maps or n_robots < 1 or laps <= 0.0:
             raise ConfigError(
@@ -68,7 +71,9 @@ class LaneKeeping(PathTask):
         self._loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]
         half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
         vehicle = WheeledRobots(n_robots)
-        super().__init__(road_maps, vehicle, n_robots, half_lanes_m, self._loops[0][0])
+        super().__init__(
+            road_maps, vehicle, n_robots, half_lanes_m, self._loops[0][0], start_spread
+        )
         self._laps = laps
 
     def _mission(
