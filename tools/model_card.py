@@ -16,6 +16,7 @@ from typing import Any
 from robot.command_line import OneLineParser, answer
 from robot.errors import ConfigError
 from robot.inference.policy_file import SHIPPED_MODELS
+from robot.navigation.road_map import shipped_maps
 from robot.output import expect_writable
 from trainer.config import RunConfig
 from trainer.presets import preset
@@ -33,22 +34,31 @@ PURPOSES: Mapping[str, str] = {
         "it, it was trained for another vehicle."
     ),
 }
+_WAYS = {"both": "; rings in both directions", "inner": "; rings clockwise"}
 _ZEROED = {None: "", "image": ", picture empty (`--zero image`)", "path": ", path empty"}
 
 
 def train_command(config: RunConfig, out: str) -> str:
     """The command that begins this run again."""
     options = [f"--task {config.task}", f"--algo {config.algorithm}", f"--preset {config.preset}"]
-    options += [f"--map {' '.join(_stems(config.maps))}", f"--look {config.look}"]
+    options += [f"--map {' '.join(_named(config.maps))}", f"--look {config.look}"]
     if config.without:
         options.append(f"--without {' '.join(config.without)}")
     for name in ("pose_error", "translate"):
         value = getattr(config, name)
         options += [f"--{name.replace('_', '-')} {value}"] if value else []
+    options += [f"--lane {config.lane}"] if config.lane != "outer" else []
+    chosen_on = config.evaluation
+    options += [f"--judge-map {' '.join(_named(chosen_on.maps))}"] if chosen_on.maps else []
+    options += [f"--judge-look {chosen_on.look}"] if chosen_on.look else []
     options += [f"--style {config.style}"] if config.style != "race" else []
     usual = preset(config.task, config.algorithm, config.preset)
     full = bool(usual.evaluation.stop_after_perfect) and not config.evaluation.stop_after_perfect
-    options += [f"--rate-left {config.rate_left}"] if config.rate_left != usual.rate_left else []
+    if chosen_on.every_share != usual.evaluation.every_share:
+        options.append(f"--judgings {round(1.0 / chosen_on.every_share)}")
+    for name in ("start_spread", "true_path", "rate_left"):
+        if getattr(config, name) != getattr(usual, name):
+            options.append(f"--{name.replace('_', '-')} {getattr(config, name):g}")
     options += [f"--steps {config.steps}", *["--full"] * full]
     options += [f"--seed {config.seed}", f"--out {out}"]
     return f"python -m trainer train {' '.join(options)}"
@@ -73,8 +83,9 @@ def card(run: Path, name: str) -> str:
         "",
         f"{NAMES[config.algorithm]}, preset `{config.preset}` ({picture} pictures), trained for "
         f"{metrics['train_steps']:,} steps in {seconds}, evaluations included.",
-        f"Maps: {', '.join(f'`{stem}`' for stem in _stems(config.maps))}; look `{config.look}`; "
-        f"pose error {config.pose_error or 'of the look'}.",
+        f"Learned on {_listed(config.maps)}; look `{config.look}`; "
+        f"pose error {config.pose_error or 'of the look'}{_WAYS.get(config.lane, '')}. "
+        f"Chosen on {_listed(config.evaluation.maps or config.maps)}.",
         "",
         f"    {train_command(config, f'runs/{name}')}",
         "",
@@ -83,8 +94,8 @@ def card(run: Path, name: str) -> str:
         "",
         "Judged by `python -m trainer evaluate`, one greedy episode for each seed:",
         "",
-        "| file | maps | look, pose error | succeeded | from the path | first seed |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| file | maps | look, pose error | succeeded | least of a map | from the path | seed |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
         *rows,
         "",
     ]
@@ -132,14 +143,33 @@ def _row(result: Mapping[str, Any], name: str) -> str:
         f"{Path(asked['look']).stem}, {asked['pose_error'] or 'of the look'}",
         f"{succeeded} of {result['episodes']} (95 %: at least "
         f"{100 * result['success_rate_low']:.1f} %)",
+        _least(result.get("by_map", ())),
         f"{100 * result['mean_path_distance_m']:.1f} cm",
         str(asked["seed"]),
     )
     return f"| {' | '.join(cells)} |"
 
 
+def _least(by_map: Sequence[Mapping[str, Any]]) -> str:
+    """The map, and of a ring its lane, on which the fewest succeeded."""
+    if len(by_map) < 2:
+        return "-"
+    row = min(by_map, key=lambda each: each["succeeded"] / each["episodes"])
+    where = f"{row['map']} {row['lane']}" if row["lane"] else row["map"]
+    return f"{where} {row['succeeded']} of {row['episodes']}"
+
+
 def _stems(names: Sequence[str]) -> list[str]:
     return [Path(name).stem for name in names]
+
+
+def _named(names: Sequence[str]) -> list[str]:
+    """As they can be asked for again: shipped maps by their names, files without their folders."""
+    return [name if name in shipped_maps() else Path(name).stem for name in names]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in _named(names))
 
 
 def _read(path: Path) -> dict[str, Any]:

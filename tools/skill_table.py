@@ -2,7 +2,10 @@
 
 Two Markdown tables of run folders: steps and seconds to skill beside those of paper A, and what
 `evaluate` and `endure` wrote into the folders as ``*.json``, by the metrics of the AI Driving
-Olympics. ``--into FILE --block NAME`` puts them between ``<!-- NAME -->`` and ``<!-- /NAME -->``.
+Olympics. With ``--by-map`` evaluations are given instead, and the table has a row for each map, of
+rings one for each lane, and a column for each evaluation.
+
+``--into FILE --block NAME`` puts them between ``<!-- NAME -->`` and ``<!-- /NAME -->``.
 """
 
 from __future__ import annotations
@@ -60,6 +63,32 @@ def driving_table(runs: Sequence[Path]) -> str:
                 rows.append((run.name, *_driving_row(result)))
     head = "run", "maps", "look", "pose", "zeroed", "succeeded", "at least"
     return _markdown((*head, "from path cm", "survival s", "driven m", "outside s"), rows)
+
+
+def ring_table(evaluations: Sequence[Path]) -> str:
+    """A row for each map, and of rings each lane; a column for each evaluation, and their sums.
+
+    Raises:
+        ConfigError: one of them is absent, or says nothing of its maps.
+    """
+    results = [_read(path) for path in evaluations]
+    heads = [f"`{Path(r['inputs']['model']).stem}`, {r['inputs']['look']}" for r in results]
+    columns = []
+    for path, result in zip(evaluations, results, strict=True):
+        if not result.get("by_map"):
+            raise ConfigError(f"{path}: expected an evaluation with by_map, got one without")
+        columns.append({(row["map"], row["lane"] or ""): row for row in result["by_map"]})
+    rows = []
+    for name, lane in sorted({key for column in columns for key in column}):
+        found = [column.get((name, lane)) for column in columns]
+        cells = [f"{c['succeeded']} of {c['episodes']}" if c else "-" for c in found]
+        rows.append((name, lane or "-", *cells))
+    sums = [
+        f"**{round(r['success_rate'] * r['episodes'])} of {r['episodes']}** "
+        f"({100 * r['success_rate']:.1f} %)"
+        for r in results
+    ]
+    return _markdown(("map", "lane", *heads), [*rows, ("all", "", *sums)])
 
 
 def _skill_row(run: Path) -> tuple[str, ...]:
@@ -123,14 +152,18 @@ def put(text: str, file: Path, block: str) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 0 done, 2 wrong input."""
     parser = OneLineParser(prog="python -m tools.skill_table", description=__doc__)
-    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("runs", type=Path, nargs="+", help="run folders; evaluations by --by-map")
+    parser.add_argument("--by-map", action="store_true", help="a row for each map and lane instead")
     parser.add_argument("--into", type=Path, help="a Markdown file; else standard output")
     parser.add_argument("--block", default="tables", help="the name in its marks")
     options = parser.parse_args(arguments)
 
     def work() -> None:
         expect_writable(options.into)
-        text = skill_table(options.runs) + "\n" + driving_table(options.runs)
+        if options.by_map:
+            text = ring_table(options.runs)
+        else:
+            text = skill_table(options.runs) + "\n" + driving_table(options.runs)
         if options.into is None:
             sys.stdout.write(text)
         else:

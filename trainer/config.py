@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar, get_args
+from typing import TypeVar
 
 from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
 from robot.errors import ConfigError, nearest
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS
 from sim_pybullet.randomise import is_reality
-from sim_pybullet.tasks.lane_keeping import Lane
+from sim_pybullet.tasks.lane_keeping import LANES
 from sim_pybullet.tasks.track_racing import STYLES
 
 T = TypeVar("T")
@@ -186,7 +186,7 @@ class RunConfig:
     without: tuple[str, ...] = ()  # groups and fields of the look that stay nominal
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
-    lane: Lane = "outer"  # of a ring, in the task lane: driven the one way, the other, or both
+    lane: str = "outer"  # of a ring, in the task lane: driven the one way, the other, or both
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
     start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
     relit: bool = False  # whether episodes are seen under lights of their own in training
@@ -200,7 +200,7 @@ class RunConfig:
         choose("task", self.task, TASKS)
         choose("algorithm", self.algorithm, ALGORITHMS)
         choose("style", self.style, STYLES)
-        choose("lane", self.lane, dict.fromkeys(get_args(Lane)))
+        choose("lane", self.lane, dict.fromkeys(LANES))
         for use, look in (("train", self.look), ("choose", self.evaluation.look)):
             if is_reality(look):
                 raise ConfigError(

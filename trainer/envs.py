@@ -18,7 +18,7 @@ from sim_pybullet.randomise import load_look_sampler, load_looks
 from sim_pybullet.rendering.camera import BatchCamera, NoCamera
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Task
-from sim_pybullet.tasks.lane_keeping import Lane, LaneKeeping
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.track_racing import STYLES, TrackRacing
@@ -43,9 +43,7 @@ _STRETCH_OF_A_RING = 0.5  # laps, likewise: more places, looks and bends for as 
 _STRETCH_LAPS = 0.08  # of an episode with a spread start, from which most of it is learned
 
 
-def build_task(
-    name: str, road_maps: Sequence[Place], robots: int, lane: Lane | None = None
-) -> Task:
+def build_task(name: str, road_maps: Sequence[Place], robots: int, lane: str | None = None) -> Task:
     """The task of that name for so many robots; ``lane``: which of a ring, the outer one if None.
 
     Raises:

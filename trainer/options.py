@@ -16,7 +16,7 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.scenery.place import Place
-from sim_pybullet.tasks.lane_keeping import Lane
+from sim_pybullet.tasks.lane_keeping import LANES
 from trainer.config import RunConfig, choose
 from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
 from trainer.presets import cruising, preset
@@ -36,7 +36,7 @@ class TrainOptions:
     """paper, fast or debug."""
     map: tuple[str, ...] = ()
     """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
-    lane: Lane = "outer"
+    lane: str = "outer"
     """Of a ring, in the task lane: outer, inner (the other way round), or both."""
     steps: int | None = None
     """Decisions of all robots together; else the preset's."""
@@ -113,7 +113,7 @@ class EvaluateOptions:
     """lane, four_laps, navigation, manoeuvres or track; else what the policy was trained for."""
     map: tuple[str, ...] = ()
     """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
-    lane: Lane | None = None
+    lane: str | None = None
     """Of rings: outer, inner (the other way round) or both, in turn; else outer."""
     look: str = "nominal"
     """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
@@ -142,6 +142,8 @@ class EvaluateOptions:
             raise ConfigError(f"episodes: expected 1 or more, got {self.episodes}")
         if self.seed < 0:
             raise ConfigError(f"seed: expected 0 or more, got {self.seed}")
+        if self.lane is not None:
+            choose("lane", self.lane, dict.fromkeys(LANES))
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
         load_look_sampler(self.look, self.pose_error, self.without)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from sim_pybullet.tasks.following import (
 from sim_pybullet.tasks.path_task import PathTask
 from sim_pybullet.vehicle import WheeledRobots
 
-Lane = Literal["outer", "inner", "both"]
+LANES = ("outer", "inner", "both")
 
 
 class LaneKeeping(PathTask):
@@ -56,7 +55,7 @@ class LaneKeeping(PathTask):
         self,
         road_maps: Sequence[RoadMap],
         n_robots: int,
-        lane: Lane = "outer",
+        lane: str = "outer",
         laps: float = 2.0,
         start_spread: float = 1.0,
     ) -> None:
@@ -65,7 +64,7 @@ class LaneKeeping(PathTask):
                 "LaneKeeping: expected at least one map, one robot and laps above 0, got "
                 f"{len(road_maps)} maps, {n_robots} robots, {laps} laps"
             )
-        if lane not in get_args(Lane):
+        if lane not in LANES:
             raise ConfigError(f"lane: expected outer, inner or both, got {lane!r}")
         sides = ("outer", "inner") if lane == "both" else (lane,)
         self._loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]

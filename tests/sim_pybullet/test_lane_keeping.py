@@ -169,6 +169,6 @@ def test_refuses_nothing_to_do_and_roads_that_are_no_ring() -> None:
     with pytest.raises(ConfigError, match="at least one map"):
         LaneKeeping([], 1)
     with pytest.raises(ConfigError, match="outer, inner or both"):
-        LaneKeeping([LOOP], 1, "middle")  # type: ignore[arg-type]
+        LaneKeeping([LOOP], 1, "middle")
     with pytest.raises(MapError, match="ring of road"):
         LaneKeeping([load_map("town")], 1)

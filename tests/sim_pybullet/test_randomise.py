@@ -137,5 +137,16 @@ def test_reality_is_painted_by_nobody_who_paints_for_training() -> None:
         assert painters == ({"strips"} if is_reality(name) else {"tiles"})
 
 
+def test_gains_are_halved_as_often_as_doubled() -> None:
+    """log_uniform from 1/4 to 4: half of the draws below 1, a quarter below 1/2."""
+    sample = look_sampler({"sensor": {"exposure": {"log_uniform": [0.25, 4.0]}}})
+    rng = np.random.default_rng(0)
+    draws = np.array([sample(rng).sensor.exposure for _ in range(2000)])
+    assert (draws < 1.0).mean() == pytest.approx(0.5, abs=0.04)
+    assert (draws < 0.5).mean() == pytest.approx(0.25, abs=0.04)
+    assert draws.min() >= 0.25
+    assert draws.max() <= 4.0
+
+
 def test_limits_name_numbers_of_a_look() -> None:
     assert set(_LIMITS) <= set(look_fields())

@@ -1,5 +1,6 @@
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,27 @@ def test_policies_and_card_are_put_where_the_robot_finds_them(run: Path, tmp_pat
     assert "| `nav_new_int8.onnx`, picture empty" in text
     assert "3,000 steps" in text
     assert "alike on 98.7% of 1,000 frames that it was not calibrated on" in text
+
+
+def test_the_card_names_the_map_with_the_fewest_successes(run: Path, tmp_path: Path) -> None:
+    judge(run, "a.json", "model.onnx")
+    result = json.loads((run / "a.json").read_text())
+    rows = [("zed", "outer", 19), ("hat", "inner", 17), ("hat", "outer", 20)]
+    result["by_map"] = [
+        {"map": name, "lane": lane, "episodes": 20, "succeeded": good} for name, lane, good in rows
+    ]
+    (run / "a.json").write_text(json.dumps(result))
+    assert main([str(run), "nav_new", "--models", str(tmp_path)]) == 0
+    assert "| hat inner 17 of 20 |" in (tmp_path / "nav_new.md").read_text(encoding="utf-8")
+
+
+def test_the_command_of_a_lane_keeper_says_where_it_drove_and_was_chosen() -> None:
+    asked = TrainOptions("lane", "ppo", map=("loop", "rings/bean"), lane="both", judgings=5)
+    asked = replace(asked, judge_map=("rings/fish",), start_spread=2.5, true_path=1.0, full=True)
+    config = replace(asked, rate_left=0.05, look="randomised", steps=9_000).config()
+    command = shlex.split(train_command(config, "runs/x"))
+    again = tyro.cli(TrainOptions, args=command[4 : command.index("--out")])
+    assert again.config() == config
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "dueling"])

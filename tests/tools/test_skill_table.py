@@ -47,6 +47,26 @@ def test_evaluations_in_the_folder_get_a_row(run: Path, tmp_path: Path) -> None:
         assert text.endswith("after\n")
 
 
+def test_a_row_for_each_ring_and_way_round(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = []
+    for look, rows in (("nominal", (20, 19)), ("reality", (18, 20))):
+        of = [
+            {"map": "zed", "lane": lane, "episodes": 20, "succeeded": good}
+            for lane, good in zip(("inner", "outer"), rows, strict=True)
+        ]
+        shares = {"episodes": 40, "success_rate": sum(rows) / 40}
+        result = {"inputs": {"model": "a/keeper.onnx", "look": look}, **shares, "by_map": of}
+        files.append(tmp_path / f"{look}.json")
+        files[-1].write_text(json.dumps(result))
+    assert main(["--by-map", *map(str, files)]) == 0
+    text = capsys.readouterr().out
+    assert "| map | lane | `keeper`, nominal | `keeper`, reality |" in text
+    assert "| zed | inner | 20 of 20 | 18 of 20 |" in text
+    assert "| all |  | **39 of 40** (97.5 %) | **38 of 40** (95.0 %) |" in text
+
+
 def test_what_is_missing_is_said(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

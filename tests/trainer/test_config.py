@@ -77,3 +77,14 @@ def test_a_run_can_be_judged_less_often() -> None:
     assert config.evaluation.every_share * config.steps == 20_000
     with pytest.raises(ConfigError, match="judgings: expected 1"):
         TrainOptions(judgings=0).config()
+
+
+def test_both_lanes_are_asked_for_by_name_and_kept_in_the_file(tmp_path: Path) -> None:
+    config = TrainOptions(lane="both", map=("rings/bean",)).config()
+    RunFolder(tmp_path).go_on(config)
+    assert RunFolder(tmp_path).load_config().lane == "both"
+    with pytest.raises(ConfigError, match="did you mean 'both'"):
+        TrainOptions(lane="bohth").config()
+    for wrong in ({"start_spread": 0.5}, {"true_path": -1.0}):
+        with pytest.raises(ConfigError, match="start_spread from 1 to 4"):
+            TrainOptions(**wrong).config()  # type: ignore[arg-type]

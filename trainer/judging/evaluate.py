@@ -28,7 +28,6 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from sim_pybullet.racing.track import SCALE
 from sim_pybullet.scenery.place import Place
-from sim_pybullet.tasks.lane_keeping import Lane
 from trainer.envs import RINGED, build_task
 from trainer.judging.drive_log import DriveLog, Tracer
 
@@ -65,7 +64,7 @@ class Inputs:
     seed: int
     translate: str | None = None  # the translator between picture and policy
     without: tuple[str, ...] = ()  # what of the look stays nominal
-    lane: Lane | None = None  # of rings: outer, inner or both
+    lane: str | None = None  # of rings: outer, inner or both
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ def evaluate(
     finished: Callable[[Drive], None],
     zero: str | None = None,
     log: DriveLog | None = None,
-    lane: Lane | None = None,
+    lane: str | None = None,
 ) -> list[Drive]:
     """One greedy episode for each seed; ``finished`` hears of each, ``log`` gets its track.
 
@@ -213,7 +212,7 @@ def _by_map(drives: Sequence[Drive], parts: Mapping[str, str | None]) -> tuple[O
     return tuple(sorted(rows, key=lambda row: (row.map, row.lane or "")))
 
 
-def _lane(task: str, lane: Lane | None, turn: int) -> str | None:
+def _lane(task: str, lane: str | None, turn: int) -> str | None:
     """Which lane of its ring an episode is on: of both they take turns."""
     if task not in RINGED:
         return None

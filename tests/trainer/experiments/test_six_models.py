@@ -15,6 +15,7 @@ from trainer.experiments.six_models import (
     trainings,
 )
 from trainer.experiments.transfer_tables import TransferRow, as_table, gather, half_interval
+from trainer.sweeps.jobs import inputs
 
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
 
@@ -53,6 +54,28 @@ def test_all_models_are_trained_alike_but_for_what_is_compared(tmp_path):
         ("randomised", "gan.onnx"): 4,
     }
     assert OPTIONS.test_map not in jobs[0].options.map
+
+
+def test_judged_in_reality_and_with_the_arenas_pose_error_and_nowhere_else(tmp_path):
+    """By default, and written into the file that each test leaves."""
+    options = SixModelsOptions(translator="gan.onnx", seeds=2)
+    judged = Counter()
+    for job in drives(tmp_path, options, models(options)):
+        assert job.options.look == "reality"
+        asked = inputs(job.options, "lane")
+        assert asked.look == "reality"
+        assert asked.maps == (("loop",) if asked.task == "four_laps" else ("arena",))
+        judged[asked.task, asked.pose_error] += 1
+    assert judged == {
+        ("four_laps", None): 16,
+        ("manoeuvres", "arena"): 16,
+        ("navigation", "arena"): 16,
+    }
+    for training in trainings(tmp_path, options, models(options)):
+        config = training.options.config() if training.options.translate is None else None
+        assert training.options.look in ("nominal", "randomised")
+        assert not training.options.judge_look  # nor is anything chosen there
+        assert config is None or config.evaluation.look == ""
 
 
 def test_every_model_is_judged_by_its_own_run_untranslated(tmp_path):
