@@ -29,6 +29,7 @@ from tools.faults import (
     programs,
     recording,
     strangers,
+    ways,
 )
 from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
@@ -47,6 +48,7 @@ FAMILIES: dict[str, tuple[Case, ...]] = {
     "network": network.CASES,
     "strangers": strangers.CASES,
     "missions": missions.CASES,
+    "ways": ways.CASES,
     "recording": recording.CASES,
 }
 

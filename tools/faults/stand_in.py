@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import zmq
 
+from robot.geometry import Pose, wrap_angle
 from robot.link.keys import Keys
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link
@@ -31,6 +32,8 @@ class StandIn:
         config = bench.link_configs["localizer"]
         self.late_s = 0.0
         self.jump_m = 0.0
+        self.lie: Callable[[Pose, float], Pose] | None = None  # of a true pose, since it began [s]
+        self._lies_since_s = 0.0
         self.clock_step_s = 0.0
         self.backwards = False
         self.twins = False  # two sessions at once
@@ -53,6 +56,17 @@ class StandIn:
         self._bench.time.forget(self._event)
         self._link.close()
 
+    def lies(self, lie: Callable[[Pose, float], Pose]) -> None:
+        """From now on tell what ``lie`` makes of the true pose and the time since [s]."""
+        self.lie, self._lies_since_s = lie, self._bench.now_s
+
+    def _told(self) -> Pose:
+        true = self._bench.town.pose
+        if self.lie is None:
+            return true
+        told = self.lie(true, self._bench.now_s - self._lies_since_s)
+        return told._replace(heading_rad=float(wrap_angle(told.heading_rad)))
+
     def _send(self, data: bytes) -> None:
         self._link.admit()
         self._socket.send(data)
@@ -66,7 +80,7 @@ class StandIn:
                 self._send(self.instead())
             return
         self._sequence += 1
-        x_m, y_m, heading_rad = (float(v) for v in self._bench.town.pose)
+        x_m, y_m, heading_rad = (float(v) for v in self._told())
         seen = Sighting(ROBOT, x_m + self.jump_m, y_m, heading_rad, 0.95)
         now_s = self._now_s()
         session = self._sessions[self._sequence % 2 if self.twins else 0]
