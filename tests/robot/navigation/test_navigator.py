@@ -11,7 +11,7 @@ from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.link.messages import PoseMessage
 from robot.navigation.guidance import path_input
-from robot.navigation.navigator import ARRIVAL_M, JUMPS, OFF_PATH_TILES, MissionNavigator
+from robot.navigation.navigator import MissionNavigator
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_path, plan_route
 from robot.navigation.road_map import load_map
@@ -22,6 +22,7 @@ from tests.robot.runtime.test_loop import Bench
 TOWN = load_map("town")
 GRAPH = LaneGraph(TOWN)
 SHORT = 0.585  # [m]
+ARRIVAL_M, OFF_PATH_TILES, JUMPS = 0.05, 0.25, 5
 
 
 class World:
