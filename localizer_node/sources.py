@@ -14,6 +14,7 @@ from robot.camera.newest import Stream
 from robot.camera.replay import Reel, open_reel
 from robot.camera.socket_stream import SocketStream
 from robot.camera.v4l2 import V4l2Stream
+from robot.errors import ContractError, HardwareError
 from robot.lens import Lens
 
 
@@ -60,7 +61,10 @@ def open_source(
 def _live(stream: Stream, clock: Callable[[], float]) -> Iterator[Frame]:
     try:
         while True:
-            picture = stream.grab()
+            try:
+                picture = stream.grab()
+            except ContractError as error:  # it was opened for pictures of this size and kind
+                raise HardwareError(str(error)) from error
             yield Frame(picture, clock())
     finally:
         stream.close()

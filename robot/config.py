@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Optional
 
+from robot.camera.gstreamer import check_csi_fps
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, nearest
 from robot.hat.config import HatConfig
@@ -44,6 +45,8 @@ class CameraConfig:
         slowest = round(1.0 / CONTROL_DT_S)
         if not slowest <= self.fps <= 120:
             raise ConfigError(f"camera.fps: expected {slowest} to 120, got {self.fps}")
+        if self.kind == "csi":
+            check_csi_fps(self.fps)
         if not (self.number >= 0 and 0 <= self.flip <= 7):
             raise ConfigError(
                 f"camera: expected number of 0 or more and flip 0 to 7, got number {self.number}, "

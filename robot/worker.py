@@ -6,6 +6,7 @@ import threading
 from types import TracebackType
 from typing import Optional, Type, TypeVar
 
+from robot.alarm import Alarm
 from robot.errors import HardwareError
 
 T = TypeVar("T", bound="Worker")
@@ -23,7 +24,7 @@ class Worker:
     """
 
     def __init__(self, name: str, patience_s: Optional[float] = None) -> None:
-        self._ending = threading.Event()
+        self._ending, self._ended = Alarm(), Alarm()
         self._name, self._patience_s = name, patience_s
         self._thread: Optional[threading.Thread] = None
         self._died: Optional[BaseException] = None
@@ -43,6 +44,7 @@ class Worker:
     def start(self) -> None:
         """Begin, or begin anew after ``end``."""
         self._ending.clear()
+        self._ended.clear()
         self._died = None
         self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()
@@ -51,8 +53,8 @@ class Worker:
         """Let the work come to its end."""
         self._ending.set()
         self._wake()
-        if self._thread is not None:
-            self._thread.join(self._patience_s)
+        if self._thread is not None and self._ended.wait(self._patience_s):
+            self._thread.join()
 
     def check(self) -> None:
         """Nothing, while all is well.
@@ -66,8 +68,8 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        """Whether the thread runs."""
-        return self._thread is not None and self._thread.is_alive()
+        """Whether the thread works."""
+        return self._thread is not None and self._thread.is_alive() and self._died is None
 
     def _work(self) -> None:
         """What the thread does until ``self._ending`` is set."""
@@ -81,3 +83,5 @@ class Worker:
             self._work()
         except BaseException as error:  # noqa: BLE001  kept for the thread that relies on this one
             self._died = error
+        finally:
+            self._ended.set()

@@ -1,7 +1,9 @@
 """A CSI camera through ``gst-launch-1.0``, whose pictures come over a pipe.
 
 OpenCV's wheels know no GStreamer, and a Jetson's CSI cameras give colour pictures through nothing
-else. The child process is the same with any source, so ``videotestsrc`` tests it anywhere.
+else. The child process is the same with any source, so ``videotestsrc`` tests it anywhere. The pipe
+is not the child's standard output, where nvarguscamerasrc prints what it does: one such line among
+the pixels would shift all pictures after it.
 """
 
 from __future__ import annotations
@@ -10,17 +12,30 @@ import os
 import select
 import subprocess
 import tempfile
+from contextlib import ExitStack
 from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from robot.errors import HardwareError
+from robot.errors import ConfigError, HardwareError
 
 SILENCE_S = 2.0  # without a byte: the child hangs
 FIRST_PICTURE_S = 8.0  # nvargus takes seconds to set up a sensor
 END_S = 1.0  # that the child gets to end by itself
 BYTES_PER_PIXEL = 4  # BGRx, the only 8-bit RGB order that nvvidconv writes
 LAST_WORDS_BYTES = 400
+CSI_FPS = 30  # of the IMX219's mode 3
+VIDEO_FD = "{video}"  # in a command: the descriptor that the pictures are written to
+
+
+def check_csi_fps(fps: int) -> None:
+    """ConfigError for more pictures a second than the sensor's mode gives."""
+    if fps > CSI_FPS:
+        raise ConfigError(
+            f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {fps}; its sensor runs "
+            "in the mode of 1640x1232 at 30, as those of 60 and 120 (1280x720) see only the middle "
+            "of the picture"
+        )
 
 
 def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> List[str]:
@@ -31,7 +46,11 @@ def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> L
         flip: nvvidconv's ``flip-method``; 2 turns the picture upside down.
         fps: pictures a second, up to 30.
         size_px: width and height of what comes out.
+
+    Raises:
+        ConfigError: the sensor's mode has no such rate.
     """
+    check_csi_fps(fps)
     source = (
         f"nvarguscamerasrc sensor-id={sensor} sensor-mode=3 ! "
         f"video/x-raw(memory:NVMM),width=1640,height=1232,format=NV12,framerate={fps}/1 ! "
@@ -41,15 +60,21 @@ def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> L
 
 
 def gst_command(source: Sequence[str], size_px: Tuple[int, int]) -> List[str]:
-    """``gst-launch-1.0`` from a source to standard output; one picture waits at most."""
+    """``gst-launch-1.0`` from a source to ``GstStream``; one picture waits at most."""
     caps = f"video/x-raw,format=BGRx,width={size_px[0]},height={size_px[1]}"
     queue = ["queue", "leaky=downstream", "max-size-buffers=1"]
-    sink = ["fdsink", "fd=1", "sync=false"]
+    sink = ["fdsink", f"fd={VIDEO_FD}", "sync=false"]
     return ["gst-launch-1.0", "-q", *source, "!", caps, "!", *queue, "!", *sink]
 
 
 class GstStream:
-    """Pictures from a child process that writes raw BGRx to its standard output.
+    """Pictures from a child process that writes raw BGRx.
+
+    Args:
+        command: of the child; ``VIDEO_FD`` in it becomes the number of the descriptor that it
+            writes to. Without that it writes to its standard output, and must print nothing there.
+        size_px: width and height.
+        silence_s: without a byte for so long it hangs [s].
 
     Raises:
         HardwareError: the command cannot be started.
@@ -62,24 +87,32 @@ class GstStream:
         self._width_px, self._height_px = size_px
         self._silence_s = silence_s
         self._wait_s = max(FIRST_PICTURE_S, silence_s)
-        self._last_words = tempfile.TemporaryFile()  # noqa: SIM115  open until close()
+        with ExitStack() as stack:
+            self._last_words = stack.enter_context(tempfile.TemporaryFile())
+            self._pipe, video = os.pipe()
+            stack.callback(os.close, self._pipe)
+            try:
+                self._child = self._start(command, video)
+            finally:
+                os.close(video)  # the child's alone: its end must be seen
+            self._given_up = stack.pop_all()
+
+    def _start(self, command: Sequence[str], video: int) -> subprocess.Popen[bytes]:
+        own = any(VIDEO_FD in word for word in command)
         try:
-            self._child = subprocess.Popen(
-                list(command),
+            return subprocess.Popen(
+                [word.replace(VIDEO_FD, str(video)) for word in command],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
+                stdout=self._last_words if own else video,
                 stderr=self._last_words,
-                bufsize=0,
+                pass_fds=(video,) if own else (),
                 start_new_session=True,  # an interrupt from the keyboard is the robot's to handle
             )
         except OSError as error:
-            self._last_words.close()
             raise HardwareError(
                 f"{self._program}: expected a program that starts, got: {error.strerror}; "
                 "install gstreamer1.0-tools"
             ) from error
-        assert self._child.stdout is not None
-        self._pipe = self._child.stdout.fileno()
 
     def grab(self) -> np.ndarray:
         """The next picture (H, W, 3) uint8 RGB.
@@ -109,9 +142,7 @@ class GstStream:
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
-        if self._child.stdout is not None:
-            self._child.stdout.close()
-        self._last_words.close()
+        self._given_up.close()
 
     def _said(self) -> str:
         length = self._last_words.seek(0, os.SEEK_END)

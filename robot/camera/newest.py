@@ -8,11 +8,12 @@ from typing import Callable, Optional, Protocol
 import numpy as np
 
 from robot.camera.source import Frame, fit_to_frame
-from robot.errors import HardwareError
+from robot.errors import ContractError
 from robot.worker import Worker
 
 FIRST_WAIT_S = 0.5  # before opening again; doubles up to
 LONGEST_WAIT_S = 8.0
+ODD_WAIT_S = 0.01  # a stream of odd pictures must not keep a processor busy
 JOIN_S = 3.0
 
 logger = logging.getLogger(__name__)
@@ -26,6 +27,7 @@ class Stream(Protocol):
 
         Raises:
             HardwareError: none came.
+            ContractError: an odd one came, and the next may well be good.
         """
 
     def close(self) -> None:
@@ -35,8 +37,9 @@ class Stream(Protocol):
 class NewestFrame(Worker):
     """A ``Camera`` in a ``with`` block, over a stream that may end at any time.
 
-    The stream is opened again with a growing wait; meanwhile ``read`` gives the last frame, whose
-    age stops the robot. ``problem`` says what is wrong, "" while pictures come.
+    An odd picture counts as none. A stream that ends is opened again with a growing wait, also when
+    the computer has no descriptor left for it; meanwhile ``read`` gives the last frame, whose age
+    stops the robot. ``problem`` says what is wrong, "" while pictures come.
 
     Args:
         open_stream: opens the device; raises HardwareError.
@@ -73,10 +76,8 @@ class NewestFrame(Worker):
             before = self._frame
             try:
                 self._play()
-            except HardwareError as error:
-                if str(error) != self.problem:
-                    logger.warning("camera: %s", error)
-                self.problem = str(error)
+            except (RuntimeError, OSError, ValueError, MemoryError) as error:
+                self._complain(error)
             if self._frame is not before:
                 wait_s = self._first_wait_s
             self._ending.wait(wait_s)
@@ -87,10 +88,29 @@ class NewestFrame(Worker):
         stream = self._open_stream()
         try:
             while not self._ending.is_set():
-                picture = stream.grab()
+                try:
+                    image = _frame_of(stream.grab())
+                except ContractError as error:
+                    self._complain(error)
+                    self._ending.wait(ODD_WAIT_S)
+                    continue
                 sequence = self._frame.sequence + 1 if self._frame else 0
                 # One assignment: the other thread sees the old frame or the new one.
-                self._frame = Frame(fit_to_frame(picture), sequence, self._clock())
+                self._frame = Frame(image, sequence, self._clock())
                 self.problem = ""
         finally:
             stream.close()
+
+    def _complain(self, error: Exception) -> None:
+        told = str(error) or type(error).__name__
+        if told != self.problem:
+            logger.warning("camera: %s", told)
+        self.problem = told
+
+
+def _frame_of(picture: np.ndarray) -> np.ndarray:
+    """The picture as a frame; ContractError of whatever cannot be one."""
+    try:
+        return fit_to_frame(picture)
+    except Exception as error:  # from NumPy, from OpenCV, or the lack of a shape at all
+        raise ContractError(f"odd picture: {error or type(error).__name__}") from error

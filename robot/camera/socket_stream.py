@@ -11,7 +11,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from robot.errors import HardwareError
+from robot.errors import ContractError, HardwareError
 from robot.local_socket import connect_local, receive_exactly
 
 NEXT = b"n"
@@ -39,7 +39,8 @@ class SocketStream:
         """The next picture (H, W, 3) uint8 RGB.
 
         Raises:
-            HardwareError: none came, or one of another size or kind.
+            HardwareError: none came, or something else than a picture.
+            ContractError: one of another size.
         """
         try:
             self._ask()
@@ -57,10 +58,10 @@ class SocketStream:
 
     def _take(self) -> np.ndarray:
         magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
-        if magic != MAGIC or (self._size_px is not None and (width, height) != self._size_px):
-            wanted = "a picture" if self._size_px is None else "{} x {} px".format(*self._size_px)
-            raise HardwareError(
-                f"camera {self._path}: expected {wanted}, got {magic!r} {width} x {height}"
-            )
+        if magic != MAGIC:
+            raise HardwareError(f"camera {self._path}: expected a picture, got {magic!r}")
         data = receive_exactly(self._socket, 3 * width * height)
+        if self._size_px is not None and (width, height) != self._size_px:
+            wanted = "{} x {} px".format(*self._size_px)
+            raise ContractError(f"camera {self._path}: expected {wanted}, got {width} x {height}")
         return np.frombuffer(data, np.uint8).reshape(height, width, 3)

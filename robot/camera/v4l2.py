@@ -6,7 +6,7 @@ from typing import Any, Tuple
 
 import numpy as np
 
-from robot.errors import HardwareError
+from robot.errors import ContractError, HardwareError
 
 
 class V4l2Stream:
@@ -20,6 +20,7 @@ class V4l2Stream:
         import cv2
 
         self._name = f"/dev/video{device}"
+        self._odd = cv2.error
         self._capture: Any = cv2.VideoCapture(device, cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise HardwareError(
@@ -32,10 +33,20 @@ class V4l2Stream:
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
     def grab(self) -> np.ndarray:
-        """The next picture (H, W, 3) uint8 RGB; HardwareError when none comes."""
-        good, picture = self._capture.read()
-        if not good:
+        """The next picture (H, W, 3) uint8 RGB.
+
+        Raises:
+            HardwareError: none came.
+            ContractError: one came that is not in colour, or that OpenCV cannot decode.
+        """
+        try:
+            good, picture = self._capture.read()
+        except self._odd as error:
+            raise ContractError(f"{self._name}: expected a picture, got: {error}") from error
+        if not good or picture is None:
             raise HardwareError(f"{self._name}: expected a picture, got none; was it unplugged?")
+        if picture.ndim != 3:
+            raise ContractError(f"{self._name}: expected colours, got {picture.shape}")
         return np.ascontiguousarray(picture[..., ::-1])
 
     def close(self) -> None:

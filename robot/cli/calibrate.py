@@ -19,6 +19,7 @@ from robot.bringup.person import AtTerminal, Person
 from robot.bringup.roll import CountedMotors, Roller
 from robot.bringup.wheels import Values
 from robot.camera.replay import read_picture
+from robot.cli.ending import interrupt, on_ending
 from robot.command_line import number
 from robot.config import RobotConfig
 from robot.errors import ConfigError
@@ -75,6 +76,7 @@ def run(options: argparse.Namespace) -> None:
     if options.what == "target":
         write_target(options.out)
         return
+    on_ending(interrupt)
     config = load_yaml(RobotConfig, options.config)
     person = AtTerminal()
     if options.what == "camera":

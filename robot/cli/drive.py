@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import logging
-import signal
 import sys
-import threading
 from pathlib import Path
+from typing import List
 
+from robot.cli.ending import on_ending
 from robot.cli.terminal import PROMPT, Terminal
 from robot.config import RobotConfig
 from robot.runtime.assemble import open_robot
@@ -22,17 +22,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Do it, until quit, an interrupt or SIGTERM."""
+    """Do it, until quit, an interrupt, SIGTERM or SIGHUP."""
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     config = load_yaml(RobotConfig, options.config)
-    ended = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    ended: List[bool] = []
+    on_ending(lambda: ended.append(True))
     terminal = Terminal(sys.stdin, _say)
     notify = notify_socket() or _nobody
     with open_robot(config, (terminal,), (terminal, Heartbeat(notify))) as runtime:
         _say(PROMPT)
         notify("READY=1")
-        runtime.run(ending=lambda: terminal.quitting or ended.is_set())
+        runtime.run(ending=lambda: terminal.quitting or bool(ended))
         notify("STOPPING=1")
 
 

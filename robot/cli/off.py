@@ -1,16 +1,18 @@
 """Switch every output of the motor HAT off, whatever ran before; the wheels turn freely then.
 
 systemd runs this after the robot's program, however that ended: the chip has no watchdog, and would
-heat the coils of a robot that was killed. It imports smbus2 and little else.
+heat the coils of a robot that was killed. It imports smbus2 and little else. It also works while
+another program drives, which notices, stops, and stays off until a person clears its fault.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from typing import List
+from pathlib import Path
+from typing import List, NamedTuple, Optional, Union
 
-from robot.errors import HardwareError
+from robot.errors import ConfigError, HardwareError
 from robot.hat.bus import I2cBus, SmbusBus
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.pca9685 import Pca9685
@@ -18,10 +20,21 @@ from robot.hat.pca9685 import Pca9685
 BUSES = (1, 7)  # pins 3 and 5 of a Jetson Nano, of an Orin Nano
 ADDRESSES = (0x6F, 0x60)
 ATTEMPTS = 3
+ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and stops
+
+
+class Place(NamedTuple):
+    """Where HATs are looked for."""
+
+    bus: Union[int, str]  # number of /dev/i2c-N, or the socket of a virtual bus
+    addresses: List[int]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
+    parser.add_argument(
+        "--config", type=Path, help="the robot's YAML file, for its bus and addresses"
+    )
     parser.add_argument(
         "--bus", type=int, help="number of /dev/i2c-N; without it 1 and 7 are tried"
     )
@@ -34,33 +47,79 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _address(text: str) -> int:
-    address = int(text, 0)
+    try:
+        address = int(text, 0)
+    except ValueError:
+        address = 0
     if not 0x40 <= address <= 0x77:
         raise argparse.ArgumentTypeError(f"expected 0x40 to 0x77, got {text}")
     return address
 
 
 def run(options: argparse.Namespace) -> None:
-    """Do it; HardwareError when no HAT was found, or one could not be switched off."""
+    """Do it.
+
+    Raises:
+        HardwareError: no HAT was found, or one could not be switched off.
+        ConfigError: the configuration could not be read; what usually is there was switched off.
+    """
+    wrong: Optional[ConfigError] = None
+    buses: List[Union[int, str]] = [n for n in BUSES if os.path.exists(f"/dev/i2c-{n}")]
+    addresses = [*ADDRESSES]
+    if options.config is not None:
+        try:
+            bus, addresses = configured(options.config)
+            buses = [bus]
+        except ConfigError as error:  # switching off must not wait for somebody to mend it
+            wrong = error
     if options.bus is not None:
-        numbers = [options.bus]
-    else:
-        numbers = [n for n in BUSES if os.path.exists(f"/dev/i2c-{n}")] or [BUSES[0]]
-    told = [
-        switch_off(SmbusBus(n), options.address or list(ADDRESSES), MonotonicClock())
-        for n in numbers
-    ]
-    if not any(told):
-        raise HardwareError(f"expected a HAT on bus {' or '.join(map(str, numbers))}, found none")
+        buses = [options.bus]
+    addresses = options.address or addresses
+    buses = buses or [BUSES[0]]
+    told = [switch_off(_open(each), addresses, MonotonicClock()) for each in buses]
     for line in filter(None, told):
-        print(line)
+        print(line, flush=True)
+    if wrong is not None:
+        raise wrong
+    if not any(told):
+        raise HardwareError(f"expected a HAT on bus {' or '.join(map(str, buses))}, found none")
+
+
+def configured(path: Path) -> Place:
+    """Bus and addresses of a robot's file; nothing else of it is looked at.
+
+    Raises:
+        ConfigError: it cannot be read, or says neither.
+    """
+    import yaml
+
+    wrong = (OSError, ValueError, TypeError, AttributeError, RecursionError, yaml.YAMLError)
+    try:
+        hat = (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("hat") or {}
+        bus = hat.get("socket") or int(hat.get("bus", BUSES[0]))
+        addresses = [_address(str(address)) for address in hat.get("addresses", ADDRESSES)]
+    except (*wrong, argparse.ArgumentTypeError) as error:
+        told = " ".join(str(error).split())
+        raise ConfigError(
+            f"{path}: expected a robot's YAML file with its hat, got: {told}"
+        ) from error
+    return Place(bus, addresses)
+
+
+def _open(bus: Union[int, str]) -> I2cBus:
+    if isinstance(bus, int):
+        return SmbusBus(bus)
+    from robot.hat.socket_bus import SocketBus
+
+    return SocketBus(bus)
 
 
 def switch_off(bus: I2cBus, addresses: List[int], clock: Clock) -> str:
     """All outputs of every HAT on ``bus`` low; what was done, "" when there is none.
 
     Raises:
-        HardwareError: a HAT is there, but three attempts to write to it failed.
+        HardwareError: a HAT is there, but three attempts to write to it failed, or somebody
+            switches it on again and again.
     """
     done = []
     for address in addresses:
@@ -69,10 +128,21 @@ def switch_off(bus: I2cBus, addresses: List[int], clock: Clock) -> str:
                 chip = Pca9685.find(bus, address, clock)
                 if chip is None:
                     break
-                chip.all_off()
+                _until_it_stays_off(chip, clock)
                 done.append(f"0x{address:02X}")
                 break
             except HardwareError as error:
                 if attempt == ATTEMPTS:
                     raise HardwareError(f"cut the motor supply: {error}") from error
     return f"{bus.name}: all outputs off at {', '.join(done)}" if done else ""
+
+
+def _until_it_stays_off(chip: Pca9685, clock: Clock) -> None:
+    for _ in range(ROUNDS):
+        chip.all_off()
+        clock.sleep(ROUND_S)
+        if chip.is_off():
+            return
+    raise HardwareError(
+        f"{chip.bus.name}: another program switches the motors on again and again; end that one"
+    )

@@ -13,6 +13,7 @@ from typing import ContextManager
 from robot.bringup.person import AtTerminal, Person
 from robot.bringup.roll import CountedMotors, Roller
 from robot.bringup.selftest import run_selftest
+from robot.cli.ending import interrupt, on_ending
 from robot.config import RobotConfig
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
@@ -27,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it; 1 when a step failed."""
+    on_ending(interrupt)
     hat = load_yaml(RobotConfig, options.config).hat
     return try_motors(hat, real_motors(hat), AtTerminal(), MonotonicClock())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Iterator, Optional, Type
+from typing import Iterator, NoReturn, Optional, Type
 
 from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
@@ -156,6 +156,12 @@ class MotorDriver:
             self._all_off()
         elif self._release_s is None:
             self._release_s = now_s + HELD_S
+
+    def fail(self, error: HardwareError) -> NoReturn:
+        """Somebody found a fault: every output off, until ``open``; raises ``error``."""
+        with self._off_on_error():
+            raise error
+        raise AssertionError("unreachable")
 
     def pump(self, now_s: float) -> Optional[float]:
         """Do what is due at ``now_s`` [s]; returns when to call again, None for never."""

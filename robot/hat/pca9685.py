@@ -17,6 +17,7 @@ MODE1, MODE2, LED0_ON_L, ALL_LED_OFF_H, PRE_SCALE = 0x00, 0x01, 0x06, 0xFD, 0xFE
 AUTO_INCREMENT, SLEEP = 0x20, 0x10  # bits of MODE1; ALLCALL stays 0: nobody else answers for us
 TOTEM_POLE = 0x04  # OUTDRV of MODE2; OCH = 0: outputs change on STOP
 FULL = 0x10  # bit 4 of ON_H and OFF_H: all on, all off
+CHANNELS = 16
 COUNTS = 4096  # of one PWM period
 FASTEST_PRE_SCALE = 3  # 25 MHz / (4096 * 4) = 1526 Hz, the highest the chip can do
 OSCILLATOR_START_S = 500e-6  # section 7.3.1: before outputs may be used after waking
@@ -101,14 +102,18 @@ class Pca9685:
         if got != expected:
             self.check()  # a chip that was reset is told as such
             raise HardwareError(
-                f"{self._where}: expected channel {channel} as it was written, {expected.hex()}, "
-                f"got {got.hex()}: released or driven by another program, such as "
-                "`python -m robot off`; end that one first"
+                f"{self._where}: another program released or wrote channel {channel} (robot off, "
+                f"say): expected {expected.hex()}, got {got.hex()}; end that program first"
             )
 
     def all_off(self) -> None:
         """Every output low: one write of three bytes on the wire."""
         self._write(ALL_LED_OFF_H, bytes((FULL,)))
+
+    def is_off(self) -> bool:
+        """Whether every output is still as ``all_off`` left it."""
+        tops = (self._read(channel_register(channel) + 3, 1)[0] for channel in range(CHANNELS))
+        return all(top & FULL for top in tops)
 
     def check(self) -> None:
         """Read the modes back: a chip that lost its supply wakes asleep and drives nothing."""

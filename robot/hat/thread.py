@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import threading
+from contextlib import contextmanager
 from types import TracebackType
-from typing import Optional, Type
+from typing import Iterator, Optional, Type
 
+from robot.alarm import Alarm
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.bus import I2cBus, SmbusBus
+from robot.hat.bus import I2cBus
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
-from robot.hat.socket_bus import SocketBus
+from robot.hat.owner import own_bus
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import Steps
 from robot.worker import Worker
 
 MIN_WAIT_S = 50e-6
+COMMANDS, TURN_S = 3, 0.5  # each wakes the thread; without a turn in between it hangs
 
 
 class MotorThread(Worker):
     """The face of a MotorDriver that any thread may use, in a ``with`` block.
 
-    The driver's ``command_timeout_s`` stops the robot when the thread that commands it hangs. A
-    fault in the background switches the coils off at once and is raised by the next call, until
-    ``mend``.
+    The driver's ``command_timeout_s`` stops the robot when the thread that commands it hangs; when
+    this thread hangs, the one that commands it switches the coils off. A fault in the background
+    switches them off at once and is raised by the next call, until ``mend``. As a ``Subscriber`` it
+    tells of that also while nobody commands anything.
 
     Raises:
         HardwareError: from every method, when the HAT failed.
@@ -35,7 +39,11 @@ class MotorThread(Worker):
         super().__init__("motor")
         self._driver = driver
         self._clock = clock or MonotonicClock()
-        self._changed = threading.Condition()
+        self._guard = threading.RLock()  # of the driver
+        self._alarm = Alarm()
+        self._turns = self._heard = 0
+        self._unheard = 0  # commands since ``_heard_s``
+        self._heard_s = 0.0
 
     def __enter__(self) -> MotorThread:
         self._driver.open()
@@ -60,40 +68,41 @@ class MotorThread(Worker):
 
     def set_wheels(self, wheels: WheelSpeeds) -> None:
         """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""
-        with self._changed:
+        with self._guard:
             self._expect_running()
+            self._expect_turning()
             self._driver.set_wheels(wheels)
-            self._changed.notify()
+        self._alarm.set()
 
     def stop(self) -> None:
         """No further step, without a ramp; the coils hold."""
-        with self._changed:
+        with self._guard:
             self._expect_running()
             self._driver.stop()
-            self._changed.notify()
+        self._alarm.set()
 
     def release(self) -> None:
         """Stop and switch every output off."""
-        with self._changed:
+        with self._guard:
             self._expect_running()
             self._driver.release()
-            self._changed.notify()
+        self._alarm.set()
 
     @property
     def pose(self) -> Pose:
         """The driver's step odometry."""
-        with self._changed:
+        with self._guard:
             return self._driver.pose
 
     @pose.setter
     def pose(self, pose: Pose) -> None:
-        with self._changed:
+        with self._guard:
             self._driver.pose = pose
 
     @property
     def counts(self) -> Steps:
         """Microsteps of each wheel so far."""
-        with self._changed:
+        with self._guard:
             return self._driver.counts
 
     @property
@@ -101,43 +110,52 @@ class MotorThread(Worker):
         """Whether the thread runs and no fault came up."""
         return self.alive and not self._driver.failed
 
+    def on_tick(self, tick: object) -> None:  # noqa: ARG002  every turn counts
+        """HardwareError when the thread has died."""
+        self.check()
+
     def _expect_running(self) -> None:
         self.check()
         if not self.alive:
             raise HardwareError("motor thread: expected it to run, it has ended")
 
+    def _expect_turning(self) -> None:
+        now_s = self._clock.now()
+        if self._turns != self._heard or self._unheard == 0:
+            self._heard, self._heard_s, self._unheard = self._turns, now_s, 0
+        self._unheard += 1
+        if self._unheard > COMMANDS and now_s - self._heard_s > TURN_S:
+            self._driver.fail(
+                HardwareError("motor thread: expected a turn after each command, it hangs")
+            )
+
     def _wake(self) -> None:
-        with self._changed:
-            self._changed.notify()
+        self._alarm.set()
 
     def _work(self) -> None:
-        with self._changed:
-            while not self._ending.is_set():
-                self._wait_until(self._driver.pump(self._clock.now()))
-
-    def _wait_until(self, deadline_s: Optional[float]) -> None:
-        if deadline_s is None:
-            self._changed.wait()
-        else:
+        while not self._ending.is_set():
+            self._alarm.clear()
+            with self._guard:
+                deadline_s = self._driver.pump(self._clock.now())
+                self._turns += 1
             # Waiting lets the other threads in, so it must happen even when the deadline is past.
-            self._changed.wait(max(deadline_s - self._clock.now(), MIN_WAIT_S))
+            wait_s = None if deadline_s is None else deadline_s - self._clock.now()
+            self._alarm.wait(None if wait_s is None else max(wait_s, MIN_WAIT_S))
 
 
-def real_motors(config: HatConfig) -> MotorThread:
-    """The motors on the configured I2C bus; enter the result to find the HAT and start.
+@contextmanager
+def real_motors(config: HatConfig) -> Iterator[MotorThread]:
+    """The motors on the configured I2C bus, which belongs to this program meanwhile.
 
     Raises:
-        HardwareError: there is no such bus, or this user may not use it.
+        HardwareError: there is no such bus or HAT, this user may not use it, or another program
+            drives it.
     """
+    with own_bus(config) as bus, motors_on(bus, config) as motors:
+        yield motors
+
+
+def motors_on(bus: I2cBus, config: HatConfig) -> MotorThread:
+    """The motors on this bus; enter the result to find the HAT and start."""
     clock = MonotonicClock()
-    hat = StepperHat(open_bus(config), config, clock)
-    return MotorThread(MotorDriver(hat, config, clock), clock)
-
-
-def open_bus(config: HatConfig) -> I2cBus:
-    """The configured I2C bus.
-
-    Raises:
-        HardwareError: there is no such bus, or this user may not use it.
-    """
-    return SocketBus(config.socket) if config.socket else SmbusBus(config.bus)
+    return MotorThread(MotorDriver(StepperHat(bus, config, clock), config, clock), clock)

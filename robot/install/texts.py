@@ -33,7 +33,7 @@ SupplementaryGroups={groups}
 WorkingDirectory={STATE}
 Environment=PYTHONUNBUFFERED=1
 ExecStart={python} -m robot drive --config {CONFIG}
-ExecStopPost={python} -m robot off
+ExecStopPost={python} -m robot off --config {CONFIG}
 TimeoutStopSec=5
 WatchdogSec=2
 Restart=on-failure

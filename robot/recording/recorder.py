@@ -14,6 +14,7 @@ from collections import deque
 from pathlib import Path
 from typing import Callable, Deque, Optional, Tuple
 
+from robot.alarm import Alarm
 from robot.link.telemetry import Reading
 from robot.parts import Tick
 from robot.recording.config import RecordingConfig
@@ -52,7 +53,7 @@ class Recorder(Worker):
         self._folder = Path(config.folder)
         self._subject = subject
         self._scribe = Scribe(config, subject, wall)
-        self._changed = threading.Condition()
+        self._lock, self._news = threading.Lock(), Alarm()
         self._waiting: Deque[Tuple[int, Heard]] = deque()
         self._part = 0  # counts the files
         self._began_s = self._until_s = -math.inf
@@ -79,12 +80,12 @@ class Recorder(Worker):
             subject.report() if subject.report else None,
             subject.overhead() if subject.overhead else None,
         )
-        with self._changed:  # held for no longer than it takes to look
+        with self._lock:  # held for no longer than it takes to look
             if len(self._waiting) < QUEUE_TURNS:
                 self._waiting.append((self._part, heard))
-                self._changed.notify()
             else:
                 self.dropped += 1
+        self._news.set()
 
     def reading(self) -> Reading:
         """For the robot's health: the size of the newest file, or why there is none."""
@@ -98,8 +99,7 @@ class Recorder(Worker):
         return Reading("recorded", written_mb, "MB")
 
     def _wake(self) -> None:
-        with self._changed:
-            self._changed.notify()
+        self._news.set()
 
     def _work(self) -> None:
         self._recover()
@@ -120,9 +120,10 @@ class Recorder(Worker):
 
     def _next(self) -> Tuple[Optional[Tuple[int, Heard]], bool]:
         """The turn that waits longest, if one comes soon; and whether it is all over."""
-        with self._changed:
-            if not self._waiting and not self._ending.is_set():
-                self._changed.wait(WAIT_S)
+        if not self._waiting and not self._ending.is_set():
+            self._news.wait(WAIT_S)
+        self._news.clear()  # before looking: what comes after rings again
+        with self._lock:
             if self._waiting:
                 return self._waiting.popleft(), False
             return None, self._ending.is_set()

@@ -18,7 +18,8 @@ from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.hat.clock import Clock, MonotonicClock
-from robot.hat.thread import real_motors
+from robot.hat.owner import own_bus
+from robot.hat.thread import MotorThread, motors_on
 from robot.health import Health
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import TranslatingPolicy, open_translator
@@ -69,7 +70,7 @@ def open_robot(
 
     Raises:
         DuckpilotError: model, map, configuration or keys are wrong.
-        HardwareError: the HAT is not there.
+        HardwareError: the HAT is not there, or another program drives it.
     """
     clock = MonotonicClock()
     watchdog = Watchdog(lambda: runtime.watch())
@@ -80,12 +81,16 @@ def open_robot(
             f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
         )
     with ExitStack() as stack:
+        if motors is None:  # before anything that a robot which drives already would mind
+            motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
         link = stack.enter_context(config.link.open()) if config.link else None
         eye = stack.enter_context(camera or open_camera(config.camera, clock))
-        wheels = stack.enter_context(motors or real_motors(config.hat))
+        wheels = stack.enter_context(motors)
         navigator: Optional[MissionNavigator] = None
         everybody: List[Operator] = list(operators)
         audience: List[Subscriber] = [watchdog, *subscribers]
+        if isinstance(wheels, MotorThread):
+            audience.insert(1, wheels)
         if link is not None and config.link is not None:
             if navigates:
                 navigator = open_navigator(config, config.link, link, wheels)

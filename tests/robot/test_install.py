@@ -228,6 +228,13 @@ def test_the_unit_passes_systemds_own_check(tmp_path: Path) -> None:
     assert "soon" in complaints(unit)[0]
 
 
+def test_the_unit_switches_off_where_the_configuration_says() -> None:
+    lines = unit_text("i2c").splitlines()
+    config = "--config /etc/duckpilot/robot.yaml"
+    assert f"ExecStart=/opt/duckpilot/venv/bin/python -m robot drive {config}" in lines
+    assert f"ExecStopPost=/opt/duckpilot/venv/bin/python -m robot off {config}" in lines
+
+
 def complaints(unit: Path) -> List[str]:
     """What systemd says of the unit, less what it says of the computer's others."""
     command = ["systemd-analyze", "verify", "--man=no", str(unit)]

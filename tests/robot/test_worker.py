@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
 from pathlib import Path
@@ -154,6 +155,78 @@ def test_the_death_of_the_motors_thread_stops_the_motors() -> None:
         robot.stops()
         assert robot.safety.verdict.reason is Reason.MOTORS
         assert hat.fields_rad == (None, None), "its coils are off"
+
+
+def test_a_watchdog_that_hangs_stops_the_motors() -> None:
+    hang = threading.Event()
+    let_go = threading.Event()
+
+    def look() -> None:
+        if hang.is_set():
+            let_go.wait()
+
+    with Watchdog(look) as watchdog:
+        robot = Driving(subscribers=[watchdog])
+        robot.drive_off()
+        began_s = time.monotonic()
+        hang.set()
+        robot.stops()
+        assert time.monotonic() - began_s < 1.5
+        assert "watchdog thread: expected a look every 0.05 s, it hangs" in (
+            robot.safety.verdict.sentence
+        )
+        assert not robot.motors.turning
+        let_go.set()
+
+
+def test_a_watchdog_that_was_only_paused_with_the_loop_does_not_hang() -> None:
+    looked = Bomb()
+    watchdog = Watchdog(looked)  # never started: it does not look
+    tick = Driving().runtime.step()
+    for number in range(5):
+        watchdog.on_tick(dataclasses.replace(tick, time_s=100.0 * number))
+    with pytest.raises(HardwareError, match="it hangs"):
+        watchdog.on_tick(dataclasses.replace(tick, time_s=500.0))
+
+
+def test_a_motor_thread_that_hangs_stops_the_motors() -> None:
+    clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
+    hat = VirtualHat(bus, clock)
+    driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
+    with MotorThread(driver, clock) as motors:
+        robot = Driving(motors=motors)
+        robot.drive_off()
+        while motors.counts == (0, 0):
+            robot.runtime.step()
+        let_go = threading.Event()
+        motors._alarm.wait = lambda _=None: let_go.wait()  # type: ignore[method-assign,misc]
+        began_s = time.monotonic()
+        robot.stops()
+        assert time.monotonic() - began_s < 1.5
+        assert robot.safety.verdict.reason is Reason.MOTORS
+        assert "expected a turn after each command, it hangs" in robot.safety.verdict.sentence
+        assert hat.fields_rad == (None, None), "its coils are off"
+        let_go.set()
+
+
+def test_coils_that_another_program_switches_off_while_the_robot_holds_are_a_fault() -> None:
+    clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
+    hat = VirtualHat(bus, clock)
+    driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
+    with MotorThread(driver, clock) as motors:
+        robot = Driving(motors=motors, subscribers=[motors])
+        robot.drive_off()
+        while motors.counts == (0, 0):
+            robot.runtime.step()
+        robot.runtime.ask(Command.STOP)
+        assert robot.safety.verdict.state is State.HOLD
+        bus.write(0x6F, b"\xfd\x10")
+        robot.stops()
+        assert "another program released or wrote" in robot.safety.verdict.sentence
+        assert hat.fields_rad == (None, None)
+        robot.runtime.ask(Command.CLEAR)
+        assert robot.safety.verdict.state is State.DISARMED
+        assert not hat.chip.outputs.any_high, "clearing switches nothing on"
 
 
 class Counting(Worker):

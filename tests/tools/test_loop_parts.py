@@ -82,8 +82,13 @@ def test_the_motors_of_a_configuration_are_found_behind_a_socket(tmp_path: Path)
     with served(server), real_motors(HatConfig(socket=str(server.path))) as motors:
         assert not hat.chip.asleep
         assert motors.healthy
+        second = real_motors(HatConfig(socket=str(server.path)))
+        with pytest.raises(HardwareError, match="the only program that drives, another"):
+            second.__enter__()
+        assert motors.healthy, "and it drives on"
+    nobody = real_motors(HatConfig(socket=str(tmp_path / "none")))
     with pytest.raises(HardwareError, match="expected a virtual I2C bus"):
-        real_motors(HatConfig(socket=str(tmp_path / "none")))
+        nobody.__enter__()
 
 
 def test_a_camera_behind_a_socket_answers_at_its_own_moments(tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ class Case:
         heal: mends it; nothing may begin to move by that.
         silent: the page must say that the robot is silent.
         check: a last look before mending; what is wrong, or "".
+        drives_again: mended, and armed by a person, it must drive without a new start.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Case:
     moving: bool = True
     silent: bool = False
     check: Callable[[Stage], str] = fine
+    drives_again: bool = False
 
     @property
     def goes_on(self) -> bool:

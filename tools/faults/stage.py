@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,8 @@ class Stage:
             if case.moving:
                 self.drive_off()
             outcome = self._meet(family, case)
+            if case.drives_again and outcome.passed:
+                outcome = replace(outcome, problem=self._again_problem())
         except (BenchError, OSError) as error:
             where = (family, case.name, case.what, math.nan, case.threshold_s)
             outcome = Outcome(*where, "", "", f"the bench: {error}", bench.options.lockstep)
@@ -198,6 +201,17 @@ class Stage:
             return f"a motor stepped {town.moved_s - before_s:.2f} s after mending"
         state, _ = self._shown()
         return f"it is {state} after mending" if state in MOVING else ""
+
+    def _again_problem(self) -> str:
+        """A person clears and arms: the robot that stopped must drive, the same process."""
+        process = self.bench.processes["robot"]
+        self.ready()
+        try:
+            self.drive_off()
+        except BenchError as error:
+            return f"mended and armed again, it does not drive: {error}"
+        same = process is self.bench.processes["robot"] and process.alive
+        return "" if same else "it had to be started again"
 
     def _far_place(self) -> tuple[float, float]:
         """The end of a lane to which the way is longest."""

@@ -110,6 +110,7 @@ class PictureServer(Listener):
         self.see, self.answered = see, answered
         self.fault = ""  # stop, freeze, size or garbage
         self.spoil: Callable[[np.ndarray], np.ndarray] | None = None  # what a picture becomes
+        self.fault_ends = False  # with the next picture
         self.picture: np.ndarray | None = None  # the last one
         self._asking: list[socket.socket] = []
 
@@ -124,10 +125,18 @@ class PictureServer(Listener):
             seen = self.see()
             self.picture = seen if self.spoil is None else self.spoil(seen)
         data = self._bytes(self.picture)
+        if self.fault_ends:
+            self.fault, self.fault_ends = "", False
         for connection in asking:
             with contextlib.suppress(OSError):
                 connection.sendall(data)
                 self.answered()
+
+    def hang_up(self) -> None:
+        """Leave everybody who looks; they may come again."""
+        with self._serving:
+            for connection in [*self.connections]:
+                self._drop(connection)
 
     def _answer(self, connection: socket.socket) -> None:
         if receive_exactly(connection, 1) == NEXT:

@@ -74,6 +74,9 @@ class Timekeeper:
     def freeze(self, name: str, frozen: bool) -> None:
         """A process that was stopped (SIGSTOP) is not waited for."""
 
+    def settle(self) -> None:
+        """Serve and wait until every process waits; time does not go on by that."""
+
     def poked(self, name: str) -> None:
         """A process was sent something that wakes it: wait until it is done with it."""
 

@@ -14,7 +14,8 @@ import pytest
 
 from robot.camera.gstreamer import GstStream, csi_command, gst_command
 from robot.camera.newest import NewestFrame
-from robot.errors import HardwareError
+from robot.config import CameraConfig
+from robot.errors import ConfigError, HardwareError
 from tests.robot.camera.test_newest import eventually
 
 SIZE = (8, 6)
@@ -37,6 +38,61 @@ def test_reads_pictures_as_rgb() -> None:
         assert picture.shape == (6, 8, 3)
         assert (picture == (3 * level, 2 * level, level)).all()
     stream.close()
+
+
+def test_what_the_child_prints_does_not_get_among_the_pixels() -> None:
+    """As nvarguscamerasrc, which prints to standard output before the first picture and later."""
+    chatty = PLAY.replace(
+        "os.write(1, bytes", "os.write(1, b'x' * 83); os.write(int(sys.argv[1]), bytes"
+    )
+    command = [sys.executable, "-c", chatty.format(count=3, pause=0.005), "{video}"]
+    stream = GstStream(command, SIZE)
+    for level in (1, 2, 3):
+        assert (stream.grab() == (3 * level, 2 * level, level)).all()
+    with pytest.raises(HardwareError, match=r"ended; it said: x{83}"):
+        stream.grab()
+    stream.close()
+
+
+def test_the_shipped_command_writes_pictures_to_a_descriptor_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = tmp_path / "gst-launch-1.0"
+    fake.write_text(
+        f"#!{sys.executable}\n"
+        "import os, sys\n"
+        "os.write(1, b'GST_ARGUS: Creating output stream'.ljust(83))\n"
+        "words = sys.argv[sys.argv.index('fdsink') + 1 :]\n"
+        "fd = next(int(word[3:]) for word in words if word.startswith('fd='))\n"
+        "assert fd > 2\n"
+        "os.write(fd, bytes((1, 2, 3, 255)) * 48)\n"
+    )
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    stream = GstStream(csi_command(sensor=0, flip=0, fps=30, size_px=SIZE), SIZE)
+    assert (stream.grab() == (3, 2, 1)).all()
+    stream.close()
+
+
+def test_opening_and_closing_leaves_no_descriptor_behind() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        stream = GstStream(program("", count=1), SIZE)
+        stream.grab()
+        stream.close()
+        with pytest.raises(HardwareError):
+            GstStream(["no-such-gst", "{video}"], SIZE)
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_rate_that_the_sensor_mode_has_not_is_refused() -> None:
+    for refused in (lambda: csi_command(0, 0, 31, SIZE), lambda: CameraConfig("csi", fps=60)):
+        with pytest.raises(
+            ConfigError, match=r"at most 30 with a CSI camera, got \d+; .*1640x1232"
+        ):
+            refused()
+    assert CameraConfig("csi", fps=30).fps == 30
+    assert CameraConfig("v4l2", fps=60).fps == 60
 
 
 def test_a_child_that_ends_says_why() -> None:

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import contextlib
+import errno
+import os
+import resource
 import time
 from typing import Callable, List, Optional
 
@@ -74,3 +78,91 @@ def test_a_thread_that_dies_is_an_error_of_the_next_read() -> None:
         eventually(lambda: not camera.alive)
         with pytest.raises(HardwareError, match="camera thread: KeyError"):
             camera.read()
+
+
+ODD = {
+    "gray": np.zeros((120, 160), np.uint8),
+    "four colours": np.zeros((120, 160, 4), np.uint8),
+    "floats": np.zeros((120, 160, 3)),
+    "no rows": np.zeros((0, 160, 3), np.uint8),
+    "no columns": np.zeros((120, 0, 3), np.uint8),
+    "one pixel": np.zeros((1, 1, 3), np.uint8),
+    "none": None,
+    "text": "picture",
+}
+
+
+@pytest.mark.parametrize("odd", list(ODD))
+def test_an_odd_picture_counts_as_none_and_the_next_ones_come(odd: str) -> None:
+    class Stream(FakeStream):
+        given = 0
+
+        def grab(self) -> np.ndarray:
+            Stream.given += 1
+            return ODD[odd] if Stream.given == 3 else super().grab()  # type: ignore[return-value]
+
+    with NewestFrame(lambda: Stream([7] * 1000), time.monotonic) as camera:
+        eventually(lambda: Stream.given > 6)
+        frame = camera.read()
+        assert frame is not None
+        assert frame.image.shape == FRAME_SHAPE
+        assert camera.restarts == 0, "the stream was not opened anew for it"
+        eventually(lambda: camera.problem == "")
+
+
+def test_nothing_but_odd_pictures_leave_the_last_frame_to_grow_old() -> None:
+    class Stream(FakeStream):
+        def grab(self) -> np.ndarray:
+            return super().grab() if self._levels else np.zeros((3, 3), np.uint8)
+
+    with NewestFrame(lambda: Stream([7, 8]), time.monotonic) as camera:
+        eventually(lambda: camera.problem.startswith("odd picture: picture: expected (H, W, 3)"))
+        frame = camera.read()
+        assert frame is not None
+        assert (frame.sequence, int(frame.image[0, 0, 0])) == (1, 8)
+        time.sleep(0.05)
+        assert camera.read() is frame
+        assert camera.alive
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [OSError(errno.EMFILE, "Too many open files"), ValueError("cannot reshape"), MemoryError()],
+)
+def test_what_a_device_may_raise_ends_a_stream_and_not_the_thread(wrong: Exception) -> None:
+    with NewestFrame(lambda: FakeStream([5], wrong), time.monotonic, first_wait_s=0.01) as camera:
+        eventually(lambda: camera.restarts >= 2)
+        assert camera.alive
+        assert (str(wrong) or "MemoryError") in camera.problem
+        assert camera.read() is not None
+
+
+def test_a_camera_comes_back_when_descriptors_do() -> None:
+    """All are taken, so that none is left to open the device anew; then they are given back."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    playing = [FakeStream([1, 2])]
+
+    def open_stream() -> FakeStream:
+        if playing:
+            return playing.pop()
+        os.close(os.open(os.devnull, os.O_RDONLY))
+        return FakeStream([9] * 10_000)
+
+    lowest = max(int(fd) for fd in os.listdir("/proc/self/fd")) + 1
+    taken: List[int] = []
+    with NewestFrame(open_stream, time.monotonic, first_wait_s=0.01) as camera:
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
+            with contextlib.suppress(OSError):
+                while True:
+                    taken.append(os.dup(0))
+            eventually(lambda: "Too many open files" in camera.problem)
+            assert camera.alive
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+            for fd in taken:
+                os.close(fd)
+        eventually(lambda: camera.problem == "")
+        frame = camera.read()
+        assert frame is not None
+        assert int(frame.image[0, 0, 0]) == 9

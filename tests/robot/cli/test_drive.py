@@ -14,6 +14,7 @@ from typing import Any, Iterator, List
 import pytest
 
 from robot.cli import drive, main
+from robot.cli.ending import on_ending
 from robot.geometry import Pose
 from robot.runtime.assemble import open_robot
 from robot.runtime.loop import Runtime
@@ -22,8 +23,9 @@ from tests.robot.runtime.test_assemble import DarkCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
 def test_systemd_hears_ready_the_state_the_heart_and_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: signal.Signals
 ) -> None:
     runtimes: List[Runtime] = []
 
@@ -48,20 +50,36 @@ def test_systemd_hears_ready_the_state_the_heart_and_the_end(
         def listen_then_end() -> None:
             while heard.count("WATCHDOG=1") < 3:
                 heard.append(systemd.recv(200).decode())
-            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), how)
             while heard[-1] != "STOPPING=1":
                 heard.append(systemd.recv(200).decode())
 
         thread = threading.Thread(target=listen_then_end)
         thread.start()
         began_s = time.monotonic()
-        before = signal.getsignal(signal.SIGTERM)
+        before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
         try:
             assert main(["drive", "--config", str(tmp_path / "robot.yaml")]) == 0
         finally:
-            signal.signal(signal.SIGTERM, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
             thread.join()
     assert heard[0] == "READY=1"
     assert any(line.startswith("STATUS=DISARMED") for line in heard)
     assert time.monotonic() - began_s >= 1.0
     assert runtimes[0].safety.verdict.state is State.DISARMED
+
+
+def test_a_hang_up_that_nohup_wants_ignored_stays_ignored() -> None:
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    ended: List[bool] = []
+    try:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        on_ending(lambda: ended.append(True))
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert ended == []
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert ended == [True]
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

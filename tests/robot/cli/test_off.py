@@ -3,11 +3,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import List
 
 import pytest
 
-from robot.cli import main
-from robot.cli.off import switch_off
+from robot.cli import main, off
+from robot.cli.off import configured, switch_off
 from robot.errors import HardwareError
 from robot.footprint import ROOT
 from sim_pybullet.virtual.hat import VirtualHat
@@ -45,6 +47,67 @@ def test_it_tries_again_and_says_when_only_the_supply_can_help() -> None:
 def test_a_bus_without_a_hat_is_left_alone() -> None:
     rig = make_rig()
     assert switch_off(VirtualI2cBus(), [0x6F, 0x60], rig.clock) == ""
+
+
+def test_a_program_that_switches_the_coils_on_again_is_told() -> None:
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.2, 0.2, 1.0)
+    sent = rig.bus.write
+
+    def contradict(address: int, data: bytes) -> None:
+        sent(address, data)
+        if data == b"\xfd\x10":
+            contradicted.append(address)
+            sent(0x6F, bytes((0x12, 0, 0x10, 0, 0)))
+
+    contradicted: List[int] = []
+    rig.bus.write = contradict  # type: ignore[method-assign]
+    with pytest.raises(HardwareError, match="another program switches the motors on again"):
+        switch_off(rig.bus, [0x6F], rig.clock)
+    assert len(contradicted) >= 10
+    contradicted.clear()
+    rig.bus.write = lambda a, d: (contradict if len(contradicted) < 2 else sent)(a, d)  # type: ignore[method-assign]
+    assert switch_off(rig.bus, [0x6F], rig.clock)
+    assert not rig.hat.chip.outputs.any_high
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("hat: {bus: 7, addresses: [0x6D]}", (7, [0x6D])),
+        ("hat: {addresses: ['0x6E', 0x60]}", (1, [0x6E, 0x60])),
+        ("hat: {socket: /run/i2c}", ("/run/i2c", [0x6F, 0x60])),
+        ("model: lane.onnx", (1, [0x6F, 0x60])),
+        ("", (1, [0x6F, 0x60])),
+    ],
+)
+def test_bus_and_addresses_come_from_the_configuration(
+    tmp_path: Path, text: str, place: tuple
+) -> None:
+    (tmp_path / "robot.yaml").write_text(text)
+    assert configured(tmp_path / "robot.yaml") == place
+
+
+@pytest.mark.parametrize(
+    "text", ["hat: 3", "hat: {bus: one}", "hat: {addresses: [0x20]}", "{", "- 1", "hat: [", None]
+)
+def test_an_unreadable_configuration_is_told_after_the_usual_places_were_switched_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    rig = make_rig()
+    rig.driver.open()
+    rig.drive(0.2, 0.2, 1.0)
+    monkeypatch.setattr(off, "_open", lambda bus: rig.bus)
+    config = tmp_path / "robot.yaml"
+    if text is not None:
+        config.write_text(text)
+    assert main(["off", "--config", str(config)]) == 2
+    told = capsys.readouterr()
+    assert "all outputs off at 0x6F" in told.out
+    assert told.err.startswith(f"robot off: {config}: expected a robot's YAML file with its hat")
+    assert len(told.err.splitlines()) == 1
+    assert not rig.hat.chip.outputs.any_high
 
 
 def test_an_absent_bus_ends_with_status_one(capsys: pytest.CaptureFixture[str]) -> None:

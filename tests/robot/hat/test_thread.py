@@ -88,5 +88,6 @@ def test_a_mended_bus_drives_again_without_a_new_start(parts: tuple) -> None:
 
 
 def test_an_absent_bus_is_told_before_anything_starts() -> None:
+    motors = real_motors(HatConfig(bus=250))
     with pytest.raises(HardwareError, match="/dev/i2c-250: expected an I2C bus"):
-        real_motors(HatConfig(bus=250))
+        motors.__enter__()

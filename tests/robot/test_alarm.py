@@ -1,0 +1,141 @@
+"""Waits that go by a clock which nobody can set, on Python 3.8 as well."""
+
+from __future__ import annotations
+
+import ast
+import gc
+import os
+import threading
+import time
+from pathlib import Path
+from typing import Any, List, Tuple
+
+import numpy as np
+import pytest
+
+import robot
+from robot.alarm import Alarm
+from robot.camera.newest import NewestFrame
+from robot.errors import HardwareError
+from robot.geometry import WheelSpeeds
+from robot.hat.clock import MonotonicClock
+from robot.hat.config import HatConfig
+from robot.hat.driver import MotorDriver
+from robot.hat.stepper_hat import StepperHat
+from robot.hat.thread import MotorThread
+from robot.runtime.watchdog import Watchdog
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import VirtualI2cBus
+from tests.robot.camera.test_newest import FakeStream, eventually
+
+
+def test_it_rings_until_it_is_cleared() -> None:
+    alarm = Alarm()
+    assert not alarm.is_set()
+    assert not alarm.wait(0.0)
+    assert not alarm.wait(-1.0)
+    for _ in range(3):
+        alarm.set()
+        assert alarm.is_set()
+    assert alarm.wait()
+    assert alarm.wait(10.0)
+    for _ in range(2):
+        alarm.clear()
+        assert not alarm.wait(0.0)
+
+
+def test_a_wait_lasts_as_long_as_it_should_and_ends_with_the_ringing() -> None:
+    alarm = Alarm()
+    began_s = time.monotonic()
+    assert not alarm.wait(0.05)
+    assert 0.05 <= time.monotonic() - began_s < 2.0
+    ringer = threading.Thread(target=lambda: (time.sleep(0.05), alarm.set()))
+    ringer.start()
+    assert alarm.wait(60.0)
+    assert time.monotonic() - began_s < 10.0
+    ringer.join()
+
+
+def test_its_descriptors_go_with_it() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    alarms = [Alarm() for _ in range(20)]
+    assert len(os.listdir("/proc/self/fd")) == before + 40
+    alarms.clear()
+    gc.collect()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+@pytest.fixture
+def _no_timed_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every timed wait of ``threading`` goes through these two on Python 3.8, by the wall clock."""
+    wait, join = threading.Condition.wait, threading.Thread.join
+
+    def untimed_wait(condition: Any, timeout: Any = None) -> bool:
+        assert timeout is None, "a timed wait of threading"
+        return wait(condition)
+
+    def untimed_join(thread: threading.Thread, timeout: Any = None) -> None:
+        assert timeout is None, "a timed join"
+        join(thread)
+
+    monkeypatch.setattr(threading.Condition, "wait", untimed_wait)
+    monkeypatch.setattr(threading.Thread, "join", untimed_join)
+
+
+@pytest.mark.usefixtures("_no_timed_waits")
+def test_motors_watchdog_and_camera_never_wait_by_the_wall_clock() -> None:
+    clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
+    VirtualHat(bus, clock)
+    driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
+    looks: List[float] = []
+    levels = [[10, 20], [30]]
+
+    def open_stream() -> FakeStream:
+        return FakeStream(levels.pop(0) if levels else [])
+
+    camera = NewestFrame(open_stream, time.monotonic, first_wait_s=0.01)
+    watchdog = Watchdog(lambda: looks.append(time.monotonic()))
+    with MotorThread(driver, clock) as motors, watchdog, camera:
+
+        def all_turn() -> bool:
+            motors.set_wheels(WheelSpeeds(0.1, 0.1))
+            return motors.counts[0] > 4 and len(looks) > 4 and camera.restarts > 1
+
+        eventually(all_turn)
+        for thread in (motors, watchdog, camera):
+            thread.check()
+    assert np.diff(looks).min() > 0.04
+
+
+def test_no_module_of_the_robot_makes_a_wait_of_threading() -> None:
+    made: List[Tuple[str, str]] = []
+    waits = {"Condition", "Event", "Semaphore", "BoundedSemaphore", "Barrier", "Timer"}
+    for path in Path(robot.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and node.attr in waits:
+                made.append((path.name, node.attr))
+            if isinstance(node, ast.keyword) and node.arg == "timeout":
+                made.append((path.name, "timeout="))
+    assert made == [], "robot.alarm.Alarm does not depend on the wall clock"
+
+
+def test_a_worker_that_does_not_end_is_waited_for_by_its_patience() -> None:
+    """A camera's device may hang; the join must be neither endless nor by the wall clock."""
+    hang = threading.Event()
+
+    class Hanging:
+        def grab(self) -> np.ndarray:
+            hang.wait()
+            raise HardwareError("ended")
+
+        def close(self) -> None:
+            """Nothing to give back."""
+
+    camera = NewestFrame(Hanging, time.monotonic)
+    camera._patience_s = 0.1
+    began_s = time.monotonic()
+    with camera:
+        eventually(lambda: camera.alive)
+    assert 0.1 <= time.monotonic() - began_s < 3.0
+    hang.set()
+    eventually(lambda: not camera.alive)
