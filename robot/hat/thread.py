@@ -133,8 +133,10 @@ class MotorThread(Worker):
         self._alarm.set()
 
     def _work(self) -> None:
-        while not self._ending.is_set():
-            self._alarm.clear()
+        while True:
+            self._alarm.clear()  # before looking: what comes after rings again
+            if self._ending.is_set():
+                return
             with self._guard:
                 deadline_s = self._driver.pump(self._clock.now())
                 self._turns += 1

@@ -94,6 +94,11 @@ class Driving:
             for command in (Command.ARM, Command.AUTO):
                 self.runtime.ask(command)
 
+    def steps(self, motors: MotorThread) -> None:
+        while motors.counts == (0, 0):
+            assert self.safety.verdict.state is State.AUTO, self.safety.verdict
+            self.runtime.step()
+
     def stops(self) -> None:
         deadline_s = time.monotonic() + 5.0
         while self.safety.verdict.state is not State.FAULT:
@@ -149,8 +154,7 @@ def test_the_death_of_the_motors_thread_stops_the_motors() -> None:
     with MotorThread(driver, clock) as motors:
         robot = Driving(motors=motors)
         robot.drive_off()
-        while motors.counts == (0, 0):
-            robot.runtime.step()
+        robot.steps(motors)
         bomb.lit = True
         robot.stops()
         assert robot.safety.verdict.reason is Reason.MOTORS
@@ -196,8 +200,7 @@ def test_a_motor_thread_that_hangs_stops_the_motors() -> None:
     with MotorThread(driver, clock) as motors:
         robot = Driving(motors=motors)
         robot.drive_off()
-        while motors.counts == (0, 0):
-            robot.runtime.step()
+        robot.steps(motors)
         let_go = threading.Event()
         motors._alarm.wait = lambda _=None: let_go.wait()  # type: ignore[method-assign,misc]
         began_s = time.monotonic()
@@ -216,8 +219,7 @@ def test_coils_that_another_program_switches_off_while_the_robot_holds_are_a_fau
     with MotorThread(driver, clock) as motors:
         robot = Driving(motors=motors, subscribers=[motors])
         robot.drive_off()
-        while motors.counts == (0, 0):
-            robot.runtime.step()
+        robot.steps(motors)
         robot.runtime.ask(Command.STOP)
         assert robot.safety.verdict.state is State.HOLD
         bus.write(0x6F, b"\xfd\x10")

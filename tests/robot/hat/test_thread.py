@@ -53,6 +53,22 @@ def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tup
     assert bus.log[-1].data == ALL_OFF
 
 
+def test_an_end_that_comes_while_the_thread_looks_for_one_is_not_missed(parts: tuple) -> None:
+    motors, _, _ = parts
+    clear = motors._alarm.clear
+
+    def end_then_clear() -> None:
+        motors._ending.set()  # as ``end`` does, at the worst moment
+        motors._wake()
+        clear()
+
+    motors._driver.open()
+    motors._alarm.clear = end_then_clear
+    motors.start()
+    wait_for(lambda: not motors.alive)
+    motors.end()
+
+
 def test_a_fault_in_the_background_reaches_the_next_caller(parts: tuple) -> None:
     motors, bus, _ = parts
     with motors:
