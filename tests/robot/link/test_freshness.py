@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.link.freshness import CLOCK_DRIFT, TAKEOVER_S, PoseGate, PoseLimits, StreamGate
+from robot.link.freshness import PoseGate, PoseLimits, StreamGate
 from robot.link.messages import PoseMessage
 
+CLOCK_DRIFT, TAKEOVER_S = 2e-4, 1.0
+V_MAX_MPS, MARGIN_M = 0.432374, 0.10  # a quarter more than the fastest wheel; glitches
 SENDER_AHEAD_S = 5000.0  # the sender's clock says something else altogether
 
 
@@ -123,13 +125,12 @@ def test_impossible_poses_are_refused_and_counted(message: PoseMessage, reason: 
 
 @given(st.floats(0.02, 1.0), st.floats(0.0, 1.0))
 def test_every_pose_within_reach_is_taken(dt_s: float, share: float) -> None:
-    limits = PoseLimits()
-    gate = PoseGate("duck", limits)
+    gate = PoseGate("duck")
     gate.take(pose(1, 0.0), now_s=0.0)
-    step_m = share * (limits.v_max_mps * dt_s + limits.margin_m)
+    step_m = share * (V_MAX_MPS * dt_s + MARGIN_M)
     assert gate.take(pose(2, dt_s, x_m=step_m), now_s=dt_s)
     assert not gate.take(
-        pose(3, 2 * dt_s, x_m=step_m + limits.v_max_mps * dt_s + limits.margin_m + 0.01),
+        pose(3, 2 * dt_s, x_m=step_m + V_MAX_MPS * dt_s + MARGIN_M + 0.01),
         now_s=2 * dt_s,
     )
 
@@ -144,4 +145,36 @@ def test_a_robot_carried_elsewhere_is_believed_when_it_could_be_there() -> None:
             break
         assert gate.age_s(0.1 * i) >= 0.1 * i
     assert first is not None
-    assert first == pytest.approx((2.0 - 0.1) / PoseLimits().v_max_mps, abs=0.11)
+    assert first == pytest.approx((2.0 - MARGIN_M) / V_MAX_MPS, abs=0.11)
+
+
+def test_clocks_that_drift_apart_faster_are_a_growing_delay() -> None:
+    gate = StreamGate()
+    for i in range(3600):
+        offer(gate, "a", i, now_s=float(i), late_s=3.0 * CLOCK_DRIFT * i)
+    assert gate.age_s(3599.0) == pytest.approx(2.0 * CLOCK_DRIFT * 3599.0, rel=0.01)
+
+
+def test_poses_below_a_tenth_of_confidence_are_refused() -> None:
+    for confidence, taken in ((0.099, False), (0.101, True)):
+        message = PoseMessage("duck", 0.0, 0.0, None, confidence, 0.0, "a", 1, 0.0)
+        assert PoseGate("duck").take(message, 0.0) is taken
+
+
+def test_sixteen_sessions_are_remembered() -> None:
+    """One that speaks again while a younger one lives is a second publisher."""
+    for others, remembered in ((15, True), (17, False)):
+        gate = StreamGate()
+        assert offer(gate, "first", 1, now_s=0.0)
+        for i in range(others):
+            assert offer(gate, f"other {i}", 1, now_s=0.01 * (i + 1))
+        offer(gate, "first", 2, now_s=0.01 * (others + 1))
+        assert gate.conflict(0.01 * (others + 1)) is remembered
+
+
+def test_a_capture_after_its_sending_makes_no_pose_younger() -> None:
+    gate = StreamGate()
+    assert gate.problem("a", 1, 5.0) == ""
+    gate.take(1, 100.0, 5.0, t_capture_s=160.0)
+    assert gate.age_s(5.0) == pytest.approx(0.0)
+    assert gate.age_s(5.5) == pytest.approx(0.5)
