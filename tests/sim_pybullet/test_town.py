@@ -94,6 +94,19 @@ def test_walls_and_posts_stop_robots(make_town: MakeTown, drive: Drive) -> None:
     assert town.collided.all()
 
 
+@pytest.mark.parametrize("drive", ["planar", "wheels"])
+@pytest.mark.parametrize(("gap_m", "touches"), [(0.015, False), (0.005, False), (-0.002, True)])
+def test_who_stands_beside_a_wall_does_not_touch_it(
+    make_town: MakeTown, drive: Drive, gap_m: float, touches: bool
+) -> None:
+    """Bullet tells of pairs from 20 mm on; touching is less than one."""
+    town = make_town([(WALL,)], 1, drive)
+    town.place(0, Pose(0.95 - FRONT_M - gap_m, 0.0, 0.0))
+    for _ in range(2):
+        town.step(np.zeros((1, 2)))
+        assert town.collided[0] == touches
+
+
 def test_collision_is_told_within_one_step_and_never_too_soon(make_town: MakeTown) -> None:
     town, touched = make_town([(WALL,)], 1), False
     for _ in range(200):

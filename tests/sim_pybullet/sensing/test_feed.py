@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robot.contract import ImageSpec
+from robot.lens import CameraRig
 from sim_pybullet.look import NOMINAL, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.scene import Ground, Scene
@@ -100,3 +101,46 @@ def test_the_translator_sees_what_the_sensor_gives() -> None:
         feed.begin(0, SCENE, look, np.array([0.1, 0.2, 0.3]))
         seen.append(feed.pictures(np.random.default_rng(0)))
     np.testing.assert_array_equal(seen[1], 255 - seen[0])
+
+
+class PostCamera:
+    """Sees one bright column, wherever it stands."""
+
+    shape = (20, 160, 3)
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """It sees no scene."""
+
+    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+        frames = np.zeros((len(poses), *self.shape), np.uint8)
+        frames[:, :, 80] = 250
+        return frames
+
+
+@pytest.mark.parametrize("dt_s", [1 / 30, 1 / 60])
+@pytest.mark.parametrize("turn_radps", [4.0, -2.0])
+def test_a_smear_is_as_wide_as_the_robot_turns_while_the_shutter_is_open(
+    dt_s: float, turn_radps: float
+) -> None:
+    """A turn by one radian moves a frame 160 px wide by 76 px."""
+    look = Look(sensor=SensorLook(shutter_s=0.05))
+    feed = CameraFeed(PostCamera(), 1, dt_s=dt_s)
+    feed.begin(0, SCENE, look, np.array([0.0, 0.0, 3.0]))
+    for k in range(1, 4):
+        feed.record(np.array([[0.0, 0.0, 3.0 + turn_radps * dt_s * k]]))
+    lit = feed.pictures(np.random.default_rng(0))[0, 10, :, 0] > 0
+    assert lit.sum() == pytest.approx(0.05 * abs(turn_radps) * 76.0, abs=2.0)
+    feed.begin(0, SCENE, look, np.array([0.0, 0.0, 3.0]))
+    still = feed.pictures(np.random.default_rng(0))[0, 10, :, 0] > 0
+    assert still.sum() == 1, "who begins stands still"
+
+
+def test_a_picture_that_comes_again_is_the_last_that_came_not_the_last_that_was_taken() -> None:
+    rng = np.random.default_rng(0)
+    feed = feed_of(TimingLook(frame_skip=1.0), TimingLook(frame_skip=1.0))
+    first = shown_poses(feed.pictures(rng))
+    for k in range(1, 5):
+        feed.record(np.array([[0.1 * k, 0.5, 0.0], [0.2 * k, 0.7, 0.0]]))
+        np.testing.assert_array_equal(shown_poses(feed.pictures(rng)), first)
+    second = shown_poses(feed.pictures(rng, np.array([1])))
+    np.testing.assert_array_equal(second, first[1:])

@@ -10,6 +10,7 @@ from robot.navigation.guidance import path_inputs
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, NOMINAL, DriveLook, Look, PoseLook
+from sim_pybullet.sensing.guidance_feed import GuidanceFeed
 from sim_pybullet.tasks.navigation import Navigation
 from tests.sim_pybullet.flat_camera import PoseCamera
 
@@ -108,3 +109,18 @@ def test_the_same_seed_gives_the_same_inputs() -> None:
         runs.append([world.step(world.expert_actions()).observation.path for _ in range(30)])
         world.close()
     np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_who_begins_anew_has_driven_nothing() -> None:
+    """Neither where it was nor steps that were counted on the way belong to the next episode."""
+    feed, rng, robots = GuidanceFeed(2), np.random.default_rng(0), np.arange(2)
+    looks = [PoseLook(position_m=1e-6)] * 2
+    start = np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]])
+    feed.begin(robots, looks, start, np.zeros(2, int), rng)
+    for _ in range(7):
+        feed.record(np.array([[0.3, 0.0], [0.3, 0.0]]))
+    there = np.array([[0.2, 2.0, 1.5], [2.0 + 0.3 * 7 / 30, 1.0, 0.0]])
+    feed.begin(np.array([0]), looks[:1], there, np.zeros(2, int), rng)
+    np.testing.assert_allclose(feed.poses[0], there[0], atol=1e-3)
+    feed.update(there, rng)
+    np.testing.assert_allclose(feed.poses, there, atol=5e-3)
