@@ -17,6 +17,7 @@ POST = Solid("cylinder", 0.0, 1.0, 0.0, (0.2, 0.2, 0.3), GREY)
 BRIDGE = Solid("box", 0.0, -1.0, 0.0, (2.0, 0.2, 0.1), GREY, base_m=0.3)
 GHOST = Solid("box", -0.5, 0.0, 0.0, (0.1, 1.0, 0.3), GREY, collides=False)
 FRONT_M = 0.066  # of the chassis, ahead of the axle
+CHASSIS_M, CHASSIS_MIDDLE_M = (0.18, 0.13), -0.024  # length and width; ahead of the axle
 
 MakeTown = Callable[..., Town]
 
@@ -94,17 +95,28 @@ def test_walls_and_posts_stop_robots(make_town: MakeTown, drive: Drive) -> None:
     assert town.collided.all()
 
 
-@pytest.mark.parametrize("drive", ["planar", "wheels"])
-@pytest.mark.parametrize(("gap_m", "touches"), [(0.015, False), (0.005, False), (-0.002, True)])
-def test_who_stands_beside_a_wall_does_not_touch_it(
-    make_town: MakeTown, drive: Drive, gap_m: float, touches: bool
-) -> None:
-    """Bullet tells of pairs from 20 mm on; touching is less than one."""
-    town = make_town([(WALL,)], 1, drive)
-    town.place(0, Pose(0.95 - FRONT_M - gap_m, 0.0, 0.0))
-    for _ in range(2):
-        town.step(np.zeros((1, 2)))
-        assert town.collided[0] == touches
+def gap_to_post_m(x_m: float, y_m: float, heading_rad: float) -> float:
+    """From the chassis, a rectangle, to the post of 0.2 m at (0, 1); below 0 inside it."""
+    c, s = np.cos(heading_rad), np.sin(heading_rad)
+    ahead, left = c * -x_m + s * (1.0 - y_m), -s * -x_m + c * (1.0 - y_m)
+    middle_m, half_m = CHASSIS_MIDDLE_M, 0.5 * np.array(CHASSIS_M)
+    beyond = np.abs([ahead - middle_m, left]) - half_m
+    return float(np.hypot(*np.maximum(beyond, 0.0)) + min(beyond.max(), 0.0)) - 0.1
+
+
+def test_who_is_millimetres_from_a_post_does_not_touch_it(make_town: MakeTown) -> None:
+    """Bullet tells of pairs that are some millimetres apart, too; touching is less than one."""
+    town, rng = make_town([(POST,)], 1), np.random.default_rng(0)
+    told: dict[bool, list[bool]] = {True: [], False: []}
+    while min(map(len, told.values())) < 150:
+        pose = Pose(*rng.uniform((-0.25, 0.75, -np.pi), (0.25, 1.25, np.pi)).tolist())
+        gap_m = gap_to_post_m(*pose)
+        if -0.004 < gap_m < -0.001 or 0.0015 < gap_m < 0.0038:
+            town.place(0, pose)
+            town.step(np.zeros((1, 2)))
+            told[gap_m < 0.0].append(bool(town.collided[0]))
+    assert all(told[True])
+    assert not any(told[False])
 
 
 def test_collision_is_told_within_one_step_and_never_too_soon(make_town: MakeTown) -> None:

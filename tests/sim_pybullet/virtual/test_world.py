@@ -179,6 +179,17 @@ def test_a_robot_that_is_put_down_sees_nothing_of_before() -> None:
     fresh.close()
 
 
+def test_a_robot_that_is_put_down_has_no_motion_under_way() -> None:
+    rig = make_rig()
+    world = world_of(replace(NOMINAL, drive=DriveLook(delay_s=0.3)), rig)
+    with rig.driver:
+        steps(rig, world, Action.STRAIGHT, 1.5)
+        world.place(START)
+        steps(rig, world, Action.STRAIGHT, 0.2)
+    assert math.dist(world.pose[:2], START[:2]) < 0.002
+    world.close()
+
+
 def test_noise_follows_the_seed() -> None:
     look = replace(NOMINAL, sensor=SensorLook(noise=6.0))
     frames = []
