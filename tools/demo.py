@@ -24,6 +24,9 @@ from robot.output import expect_folder, write_json
 TRAIN_SECONDS = 75.0
 EPISODES = 20
 MISSIONS = 100
+LEARNED_ON = ("loop", "rings/wedge", "rings/zigzag", "rings/turtle")
+JUDGED_ON = "judging/rings/zed"  # kept for judging: nothing is ever learned or chosen there
+TOWNS = "judging/towns"  # the same
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
 LAPS = 2
 
@@ -41,20 +44,24 @@ def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
     """The five stages of the demo, writing into ``out``."""
     run, model = out / "lane", out / "lane" / "model.onnx"
     evaluation, navigation = out / "evaluation.json", out / "navigation.json"
-    train = f"train --task lane --algo dueling --preset fast --map loop --seed {seed} --resume"
-    evaluate = f"evaluate --task lane --map loop --episodes {EPISODES} --seed 1000"
-    town = "evaluate --task navigation --map town --look randomised --pose-error arena"
+    train = f"train --task lane --algo dueling --preset fast --map {' '.join(LEARNED_ON)}"
+    train += " --lane both --start-spread 2.5 --true-path 1 --steps 15000 --judgings 3"
+    train += f" --seed {seed} --resume"
+    evaluate = f"evaluate --task lane --map {JUDGED_ON} --lane both --episodes {EPISODES}"
+    evaluate += " --seed 1000"
+    town = f"evaluate --task navigation --map {TOWNS} --look randomised --pose-error arena"
     town += f" --episodes {MISSIONS}"
     drive = f"--map loop --model {model} --laps {LAPS} --video {out}/drive.mp4"
     return (
         Stage(
-            "Train a Dueling DQN to keep its lane",
+            f"Train a Dueling DQN to keep its lane on {', '.join(LEARNED_ON)}, both ways round",
             ("trainer", *train.split(), "--seconds", str(seconds), "--out", str(run)),
             run / "metrics.json",
         ),
         Stage("Export it to ONNX", ("trainer", "export", str(run)), run / "model_int8.onnx"),
         Stage(
-            f"Evaluate the ONNX policy over {EPISODES} episodes of {LAPS} laps",
+            f"Judge the ONNX policy on {JUDGED_ON}, a ring that it never saw, with bends to both "
+            f"sides: {EPISODES} episodes of {LAPS} laps, half of them each way round",
             ("trainer", *evaluate.split(), "--model", str(model), "--json", str(evaluation)),
             evaluation,
         ),
@@ -64,7 +71,7 @@ def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
             out / "loop.json",
         ),
         Stage(
-            f"Drive {MISSIONS} missions in a town that the policy never saw, by drifting poses",
+            f"Drive {MISSIONS} missions by drifting poses in {TOWNS}, which nobody learned in",
             ("trainer", *town.split(), "--model", str(NAVIGATOR), "--json", str(navigation)),
             navigation,
         ),
@@ -94,9 +101,17 @@ def summarise(out: Path, total_s: float) -> dict:
     loop, navigation = read(out / "loop.json"), read(out / "navigation.json")
     return {
         "schema": 1,
-        "inputs": {"map": "loop", "algo": "dueling", "preset": "fast", "episodes": EPISODES},
+        "inputs": {
+            "map": " ".join(LEARNED_ON),
+            "judged_on": JUDGED_ON,
+            "algo": "dueling",
+            "preset": "fast",
+            "episodes": EPISODES,
+        },
         "train_seconds": training["train_seconds"],
         "train_steps": training["train_steps"],
+        "learned_on": list(LEARNED_ON),
+        "judged_on": JUDGED_ON,
         "success_rate": evaluation["success_rate"],
         "mean_path_distance_m": evaluation["mean_path_distance_m"],
         "loop_laps": loop["laps"],
@@ -111,10 +126,12 @@ def show(metrics: dict, out: Path, console: Console) -> None:
     table.add_row(
         "trained for", f"{metrics['train_seconds']:.0f} s, {metrics['train_steps']} steps"
     )
-    table.add_row("two laps kept", f"{metrics['success_rate']:.0%} of {EPISODES} episodes")
+    table.add_row("learned on", ", ".join(metrics["learned_on"]))
+    table.add_row("judged on", f"{metrics['judged_on']}, which it never saw")
+    table.add_row("two laps kept there", f"{metrics['success_rate']:.0%} of {EPISODES} episodes")
     table.add_row("mean distance to the lane", f"{100 * metrics['mean_path_distance_m']:.1f} cm")
     table.add_row("laps through the virtual HAT", f"{metrics['loop_laps']:.2f}")
-    table.add_row("missions in a town", f"{metrics['missions_arrived']} of {MISSIONS} arrived")
+    table.add_row(f"missions in {TOWNS}", f"{metrics['missions_arrived']} of {MISSIONS} arrived")
     table.add_row("all of it took", f"{metrics['total_seconds']:.0f} s")
     for name, path in (
         ("learning curve", out / "lane" / "curve.png"),
