@@ -15,8 +15,10 @@ from rich.table import Table
 from robot.errors import ConfigError, DuckpilotError
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
+from robot.output import expect_writable
 from sim_pybullet.randomise import load_look_sampler
 from trainer.config import ALGORITHMS, TASKS
+from trainer.division import maps_named
 from trainer.experiments.cli import experiment_app
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.parsing.cli import parse_app
@@ -101,25 +103,28 @@ def endure_command(
     hours: float = 1.0,
     robots: int = 4,
     seed: int = 1000,
+    lane: str = "outer",
 ) -> int:
     """Let a policy keep its lane for hours of simulated time, and see who leaves it.
 
     Args:
         model: a policy for lane keeping, .onnx.
         json: write the figures there.
-        map_names: rings of road, files or names of shipped maps.
+        map_names: rings of road, files, or names or folders of shipped maps.
         look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
         hours: of simulated time.
         robots: each at a place and in a look of its own.
         seed: of everything random.
+        lane: outer, inner (the other way round), or both.
     """
     from trainer.judging.endurance import endure
 
-    policy, maps = OnnxPolicy(model), [load_map(name) for name in map_names]
+    expect_writable(json, inputs=(model,))
+    policy, maps = OnnxPolicy(model), [load_map(name) for name in maps_named(map_names)]
     with Progress() as bar:
         row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
         looks = load_look_sampler(look)
-        result = endure(policy, maps, looks, hours, robots, seed, lambda: bar.advance(row))
+        result = endure(policy, maps, looks, hours, robots, seed, lambda: bar.advance(row), lane)
     if json is not None:
         write_json(json, result)
     Console(soft_wrap=True).print(

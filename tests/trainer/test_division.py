@@ -109,6 +109,16 @@ def test_training_refuses_judging_maps_by_name_folder_and_content(
     assert not out.exists()
 
 
+def test_translators_and_parsers_learn_from_no_judging_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "frames"
+    asked = ["collect", "--out", str(out), "--map", "judging/towns", "--frames", "2"]
+    assert main(asked) == 2
+    assert "expected one to learn on" in capsys.readouterr().err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("option", ["--look", "--judge-look"])
 @pytest.mark.parametrize("what", ["reality", "reality/lab", "copy"])
 def test_training_refuses_judging_looks_by_name_and_content(

@@ -34,6 +34,7 @@ class Endurance:
     mean_path_distance_m: float
     largest_path_distance_m: float
     seed: int
+    lane: str
     algorithm: str
     run: str
     schema: int = 1
@@ -47,19 +48,20 @@ def endure(
     robots: int,
     seed: int,
     driven: Callable[[], None],
+    lane: str = "outer",
 ) -> Endurance:
     """Let so many robots drive for so long; one that leaves its lane is out.
 
     ``driven`` hears of every decision.
 
     Raises:
-        ConfigError: no time or no robots.
+        ConfigError: no time, no robots, or no such lane.
         MapError: a map is not a ring of road.
     """
     decisions = round(hours * 3600.0 / CONTROL_DT_S) if math.isfinite(hours) else 0
     if decisions < 1 or robots < 1:
         raise ConfigError(f"expected hours and robots above 0, got {hours} and {robots}")
-    task = LaneKeeping(road_maps, robots, laps=math.inf)
+    task = LaneKeeping(road_maps, robots, lane, math.inf)
     world = BatchWorld(task, looks, seed=seed, pool_size=max(1, robots // len(road_maps)))
     record = _Record(robots)
     try:
@@ -82,6 +84,7 @@ def endure(
         mean_path_distance_m=float(record.offset_m.sum() / max(record.decisions.sum(), 1)),
         largest_path_distance_m=record.largest_m,
         seed=seed,
+        lane=lane,
         algorithm=policy.contract.algorithm,
         run=policy.contract.run,
     )

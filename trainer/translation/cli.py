@@ -40,6 +40,7 @@ def collect_command(
         every: pictures: take one of so many.
         seed: simulator: of everything random.
     """
+    from trainer.division import maps_named, refuse_judging_maps
     from trainer.envs import find_looks, load_places
     from trainer.translation.collect import (
         Source,
@@ -57,7 +58,9 @@ def collect_command(
         else:
             source = Source("simulator", map_names, frames, look, seed)
             task = "track" if any(map(is_track, map_names)) else "lane"
-            places, looks = load_places(task, map_names), find_looks(task, look, None)
+            places = load_places(task, maps_named(map_names))
+            refuse_judging_maps(places, "learn")
+            looks = find_looks(task, look, None)
             collect_simulator(out, places, looks, source, bar.update)
     Console(soft_wrap=True).print(f"{out}: {frames} frames")
     return 0

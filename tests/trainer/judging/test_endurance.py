@@ -25,6 +25,15 @@ def test_a_good_policy_stays_in_its_lane_without_an_end(tmp_path: Path) -> None:
     assert written["mean_path_distance_m"] <= written["largest_path_distance_m"] < 0.11
 
 
+def test_the_other_way_round_is_another_lane_and_bad_places_are_refused(tmp_path: Path) -> None:
+    out = tmp_path / "e.json"
+    arguments = ["endure", "--model", str(MODEL), "--hours", "0.0005", "--robots", "1"]
+    assert main([*arguments, "--lane", "inner", "--json", str(out)]) == 0
+    assert json.loads(out.read_text())["lane"] == "inner"
+    assert main([*arguments, "--lane", "middle"]) == 2
+    assert main([*arguments, "--json", str(tmp_path)]) == 2
+
+
 def test_whoever_leaves_the_lane_is_out() -> None:
     class Straight:
         contract = OnnxPolicy(MODEL).contract
