@@ -23,12 +23,14 @@ from robot.hat.thread import MotorThread, motors_on
 from robot.health import Health
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.lens import CameraRig
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.road_map import load_map
+from robot.navigation.road_paint import road_paint
 from robot.parts import Ask, Motors, Operator, Policy, Subscriber
 from robot.recording.recorder import Recorder
 from robot.recording.subject import describe
@@ -38,6 +40,7 @@ from robot.runtime.telemetry_feed import TelemetryFeed
 from robot.runtime.watchdog import Watchdog
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
+from robot.vision.road_fit import LaneFit, MapFit
 
 FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
@@ -106,7 +109,7 @@ def open_robot(
             audience,
             Operators(tuple(everybody)),
             navigator,
-            PictureDoubts(),
+            open_eyes(config),
         )
         stack.enter_context(watchdog)
         yield runtime
@@ -123,6 +126,14 @@ def open_policy(config: RobotConfig) -> Policy:
         return policy
     translator = open_translator(config.translator, policy.contract.image, "real-to-sim")
     return TranslatingPolicy(policy, translator)
+
+
+def open_eyes(config: RobotConfig) -> PictureDoubts:
+    """Doubts the pictures, also by where the road lies in them: the map's, or that of any lane."""
+    rig = CameraRig(config.camera.lens, config.camera.mount)
+    if not config.map:
+        return PictureDoubts(LaneFit(rig))
+    return PictureDoubts(MapFit(road_paint(load_map(config.map)), rig))
 
 
 def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:

@@ -60,7 +60,7 @@ class SafetyLimits:
     frame_age_s: float = 0.2
     frozen_frames: int = 5  # new frames with the same bytes while driving; above a camera's delay
     blind_s: float = 0.5  # without a picture that shows anything: a hand before the lens
-    still_s: float = 1.5  # of turning wheels before a picture that stands
+    still_s: float = 1.3  # of turning wheels before a picture that stands
     loop_age_s: float = 0.2  # ArduPilot Rover disarms when its main loop stalls for 0.2 s
     pose_age_s: float = 1.0
     link_age_s: float = 1.0

@@ -1,9 +1,10 @@
-"""Whether pictures show anything, and whether they move when the wheels do.
+"""Whether pictures show anything, move when the wheels do, and show the road where it must lie.
 
-Both questions are asked of grey means of 8 x 8 pixels, where a sensor's noise has all but vanished.
-A picture shows something when its coarse structure is strong enough, and is found again in the next
-picture: noise of any strength and grain is never the same twice. A picture has moved when enough of
-it differs by more than noise from the last one that had moved.
+The first two questions are asked of grey means of 8 x 8 pixels, where a sensor's noise has all but
+vanished. A picture shows something when its coarse structure is strong enough, and is found again
+in the next picture: noise of any strength and grain is never the same twice. A picture has moved
+when enough of it differs by more than noise from the last one that had moved. The third question
+is that of `robot.vision.road_fit`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from robot.camera.source import Frame
 from robot.geometry import Pose, WheelSpeeds
 from robot.parts import Sight
 from robot.safety.wheel_limits import STILL
+from robot.vision.road_fit import RoadFit, Verdict
 
 BLOCK_PX = 8
 COLUMNS, ROWS = 20, 15  # blocks of a frame
@@ -83,9 +85,16 @@ def has_moved(before: np.ndarray, now: np.ndarray) -> bool:
 
 
 class PictureDoubts:
-    """Looks at every new frame once; keeps ``robot.parts.Eyes``. Ages are by the caller's clock."""
+    """Looks at every new frame once; keeps ``robot.parts.Eyes``. Ages are by the caller's clock.
 
-    def __init__(self) -> None:
+    Args:
+        road: where the road must lie in a picture; None where nothing tells it.
+    """
+
+    def __init__(self, road: Optional[RoadFit] = None) -> None:
+        self._road = road
+        self._verdict = None if road is None else Verdict(road.readings)
+        self._wrong = ""
         self._sequence: Optional[int] = None
         self._structure: Optional[np.ndarray] = None  # of the newest frame
         self._moved: Optional[np.ndarray] = None  # the last frame that had moved, in grey
@@ -95,7 +104,7 @@ class PictureDoubts:
     def look(
         self,
         frame: Optional[Frame],
-        pose: Optional[Pose],  # noqa: ARG002  neither question asks for it
+        pose: Optional[Pose],
         wheels: WheelSpeeds,
         now_s: float,
     ) -> Sight:
@@ -103,9 +112,23 @@ class PictureDoubts:
         if frame is not None and frame.sequence != self._sequence:
             self._sequence = frame.sequence
             self._take(grey(frame.image), now_s)
+            if wheels != STILL:
+                self._judge(frame, pose)
         if wheels == STILL:
-            self._moved, self._moved_s = None, now_s
-        return Sight(blind_s=now_s - self._seen_s, still_s=now_s - self._moved_s)
+            self._forget(now_s)
+        return Sight(now_s - self._seen_s, now_s - self._moved_s, self._wrong)
+
+    def _forget(self, now_s: float) -> None:
+        """A robot that stands may see a picture that stands, and may be carried elsewhere."""
+        self._moved, self._moved_s, self._wrong = None, now_s, ""
+        if self._verdict is not None:
+            self._verdict.forget()
+
+    def _judge(self, frame: Frame, pose: Optional[Pose]) -> None:
+        fits = None if self._road is None else self._road.fits(frame.image, pose)
+        if fits is not None and self._verdict is not None:
+            seems = self._verdict.add(fits)
+            self._wrong = f"the road lies in the picture as if that were {seems}" if seems else ""
 
     def _take(self, plane: np.ndarray, now_s: float) -> None:
         before, self._structure = self._structure, structure(plane)

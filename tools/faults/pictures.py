@@ -11,7 +11,7 @@ from tools.faults.case import Act, Case
 from tools.faults.stage import Stage
 
 Spoil = Callable[[np.ndarray], np.ndarray]
-BLIND_S, STILL_S = 0.5, 1.5
+BLIND_S, STILL_S, WRONG_S = 0.5, 1.5, 2.0
 RNG = np.random.default_rng(0)
 
 
@@ -42,6 +42,10 @@ def _half(picture: np.ndarray) -> np.ndarray:
 def _sheared(picture: np.ndarray) -> np.ndarray:
     """Each row begins a pixel later than the one above: a line length misread by one."""
     return np.stack([np.roll(row, number, axis=0) for number, row in enumerate(picture)])
+
+
+def _shifted(picture: np.ndarray) -> np.ndarray:
+    return np.roll(picture, picture.shape[1] // 4, axis=1)
 
 
 def _rolled(degrees: float) -> Spoil:
@@ -88,7 +92,13 @@ def _stops(name: str, what: str, spoil: Spoil, threshold_s: float, says: str) ->
 
 
 def _blind(name: str, what: str, spoil: Spoil) -> Case:
-    return _stops(name, what, spoil, BLIND_S, "lens covered")
+    return _stops(name, what, spoil, BLIND_S, "lens covered|same picture")
+
+
+def _wrong(name: str, what: str, spoil: Spoil) -> Case:
+    says = "road lies|left its planned path"  # where it leaves the path first, that is as good
+    states = ("FAULT", "HOLD")
+    return Case(name, what, _spoils(lambda: spoil), WRONG_S, states, says, heal=_heal)
 
 
 def _drives(name: str, what: str, spoil: Spoil, pictures: int) -> Case:
@@ -105,6 +115,11 @@ CASES = (
     _blind("noise", "nothing but noise, pixel by pixel", _covered(128, 90)),
     _blind("coarse noise", "nothing but noise in grains of 8 pixels", _grains),
     _blind("finger", "a finger before the lens: dark red, blurred", _finger),
+    _wrong("mirrored", "left and right exchanged", lambda picture: picture[:, ::-1]),
+    _wrong("upside down", "turned by 180 degrees", lambda picture: picture[::-1, ::-1]),
+    _wrong("sheared", "each row a pixel farther to the right", _sheared),
+    _wrong("rolled", "turned by 30 degrees, as a camera that came loose", _rolled(30.0)),
+    _wrong("shifted", "a quarter of its width to the right", _shifted),
     Case(
         *("held, noise", "the same picture again and again, with noise of 6 levels"),
         *(_spoils(lambda: _Held(6.0)), STILL_S),

@@ -290,7 +290,7 @@ def test_a_picture_that_freezes_while_driving_stops_the_robot() -> None:
     ("sight", "reason"),
     [
         (Sight(blind_s=0.51), Reason.PICTURE_BLIND),
-        (Sight(still_s=1.51), Reason.PICTURE_STILL),
+        (Sight(still_s=1.31), Reason.PICTURE_STILL),
         (Sight(wrong="the picture is upside down"), Reason.PICTURE_WRONG),
     ],
 )

@@ -1,0 +1,127 @@
+"""Where the lines of a road map lie, as a picture of its floor from above.
+
+Bands as on Duckietown's mats: yellow 0.2 tiles to the left of a lane's middle, white 0.232 to its
+right; a junction has white corners, a white edge along its closed side and no yellow.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot.geometry import bezier_points, wrap_angle
+from robot.navigation.lanes import Lane
+from robot.navigation.road_map import RoadMap
+from robot.navigation.tiles import ORIENTATIONS, Tile
+
+TEXEL_M = 0.01
+MARGIN_M = 0.5  # around the grid
+YELLOW_TILES, WHITE_TILES = 0.2, -0.232  # beside the middle of a lane, positive to its left
+YELLOW_M, WHITE_M = 0.025, 0.05  # width of the paint
+STOP_TILES = 0.1  # from a junction's border, over which a red line may lie
+SOFT_M = 0.015  # standard deviation by which edges are softened: poses and paint are never exact
+_SHIFT = 4  # fractional bits of cv2's coordinates
+
+
+@dataclass(frozen=True)
+class RoadPaint:
+    """``cover`` (H, W, 3) float32, rows from the south: white, yellow, and whether it is known.
+
+    Known is what lies on the road, except red stop lines.
+    """
+
+    cover: np.ndarray
+    texel_m: float = TEXEL_M
+    margin_m: float = MARGIN_M
+
+    def at(self, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+        """(..., 3) under points of the world [m]; unknown beyond the grid."""
+        height, width, planes = self.cover.shape
+        columns = ((x_m + self.margin_m) * (1.0 / self.texel_m)).astype(np.int32)
+        rows = ((y_m + self.margin_m) * (1.0 / self.texel_m)).astype(np.int32)
+        np.clip(columns, 0, width - 1, out=columns)  # the margin is unknown
+        np.clip(rows, 0, height - 1, out=rows)
+        rows *= width
+        rows += columns
+        return np.asarray(self.cover.reshape(-1, planes)[rows])
+
+
+def road_paint(road_map: RoadMap) -> RoadPaint:
+    """The lines of a whole map."""
+    import cv2
+
+    shape = tuple(
+        math.ceil((side_m + 2.0 * MARGIN_M) / TEXEL_M)
+        for side_m in (road_map.height_m, road_map.width_m)
+    )
+    white, yellow, known = (np.zeros(shape, np.uint8) for _ in range(3))
+    size_m = road_map.tile_size_m
+    for tile in road_map.road_tiles:
+        _fill(known, _tile_box(tile, road_map), 255)
+    for lane in road_map.lanes:
+        tile = road_map.tiles[lane.tile_row][lane.tile_column]
+        if not tile.is_junction:
+            _draw(yellow, _beside(lane, YELLOW_TILES * size_m), YELLOW_M)
+        if not tile.is_junction or _has_edge(lane, tile):
+            _draw(white, _beside(lane, WHITE_TILES * size_m), WHITE_M)
+    for tile in road_map.road_tiles:
+        if tile.is_junction:
+            _forget_stop_lines(known, tile, road_map)
+    soft = SOFT_M / TEXEL_M
+    lines = [cv2.GaussianBlur(plane, (0, 0), soft) for plane in (white, yellow)]
+    return RoadPaint(np.stack((*lines, known), axis=-1).astype(np.float32) / np.float32(255.0))
+
+
+def _beside(lane: Lane, left_m: float) -> np.ndarray:
+    """The curve (24, 2) that runs so far to the left of a lane [m]."""
+    points = bezier_points(lane.control_points_m, np.linspace(0.0, 1.0, 24))
+    along = np.gradient(points, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return np.asarray(points + left_m * np.stack((-along[:, 1], along[:, 0]), axis=1))
+
+
+def _has_edge(lane: Lane, tile: Tile) -> bool:
+    """Whether a lane through a junction has a line on its right: a corner, or the closed side."""
+    begin, end = np.diff(lane.control_points_m, axis=0)[[0, 2]]
+    heading_rad = math.atan2(begin[1], begin[0])
+    turn_rad = float(wrap_angle(math.atan2(end[1], end[0]) - heading_rad))
+    if abs(turn_rad) > 0.25 * math.pi:
+        return turn_rad < 0.0
+    # The side to the right of a lane that runs east is the south one.
+    quarters = round(heading_rad / (0.5 * math.pi)) % 4
+    return ORIENTATIONS[quarters] not in tile.road_sides
+
+
+def _draw(plane: np.ndarray, points_m: np.ndarray, width_m: float) -> None:
+    import cv2
+
+    pixels = (points_m + MARGIN_M) / TEXEL_M - 0.5
+    fixed = np.rint(pixels * 2**_SHIFT).astype(np.int32)[:, None]
+    thick = max(1, round(width_m / TEXEL_M))
+    cv2.polylines(plane, [fixed], False, 255, thick, cv2.LINE_AA, _SHIFT)
+
+
+def _tile_box(tile: Tile, road_map: RoadMap) -> np.ndarray:
+    """South-west and north-east corner (2, 2) of a tile [m]."""
+    south_west = np.array((tile.column, road_map.rows - 1 - tile.row), dtype=float)
+    return np.stack((south_west, south_west + 1.0)) * road_map.tile_size_m
+
+
+def _fill(plane: np.ndarray, box_m: np.ndarray, value: int) -> None:
+    (west, south), (east, north) = np.rint((box_m + MARGIN_M) / TEXEL_M).astype(int)
+    plane[south:north, west:east] = value
+
+
+def _forget_stop_lines(known: np.ndarray, tile: Tile, road_map: RoadMap) -> None:
+    (west, south), (east, north) = _tile_box(tile, road_map)
+    deep = STOP_TILES * road_map.tile_size_m
+    strips = {
+        "S": ((west, south - deep), (east, south + deep)),
+        "N": ((west, north - deep), (east, north + deep)),
+        "W": ((west - deep, south), (west + deep, north)),
+        "E": ((east - deep, south), (east + deep, north)),
+    }
+    for side in tile.road_sides:
+        _fill(known, np.array(strips[side]), 0)

@@ -1,0 +1,262 @@
+"""Does the road lie in the picture where the map says? Or would it, were the picture turned?
+
+The map's lines, or without a map those of any lane, are looked up where the picture's pixels meet
+the floor, at the believed pose and around it, and held against the picture: against the picture as it is, and as it would be if
+somebody had mirrored, turned, sheared or shifted it. The measure is the covariance of paint with
+what stands out in brightness and in yellow: where the map has no lines, it says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+from typing import Deque, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from robot.geometry import Pose
+from robot.lens import CameraRig
+from robot.navigation.road_paint import (
+    SOFT_M,
+    WHITE_M,
+    WHITE_TILES,
+    YELLOW_M,
+    YELLOW_TILES,
+    RoadPaint,
+)
+
+COLUMNS, ROWS = 40, 30  # of the small picture: 4 x 4 pixels of a frame
+WIDE = 9  # small pixels; lines stand out from their surroundings of this size
+FAR_M = 0.8  # ahead of the axle: farther lines are thinner than a pixel
+# A mounting, and an overhead pose with the camera's delay, may be off by so much.
+PITCHES_RAD = tuple(math.radians(deg) for deg in (-7.0, 0.0, 7.0))
+YAWS_RAD = tuple(math.radians(deg) for deg in (-12.0, -6.0, 0.0, 6.0, 12.0))
+ASIDE_M = (-0.06, 0.0, 0.06)
+# Where nothing tells the pose, a robot that keeps its lane may stand otherwise by more.
+LANE_YAWS_RAD = tuple(math.radians(deg) for deg in (-30.0, -15.0, 0.0, 15.0, 30.0))
+LANE_ASIDE_M = (-0.08, 0.0, 0.08)
+BENDS_PM = (-3.5, -1.5, 0.0, 1.5, 3.5)  # the tightest lane has a radius of a quarter of a metre
+TILE_M = 0.585  # of Duckietown's mats
+FAR_WHITE_TILES = 0.632  # the far edge of the road, beside the middle of the right lane
+DASHED = 0.64  # share of the yellow line that is painted
+CLIPPED = 3.0  # mean deviations; one lamp shall not outweigh a road
+LEAST_LEVELS = 2.0  # of deviation: below that there is only noise
+TURNS = 20  # of the loop that are judged together: 2 s
+# By how much another reading must fit better. An honest picture fits by 1.2 (random looks) to 2; no
+# other reading fitted better than it by more than 0.31 in ten minutes' drive in random looks.
+MARGIN = 0.5
+
+
+class Lines(NamedTuple):
+    """How lines stand out in brightness and in yellow, (A, N) each, from A poses and bends."""
+
+    bright: np.ndarray
+    yellow: np.ndarray
+
+
+class Reading(NamedTuple):
+    """A way in which a picture may be wrong, and where (N,) its pixels then lie."""
+
+    sentence: str
+    columns: np.ndarray
+    rows: np.ndarray
+
+
+def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
+    """The right reading first. Columns and rows (N,) count from the picture's middle."""
+
+    def sheared(share: float, still_row: float) -> Reading:
+        moved = columns + share * (rows - still_row) + 0.5 * COLUMNS
+        return Reading("sheared", moved % COLUMNS - 0.5 * COLUMNS, rows)
+
+    def rolled(degrees: float) -> Reading:
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        return Reading("rolled", c * columns + s * rows, c * rows - s * columns)
+
+    def shifted(right: float, down: float) -> Reading:
+        x = (columns + right + 0.5 * COLUMNS) % COLUMNS - 0.5 * COLUMNS
+        y = (rows + down + 0.5 * ROWS) % ROWS - 0.5 * ROWS
+        return Reading("shifted", x, y)
+
+    return (
+        Reading("", columns, rows),
+        Reading("mirrored", -columns, rows),
+        Reading("upside down", -columns, -rows),
+        Reading("upside down and mirrored", columns, -rows),
+        *(rolled(degrees) for degrees in (-90.0, -28.0, 28.0, 90.0)),
+        *(sheared(share, 0.0) for share in (-0.8, -0.4, 0.4, 0.8)),
+        *(sheared(share, -0.5 * ROWS) for share in (-1.0, 1.0)),
+        *(shifted(right, 0.0) for right in (-10.0, 10.0, 20.0)),
+        *(shifted(0.0, down) for down in (-10.0, 10.0, 15.0)),
+    )
+
+
+def small_picture(frame: np.ndarray) -> np.ndarray:
+    """What stands out in brightness and in yellow, (1200, 2) float32, of a frame (H, W, 3)."""
+    import cv2
+
+    small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA).astype(np.float32)
+    red, green, blue = small[..., 0], small[..., 1], small[..., 2]
+    planes = np.stack(((red + green + blue) / 3.0, (red + green) / 2.0 - blue), axis=-1)
+    planes -= cv2.blur(planes, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(planes.reshape(-1, 2), np.float32)
+
+
+class RoadFit:
+    """Holds a road against pictures as each reading would have them; see ``MapFit``, ``LaneFit``.
+
+    Args:
+        rig: the camera's lens, for a picture of any size, and its mounting.
+        yaws_rad: by which the robot may be turned from where it is believed to be.
+        aside_m: by which it may be too far to the left of that.
+    """
+
+    def __init__(
+        self, rig: CameraRig, yaws_rad: Tuple[float, ...], aside_m: Tuple[float, ...]
+    ) -> None:
+        rows, columns = np.mgrid[:ROWS, :COLUMNS]
+        floors = np.array([_floor(rig, pitch_rad) for pitch_rad in PITCHES_RAD])
+        with np.errstate(invalid="ignore"):
+            near = (np.hypot(floors[..., 0], floors[..., 1]) < FAR_M) & (floors[..., 0] > 0.0)
+        chosen = near.any(axis=0) & ((rows + columns) % 2 == 0)
+        self._near = np.tile(near[:, chosen], (len(aside_m) * len(yaws_rad), 1)).astype(np.float32)
+        points = np.nan_to_num(floors[:, chosen])
+        around = [_moved(points, yaw_rad, left_m) for left_m in aside_m for yaw_rad in yaws_rad]
+        self._points_m = np.concatenate(around).astype(np.float32)  # (A, N, 2), robot frame
+        middle = 0.5 * (COLUMNS - 1), 0.5 * (ROWS - 1)
+        self.readings = readings(columns[chosen] - middle[0], rows[chosen] - middle[1])
+        self._pixels = np.array([_pixels(reading) for reading in self.readings])
+
+    def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
+        """How well each reading fits (pitches, readings): the best of the poses around.
+
+        Args:
+            frame: (H, W, 3) uint8 RGB.
+            pose: where the robot believes to be; None, and None back, where it does not know.
+        """
+        raise NotImplementedError
+
+    def _fits(self, frame: np.ndarray, lines: Lines) -> np.ndarray:
+        picture = small_picture(frame)
+        deviation = 1.2 * np.abs(picture[self._pixels[0]]).mean(axis=0) + LEAST_LEVELS
+        scaled = np.clip(picture / deviation, -CLIPPED, CLIPPED)
+        beyond = np.zeros((1, 2), np.float32)  # a reading's pixels beyond the picture
+        seen = np.concatenate((scaled, beyond))[self._pixels]  # (readings, N, 2)
+        fit = lines.bright @ seen[..., 0].T + lines.yellow @ seen[..., 1].T
+        per_pixel = fit * np.float32(10.0 / self._near.shape[1])
+        return np.asarray(per_pixel.reshape(-1, len(PITCHES_RAD), len(self.readings)).max(axis=0))
+
+
+class MapFit(RoadFit):
+    """The road of a map, from where the robot believes to be."""
+
+    def __init__(self, paint: RoadPaint, rig: CameraRig) -> None:
+        super().__init__(rig, YAWS_RAD, ASIDE_M)
+        self._paint = paint
+
+    def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
+        """See ``RoadFit.fits``."""
+        if pose is None:
+            return None
+        c, s = np.float32(math.cos(pose.heading_rad)), np.float32(math.sin(pose.heading_rad))
+        ahead, left = self._points_m[..., 0], self._points_m[..., 1]
+        x_m = np.float32(pose.x_m) + c * ahead - s * left
+        cover = self._paint.at(x_m, np.float32(pose.y_m) + s * ahead + c * left)
+        return self._fits(frame, _lines(cover, self._near))
+
+
+class LaneFit(RoadFit):
+    """Any road, straight or bent, as a robot sees it that keeps to its right lane.
+
+    A picture that is shifted cannot be told from a robot that is turned; a picture that is mirrored
+    shows the same as one from the wrong side of the yellow line, which is as bad.
+    """
+
+    def __init__(self, rig: CameraRig) -> None:
+        super().__init__(rig, LANE_YAWS_RAD, LANE_ASIDE_M)
+        bends = [_bent_lane(self._points_m.astype(float), bend_pm) for bend_pm in BENDS_PM]
+        self._near = np.tile(self._near, (len(BENDS_PM), 1))
+        self._lines = _lines(np.concatenate(bends), self._near)
+        chosen = [k for k, reading in enumerate(self.readings) if reading.sentence != "shifted"]
+        self.readings = tuple(self.readings[k] for k in chosen)
+        self._pixels = self._pixels[chosen]
+
+    def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:  # noqa: ARG002
+        """See ``RoadFit.fits``; no pose is needed."""
+        return self._fits(frame, self._lines)
+
+
+class Verdict:
+    """Adds up the fits of the last turns."""
+
+    def __init__(self, kinds: Tuple[Reading, ...]) -> None:
+        self._sentences = [reading.sentence for reading in kinds[1:]]
+        self._fits: Deque[np.ndarray] = deque(maxlen=TURNS)
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._fits.clear()
+
+    def add(self, fits: np.ndarray) -> str:
+        """What is wrong with the pictures, or "", after one more turn's fits."""
+        self._fits.append(fits)
+        mean = np.sum(self._fits, axis=0).max(axis=0) / TURNS  # a mounting's pitch stays
+        beyond = mean[1:] - mean[0] - MARGIN
+        worst = int(beyond.argmax())
+        return self._sentences[worst] if beyond[worst] > 0.0 else ""
+
+
+def _floor(rig: CameraRig, pitch_rad: float) -> np.ndarray:
+    """Where the small picture's pixels meet the floor (ROWS, COLUMNS, 2) [m], robot frame."""
+    mount = replace(rig.mount, pitch_rad=rig.mount.pitch_rad + pitch_rad)
+    rows, columns = np.mgrid[:ROWS, :COLUMNS]
+    pixels = np.stack((columns, rows), axis=-1).astype(float)
+    return CameraRig(rig.lens.scaled(COLUMNS, ROWS), mount).to_floor(pixels)
+
+
+def _moved(points_m: np.ndarray, yaw_rad: float, left_m: float) -> np.ndarray:
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    ahead, left = points_m[..., 0], points_m[..., 1]
+    return np.stack((c * ahead - s * left, s * ahead + c * left + left_m), axis=-1)
+
+
+def _pixels(reading: Reading) -> np.ndarray:
+    """Indices (N,) into a flat picture; one beyond its end for pixels outside of it."""
+    columns = np.rint(reading.columns + 0.5 * (COLUMNS - 1)).astype(int)
+    rows = np.rint(reading.rows + 0.5 * (ROWS - 1)).astype(int)
+    inside = (columns >= 0) & (columns < COLUMNS) & (rows >= 0) & (rows < ROWS)
+    return np.where(inside, rows * COLUMNS + columns, COLUMNS * ROWS)
+
+
+def _lines(cover: np.ndarray, near: np.ndarray) -> Lines:
+    """From white, yellow and known (A, N, 3) to what stands out among the known and near."""
+    weights = cover[..., 2] * near
+    share = weights / (weights.sum(axis=1, keepdims=True) + np.float32(1e-6))
+
+    def stands_out(paint: np.ndarray) -> np.ndarray:
+        return np.asarray((paint - (paint * share).sum(axis=1, keepdims=True)) * weights)
+
+    return Lines(stands_out(cover[..., 0] + cover[..., 1]), stands_out(cover[..., 1]))
+
+
+def _bent_lane(points_m: np.ndarray, bend_pm: float) -> np.ndarray:
+    """White, yellow and known (A, N, 3) beside a lane with its middle below the robot.
+
+    Args:
+        points_m: (A, N, 2) in the frame of the lane's beginning.
+        bend_pm: its curvature [1/m], to the left.
+    """
+    ahead, left = points_m[..., 0], points_m[..., 1]
+    if bend_pm:
+        radius_m = 1.0 / bend_pm
+        left = radius_m - math.copysign(1.0, bend_pm) * np.hypot(ahead, left - radius_m)
+
+    def line(tiles: float, width_m: float) -> np.ndarray:
+        beyond_m = np.abs(left - tiles * TILE_M) - 0.5 * width_m
+        return np.asarray(np.clip(0.5 - 0.5 * beyond_m / SOFT_M, 0.0, 1.0))
+
+    white = line(WHITE_TILES, WHITE_M) + line(FAR_WHITE_TILES, WHITE_M)
+    known = (left > WHITE_TILES * TILE_M - 0.12) & (left < FAR_WHITE_TILES * TILE_M + 0.08)
+    yellow = DASHED * line(YELLOW_TILES, YELLOW_M)
+    return np.stack((white, yellow, known), axis=-1).astype(np.float32)
