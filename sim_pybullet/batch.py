@@ -113,6 +113,11 @@ class BatchWorld:
         return self._town.poses
 
     @property
+    def believed_poses(self) -> np.ndarray:
+        """(N, 3) where the robots believe to be; the true poses in a task without a path."""
+        return self.poses if self._guidance is None else self._guidance.poses.copy()
+
+    @property
     def maps(self) -> np.ndarray:
         """(N,) int, the map that each robot is on: index into the task's road_maps."""
         return self._maps.copy()

@@ -1,9 +1,9 @@
 """Does the road lie in the picture where the map says? Or would it, were the picture turned?
 
 The map's lines, or without a map those of any lane, are looked up where the picture's pixels meet
-the floor, at the believed pose and around it, and held against the picture: against the picture as it is, and as it would be if
-somebody had mirrored, turned, sheared or shifted it. The measure is the covariance of paint with
-what stands out in brightness and in yellow: where the map has no lines, it says nothing.
+the floor, at the believed pose and around it. They are held against the picture as it is, and as it
+would be if somebody had mirrored, turned, sheared or shifted it. The measure is the covariance of
+paint with what stands out in brightness and in yellow: without lines, it says nothing.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PITCHES_RAD = tuple(math.radians(deg) for deg in (-7.0, 0.0, 7.0))
 YAWS_RAD = tuple(math.radians(deg) for deg in (-12.0, -6.0, 0.0, 6.0, 12.0))
 ASIDE_M = (-0.06, 0.0, 0.06)
 # Where nothing tells the pose, a robot that keeps its lane may stand otherwise by more.
-LANE_YAWS_RAD = tuple(math.radians(deg) for deg in (-30.0, -15.0, 0.0, 15.0, 30.0))
+LANE_YAWS_RAD = tuple(math.radians(deg) for deg in (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0))
 LANE_ASIDE_M = (-0.08, 0.0, 0.08)
 BENDS_PM = (-3.5, -1.5, 0.0, 1.5, 3.5)  # the tightest lane has a radius of a quarter of a metre
 TILE_M = 0.585  # of Duckietown's mats

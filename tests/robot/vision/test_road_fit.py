@@ -1,0 +1,177 @@
+"""Readings of a picture against a straight road that is drawn here, pixel by pixel."""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, Optional
+
+import cv2
+import numpy as np
+import pytest
+
+from robot.geometry import Pose
+from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
+from robot.navigation.road_map import RoadMap, load_map, read_map
+from robot.navigation.road_paint import road_paint
+from robot.vision.road_fit import LaneFit, MapFit, Reading, RoadFit, Verdict
+
+ROAD: RoadMap = read_map({"tile_size": 0.585, "tiles": [["straight/E"] * 8]}, "straight")
+MIDDLE_M = 0.5 * 0.585 - 0.2 * 0.585  # of the lane that leads east, north of the south edge
+START = Pose(1.0, MIDDLE_M, 0.0)
+MOUNT, EXACT = Mount(), Pose(0.0, 0.0, 0.0)
+
+
+def draw(pose: Pose = START, mount: Mount = MOUNT) -> np.ndarray:
+    """What a camera of this mounting sees of the straight road (120, 160, 3)."""
+    rows, columns = np.mgrid[:120, :160]
+    rig = CameraRig(DUCKIEBOT_LENS.scaled(160, 120), mount)
+    floor = rig.to_floor(np.stack((columns, rows), axis=-1).astype(float))
+    x_m, y_m = np.moveaxis(pose.to_world(floor.reshape(-1, 2)).reshape(120, 160, 2), -1, 0)
+    picture = np.full((120, 160, 3), (150, 160, 170), np.uint8)
+    with np.errstate(invalid="ignore"):
+        picture[np.isfinite(x_m)] = (40, 90, 40)
+        across = y_m / 0.585
+        picture[(across > 0.0) & (across < 1.0)] = (60, 60, 62)
+        for low, high in ((0.025, 0.111), (0.889, 0.975)):
+            picture[(across > low) & (across < high)] = (230, 230, 228)
+        dash = (x_m * 8.0 / 0.585) % 1.0 < 0.64
+        picture[(across > 0.479) & (across < 0.521) & dash] = (230, 190, 40)
+    return picture
+
+
+def drive(
+    fit: RoadFit,
+    spoil: Optional[Callable[[np.ndarray], np.ndarray]] = None,
+    off: Pose = EXACT,
+    mount: Mount = MOUNT,
+    turns: int = 20,
+) -> str:
+    """What the verdict is after so many turns at 3 cm each, through a noisy sensor."""
+    verdict, rng, said = Verdict(fit.readings), np.random.default_rng(0), ""
+    for turn in range(turns):
+        pose = START._replace(x_m=START.x_m + 0.03 * turn)
+        picture = draw(pose, mount) + 5.0 * rng.standard_normal((120, 160, 3))
+        seen = np.clip(picture, 0, 255).astype(np.uint8)
+        believed = Pose(pose.x_m + off.x_m, pose.y_m + off.y_m, pose.heading_rad + off.heading_rad)
+        fits = fit.fits(seen if spoil is None else spoil(seen), believed)
+        assert fits is not None
+        said = verdict.add(fits)
+    return said
+
+
+@pytest.fixture(scope="module")
+def on_map() -> MapFit:
+    return MapFit(road_paint(ROAD), CameraRig(DUCKIEBOT_LENS))
+
+
+@pytest.fixture(scope="module")
+def in_lane() -> LaneFit:
+    return LaneFit(CameraRig(DUCKIEBOT_LENS))
+
+
+ROLL = cv2.getRotationMatrix2D((79.5, 59.5), 30.0, 1.0)
+SPOILS = {
+    "mirrored": lambda picture: picture[:, ::-1].copy(),
+    "upside down": lambda picture: picture[::-1, ::-1].copy(),
+    "upside down and mirrored": lambda picture: picture[::-1].copy(),
+    "rolled": lambda picture: cv2.warpAffine(picture, ROLL, (160, 120)),
+    "sheared": lambda picture: np.stack([np.roll(row, k, 0) for k, row in enumerate(picture)]),
+}
+
+
+@pytest.mark.parametrize("name", SPOILS)
+def test_a_spoiled_picture_is_called_by_its_name(
+    name: str, on_map: MapFit, in_lane: LaneFit
+) -> None:
+    assert drive(on_map, SPOILS[name]) == name
+    assert drive(in_lane, SPOILS[name])
+
+
+@pytest.mark.parametrize("columns", [-40, 40, 80])
+def test_a_shifted_picture_is_found_where_a_map_says_where_the_road_lies(
+    columns: int, on_map: MapFit
+) -> None:
+    assert drive(on_map, lambda picture: np.roll(picture, columns, axis=1)) == "shifted"
+
+
+@pytest.mark.parametrize("left_m", [-0.06, 0.0, 0.06])
+@pytest.mark.parametrize("turned_deg", [-8.0, 0.0, 8.0])
+@pytest.mark.parametrize("pitched_deg", [-6.0, 0.0, 8.0])
+def test_a_pose_and_a_mounting_may_be_off(
+    left_m: float, turned_deg: float, pitched_deg: float, on_map: MapFit, in_lane: LaneFit
+) -> None:
+    off = Pose(0.05, left_m, math.radians(turned_deg))
+    mount = Mount(pitch_rad=Mount().pitch_rad + math.radians(pitched_deg), roll_rad=0.05)
+    assert drive(on_map, off=off, mount=mount) == ""
+    assert drive(in_lane, mount=mount) == ""
+
+
+def test_a_robot_beyond_the_yellow_line_sees_what_a_mirror_shows(in_lane: LaneFit) -> None:
+    verdict = Verdict(in_lane.readings)
+    beyond = draw(START._replace(y_m=0.585 - MIDDLE_M))
+    for _ in range(20):
+        fits = in_lane.fits(beyond, None)
+        assert fits is not None
+        said = verdict.add(fits)
+    assert said == "mirrored"
+
+
+def test_without_a_pose_the_map_says_nothing(on_map: MapFit) -> None:
+    assert on_map.fits(draw(), None) is None
+
+
+def test_off_the_map_nothing_fits_better_than_anything(on_map: MapFit) -> None:
+    fits = on_map.fits(draw(), Pose(50.0, 50.0, 0.0))
+    assert fits is not None
+    assert np.abs(fits).max() == 0.0
+
+
+def test_pictures_of_any_map_are_judged() -> None:
+    fit = MapFit(road_paint(load_map("town")), CameraRig(DUCKIEBOT_LENS))
+    fits = fit.fits(draw(), Pose(1.0, 1.0, 0.3))
+    assert fits is not None
+    assert np.isfinite(fits).all()
+
+
+KINDS = tuple(Reading(name, np.zeros(1), np.zeros(1)) for name in ("", "mirrored", "sheared"))
+
+
+def told(better: float, turns: int) -> list:
+    """The verdicts where the second reading fits so much better than the picture as it is."""
+    verdict = Verdict(KINDS)
+    return [verdict.add(np.array([[1.0, 1.0 + better, 0.2]])) for _ in range(turns)]
+
+
+def test_twenty_turns_must_favour_another_reading_by_half() -> None:
+    assert set(told(0.49, 60)) == {""}
+    clear = told(0.6, 20)
+    assert clear[:16] == [""] * 16  # 16 of 20 turns: 0.48 in the middle
+    assert clear[16:] == ["mirrored"] * 4
+
+
+def test_one_odd_picture_is_no_evidence() -> None:
+    verdict = Verdict(KINDS)
+    for turn in range(60):
+        odd = 8.0 if turn == 30 else 0.0
+        assert verdict.add(np.array([[1.0, 1.0 + odd, 0.0]])) == ""
+
+
+def test_old_evidence_is_forgotten() -> None:
+    verdict = Verdict(KINDS)
+    for _ in range(20):
+        said = verdict.add(np.array([[0.0, 0.0, 2.0]]))
+    assert said == "sheared"
+    verdict.forget()
+    assert verdict.add(np.array([[0.0, 0.0, 2.0]])) == ""
+    for _ in range(20):
+        said = verdict.add(np.array([[2.0, 0.0, 0.0]]))
+    assert said == ""
+
+
+def test_one_mounting_must_explain_all_pictures() -> None:
+    """Each turn another pitch favours the mirror: none of them does in all."""
+    verdict = Verdict(KINDS)
+    for turn in range(40):
+        fits = np.tile([1.0, 0.6, 0.0], (3, 1))
+        fits[turn % 3, 1] = 2.0
+        assert verdict.add(fits) == ""
