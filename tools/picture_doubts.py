@@ -68,7 +68,7 @@ class Eyes:
         wheels = STILL if action is None else ACTION_WHEELS[action]
         sight = self.doubts.look(Frame(seen, self.sequence, now_s), pose, wheels, now_s)
         self.turn += 1
-        if not self.reason and self.turn > 1:
+        if not self.reason and self.turn > 5:  # a robot that arms has seen some pictures
             self.reason = doubt(sight)
             self.doubted_s = now_s - (SPOILED_FROM_S if self.spoil else 0.0)
 
@@ -149,6 +149,8 @@ def measure(options: argparse.Namespace, spoil: str) -> Tally:
         if eyes.reason:
             tally.doubted.append((eyes.reason, eyes.doubted_s))
             tally.in_time += 0.0 <= eyes.doubted_s <= threshold_s + BUDGET_S
+        if tally.missions % 20 == 0:
+            print(f"  {tally.missions} missions, {len(tally.doubted)} doubted", file=sys.stderr)
         if tally.missions >= options.missions:
             return tally
     return tally

@@ -61,6 +61,7 @@ class Reading(NamedTuple):
     sentence: str
     columns: np.ndarray
     rows: np.ndarray
+    anywhere: bool = True  # told without a map, too
 
 
 def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
@@ -68,16 +69,18 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
 
     def sheared(share: float, still_row: float) -> Reading:
         moved = columns + share * (rows - still_row) + 0.5 * COLUMNS
-        return Reading("sheared", moved % COLUMNS - 0.5 * COLUMNS, rows)
+        gross = abs(share) > 0.5
+        return Reading("sheared", moved % COLUMNS - 0.5 * COLUMNS, rows, gross)
 
     def rolled(degrees: float) -> Reading:
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-        return Reading("rolled", c * columns + s * rows, c * rows - s * columns)
+        gross = abs(degrees) > 45.0
+        return Reading("rolled", c * columns + s * rows, c * rows - s * columns, gross)
 
     def shifted(right: float, down: float) -> Reading:
         x = (columns + right + 0.5 * COLUMNS) % COLUMNS - 0.5 * COLUMNS
         y = (rows + down + 0.5 * ROWS) % ROWS - 0.5 * ROWS
-        return Reading("shifted", x, y)
+        return Reading("shifted", x, y, False)
 
     return (
         Reading("", columns, rows),
@@ -169,8 +172,9 @@ class MapFit(RoadFit):
 class LaneFit(RoadFit):
     """Any road, straight or bent, as a robot sees it that keeps to its right lane.
 
-    A picture that is shifted cannot be told from a robot that is turned; a picture that is mirrored
-    shows the same as one from the wrong side of the yellow line, which is as bad.
+    A picture that is shifted, or rolled or sheared a little, cannot be told from a robot that is
+    turned, or from a bend; a picture that is mirrored shows the same as one from the wrong side of
+    the yellow line, which is as bad.
     """
 
     def __init__(self, rig: CameraRig) -> None:
@@ -178,7 +182,7 @@ class LaneFit(RoadFit):
         bends = [_bent_lane(self._points_m.astype(float), bend_pm) for bend_pm in BENDS_PM]
         self._near = np.tile(self._near, (len(BENDS_PM), 1))
         self._lines = _lines(np.concatenate(bends), self._near)
-        chosen = [k for k, reading in enumerate(self.readings) if reading.sentence != "shifted"]
+        chosen = [k for k, reading in enumerate(self.readings) if reading.anywhere]
         self.readings = tuple(self.readings[k] for k in chosen)
         self._pixels = self._pixels[chosen]
 
@@ -202,9 +206,9 @@ class Verdict:
         """What is wrong with the pictures, or "", after one more turn's fits."""
         self._fits.append(fits)
         mean = np.sum(self._fits, axis=0).max(axis=0) / TURNS  # a mounting's pitch stays
-        beyond = mean[1:] - mean[0] - MARGIN
-        worst = int(beyond.argmax())
-        return self._sentences[worst] if beyond[worst] > 0.0 else ""
+        better = mean[1:] - mean[0]
+        best = int(better.argmax())
+        return self._sentences[best] if better[best] > MARGIN else ""
 
 
 def _floor(rig: CameraRig, pitch_rad: float) -> np.ndarray:
