@@ -30,6 +30,12 @@ class HardwareError(RuntimeError):
     """A device that does not answer, or answers wrongly."""
 
 
+def expect_between(name: str, value: float, low: float, high: float) -> None:
+    """ConfigError unless ``value`` is a number from ``low`` to ``high``; NaN is none."""
+    if not low <= value <= high:
+        raise ConfigError(f"{name}: expected {low} to {high}, got {value}")
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
     """The clause that ends an unknown-name message: the closest valid name, then all of them."""
     names = sorted(valid)

@@ -60,10 +60,20 @@ def atomically(path: Path) -> Iterator[Path]:
     temporary = target.with_name(f".{target.name[:200]}.{os.getpid()}.tmp")
     try:
         yield temporary
+        _keep(temporary)
         os.replace(temporary, target)
     finally:
         if temporary.exists():
             temporary.unlink()
+
+
+def _keep(path: Path) -> None:
+    """Have the disk take it: else a power cut after the renaming leaves an empty file."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def expect_writable(*paths: Optional[Path], inputs: Iterable[Optional[Path]] = ()) -> None:

@@ -113,6 +113,11 @@ def _convert(kind: Any, value: Any, label: str) -> Any:
         return _convert_sequence(kind, value, label)
     if kind is Any:
         return value
+    if origin is typing.Literal:
+        if value not in typing.get_args(kind):
+            valid = nearest(str(value)[:80], typing.get_args(kind))
+            raise ConfigError(f"{label}: unknown {_told(value)}; {valid}")
+        return value
     return _convert_scalar(kind, value, label)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.contract import ImageSpec
-from robot.errors import ContractError
+from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
 from robot.inference.translator import Translator
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
@@ -82,6 +82,11 @@ class BatchWorld:
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
     ) -> None:
+        image = image or ImageSpec()
+        if not isinstance(image, ImageSpec):
+            raise ConfigError(
+                f"image: expected robot.contract.ImageSpec(width_px, height_px), got {image!r}"
+            )
         self.task = task
         self.n_robots = n = task.n_robots
         self._episodes: Episodes
@@ -90,7 +95,6 @@ class BatchWorld:
         else:
             self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers)
         self._town = Town(self._episodes.solids, n, drive)
-        image = image or ImageSpec()
         camera = camera or RayCamera(image, n)
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
         self._guidance = GuidanceFeed(n) if task.guided else None

@@ -1,4 +1,4 @@
-"""``python -m trainer {train,evaluate,endure,export,report,explain,summary}``."""
+"""``python -m trainer COMMAND``."""
 
 from __future__ import annotations
 

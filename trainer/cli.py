@@ -1,226 +1,164 @@
-"""The command line. Exit status: 0 done, 2 wrong input, 1 anything else."""
+"""The command line. Exit status: 0 done, 2 wrong input, 130 Ctrl-C, 1 anything else.
+
+A command is imported when it is asked for: to read what there is takes no torch.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import importlib
+import io
 import itertools
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NoReturn
 
-import tyro
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
+from robot.command_line import WRONG, answer, one_line
+from robot.errors import DuckpilotError, nearest
 
-from robot.errors import ConfigError, DuckpilotError
-from robot.inference.policy import OnnxPolicy
-from robot.navigation.road_map import load_map
-from robot.output import expect_writable
-from sim_pybullet.randomise import load_look_sampler
-from trainer.config import ALGORITHMS, TASKS
-from trainer.division import maps_named
-from trainer.experiments.cli import experiment_app
-from trainer.options import EvaluateOptions, TrainOptions
-from trainer.parsing.cli import parse_app
-from trainer.presets import preset
-from trainer.run import RunFolder, write_json
-from trainer.sweeps.jobs import EvaluateJob, TrainJob, evaluate_jobs, train_jobs
-from trainer.sweeps.sweep import SweepOptions, run_sweep
-from trainer.translation.cli import collect_command, traits_command, translate_app
-
-EXPORT_ROBOTS = 32
-WRONG_PATH = (
-    FileNotFoundError,
-    FileExistsError,
-    NotADirectoryError,
-    IsADirectoryError,
-    PermissionError,
-)
-_TRAIN = TrainOptions()
-_EVALUATE = EvaluateOptions()
-_SWEEP = SweepOptions()
-
-app = tyro.extras.SubcommandApp()
-app.command(parse_app, name="parse")
-app.command(experiment_app, name="experiment")
-app.command(name="collect")(collect_command)
-app.command(name="traits")(traits_command)
-app.command(translate_app, name="translate")
+PROGRAM = "python -m trainer"
+_LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look")
+_FRAME = "│╭╮╰╯┆ "
 
 
-@app.command(name="train")
-def train_command(
-    out: Path,
-    options: Annotated[TrainOptions, tyro.conf.arg(name="")] = _TRAIN,
-    resume: bool = False,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
-) -> int:
-    """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
+@dataclass(frozen=True)
+class Command:
+    """Where a command is, and what it is for."""
 
-    Args:
-        out: the run's folder; must not hold a run yet, unless --resume. With --seeds, --matrix
-            or --ray the folder of all runs; finished ones are skipped, others go on.
-        options: how.
-        resume: go on with the run in --out, if there is one, with its own configuration.
-        many: several at once.
-    """
-    if many.wanted:
-        return run_sweep(train_jobs(out, options, many), many, Console(soft_wrap=True))
-    return TrainJob(out, options, resume).run(Console())
+    place: str  # module:function
+    purpose: str
 
 
-@app.command(name="evaluate")
-def evaluate_command(
-    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")] = _EVALUATE,
-    json: Path | None = None,
-    drives: bool = False,
-    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
-) -> int:
-    """Drive an exported policy greedily through whole frames, and count successes.
-
-    Args:
-        options: what, where and how often.
-        json: write the figures there. With --seeds, --matrix or --ray what is its own is added to
-            each name; without --json the files are evaluation_*.json beside the models.
-        drives: keep where every robot drove and what the ten worst saw, beside --json, for report.
-        many: several at once.
-    """
-    if many.wanted:
-        jobs = evaluate_jobs(json, options, drives, many)
-        return run_sweep(jobs, many, Console(soft_wrap=True))
-    if drives and json is None:
-        raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
-    options.check()
-    return EvaluateJob(json, options, drives).run(Console(soft_wrap=True))
-
-
-@app.command(name="endure")
-def endure_command(
-    model: Path,
-    json: Path | None = None,
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (TASKS["lane"],),
-    look: str = "nominal",
-    hours: float = 1.0,
-    robots: int = 4,
-    seed: int = 1000,
-    lane: str = "outer",
-) -> int:
-    """Let a policy keep its lane for hours of simulated time, and see who leaves it.
-
-    Args:
-        model: a policy for lane keeping, .onnx.
-        json: write the figures there.
-        map_names: rings of road, files, or names or folders of shipped maps.
-        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
-        hours: of simulated time.
-        robots: each at a place and in a look of its own.
-        seed: of everything random.
-        lane: outer, inner (the other way round), or both.
-    """
-    from trainer.judging.endurance import endure
-
-    expect_writable(json, inputs=(model,))
-    policy, maps = OnnxPolicy(model), [load_map(name) for name in maps_named(map_names)]
-    with Progress() as bar:
-        row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
-        looks = load_look_sampler(look)
-        result = endure(policy, maps, looks, hours, robots, seed, lambda: bar.advance(row), lane)
-    if json is not None:
-        write_json(json, result)
-    Console(soft_wrap=True).print(
-        f"{model}: {result.stayed} of {robots} stayed in their lane for {hours:g} h, "
-        f"{result.driven_lane_m:.0f} m each, {100 * result.mean_path_distance_m:.1f} cm from its "
-        f"middle, {100 * result.largest_path_distance_m:.1f} cm at most"
-    )
-    return 0
-
-
-@app.command(name="export")
-def export_command(run: tyro.conf.Positional[Path]) -> int:
-    """Write model.onnx and model_int8.onnx of a run, checked against torch on 1,000 frames.
-
-    Args:
-        run: its folder.
-    """
-    from trainer.envs import make_env
-    from trainer.export import export_run
-
-    folder = RunFolder(run)
-    config = folder.load_config()
-    env = make_env(config, EXPORT_ROBOTS, config.seed)
-    exported = export_run(folder, config, env)
-    env.close()
-    Console(soft_wrap=True).print(
-        f"{folder.onnx}: differs from torch by at most {exported.largest_difference:.1e} over "
-        f"{exported.frames} frames; INT8 chooses alike on {exported.int8_same_choice:.1%} of them, "
-        "none of which it was calibrated on"
-    )
-    return 0
-
-
-@app.command(name="report")
-def report_command(
-    runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("runs/report")
-) -> int:
-    """Write report.html and its pictures: curves, tables, drive maps and worst episodes of runs.
-
-    Runs that differ in nothing but the seed are shown together. Draws curve.png of each run again.
-
-    Args:
-        runs: run folders, or folders of run folders.
-        out: the report's folder.
-    """
-    from trainer.report.page import write_report
-
-    if not runs:
-        raise ConfigError("report: expected one run folder or more, got none")
-    Console(soft_wrap=True).print(str(write_report(runs, out)), markup=False)
-    return 0
-
-
-@app.command(name="explain")
-def explain_command(model: Path, images: Path, out: Path) -> int:
-    """Show what a policy looks at: its attention laid over pictures, the yellower the more.
-
-    Args:
-        model: an ONNX file, a run folder, or a checkpoint in one.
-        images: a picture, a folder of pictures, or a video.
-        out: folder for the pictures, or the video, and sheet.png.
-    """
-    from trainer.judging.explain import write_explained
-
-    count = write_explained(model, images, out)
-    Console(soft_wrap=True).print(f"{out}: {count} pictures, some of them on sheet.png")
-    return 0
-
-
-@app.command(name="summary")
-def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast") -> int:
-    """Parameters and multiply-accumulates of one decision, for every task and algorithm.
-
-    Args:
-        preset_name: paper, fast or debug.
-    """
-    from trainer.judging.summary import summarise
-
-    columns = ("task", "algorithm", "picture", "parameters", "driving", "MMAC")
-    table = Table(*columns, title=preset_name)
-    for task, name in itertools.product(TASKS, ALGORITHMS):
-        row = summarise(preset(task, name, preset_name))
-        figures = f"{row.parameters:,}", f"{row.driving:,}", f"{row.macs / 1e6:.2f}"
-        table.add_row(task, name, "x".join(map(str, row.image)), *figures)
-    Console().print(table)
-    return 0
+Group = Mapping[str, Command]
+_RUN, _SEE = "trainer.commands", "trainer.translation.cli"
+_PARSE, _TRY = "trainer.parsing.cli", "trainer.experiments.cli"
+COMMANDS: Mapping[str, Command | Group] = {
+    "train": Command(f"{_RUN}:train_command", "train a policy"),
+    "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
+    "endure": Command(f"{_RUN}:endure_command", "let a policy keep its lane for hours"),
+    "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),
+    "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, drives"),
+    "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),
+    "summary": Command(f"{_RUN}:summary_command", "how large the policies of a preset are"),
+    "collect": Command(f"{_SEE}:collect_command", "gather frames from simulator or pictures"),
+    "traits": Command(f"{_SEE}:traits_command", "measure what photographs and looks look like"),
+    "translate": {
+        "train": Command(f"{_SEE}:train_command", "CycleGAN between simulator and photographs"),
+        "export": Command(f"{_SEE}:export_command", "write a run's translators as ONNX"),
+        "lanes": Command(f"{_SEE}:lanes_command", "train what finds lines in translations"),
+        "judge": Command(f"{_SEE}:judge_command", "KID, FID, and whether lines stay in place"),
+        "sheet": Command(f"{_SEE}:sheet_command", "draw frames beside their translations"),
+    },
+    "parse": {
+        "train": Command(f"{_PARSE}:train_command", "teach SegNet to label frames"),
+        "choose": Command(f"{_PARSE}:choose_command", "how much to favour rare classes in use"),
+        "evaluate": Command(f"{_PARSE}:evaluate_command", "score a parser on held-out frames"),
+        "export": Command(f"{_PARSE}:export_command", "write a parser as a translator, ONNX"),
+        "translate": Command(f"{_PARSE}:translate_command", "virtual to parsing to real"),
+    },
+    "experiment": {
+        "six-models": Command(f"{_TRY}:six_models_command", "ways to reality: paper A, 4.4"),
+        "sensitivity": Command(f"{_TRY}:sensitivity_command", "how far a look may go"),
+        "paper-b-accuracy": Command(f"{_TRY}:table1_command", "a person's steering: Table 1"),
+        "paper-b-transfer": Command(f"{_TRY}:figure5_command", "race tracks: Figure 5"),
+        "real-photographs": Command(f"{_TRY}:real_photographs_command", "annotated photographs"),
+    },
+}
+PURPOSES = {
+    "translate": "CycleGAN: train, export and judge translators of pictures",
+    "parse": "scene parsing: train, score and export it, and translate by way of it",
+    "experiment": "the papers' comparisons, one command each",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+
+    def work() -> int | None:
+        name, command, rest = _chosen(words)
+        module, _, function = command.place.partition(":")
+        do = getattr(importlib.import_module(module), function)
+        status: int | None = _read(do, rest, f"{PROGRAM} {name}")()
+        return status
+
+    return answer("trainer", work)
+
+
+def _chosen(words: list[str]) -> tuple[str, Command, list[str]]:
+    """The command, its name and the words after it; help and wrong names end the program."""
+    names: list[str] = []
+    found: Command | Mapping[str, Command | Group] = COMMANDS
+    while not isinstance(found, Command):
+        prog = " ".join([PROGRAM, *names])
+        word = words[len(names)] if len(words) > len(names) else ""
+        if word in ("-h", "--help"):
+            print(_help(prog, found))
+            raise SystemExit(0)
+        if word not in found:
+            got = f"unknown command {word[:80]!r}" if word else "expected a command, got none"
+            _refuse(prog, f"{got}; {nearest(word, found)}")
+        names.append(word)
+        found = found[word]
+    return " ".join(names), found, words[len(names) :]
+
+
+def _help(prog: str, commands: Mapping[str, Command | Group]) -> str:
+    rows = [
+        f"  {name:17} {each.purpose if isinstance(each, Command) else PURPOSES[name]}"
+        for name, each in commands.items()
+    ]
+    about = [f"usage: {prog} COMMAND …", "", *rows, "", f"{prog} COMMAND --help tells its options."]
+    return "\n".join(about)
+
+
+def _read(command: Callable[..., int], words: list[str], prog: str) -> Callable[[], int]:
+    """Make of the words a call of the command; wrong ones end the program in one line."""
+    import tyro
+
+    @functools.wraps(command)
+    def later(*args: object, **kwargs: object) -> Callable[[], int]:
+        if "given" in kwargs:  # else a default that is asked for cannot be told from none
+            kwargs["given"] = tuple(_flags(words))
+        return lambda: command(*args, **kwargs)
+
+    for word, after in itertools.pairwise([*words, "--"]):
+        if word in _LISTS and after.startswith("--"):
+            _refuse(prog, f"{word}: expected one or more, got none")
+    told = io.StringIO()
     try:
-        return int(app.cli(args=arguments, prog="python -m trainer") or 0)
-    except DuckpilotError as error:
-        told, status = str(error), 2
-    except OSError as error:  # a path that cannot be written is wrong input, a full disk is not
-        told = f"{error.filename}: {error.strerror}"
-        status = 2 if isinstance(error, WRONG_PATH) else 1
-    Console(stderr=True, soft_wrap=True).print(f"trainer: {told}", markup=False)
-    return status
+        with contextlib.redirect_stderr(told):
+            call: Callable[[], int] = tyro.cli(later, args=words, prog=prog)
+    except SystemExit as ended:
+        if not ended.code:
+            raise
+        _refuse(prog, _first_of(told.getvalue()))
+    except DuckpilotError as error:  # of a default that does not fit
+        _refuse(prog, str(error))
+    return call
+
+
+def _flags(words: list[str]) -> set[str]:
+    names = {word[2:].split("=")[0].replace("-", "_") for word in words if word.startswith("--")}
+    return names | {name[3:] for name in names if name.startswith("no_")}
+
+
+def _refuse(prog: str, said: str) -> NoReturn:
+    print(f"{prog}: {one_line(said)}; see {prog} --help", file=sys.stderr)
+    raise SystemExit(WRONG)
+
+
+def _first_of(box: str) -> str:
+    """What a box of tyro's says, in one line: its first part, and the option it thinks of."""
+    lines = [line.strip(_FRAME).rstrip() for line in box.splitlines() if not line.startswith("╭")]
+    rules = [k for k, line in enumerate(lines) if set(line) == {"─"}] or [len(lines)]
+    first, rest = lines[: rules[0]], lines[rules[0] :]
+    if first and first[0].startswith("Missing from"):
+        names = re.findall(r"^│ {5}([-A-Z]\S*)", box, re.MULTILINE)  # deeper ones are their help
+        return f"expected {', '.join(names[: len(first) - 1])}, got none"
+    said = " ".join(first).replace("Unrecognized options:", "unknown").strip()
+    meant = next((line.split()[0] for line in rest if line.startswith("--")), "")
+    return f"{said}; did you mean {meant}?" if meant and said.startswith("unknown") else said

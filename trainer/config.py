@@ -7,13 +7,16 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_between, nearest
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS
 from sim_pybullet.randomise import is_reality
 from sim_pybullet.tasks.lane_keeping import LANES
 from sim_pybullet.tasks.track_racing import STYLES
 
 T = TypeVar("T")
+
+LARGEST_SEED = 2**31 - 1
+MOST_STEPS = 10**12
 
 WHOLE_FRAME = ImageSpec()
 WHEELED: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
@@ -208,9 +211,11 @@ class RunConfig:
                     "judging policies; evaluate in it when the policy is chosen, and train and "
                     "choose in randomised"
                 )
+        expect_between("seed", self.seed, 0, LARGEST_SEED)
         if self.steps < 1 or not (self.seconds is None or self.seconds > 0):
             got = f"steps {self.steps}, seconds {self.seconds}"
             raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {got}")
+        expect_between("steps", self.steps, 1, MOST_STEPS)
         if self.true_path and getattr(self.learn, "entropy", 1.0) <= 0.0:
             raise ConfigError(
                 "true_path: expected learn.entropy above 0, whose weight in the loss it shares, "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,17 +10,18 @@ from typing import Annotated
 import tyro
 
 from robot.contract import ImageSpec
-from robot.errors import ConfigError
+from robot.errors import ConfigError, expect_between
 from robot.inference.translator import PARSING, OnnxTranslator
 from robot.navigation.road_map import load_map
 from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.lane_keeping import LANES
-from trainer.config import RunConfig, choose
+from trainer.config import LARGEST_SEED, RunConfig, choose
 from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
 from trainer.presets import cruising, preset
 
+MOST_EPISODES = 10_000_000
 ZEROS = {"image": None, "path": None}
 
 
@@ -75,6 +76,7 @@ class TrainOptions:
         Raises:
             DuckpilotError: an unknown name.
         """
+        expect_between("seed", self.seed, 0, LARGEST_SEED)
         config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
         config = replace(config, maps=maps_named(self.map) or config.maps, seed=self.seed)
         config = replace(config, lane=self.lane)
@@ -92,8 +94,7 @@ class TrainOptions:
         if self.judge_look:
             refuse_judging_look(self.judge_look, "choose")
         if self.judgings is not None:
-            if self.judgings < 1:
-                raise ConfigError(f"judgings: expected 1 or more, got {self.judgings}")
+            expect_between("judgings", self.judgings, 1, 1_000_000)
             judging = replace(judging, every_share=1.0 / self.judgings)
         if self.full:
             judging = replace(judging, stop_after_perfect=0)
@@ -138,10 +139,8 @@ class EvaluateOptions:
         """
         if not self.model:
             raise ConfigError("model: expected a policy, .onnx, got none")
-        if self.episodes < 1:
-            raise ConfigError(f"episodes: expected 1 or more, got {self.episodes}")
-        if self.seed < 0:
-            raise ConfigError(f"seed: expected 0 or more, got {self.seed}")
+        expect_between("episodes", self.episodes, 1, MOST_EPISODES)
+        expect_between("seed", self.seed, 0, LARGEST_SEED - MOST_EPISODES)
         if self.lane is not None:
             choose("lane", self.lane, dict.fromkeys(LANES))
         if self.zero is not None:
@@ -166,6 +165,56 @@ def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:
         return image
     translator = OnnxTranslator(translate)
     return translator.image if translator.contract.direction == PARSING else image
+
+
+def refuse_others(
+    folder: Path, found: RunConfig, asked: TrainOptions, given: Iterable[str]
+) -> None:
+    """Make sure that options that a person gave are those of the run that is to go on.
+
+    Args:
+        folder: of the run.
+        found: what it was begun with.
+        asked: the options.
+        given: the names of those that the person gave; limits may differ.
+
+    Raises:
+        ConfigError: one is another than the run's; all that differ are named.
+    """
+    of_run = {
+        "task": found.task,
+        "algo": found.algorithm,
+        "preset": found.preset,
+        "map": found.maps,
+        "lane": found.lane,
+        "seed": found.seed,
+        "look": found.look,
+        "without": found.without,
+        "pose_error": found.pose_error,
+        "translate": found.translate,
+        "judge_map": found.evaluation.maps,
+        "judge_look": found.evaluation.look,
+        "style": found.style,
+        "judgings": found.evaluation.every_share and round(1.0 / found.evaluation.every_share),
+        "rate_left": found.rate_left,
+        "full": found.evaluation.stop_after_perfect == 0,
+    }
+    wanted = {name: getattr(asked, name) for name in of_run if name in given}
+    wanted.update({n: maps_named(wanted[n]) for n in ("map", "judge_map") if n in wanted})
+    other = [
+        f"--{name.replace('_', '-')} {_shown(value)} (the run: {_shown(of_run[name])})"
+        for name, value in wanted.items()
+        if value != of_run[name]
+    ]
+    if other:
+        raise ConfigError(
+            f"{folder}: expected the options of the run that goes on, got {', '.join(other)}; "
+            "leave them out, or choose another --out"
+        )
+
+
+def _shown(value: object) -> str:
+    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:

@@ -6,6 +6,7 @@ shape made small enough for two CPU cores, ``debug`` takes seconds and learns no
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from robot.contract import ImageSpec
@@ -46,8 +47,7 @@ def preset(task: str, algorithm: str, name: str) -> RunConfig:
         run = _navigation(run)
     elif task == "track":
         run = _track(run)
-    makers = {"paper": _paper, "fast": lambda config: config, "debug": _debug}
-    return choose("preset", name, makers)(run)
+    return choose("preset", name, PRESETS)(run)
 
 
 def cruising(config: RunConfig) -> RunConfig:
@@ -157,3 +157,10 @@ def _debug(run: RunConfig) -> RunConfig:
     channels = _DEBUG_NET.channels[: len(run.net.channels)]
     net = replace(_DEBUG_NET, channels=channels, centred=run.net.centred)
     return replace(run, net=net, learn=learn, evaluation=evaluation, steps=512)
+
+
+PRESETS: Mapping[str, Callable[[RunConfig], RunConfig]] = {
+    "paper": _paper,
+    "fast": lambda config: config,
+    "debug": _debug,
+}

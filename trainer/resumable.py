@@ -18,8 +18,11 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn
 
 from trainer.run import atomically
+from trainer.torch_file import load_torch, reading
 
 SAVE_EVERY_S = 20.0
+_CHECKPOINT = "the checkpoint of this run"
+_REMEDY = "; put a copy of it back, or delete it and begin again"
 
 
 class Stateful(Protocol):
@@ -46,10 +49,11 @@ class Loop:
         """Load the file, if there is one; how many steps were done when it was written."""
         if not self.path.exists():
             return 0
-        content = torch.load(self.path, map_location="cpu", weights_only=True)
-        for name, part in self.parts.items():
-            part.load_state_dict(content["parts"][name])
-        return int(content["step"])
+        content = load_torch(self.path, _CHECKPOINT, remedy=_REMEDY)
+        with reading(self.path, _CHECKPOINT, _REMEDY):
+            for name, part in self.parts.items():
+                part.load_state_dict(content["parts"][name])
+            return int(content["step"])
 
     def save(self, step: int) -> None:
         """Write the file, whole or not at all."""

@@ -6,8 +6,6 @@ import csv
 import json
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +13,7 @@ from typing import Any, TypeVar
 import yaml
 
 from robot.errors import ConfigError
+from robot.output import atomically, expect_folder, write_text
 from robot.typed_config import load_yaml, to_plain
 from trainer.config import RunConfig
 
@@ -22,22 +21,26 @@ CONFIG = "config.yaml"  # of every kind of run: what it was begun with
 _TAIL_BYTES = 2_048  # of progress.csv: about fifty lines
 
 
-@contextmanager
-def atomically(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its place once the block has succeeded."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def write_json(path: Path, data: Any) -> None:
     """Atomically, a dataclass or plain data; NaN becomes null."""
-    with atomically(path) as temporary:
-        text = json.dumps(_without_nan(to_plain(data)), indent=2) + "\n"
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, json.dumps(_without_nan(to_plain(data)), indent=2) + "\n")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    Raises:
+        ConfigError: it is absent, or none.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: expected figures, got: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: expected figures in JSON, got: {error}") from error
+    if not isinstance(found, dict):
+        raise ConfigError(f"{path}: expected an object of figures, got {type(found).__name__}")
+    return found
 
 
 def _without_nan(value: Any) -> Any:
@@ -67,6 +70,7 @@ def refuse_run(folder: Path) -> None:
 def begin_run(folder: Path, config: object) -> None:
     """Make the folder of a run, with its configuration; ConfigError as of `refuse_run`."""
     refuse_run(folder)
+    expect_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     _write_config(folder, config)
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Tuple
+from typing import Literal, Optional, Tuple
 
 import pytest
 
@@ -85,3 +85,30 @@ def test_the_action_table_is_symmetric_and_takes_the_tightest_lane() -> None:
         assert tuple(DRIVE.twist(wheels)) == pytest.approx(tuple(twist))
     tightest_lane_radius_m = 0.3 * 0.44  # right turns on the arena's 0.44 m tiles
     assert ACTION_TWISTS[0].forward_mps / ACTION_TWISTS[0].turn_radps < 0.6 * tightest_lane_radius_m
+
+
+@dataclass(frozen=True)
+class Sided:
+    side: Literal["left", "right"] = "left"
+
+
+def test_a_literal_is_one_of_its_words() -> None:
+    assert from_plain(Sided, {"side": "right"}) == Sided("right")
+    with pytest.raises(ConfigError, match="did you mean 'left'"):
+        from_plain(Sided, {"side": "lefft"})
+    with pytest.raises(ConfigError, match="valid: left, right"):
+        from_plain(Sided, {"side": 1})
+
+
+def test_a_message_stays_short_whatever_a_few_lines_of_yaml_stand_for(tmp_path: Path) -> None:
+    """Aliases of aliases: 9**9 items in some hundred bytes."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 9)]
+    bomb = tmp_path / "bomb.yaml"
+    bomb.write_text("\n".join(lines) + "\nside: *a8\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        load_yaml(Sided, bomb)
+    assert len(str(refused.value)) < 500
+    bomb.write_text("\n".join([*lines, "*a8"]).replace("a0: ", "? ", 1), encoding="utf-8")
+    with pytest.raises(ConfigError):
+        load_yaml(Sided, bomb)

@@ -10,15 +10,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from trainer.experiments.figure5 import Figure5Options
-from trainer.experiments.sensitivity import SensitivityOptions
-from trainer.experiments.six_models import SixModelsOptions
+from trainer.experiments.options import Figure5Options, SensitivityOptions, SixModelsOptions
 from trainer.sweeps.sweep import WorkerOptions, run_sweep
 
 if TYPE_CHECKING:
     from trainer.experiments.table1 import Table
 
-experiment_app = tyro.extras.SubcommandApp()
 
 # A name and a file each time that the option is given.
 Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
@@ -30,7 +27,6 @@ _SENSITIVITY = SensitivityOptions()
 _WORKERS = WorkerOptions()
 
 
-@experiment_app.command(name="paper-b-accuracy")
 def table1_command(
     data: Path,
     out: Path,
@@ -77,7 +73,6 @@ def table1_command(
     return 0
 
 
-@experiment_app.command(name="six-models")
 def six_models_command(
     out: Path,
     options: Annotated[SixModelsOptions, tyro.conf.arg(name="")] = _SIX,
@@ -124,7 +119,6 @@ def six_models_command(
     return 0
 
 
-@experiment_app.command(name="sensitivity")
 def sensitivity_command(
     out: Path,
     options: Annotated[SensitivityOptions, tyro.conf.arg(name="")] = _SENSITIVITY,
@@ -154,7 +148,6 @@ def sensitivity_command(
     return 0
 
 
-@experiment_app.command(name="paper-b-transfer")
 def figure5_command(
     out: Path,
     options: Annotated[Figure5Options, tyro.conf.arg(name="")] = _FIGURE5,
@@ -189,7 +182,6 @@ def figure5_command(
     return 0
 
 
-@experiment_app.command(name="real-photographs")
 def real_photographs_command(
     data: Path,
     out: Path,

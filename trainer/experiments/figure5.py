@@ -7,43 +7,15 @@ looks: seen through a translator into the look of the test, in ten looks, or as 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
 
+from trainer.experiments.options import Figure5Options
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
-
-
-@dataclass(frozen=True)
-class Figure5Options:
-    """What is trained, where, and how long."""
-
-    algo: str = "ppo"
-    """ppo, a2c or a3c."""
-    preset: str = "fast"
-    """paper, fast or debug."""
-    map: str = "airfield"
-    """The track of all trainings but the Oracle's."""
-    look: str = "tracks/day"
-    """The look of the trainings on it."""
-    looks: str = "tracks"
-    """The looks of domain randomisation."""
-    test_map: str = "speedway"
-    """The track on which all are judged."""
-    test_look: str = "tracks_unseen/steppe"
-    """The look in which all are judged; not one of those of domain randomisation."""
-    steps: int = 100_000
-    """Decisions of each training."""
-    seeds: int = 3
-    """Trainings of each kind, with seeds 0, 1, 2 …"""
-    frames: int = 1000
-    """From which each half of the translator learns; the paper has 15,000."""
-    translator_steps: int = 1500
-    """Updates of each half."""
 
 
 class Variant(NamedTuple):

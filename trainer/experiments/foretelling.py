@@ -52,6 +52,8 @@ def foretell(
         ConfigError: the drive cannot be read, or is none to learn or to test on.
     """
     drive = load_drive(data)
+    if drive.skipped:
+        console.print(f"{data}: skipped {drive.skipped} broken records", markup=False)
     every = pictures_apart(rate_hz)
     image = preset("track", "ppo", "fast").image
     training, test = split_by_time(load_stacks(drive, image, every))

@@ -15,7 +15,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -46,6 +46,7 @@ class Drive:
 
     files: tuple[Path, ...]
     steering_deg: np.ndarray  # (N,) positive to the right
+    skipped: int = 0  # broken records of a tub
 
     def __len__(self) -> int:
         return len(self.files)
@@ -66,9 +67,10 @@ def load_drive(folder: Path) -> Drive:
     """A recorded drive, see the module.
 
     Raises:
-        ConfigError: no known layout, a line that cannot be read, or a missing picture.
+        ConfigError: no known layout, a line that cannot be read (in a tub it is skipped and
+            counted, as Donkeycar does), or a missing picture.
     """
-    readers = {
+    readers: dict[str, Callable[[Path], Iterable[_Row | None]]] = {
         "labels.csv": _labels_csv,
         "data.txt": _sully_chen,
         "manifest.json": _tub_2,
@@ -76,16 +78,18 @@ def load_drive(folder: Path) -> Drive:
     }
     for pattern, read in readers.items():
         if any(folder.glob(pattern)):
-            rows = list(read(folder))
+            found: list[_Row | None] = list(read(folder))
             break
     else:
         raise ConfigError(f"{folder}: expected one of {', '.join(readers)}, found none of them")
+    rows = [row for row in found if row is not None]
     if not rows:
         raise ConfigError(f"{folder}: expected a recorded drive, got one without a picture")
     steering_deg = np.array([row.steering_deg for row in rows])
     if read is _sully_chen:
         _refuse_other_units(steering_deg, folder)
-    return Drive(_pictures(folder, [row.file for row in rows]), steering_deg)
+    files = _pictures(folder, [row.file for row in rows])
+    return Drive(files, steering_deg, len(found) - len(rows))
 
 
 def _refuse_other_units(steering_deg: np.ndarray, folder: Path) -> None:
@@ -100,55 +104,74 @@ def _refuse_other_units(steering_deg: np.ndarray, folder: Path) -> None:
 
 def _labels_csv(folder: Path) -> Iterator[_Row]:
     path = folder / "labels.csv"
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
         for line, row in enumerate(csv.DictReader(file), start=2):
-            yield _normalised(row.get("file"), row.get("angle"), f"{path}:{line}")
+            if not row.get("file") or row.get("angle") is None:
+                raise ConfigError(f"{path}:{line}: expected the columns file and angle, got {row}")
+            yield _scaled(row["file"], row["angle"], f"{path}:{line}")
 
 
 def _sully_chen(folder: Path) -> Iterator[_Row]:
     path = folder / "data.txt"
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(_lines(path), start=1):
         if not line.strip():
             continue
         name, _, rest = line.strip().partition(" ")
         yield _Row(name, _number(rest.split(",")[0], f"{path}:{number}"))
 
 
-def _tub_2(folder: Path) -> Iterator[_Row]:
-    catalogs = sorted(folder.glob("*.catalog"), key=_by_number)
-    deleted = _deleted(folder / "manifest.json")
-    for path in catalogs:
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-            where = f"{path}:{number}"
-            record = _record(line, where)
-            if record.get("_index") not in deleted:
-                yield _normalised(record.get("cam/image_array"), record.get("user/angle"), where)
+def _tub_2(folder: Path) -> Iterator[_Row | None]:
+    lines = [line for line in _lines(folder / "manifest.json") if line.strip("\0 ")]
+    last = (_record(lines[-1]) if lines else None) or {}
+    deleted = set(last.get("deleted_indexes", ()))
+    for path in _catalogs(folder, last.get("paths")):
+        for number, line in enumerate(_lines(path), start=1):
+            record = _record(line)
+            if record is None:
+                yield None
+            elif record.get("_index") not in deleted:
+                yield _normalised(record, f"{path}:{number}")
 
 
-def _deleted(manifest: Path) -> set[int]:
-    """The indices that the last line of a manifest says were thrown away."""
-    lines = [line for line in manifest.read_text(encoding="utf-8").splitlines() if line.strip()]
-    last = json.loads(lines[-1]) if lines else {}
-    return set(last.get("deleted_indexes", ())) if isinstance(last, dict) else set()
+def _catalogs(folder: Path, named: Any) -> list[Path]:
+    """Those that the manifest names; more may lie there: given up, or macOS's ._ files."""
+    if isinstance(named, list):
+        return [folder / Path(str(name)).name for name in named]
+    return sorted((p for p in folder.glob("*.catalog") if p.name[0] != "."), key=_by_number)
 
 
-def _tub_1(folder: Path) -> Iterator[_Row]:
+def _lines(path: Path) -> list[str]:
+    """Of a text file; what is not UTF-8 becomes a mark that no record holds."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise ConfigError(f"{path}: expected a part of the drive, got: {error.strerror}") from error
+
+
+def _tub_1(folder: Path) -> Iterator[_Row | None]:
     for path in sorted(folder.glob("record_*.json"), key=_by_number):
-        record = _record(path.read_text(encoding="utf-8"), str(path))
-        yield _normalised(record.get("cam/image_array"), record.get("user/angle"), str(path))
+        record = _record(" ".join(_lines(path)))
+        yield None if record is None else _normalised(record, str(path))
 
 
-def _record(text: str, where: str) -> dict[str, Any]:
+def _record(text: str) -> dict[str, Any] | None:
+    """A line of a tub; None for a broken one: half written, or the NULs of a power cut."""
     try:
         record = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ConfigError(f"{where}: expected a record of a drive, got: {error}") from error
-    return record if isinstance(record, dict) else {}
+    except (ValueError, RecursionError):
+        return None
+    return record if isinstance(record, dict) else None
 
 
-def _normalised(file: Any, angle: Any, where: str) -> _Row:
+def _normalised(record: dict[str, Any], where: str) -> _Row | None:
+    """None where a picture or an angle is absent."""
+    file, angle = record.get("cam/image_array"), record.get("user/angle")
     if not isinstance(file, str) or angle is None:
-        raise ConfigError(f"{where}: expected a picture's name and its angle, got {file}, {angle}")
+        return None
+    return _scaled(file, angle, where)
+
+
+def _scaled(file: str, angle: Any, where: str) -> _Row:
     share = _number(angle, where)
     if abs(share) > 1.5:
         raise ConfigError(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,37 +17,13 @@ import yaml
 from robot.errors import ConfigError
 from robot.typed_config import read_yaml, to_plain
 from sim_pybullet.randomise import load_look_sampler, looks_of
+from trainer.experiments.options import SensitivityOptions
 from trainer.options import EvaluateOptions
 from trainer.run import atomically
 from trainer.sweeps.jobs import EvaluateJob
 
-VALUES = Path(__file__).with_suffix(".yaml")
 UNCHANGED = "unchanged"
 _DRAWS = 1_000  # of the training looks, to tell how far they reach
-
-
-@dataclass(frozen=True)
-class SensitivityOptions:
-    """Which policies are asked, about what."""
-
-    model: tuple[str, ...] = ()
-    """Policies, .onnx."""
-    task: str | None = None
-    """lane, four_laps, navigation or manoeuvres; else what each was trained for."""
-    map: tuple[str, ...] = ()
-    """Maps; else loop or arena."""
-    look: str = "nominal"
-    """The look, or distribution of looks, of which one field at a time is changed."""
-    values: Path = VALUES
-    """A YAML file with a list of values for each field."""
-    trained: str = "randomised"
-    """Looks of the training: values beyond them are marked."""
-    pose_error: str | None = None
-    """none or arena, in place of the look's own."""
-    episodes: int = 20
-    """Of each value."""
-    seed: int = 1000
-    """Of the first episode."""
 
 
 class Point(NamedTuple):

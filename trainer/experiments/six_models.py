@@ -8,16 +8,15 @@ training saw: four laps of lane keeping, each of a map's manoeuvres once, and ra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from trainer.experiments.options import SixModelsOptions
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 
 ALGORITHMS = ("dueling", "ppo")
-MAPS = ("hamlet", "village", "suburb", "blocks")  # not the arena, where they are judged
 PATHS, MISSIONS = 32, 50  # of each navigator
 FIRST_SEED = 160 * 32  # whole worlds of 160 episodes: 32 paths are then each path once
 
@@ -36,36 +35,6 @@ VARIANTS = {
     "cyclegan": Variant("CycleGAN", "nominal", translated=True),
     "dr_cyclegan": Variant("both", "randomised", translated=True),
 }
-
-
-@dataclass(frozen=True)
-class SixModelsOptions:
-    """What is trained, and where it is judged."""
-
-    translator: str | None = None
-    """An ONNX translator from simulated pictures to photographs; else no CycleGAN model."""
-    preset: str = "fast"
-    """paper, fast or debug."""
-    map: tuple[str, ...] = MAPS
-    """Maps of the navigation trainings."""
-    test_map: str = "arena"
-    """Map of the paths and missions."""
-    look: str = "reality"
-    """Look or looks in which all are judged."""
-    pose_error: str = "arena"
-    """In training and test alike: none or arena."""
-    steps: int = 400_000
-    """Of each navigation training by Dueling."""
-    ppo_steps: int = 800_000
-    """Of each by PPO, whose steps cost a third; the paper, too, gave it twice as many."""
-    lane_steps: int = 60_000
-    """Of each lane training."""
-    judgings: int = 4
-    """How often each is judged while it is trained; the best is kept."""
-    lap_drives: int = 20
-    """Drives of four laps of each lane keeper."""
-    seeds: int = 3
-    """Models of each kind, with seeds 0, 1, 2 …"""
 
 
 def episodes(options: SixModelsOptions) -> dict[str, int]:

@@ -28,6 +28,7 @@ from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
 from trainer.envs import ScaledReward, make_blind_env
 from trainer.run import atomically
+from trainer.torch_file import reading
 
 ROBOTS = 32
 GAMMA = 0.9  # a second ahead is enough to stay on a road
@@ -86,7 +87,8 @@ def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> C
         policy = _teach(config, steps, console)
         with atomically(path) as temporary:
             policy.save(str(temporary))
-    return Coach(ActorCriticPolicy.load(str(path), device="cpu"))
+    with reading(path, "the coach of this run", "; delete it, and it is taught again"):
+        return Coach(ActorCriticPolicy.load(str(path), device="cpu"))
 
 
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:

@@ -13,12 +13,10 @@ from rich.table import Table
 if TYPE_CHECKING:
     from trainer.parsing.folder import Split
 
-parse_app = tyro.extras.SubcommandApp()
 
 Pairs = Annotated[tuple[Path, ...], tyro.conf.arg(name="pairs")]
 
 
-@parse_app.command(name="train")
 def train_command(
     out: Path,
     labels: str = "road",
@@ -73,7 +71,6 @@ def train_command(
     return 0
 
 
-@parse_app.command(name="choose")
 def choose_command(
     out: Path,
     pairs: Pairs = (),
@@ -115,7 +112,6 @@ def choose_command(
     return 0
 
 
-@parse_app.command(name="evaluate")
 def evaluate_command(
     model: Path,
     pairs: Pairs = (),
@@ -140,7 +136,6 @@ def evaluate_command(
     return 0
 
 
-@parse_app.command(name="export")
 def export_command(model: Path, out: Path) -> int:
     """Write a parser as a translator, whose pictures are the classes that it sees.
 
@@ -156,7 +151,6 @@ def export_command(model: Path, out: Path) -> int:
     return 0
 
 
-@parse_app.command(name="translate")
 def translate_command(
     out: Path,
     sim: Path,

@@ -19,6 +19,7 @@ from trainer.parsing.scores import ParsingScore, confusion, score
 from trainer.parsing.segnet import SEGNETS, SegNet
 from trainer.resumable import Loop, Stateful
 from trainer.run import atomically
+from trainer.torch_file import load_torch, reading
 
 BATCH_OF_USE = 16
 # Of what the loss favoured rare classes by, undone in use: lines come out two thirds as wide. All
@@ -153,11 +154,13 @@ def load_parser(path: Path) -> Parser:
     """
     if not path.exists():
         raise ConfigError(f"{path}: expected a parser, found no such file; train one first")
-    content = torch.load(path, map_location="cpu", weights_only=True)
-    config = ParseConfig(**content["config"])
-    network = SegNet(len(label_set(config.labels).classes), SEGNETS[config.net])
-    network.load_state_dict(content["network"])
-    weights = content.get("weights")
+    what = "a parser, parser.pt of python -m trainer parse train"
+    content = load_torch(path, what)
+    with reading(path, what):
+        config = ParseConfig(**content["config"])
+        network = SegNet(len(label_set(config.labels).classes), SEGNETS[config.net])
+        network.load_state_dict(content["network"])
+        weights = content.get("weights")
     return Parser(config, network, None if weights is None else np.array(weights))
 
 

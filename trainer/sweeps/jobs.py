@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,9 +13,9 @@ from rich.table import Table
 from robot.errors import ConfigError
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
-from robot.output import expect_writable
+from robot.output import expect_folder, expect_writable
 from robot.typed_config import to_plain
-from trainer.config import TESTS, choose
+from trainer.config import TESTS, RunConfig, choose
 from trainer.division import maps_named, part_of
 from trainer.envs import find_looks, load_places
 from trainer.judging.drive_log import DriveLog, drives_beside
@@ -31,8 +30,8 @@ from trainer.judging.evaluate import (
 )
 from trainer.judging.rows import Rows, rows_beside
 from trainer.judging.told import Told
-from trainer.options import EvaluateOptions, TrainOptions, extended
-from trainer.run import RunFolder, write_json
+from trainer.options import EvaluateOptions, TrainOptions, extended, refuse_others
+from trainer.run import RunFolder, read_json, write_json
 from trainer.sweeps.sweep import SweepOptions, combinations
 from trainer.sweeps.workers import Progressed
 
@@ -44,6 +43,7 @@ class TrainJob:
     out: Path
     options: TrainOptions
     resume: bool
+    given: tuple[str, ...] = ()  # of the options, those that a person gave
 
     @property
     def title(self) -> str:
@@ -59,10 +59,7 @@ class TrainJob:
         """Whether the run has used its steps or seconds, or has learned its task."""
         folder, config = RunFolder(self.out), self.options.config()
         folder.refuse_another(config)
-        if not folder.metrics.exists():
-            return False
-        metrics = json.loads(folder.metrics.read_text(encoding="utf-8"))
-        return metrics["stopped_by"] != "steps" or metrics["train_steps"] >= config.steps
+        return bool(ended(folder, config))
 
     def progress(self) -> Progressed:
         """By the episodes so far."""
@@ -79,14 +76,20 @@ class TrainJob:
         return self.options.config().steps  # reads the look's file: once, not at every look
 
     def run(self, console: Console) -> int:
-        """Train, and say how it went."""
+        """Train, and say how it went; a run that has ended is left as it is."""
         folder, options = RunFolder(self.out), self.options
         if not self.resume:
             folder.refuse_run()
         if folder.config.exists():
-            config = extended(folder.load_config(), options.steps, options.seconds)
+            found = folder.load_config()
+            refuse_others(self.out, found, options, self.given)
+            config = extended(found, options.steps, options.seconds)
+            if said := ended(folder, config):
+                console.print(f"{self.out}: done before, {said}; nothing to do", markup=False)
+                return 0
         else:
             config = options.config()
+        expect_folder(self.out)
         from trainer.envs import make_env
         from trainer.training.train import train
 
@@ -96,6 +99,29 @@ class TrainJob:
             f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
         )
         return 1 if metrics.stopped_by == "interrupted" else 0
+
+
+def ended(folder: RunFolder, config: RunConfig) -> str:
+    """How a run ended whose limits are these; empty while it has something left to do.
+
+    Raises:
+        ConfigError: its metrics.json is damaged.
+    """
+    if not folder.metrics.exists():
+        return ""
+    metrics = read_json(folder.metrics)
+    try:
+        by, steps, seconds = (metrics[k] for k in ("stopped_by", "train_steps", "train_seconds"))
+        longer = {
+            "steps": steps < config.steps,
+            "seconds": config.seconds is None or seconds < config.seconds,
+        }
+        return "" if longer.get(by) else f"{steps} steps in {seconds:.1f} s, stopped by {by}"
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{folder.metrics}: expected the figures of a training, got others; delete it, and "
+            "the run goes on"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -121,9 +147,11 @@ class EvaluateJob:
         self.options.check()
         if self.json is None or not self.json.exists():
             return False
-        found = json.loads(self.json.read_text(encoding="utf-8"))["inputs"]
-        found.setdefault("lane", None)  # written before there was a choice
-        if found != to_plain(inputs(self.options, found["task"])):
+        found = read_json(self.json).get("inputs")
+        task = found.get("task") if isinstance(found, dict) else None
+        if task:
+            found.setdefault("lane", None)  # written before there was a choice
+        if not task or found != to_plain(inputs(self.options, task)):
             raise ConfigError(
                 f"{self.json}: expected the evaluation asked for, got another one; "
                 "choose another --json"
@@ -137,9 +165,8 @@ class EvaluateJob:
     def run(self, console: Console) -> int:
         """Drive, and say how it went."""
         options = self.options
-        expect_writable(self.json, inputs=(Path(options.model),))  # before the work, not after it
-        if self.json is not None:
-            self.json.parent.mkdir(parents=True, exist_ok=True)
+        kept_drives = drives_beside(self.json) if self.drives and self.json else None
+        expect_writable(self.json, kept_drives, inputs=[Path(options.model)])
         policy: DrivingPolicy = open_policy(Path(options.model), options.task)
         if options.translate is not None:
             translator = open_translator(options.translate, policy.contract.image)
@@ -151,6 +178,8 @@ class EvaluateJob:
         looks = find_looks(asked.task, options.look, options.pose_error, options.without)
         wanted = range(options.seed, options.seed + options.episodes)
         log = DriveLog() if self.drives else None
+        if self.json is not None:
+            self.json.parent.mkdir(parents=True, exist_ok=True)
         rows = self._rows(asked)
         kept = {} if rows is None else rows.drives
         left = [seed for seed in wanted if seed not in kept]

@@ -180,7 +180,11 @@ class Checkpointer(BaseCallback):
 
 
 class Display(BaseCallback):
-    """A bar with steps, steps per second, mean reward and last success; a line per evaluation."""
+    """A bar with steps, steps per second, and returns; a line per evaluation.
+
+    Both returns are the reward summed over an episode, and means. Of those while it learns the
+    last 50 count: they begin anywhere, with choices made by chance, and often end early.
+    """
 
     def __init__(
         self, state: TrainState, config: RunConfig, recorder: EpisodeRecorder, console: Console
@@ -191,12 +195,12 @@ class Display(BaseCallback):
             TextColumn(f"{config.task} {config.algorithm}"),
             BarColumn(),
             TextColumn("{task.completed:.0f}/{task.total:.0f} steps"),
-            TextColumn("{task.fields[rate]:.0f}/s · reward {task.fields[reward]:.1f}"),
-            TextColumn("· evaluated {task.fields[success]}"),
+            TextColumn("{task.fields[rate]:.0f}/s · return {task.fields[learning]} learning"),
+            TextColumn("· {task.fields[judged]} evaluated"),
             TimeElapsedColumn(),
             console=console,
         )
-        self._task = self._bar.add_task("", total=config.steps, rate=0.0, reward=0.0, success="-")
+        self._task = self._bar.add_task("", total=config.steps, rate=0.0, learning="-", judged="-")
         self._shown = 0.0
         self._evaluations = len(state.evaluations)
 
@@ -211,7 +215,7 @@ class Display(BaseCallback):
         for e in self._state.evaluations[self._evaluations :]:
             self._bar.console.print(
                 f"step {e.step:>7} · {e.seconds:6.1f} s · evaluation: success "
-                f"{e.success_rate:4.0%}, reward {e.mean_reward:.1f}, {e.mean_steps:.0f} decisions"
+                f"{e.success_rate:4.0%}, return {e.mean_reward:.0f} in {e.mean_steps:.0f} decisions"
             )
         self._evaluations = len(self._state.evaluations)
         return True
@@ -223,8 +227,10 @@ class Display(BaseCallback):
             self._task,
             completed=self.num_timesteps,
             rate=(self.num_timesteps - steps) / max(self._state.seconds - seconds, 1e-9),
-            reward=np.mean([e.reward for e in recent]) if recent else 0.0,
-            success=f"{evaluations[-1].success_rate:.0%}" if evaluations else "-",
+            learning=f"{np.mean([e.reward for e in recent]):.0f}" if recent else "-",
+            judged=f"{evaluations[-1].success_rate:.0%}, {evaluations[-1].mean_reward:.0f}"
+            if evaluations
+            else "-",
         )
 
     def stop(self) -> None:

@@ -12,7 +12,13 @@ from stable_baselines3.common.policies import BasePolicy
 
 from robot.typed_config import from_plain, to_plain
 from trainer.run import atomically
+from trainer.torch_file import load_torch, reading
 
+CHECKPOINT, POLICY = "the checkpoint of this run", "a policy of this run"
+REMEDY = (
+    "; put a copy of it back, or delete it and train from the beginning: best.pt, if it lies "
+    "there, still holds the best policy so far"
+)
 _COUNTERS = ("num_timesteps", "_n_updates", "_n_calls", "_episode_num")
 
 
@@ -63,17 +69,20 @@ def save_checkpoint(path: Path, model: BaseAlgorithm, state: TrainState) -> None
 
 def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
     """Put a freshly built model back where `save_checkpoint` found it."""
-    content: dict[str, Any] = torch.load(path, map_location=model.device, weights_only=True)
-    model.policy.load_state_dict(content["policy"])
-    model.policy.optimizer.load_state_dict(content["optimizer"])
-    for name, value in content["counters"].items():
-        setattr(model, name, value)
-    return _state(content, path)
+    content: dict[str, Any] = load_torch(path, CHECKPOINT, model.device, REMEDY)
+    with reading(path, CHECKPOINT, REMEDY):
+        model.policy.load_state_dict(content["policy"])
+        model.policy.optimizer.load_state_dict(content["optimizer"])
+        for name, value in content["counters"].items():
+            setattr(model, name, value)
+        return _state(content, path)
 
 
 def read_state(path: Path) -> TrainState:
     """The record in a checkpoint."""
-    return _state(torch.load(path, map_location="cpu", weights_only=True), path)
+    content = load_torch(path, CHECKPOINT, remedy=REMEDY)
+    with reading(path, CHECKPOINT, REMEDY):
+        return _state(content, path)
 
 
 def _state(content: dict[str, Any], path: Path) -> TrainState:
@@ -90,4 +99,6 @@ def save_policy(path: Path, policy: BasePolicy) -> None:
 
 def load_policy(path: Path, policy: BasePolicy) -> None:
     """Read what `save_policy` wrote, into a policy of the same shape."""
-    policy.load_state_dict(torch.load(path, map_location=policy.device, weights_only=True))
+    content = load_torch(path, POLICY, policy.device)
+    with reading(path, POLICY):
+        policy.load_state_dict(content)

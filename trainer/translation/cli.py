@@ -16,8 +16,6 @@ from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.racing.track import is_track
 
-translate_app = tyro.extras.SubcommandApp()
-
 
 def collect_command(
     out: Path,
@@ -66,7 +64,6 @@ def collect_command(
     return 0
 
 
-@translate_app.command(name="train")
 def train_command(
     out: Path,
     sim: tuple[Path, ...] = (),
@@ -124,7 +121,6 @@ def train_command(
     return 0
 
 
-@translate_app.command(name="export")
 def export_command(run: tyro.conf.Positional[Path]) -> int:
     """Write sim_to_real.onnx and real_to_sim.onnx of a run's checkpoint, checked against torch.
 
@@ -139,7 +135,6 @@ def export_command(run: tyro.conf.Positional[Path]) -> int:
     return 0
 
 
-@translate_app.command(name="lanes")
 def lanes_command(
     out: Path,
     sim: tuple[Path, ...],
@@ -181,7 +176,6 @@ def lanes_command(
     return 0
 
 
-@translate_app.command(name="judge")
 def judge_command(
     model: Path,
     sim: tuple[Path, ...],
@@ -221,7 +215,6 @@ def judge_command(
     return 0
 
 
-@translate_app.command(name="sheet")
 def sheet_command(
     run: tyro.conf.Positional[Path],
     out: Path,

@@ -9,6 +9,7 @@ import torch
 
 from robot.errors import ConfigError
 from trainer.run import CONFIG, atomically, begin_run, read_run
+from trainer.torch_file import load_torch
 from trainer.translation.config import TranslationConfig
 
 
@@ -46,5 +47,8 @@ class TranslationFolder:
         """
         if not self.checkpoint.exists():
             raise ConfigError(f"{self.path}: expected a checkpoint, found none; train first")
-        state: dict[str, Any] = torch.load(self.checkpoint, map_location=device, weights_only=True)
+        remedy = "; put a copy of it back, or delete it and train from the beginning"
+        state: dict[str, Any] = load_torch(
+            self.checkpoint, "the checkpoint of this run", device, remedy
+        )
         return state

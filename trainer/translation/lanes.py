@@ -20,12 +20,15 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.typed_config import from_plain, to_plain
 from trainer.run import atomically
+from trainer.torch_file import load_torch, reading
 from trainer.translation.networks import as_floats
 from trainer.translation.pictures import Pictures, load_paint
 
 _WIDTH = 16
 _LANE_SHARE = 0.5  # of a pixel, from which it counts as line
 _BATCH = 8
+
+_FINDER = "a lane finder"
 
 
 class LaneFinder(nn.Module):
@@ -133,12 +136,14 @@ def load_lane_finder(path: Path, image: ImageSpec) -> LaneFinder:
             f"{path}: expected a lane finder, got no file; make it with "
             "python -m trainer translate lanes"
         )
-    content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    made_for = from_plain(ImageSpec, content["image"])
+    content: dict[str, Any] = load_torch(path, _FINDER)
+    with reading(path, _FINDER):
+        made_for = from_plain(ImageSpec, content["image"])
     if made_for != image:
         raise ConfigError(f"{path}: expected one for {image}, got one for {made_for}")
     finder = LaneFinder()
-    finder.load_state_dict(content["weights"])
+    with reading(path, _FINDER):
+        finder.load_state_dict(content["weights"])
     return finder.eval()
 
 

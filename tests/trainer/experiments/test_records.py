@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -65,6 +66,40 @@ def test_every_layout_gives_the_same_drive(tmp_path: Path, layout: str) -> None:
         Turn.STRAIGHT,
         Turn.RIGHT,
     ]
+
+
+def test_a_tub_is_what_its_manifest_names_and_broken_lines_are_counted(tmp_path: Path) -> None:
+    write_layout(tmp_path, "tub2")
+    names = ["catalog_10.catalog", "catalog_9.catalog"]
+    (tmp_path / "manifest.json").write_text(f"[]\n{json.dumps({'paths': names})}\n")
+    (tmp_path / "._catalog_9.catalog").write_bytes(b"\0\5\x16\7\xb0\xff Mac OS X")
+    (tmp_path / "catalog_11.catalog").write_text("given up\n")
+    with (tmp_path / "catalog_9.catalog").open("ab") as file:
+        file.write(b"\0" * 40 + b"\n" + b'{"_index": 5, "cam/im\n' + b"\xff\xfe\n" + b"[]\n{}\n")
+    (tmp_path / "images" / "gone.jpg").touch()
+    drive = load_drive(tmp_path)
+    assert [path.name[0] for path in drive.files] == ["2", "3", "0", "1", "g"]
+    assert drive.skipped == 5
+    (tmp_path / "catalog_9.catalog").unlink()
+    with pytest.raises(ConfigError, match=r"catalog_9\.catalog: expected a part of the drive"):
+        load_drive(tmp_path)
+
+
+def test_a_published_tub_is_read_with_the_rubbish_that_computers_leave(
+    tmp_path: Path, real_data: Path
+) -> None:
+    tub = tmp_path / "tub"
+    shutil.copytree(real_data / "donkeycar_boards" / "tub", tub, copy_function=shutil.copyfile)
+    tub.chmod(0o755)
+    whole = load_drive(tub)
+    (tub / "._catalog_0.catalog").write_bytes(b"\0\5\x16\7\0\2\xb0\xc3\x28")
+    lines = (tub / "catalog_0.catalog").read_bytes().splitlines()
+    lines[100] = b"\0" * len(lines[100])
+    (tub / "catalog_0.catalog").unlink()
+    (tub / "catalog_0.catalog").write_bytes(b"\n".join(lines))
+    drive = load_drive(tub)
+    assert (len(whole), len(drive)) == (302, 301)
+    assert (whole.skipped, drive.skipped) == (0, 1)
 
 
 def test_what_is_no_drive_is_refused(tmp_path: Path) -> None:

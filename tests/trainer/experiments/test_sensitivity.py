@@ -12,8 +12,8 @@ from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, load_look
 from sim_pybullet.randomise import load_look_sampler
 from trainer.cli import main
+from trainer.experiments.options import VALUES
 from trainer.experiments.sensitivity import (
-    VALUES,
     SensitivityOptions,
     drives,
     points,

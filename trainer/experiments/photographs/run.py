@@ -184,6 +184,8 @@ def _samples(image: ImageSpec, look: str, frames: int, seed: int) -> tuple[np.nd
 def _steer(console: Console) -> Callable[[Photographs], list[Steered]]:
     def make(asked: Photographs) -> list[Steered]:
         drive = load_drive(asked.data / DRIVE)
+        if drive.skipped:
+            console.print(f"{asked.data / DRIVE}: skipped {drive.skipped} broken records")
         training, test = split_by_time(load_stacks(drive, ImageSpec(80, 60, 20)))
         common = int(np.bincount(training.turns, minlength=len(Turn)).argmax())
         rows = [_without_order(row) for row in chance(test.turns, common)]

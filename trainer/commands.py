@@ -1,0 +1,202 @@
+"""The commands that make and judge policies, each imported with what it needs when it runs."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress, track
+from rich.table import Table
+
+from robot.errors import ConfigError, expect_between
+from robot.output import expect_folder, expect_writable
+from trainer.config import ALGORITHMS, LARGEST_SEED, TASKS, choose
+from trainer.options import EvaluateOptions, TrainOptions
+from trainer.presets import PRESETS, preset
+from trainer.run import RunFolder, write_json
+from trainer.sweeps.sweep import SweepOptions, run_sweep
+
+EXPORT_ROBOTS = 32
+_TRAIN = TrainOptions()
+_EVALUATE = EvaluateOptions()
+_SWEEP = SweepOptions()
+
+
+def train_command(
+    out: Path,
+    options: Annotated[TrainOptions, tyro.conf.arg(name="")] = _TRAIN,
+    resume: bool = False,
+    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
+    given: tyro.conf.Suppress[tuple[str, ...]] = (),
+) -> int:
+    """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
+
+    Args:
+        out: the run's folder; must not hold a run yet, unless --resume. With --seeds, --matrix
+            or --ray the folder of all runs; finished ones are skipped, others go on.
+        options: how.
+        resume: go on with the run in --out, if there is one, with its own configuration; options
+            that differ from it are refused.
+        many: several at once.
+        given: the names of the options that were given.
+    """
+    from trainer.sweeps.jobs import TrainJob, train_jobs
+
+    if many.wanted:
+        expect_folder(out)
+        return run_sweep(train_jobs(out, options, many), many, Console(soft_wrap=True))
+    return TrainJob(out, options, resume, given).run(Console())
+
+
+def evaluate_command(
+    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")] = _EVALUATE,
+    json: Path | None = None,
+    drives: bool = False,
+    many: Annotated[SweepOptions, tyro.conf.arg(name="")] = _SWEEP,
+) -> int:
+    """Drive an exported policy greedily through whole frames, and count successes.
+
+    Args:
+        options: what, where and how often.
+        json: write the figures there. With --seeds, --matrix or --ray what is its own is added to
+            each name; without --json the files are evaluation_*.json beside the models.
+        drives: keep where every robot drove and what the ten worst saw, beside --json, for report.
+        many: several at once.
+    """
+    from trainer.sweeps.jobs import EvaluateJob, evaluate_jobs
+
+    if many.wanted:
+        jobs = evaluate_jobs(json, options, drives, many)
+        return run_sweep(jobs, many, Console(soft_wrap=True))
+    if drives and json is None:
+        raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
+    options.check()
+    return EvaluateJob(json, options, drives).run(Console(soft_wrap=True))
+
+
+def endure_command(
+    model: Path,
+    json: Path | None = None,
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (TASKS["lane"],),
+    look: str = "nominal",
+    hours: float = 1.0,
+    robots: int = 4,
+    seed: int = 1000,
+    lane: str = "outer",
+) -> int:
+    """Let a policy keep its lane for hours of simulated time, and see who leaves it.
+
+    Args:
+        model: a policy for lane keeping, .onnx.
+        json: write the figures there.
+        map_names: rings of road, files, or names or folders of shipped maps.
+        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
+        hours: of simulated time.
+        robots: each at a place and in a look of its own.
+        seed: of everything random.
+        lane: outer, inner (the other way round), or both.
+    """
+    from robot.inference.policy import OnnxPolicy
+    from robot.navigation.road_map import load_map
+    from sim_pybullet.randomise import load_look_sampler
+    from trainer.division import maps_named
+    from trainer.judging.endurance import endure
+
+    expect_writable(json, inputs=[model])
+    for name, value, most in (("hours", hours, 1e5), ("robots", robots, 1000)):
+        expect_between(name, value, 1 if name == "robots" else 1e-3, most)
+    expect_between("seed", seed, 0, LARGEST_SEED)
+    policy, maps = OnnxPolicy(model), [load_map(name) for name in maps_named(map_names)]
+    with Progress() as bar:
+        row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
+        looks = load_look_sampler(look)
+        result = endure(policy, maps, looks, hours, robots, seed, lambda: bar.advance(row), lane)
+    if json is not None:
+        write_json(json, result)
+    Console(soft_wrap=True).print(
+        f"{model}: {result.stayed} of {robots} stayed in their lane for {hours:g} h, "
+        f"{result.driven_lane_m:.0f} m each, {100 * result.mean_path_distance_m:.1f} cm from its "
+        f"middle, {100 * result.largest_path_distance_m:.1f} cm at most"
+    )
+    return 0
+
+
+def export_command(run: tyro.conf.Positional[Path]) -> int:
+    """Write model.onnx and model_int8.onnx of a run, checked against torch on 1,000 frames.
+
+    Args:
+        run: its folder.
+    """
+    from trainer.envs import make_env
+    from trainer.export import export_run
+
+    folder = RunFolder(run)
+    config = folder.load_config()
+    env = make_env(config, EXPORT_ROBOTS, config.seed)
+    exported = export_run(folder, config, env)
+    env.close()
+    Console(soft_wrap=True).print(
+        f"{folder.onnx}: differs from torch by at most {exported.largest_difference:.1e} over "
+        f"{exported.frames} frames; INT8 chooses alike on {exported.int8_same_choice:.1%} of them, "
+        "none of which it was calibrated on"
+    )
+    return 0
+
+
+def report_command(
+    runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("runs/report")
+) -> int:
+    """Write report.html and its pictures: curves, tables, drive maps and worst episodes of runs.
+
+    Runs that differ in nothing but the seed are shown together. Draws curve.png of each run again.
+
+    Args:
+        runs: run folders, or folders of run folders.
+        out: the report's folder.
+    """
+    if not runs:
+        raise ConfigError("report: expected one run folder or more, got none")
+    expect_folder(out)
+    from trainer.report.page import write_report
+
+    Console(soft_wrap=True).print(str(write_report(runs, out)), markup=False)
+    return 0
+
+
+def explain_command(model: Path, images: Path, out: Path) -> int:
+    """Show what a policy looks at: its attention laid over pictures, the yellower the more.
+
+    Args:
+        model: an ONNX file, a run folder, or a checkpoint in one.
+        images: a picture, a folder of pictures, or a video.
+        out: folder for the pictures, or the video, and sheet.png.
+    """
+    expect_folder(out)
+    from trainer.judging.explain import write_explained
+
+    count = write_explained(model, images, out)
+    Console(soft_wrap=True).print(f"{out}: {count} pictures, some of them on sheet.png")
+    return 0
+
+
+def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast") -> int:
+    """Parameters and multiply-accumulates of one decision, for every task and algorithm.
+
+    Args:
+        preset_name: paper, fast or debug.
+    """
+    choose("preset", preset_name, PRESETS)
+    from trainer.judging.summary import summarise
+
+    columns = ("task", "algorithm", "picture", "parameters", "driving", "MMAC")
+    table = Table(*columns, title=preset_name)
+    every = list(itertools.product(TASKS, ALGORITHMS))
+    for task, name in track(every, "building policies", console=Console(stderr=True)):
+        row = summarise(preset(task, name, preset_name))
+        figures = f"{row.parameters:,}", f"{row.driving:,}", f"{row.macs / 1e6:.2f}"
+        table.add_row(task, name, "x".join(map(str, row.image)), *figures)
+    Console().print(table)
+    return 0

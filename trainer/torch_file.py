@@ -1,0 +1,58 @@
+"""Reading what torch wrote: a damaged file, or one of something else, is wrong input."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from robot.command_line import one_line
+from robot.errors import ConfigError
+
+_DAMAGED = (
+    RuntimeError,  # torch's for a truncated archive, and for weights of another shape
+    EOFError,
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    UnicodeDecodeError,
+    pickle.UnpicklingError,
+)
+
+
+@contextmanager
+def reading(path: Path, what: str, remedy: str = "") -> Iterator[None]:
+    """Whatever fails in the block is this file's fault.
+
+    Args:
+        path: the file.
+        what: it should be, such as "a parser".
+        remedy: what a person can do.
+
+    Raises:
+        ConfigError: it is absent or damaged, or holds something else.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{path}: expected {what}, got: {error.strerror}{remedy}") from error
+    except _DAMAGED as error:
+        told = one_line(str(error))[:100]
+        raise ConfigError(
+            f"{path}: expected {what}, got a damaged file or another ({told}){remedy}"
+        ) from error
+
+
+def load_torch(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> Any:
+    """The content of a file that `torch.save` wrote, plain data and tensors only.
+
+    Raises:
+        ConfigError: as of `reading`.
+    """
+    with reading(path, what, remedy):
+        return torch.load(path, map_location=device, weights_only=True)
