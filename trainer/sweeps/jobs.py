@@ -148,9 +148,8 @@ class EvaluateJob:
         if self.json is None or not self.json.exists():
             return False
         found = read_json(self.json).get("inputs")
-        task = found.get("task") if isinstance(found, dict) else None
-        if task:
-            found.setdefault("lane", None)  # written before there was a choice
+        found = {"lane": None, **found} if isinstance(found, dict) else {}  # once no choice
+        task = found.get("task")
         if not task or found != to_plain(inputs(self.options, task)):
             raise ConfigError(
                 f"{self.json}: expected the evaluation asked for, got another one; "

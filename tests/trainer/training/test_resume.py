@@ -86,6 +86,17 @@ def test_finished_run_has_nothing_left_to_do(tmp_path: Path) -> None:
     assert again.evaluations == first.evaluations
 
 
+def test_a_damaged_checkpoint_is_told_with_what_to_do(tmp_path: Path) -> None:
+    config = toy_config("ppo", 600)
+    train_toy(config, tmp_path)
+    run = RunFolder(tmp_path)
+    whole = run.checkpoint.read_bytes()
+    for size in (0, 1000, len(whole) - 10):
+        run.checkpoint.write_bytes(whole[:size])
+        with pytest.raises(ConfigError, match=r"checkpoint\.pt: .*damaged.*or delete it"):
+            train_toy(replace(config, steps=1200), tmp_path)
+
+
 def test_a_run_that_goes_on_for_longer_says_so(tmp_path: Path) -> None:
     config = toy_config("ppo", 600)
     train_toy(config, tmp_path)
