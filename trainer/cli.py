@@ -8,16 +8,18 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
+import inspect
 import io
 import itertools
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from robot.command_line import WRONG, answer, one_line
 from robot.errors import DuckpilotError, nearest
+from trainer.limits import check
 
 PROGRAM = "python -m trainer"
 _LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look")
@@ -82,7 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name, command, rest = _chosen(words)
         module, _, function = command.place.partition(":")
         do = getattr(importlib.import_module(module), function)
-        status: int | None = _read(do, rest, f"{PROGRAM} {name}")()
+        options = _read(do, rest, f"{PROGRAM} {name}")
+        check(name, options)
+        status: int | None = do(**options)
         return status
 
     return answer("trainer", work)
@@ -115,15 +119,16 @@ def _help(prog: str, commands: Mapping[str, Command | Group]) -> str:
     return "\n".join(about)
 
 
-def _read(command: Callable[..., int], words: list[str], prog: str) -> Callable[[], int]:
-    """Make of the words a call of the command; wrong ones end the program in one line."""
+def _read(command: Callable[..., int], words: list[str], prog: str) -> dict[str, Any]:
+    """What the command is to be called with; wrong words end the program in one line."""
     import tyro
 
     @functools.wraps(command)
-    def later(*args: object, **kwargs: object) -> Callable[[], int]:
-        if "given" in kwargs:  # else a default that is asked for cannot be told from none
-            kwargs["given"] = tuple(_flags(words))
-        return lambda: command(*args, **kwargs)
+    def options_of(*args: Any, **kwargs: Any) -> dict[str, Any]:
+        options = inspect.signature(command).bind(*args, **kwargs).arguments
+        if "given" in options:  # else a default that is asked for cannot be told from none
+            options["given"] = tuple(_flags(words))
+        return options
 
     for word, after in itertools.pairwise([*words, "--"]):
         if word in _LISTS and after.startswith("--"):
@@ -131,14 +136,14 @@ def _read(command: Callable[..., int], words: list[str], prog: str) -> Callable[
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told):
-            call: Callable[[], int] = tyro.cli(later, args=words, prog=prog)
+            options: dict[str, Any] = tyro.cli(options_of, args=words, prog=prog)
     except SystemExit as ended:
         if not ended.code:
             raise
         _refuse(prog, _first_of(told.getvalue()))
     except DuckpilotError as error:  # of a default that does not fit
         _refuse(prog, str(error))
-    return call
+    return options
 
 
 def _flags(words: list[str]) -> set[str]:

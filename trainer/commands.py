@@ -11,9 +11,8 @@ from rich.console import Console
 from rich.progress import Progress, track
 from rich.table import Table
 
-from robot.errors import ConfigError, expect_between
-from robot.output import expect_folder, expect_writable
-from trainer.config import ALGORITHMS, LARGEST_SEED, TASKS, choose
+from robot.errors import ConfigError
+from trainer.config import ALGORITHMS, TASKS, choose
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.presets import PRESETS, preset
 from trainer.run import RunFolder, write_json
@@ -46,7 +45,6 @@ def train_command(
     from trainer.sweeps.jobs import TrainJob, train_jobs
 
     if many.wanted:
-        expect_folder(out)
         return run_sweep(train_jobs(out, options, many), many, Console(soft_wrap=True))
     return TrainJob(out, options, resume, given).run(Console())
 
@@ -105,10 +103,6 @@ def endure_command(
     from trainer.division import maps_named
     from trainer.judging.endurance import endure
 
-    expect_writable(json, inputs=[model])
-    for name, value, most in (("hours", hours, 1e5), ("robots", robots, 1000)):
-        expect_between(name, value, 1 if name == "robots" else 1e-3, most)
-    expect_between("seed", seed, 0, LARGEST_SEED)
     policy, maps = OnnxPolicy(model), [load_map(name) for name in maps_named(map_names)]
     with Progress() as bar:
         row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
@@ -159,7 +153,6 @@ def report_command(
     """
     if not runs:
         raise ConfigError("report: expected one run folder or more, got none")
-    expect_folder(out)
     from trainer.report.page import write_report
 
     Console(soft_wrap=True).print(str(write_report(runs, out)), markup=False)
@@ -174,7 +167,6 @@ def explain_command(model: Path, images: Path, out: Path) -> int:
         images: a picture, a folder of pictures, or a video.
         out: folder for the pictures, or the video, and sheet.png.
     """
-    expect_folder(out)
     from trainer.judging.explain import write_explained
 
     count = write_explained(model, images, out)

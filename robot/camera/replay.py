@@ -99,7 +99,11 @@ def read_picture(path: Path) -> np.ndarray:
     """
     import cv2
 
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    try:
+        data = np.fromfile(str(path), np.uint8)
+    except OSError as error:
+        raise ConfigError(f"{path}: expected a picture, got: {error.strerror}") from error
+    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if picture is None:
         raise ConfigError(f"{path}: expected a picture, got a file that OpenCV cannot read")
     return np.ascontiguousarray(picture[..., ::-1])

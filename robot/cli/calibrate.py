@@ -144,6 +144,8 @@ def measure_camera(
 
 def measure_lens(config: RobotConfig, folder: Path, person: Person) -> Values:
     """The lens, from a folder of pictures that is filled first when it is empty or absent."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"--images: expected a folder of pictures, got the file {folder}")
     if not folder.is_dir() or not any(folder.iterdir()):
         pictures.collect_boards(config.camera, folder, person)
     boards, size = pictures.boards_from_files(folder)

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
@@ -98,7 +99,7 @@ class TrainJob:
             f"{self.out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
             f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
         )
-        return 1 if metrics.stopped_by == "interrupted" else 0
+        return INTERRUPTED if metrics.stopped_by == "interrupted" else 0
 
 
 def ended(folder: RunFolder, config: RunConfig) -> str:
@@ -192,7 +193,7 @@ class EvaluateJob:
             if rows is not None:
                 rows.close(done=False)
             console.print(_cut_off(rows))
-            return 1
+            return INTERRUPTED
         parts = {place.name: part_of(place) for place in maps if isinstance(place, RoadMap)}
         result = summarise(asked, policy, sorted(drives), parts)
         if self.json is not None:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.typed_config import from_plain, read_yaml, to_plain
 from trainer.sweeps.workers import Job, LocalWorkers, Outcome, RayWorkers, Workers
@@ -90,7 +91,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     except KeyboardInterrupt:
         workers.stop()
         console.print("interrupted; the same command goes on")
-        return 1
+        return INTERRUPTED
     finally:
         board.stop()
         workers.close()
@@ -173,7 +174,9 @@ def _choices(options: Any, many: SweepOptions, seed_step: int) -> dict[str, list
     choices: dict[str, list[Any]] = {}
     given = {} if many.matrix is None else read_yaml(many.matrix)
     if not isinstance(given, dict):
-        raise ConfigError(f"{many.matrix}: expected options with lists of values, got {given!r}")
+        raise ConfigError(
+            f"{many.matrix}: expected options with lists of values, got {type(given).__name__}"
+        )
     for key, values in given.items():
         if not isinstance(values, list) or not values:
             raise ConfigError(f"{many.matrix}: {key}: expected a list of values, got {values!r}")

@@ -86,10 +86,12 @@ def test_a_tub_is_what_its_manifest_names_and_broken_lines_are_counted(tmp_path:
 
 
 def test_a_published_tub_is_read_with_the_rubbish_that_computers_leave(
-    tmp_path: Path, real_data: Path
+    tmp_path: Path, data_dir: Path
 ) -> None:
     tub = tmp_path / "tub"
-    shutil.copytree(real_data / "donkeycar_boards" / "tub", tub, copy_function=shutil.copyfile)
+    shutil.copytree(
+        data_dir / "real" / "donkeycar_boards" / "tub", tub, copy_function=shutil.copyfile
+    )
     tub.chmod(0o755)
     whole = load_drive(tub)
     (tub / "._catalog_0.catalog").write_bytes(b"\0\5\x16\7\0\2\xb0\xc3\x28")

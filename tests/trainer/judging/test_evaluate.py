@@ -142,7 +142,7 @@ def test_an_evaluation_that_was_cut_off_goes_on(
         return real(*args[:5], hear, *args[6:], **kwargs)
 
     monkeypatch.setattr(jobs, "evaluate", interrupted)
-    assert command("cut.json") == 1
+    assert command("cut.json") == 130
     assert "5 drives are kept" in capsys.readouterr().out.replace("\n", " ")
     assert not (tmp_path / "cut.json").exists()
     rows = tmp_path / "cut.rows.jsonl"
