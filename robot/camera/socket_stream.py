@@ -58,10 +58,11 @@ class SocketStream:
 
     def _take(self) -> np.ndarray:
         magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
+        wanted = "a picture" if self._size_px is None else "{} x {} px".format(*self._size_px)
+        told = f"camera {self._path}: expected {wanted}, got {magic!r} {width} x {height}"
         if magic != MAGIC:
-            raise HardwareError(f"camera {self._path}: expected a picture, got {magic!r}")
+            raise HardwareError(told)
         data = receive_exactly(self._socket, 3 * width * height)
         if self._size_px is not None and (width, height) != self._size_px:
-            wanted = "{} x {} px".format(*self._size_px)
-            raise ContractError(f"camera {self._path}: expected {wanted}, got {width} x {height}")
+            raise ContractError(told)
         return np.frombuffer(data, np.uint8).reshape(height, width, 3)

@@ -20,7 +20,7 @@ from robot.hat.stepping import Steps
 from robot.worker import Worker
 
 MIN_WAIT_S = 50e-6
-COMMANDS, TURN_S = 3, 0.5  # each wakes the thread; without a turn in between it hangs
+WAKINGS, TURN_S = 3, 0.5  # by commands and turns of the loop; without a turn in between it hangs
 
 
 class MotorThread(Worker):
@@ -42,7 +42,7 @@ class MotorThread(Worker):
         self._guard = threading.RLock()  # of the driver
         self._alarm = Alarm()
         self._turns = self._heard = 0
-        self._unheard = 0  # commands since ``_heard_s``
+        self._unheard = 0  # wakings since ``_heard_s``
         self._heard_s = 0.0
 
     def __enter__(self) -> MotorThread:
@@ -111,8 +111,11 @@ class MotorThread(Worker):
         return self.alive and not self._driver.failed
 
     def on_tick(self, tick: object) -> None:  # noqa: ARG002  every turn counts
-        """HardwareError when the thread has died."""
+        """HardwareError when the thread has died or hangs; then the coils are off."""
         self.check()
+        with self._guard:
+            self._expect_turning()
+        self._alarm.set()
 
     def _expect_running(self) -> None:
         self.check()
@@ -124,9 +127,9 @@ class MotorThread(Worker):
         if self._turns != self._heard or self._unheard == 0:
             self._heard, self._heard_s, self._unheard = self._turns, now_s, 0
         self._unheard += 1
-        if self._unheard > COMMANDS and now_s - self._heard_s > TURN_S:
+        if self._unheard > WAKINGS and now_s - self._heard_s > TURN_S:
             self._driver.fail(
-                HardwareError("motor thread: expected a turn after each command, it hangs")
+                HardwareError("motor thread: expected a turn each time it is woken, it hangs")
             )
 
     def _wake(self) -> None:

@@ -207,7 +207,24 @@ def test_a_motor_thread_that_hangs_stops_the_motors() -> None:
         robot.stops()
         assert time.monotonic() - began_s < 1.5
         assert robot.safety.verdict.reason is Reason.MOTORS
-        assert "expected a turn after each command, it hangs" in robot.safety.verdict.sentence
+        assert "expected a turn each time it is woken, it hangs" in robot.safety.verdict.sentence
+        assert hat.fields_rad == (None, None), "its coils are off"
+        let_go.set()
+
+
+def test_a_motor_thread_that_hangs_while_the_robot_holds_is_a_fault() -> None:
+    clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
+    hat = VirtualHat(bus, clock)
+    driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
+    with MotorThread(driver, clock) as motors:
+        robot = Driving(motors=motors, subscribers=[motors])
+        robot.drive_off()
+        robot.steps(motors)
+        robot.runtime.ask(Command.STOP)
+        let_go = threading.Event()
+        motors._alarm.wait = lambda _=None: let_go.wait()  # type: ignore[method-assign,misc]
+        robot.stops()
+        assert "each time it is woken, it hangs" in robot.safety.verdict.sentence
         assert hat.fields_rad == (None, None), "its coils are off"
         let_go.set()
 

@@ -118,9 +118,13 @@ def test_an_absent_bus_ends_with_status_one(capsys: pytest.CaptureFixture[str]) 
     assert ended.value.code == 2
 
 
-def test_it_waits_for_no_heavy_import() -> None:
+@pytest.mark.parametrize("configured", [False, True])
+def test_it_waits_for_no_heavy_import(tmp_path: Path, configured: bool) -> None:
+    config = tmp_path / "robot.yaml"
+    config.write_text("hat: {bus: 250}")
+    words = ["off", "--config", str(config)] if configured else ["off", "--bus", "250"]
     code = (
-        "import sys; from robot.cli import main; main(['off', '--bus', '250']); "
+        f"import sys; from robot.cli import main; main({words!r}); "
         "print(sorted({'numpy', 'cv2', 'yaml', 'onnxruntime', 'zmq'} & set(sys.modules)))"
     )
     done = subprocess.run(
@@ -130,4 +134,4 @@ def test_it_waits_for_no_heavy_import() -> None:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         check=True,
     )
-    assert done.stdout.decode().strip() == "[]"
+    assert done.stdout.decode().strip() == ("['yaml']" if configured else "[]")
