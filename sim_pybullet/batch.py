@@ -94,7 +94,7 @@ class BatchWorld:
             self._episodes = DrawnEpisodes(task.road_maps, looks, n, seed, pool_size)
         else:
             self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers)
-        self._town = Town(self._episodes.solids, n, drive)
+        self._town = Town(self._episodes.solids, n, drive, reach_m=self._episodes.reach_m)
         camera = camera or RayCamera(image, n)
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
         self._guidance = GuidanceFeed(n) if task.guided else None

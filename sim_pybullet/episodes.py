@@ -12,10 +12,10 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
-from sim_pybullet.look import Look
+from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.pool import LookPool, Looks, PaintedWorld, paint_world
 from sim_pybullet.scene import Solid
-from sim_pybullet.scenery.place import Place
+from sim_pybullet.scenery.place import Place, place_solids
 from sim_pybullet.tasks.base import Starts, Task
 
 KINDS = ("task", "look", "motor", "skip", "noise", "pose")  # of random numbers
@@ -37,6 +37,10 @@ class Episodes(Protocol):
     @property
     def solids(self) -> Sequence[Sequence[Solid]]:
         """What stands in each world of the town before the first episode."""
+
+    @property
+    def reach_m(self) -> float:
+        """How far from the origin of their worlds solids may lie that come later [m]."""
 
     @property
     def numbers(self) -> np.ndarray:
@@ -63,6 +67,8 @@ class Episodes(Protocol):
 
 class DrawnEpisodes:
     """Episodes without end, from random numbers that all robots share."""
+
+    reach_m = 0.0  # none come later
 
     def __init__(self, road_maps: Sequence[Place], looks: Looks, n: int, seed: int, size: int):
         self._pool = LookPool(road_maps, looks, np.random.default_rng(seed), size)
@@ -115,6 +121,9 @@ class NumberedEpisodes:
         self.numbers = np.full(n, -1)
         self._rngs = {kind: [np.random.default_rng(0)] * n for kind in KINDS}
         self._painted: dict[tuple[int, int], PaintedWorld] = {}
+        rng = np.random.default_rng(0)
+        standing = [s for place in road_maps for s in place_solids(place, NOMINAL, rng)]
+        self.reach_m = 2.0 * max((abs(solid.x_m) for solid in standing), default=0.0)
 
     @property
     def solids(self) -> Sequence[Sequence[Solid]]:

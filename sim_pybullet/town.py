@@ -40,6 +40,7 @@ class Town:
         drive: see above.
         robots_collide: whether the robots of one world meet each other.
         dt_s: time of one step [s].
+        reach_m: how far from its origin what a world is furnished with later may lie [m].
     """
 
     def __init__(
@@ -49,13 +50,14 @@ class Town:
         drive: Drive = "planar",
         robots_collide: bool = False,
         dt_s: float = PHYSICS_DT_S,
+        reach_m: float = 0.0,
     ) -> None:
         self._dt_s = dt_s
         self._wheels = drive == "wheels"
         self._bullet = Bullet(dt_s, self._wheels, _SUBSTEPS if self._wheels else 1)
         self._floor = self._bullet.add_floor() if self._wheels else -1
-        reach_m = [abs(solid.x_m) for solids in worlds for solid in solids]
-        self._apart_m = max(_APART_M, 2.0 * max(reach_m, default=0.0))
+        reaches_m = [abs(solid.x_m) for solids in worlds for solid in solids]
+        self._apart_m = max(_APART_M, 2.0 * max([reach_m, *reaches_m]))
         self._solids = list(worlds)
         self._standing = [
             self._bullet.add_solids(solids, world * self._apart_m, 0.0)

@@ -74,6 +74,22 @@ def test_wheeled_robots_stay_on_the_floor_and_pass_through_each_other(make_town:
     assert not town.collided.any()
 
 
+def test_other_solids_take_the_place_of_those_of_a_world_and_of_no_other(
+    make_town: MakeTown,
+) -> None:
+    town = make_town([(WALL,), (WALL,)], 2)
+    town.furnish(0, ())
+    for robot in (0, 1):
+        town.place(robot, Pose(0.0, 0.0, 0.0), robot)
+    roll(town, 0.3, 0.0, 5.0)
+    assert town.collided.tolist() == [False, True]
+    assert town.poses[0, 0] == pytest.approx(1.5, abs=0.01)
+    town.furnish(0, (WALL,))
+    town.place(0, Pose(0.0, 0.0, 0.0), 0)
+    roll(town, 0.3, 0.0, 5.0)
+    assert town.collided.all()
+
+
 @pytest.mark.parametrize("drive", ["planar", "wheels"])
 def test_robots_meet_where_asked(make_town: MakeTown, drive: Drive) -> None:
     town = make_town([()], 2, drive, robots_collide=True)
