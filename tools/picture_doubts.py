@@ -149,7 +149,7 @@ def measure(options: argparse.Namespace, spoil: str) -> Tally:
         if eyes.reason:
             tally.doubted.append((eyes.reason, eyes.doubted_s))
             tally.in_time += 0.0 <= eyes.doubted_s <= threshold_s + BUDGET_S
-        if tally.missions % 20 == 0:
+        if tally.missions % 10 == 0:
             print(f"  {tally.missions} missions, {len(tally.doubted)} doubted", file=sys.stderr)
         if tally.missions >= options.missions:
             return tally

@@ -46,6 +46,7 @@ TURNS = 20  # of the loop that are judged together: 2 s
 # By how much another reading must fit better. An honest picture fits by 1.2 (random looks) to 2; no
 # other reading fitted better than it by more than 0.31 in ten minutes' drive in random looks.
 MARGIN = 0.5
+SHARE = 0.6  # of that reading's fit that the picture as it is must not reach
 
 
 class Lines(NamedTuple):
@@ -74,8 +75,7 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
 
     def rolled(degrees: float) -> Reading:
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-        gross = abs(degrees) > 45.0
-        return Reading("rolled", c * columns + s * rows, c * rows - s * columns, gross)
+        return Reading("rolled", c * columns + s * rows, c * rows - s * columns, False)
 
     def shifted(right: float, down: float) -> Reading:
         x = (columns + right + 0.5 * COLUMNS) % COLUMNS - 0.5 * COLUMNS
@@ -172,7 +172,7 @@ class MapFit(RoadFit):
 class LaneFit(RoadFit):
     """Any road, straight or bent, as a robot sees it that keeps to its right lane.
 
-    A picture that is shifted, or rolled or sheared a little, cannot be told from a robot that is
+    A picture that is shifted, rolled or sheared a little cannot be told from a robot that is
     turned, or from a bend; a picture that is mirrored shows the same as one from the wrong side of
     the yellow line, which is as bad.
     """
@@ -206,9 +206,9 @@ class Verdict:
         """What is wrong with the pictures, or "", after one more turn's fits."""
         self._fits.append(fits)
         mean = np.sum(self._fits, axis=0).max(axis=0) / TURNS  # a mounting's pitch stays
-        better = mean[1:] - mean[0]
-        best = int(better.argmax())
-        return self._sentences[best] if better[best] > MARGIN else ""
+        best = int(mean[1:].argmax())
+        clearly = mean[1 + best] - mean[0] > MARGIN and mean[0] < SHARE * mean[1 + best]
+        return self._sentences[best] if clearly else ""
 
 
 def _floor(rig: CameraRig, pitch_rad: float) -> np.ndarray:

@@ -146,7 +146,7 @@ KINDS = tuple(Reading(name, np.zeros(1), np.zeros(1)) for name in ("", "mirrored
 def told(better: float, turns: int) -> list:
     """The verdicts where the second reading fits so much better than the picture as it is."""
     verdict = Verdict(KINDS)
-    return [verdict.add(np.array([[1.0, 1.0 + better, 0.2]])) for _ in range(turns)]
+    return [verdict.add(np.array([[0.5, 0.5 + better, 0.2]])) for _ in range(turns)]
 
 
 def test_twenty_turns_must_favour_another_reading_by_half() -> None:
@@ -156,11 +156,18 @@ def test_twenty_turns_must_favour_another_reading_by_half() -> None:
     assert clear[16:] == ["mirrored"] * 4
 
 
+def test_the_picture_as_it_is_must_fit_less_than_three_fifths_as_well() -> None:
+    for own, said in ((2.0, ""), (1.85, ""), (1.75, "mirrored")):
+        verdict = Verdict(KINDS)
+        fits = np.array([[own, 3.0, 0.2]])
+        assert [verdict.add(fits) for _ in range(20)][-1] == said
+
+
 def test_one_odd_picture_is_no_evidence() -> None:
     verdict = Verdict(KINDS)
     for turn in range(60):
         odd = 8.0 if turn == 30 else 0.0
-        assert verdict.add(np.array([[1.0, 1.0 + odd, 0.0]])) == ""
+        assert verdict.add(np.array([[0.5, 0.5 + odd, 0.0]])) == ""
 
 
 def test_old_evidence_is_forgotten() -> None:
@@ -179,6 +186,6 @@ def test_one_mounting_must_explain_all_pictures() -> None:
     """Each turn another pitch favours the mirror: none of them does in all."""
     verdict = Verdict(KINDS)
     for turn in range(40):
-        fits = np.tile([1.0, 0.6, 0.0], (3, 1))
+        fits = np.tile([0.8, 0.6, 0.0], (3, 1))
         fits[turn % 3, 1] = 2.0
         assert verdict.add(fits) == ""
