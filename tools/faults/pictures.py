@@ -10,7 +10,7 @@ from tools.faults.stage import Stage
 # off its path first, that is as good.
 SAYS = {
     BLIND_S: "lens covered|same picture",
-    STILL_S: "has not moved",
+    STILL_S: "has not moved|left its planned path",
     WRONG_S: "road lies|left its planned path",
 }
 
@@ -29,7 +29,7 @@ def _inject(name: str) -> Act:
 
 def _stops(name: str) -> Case:
     what, _, threshold_s = SPOILED[name]
-    states = ("FAULT", "HOLD") if threshold_s == WRONG_S else ("FAULT",)
+    states = ("FAULT", "HOLD") if threshold_s >= STILL_S else ("FAULT",)
     return Case(
         *(name, what, _inject(name), threshold_s, states),
         says=SAYS[threshold_s],
