@@ -122,7 +122,7 @@ def try_package(
     tries = {}
     for mutant in open_ones:
         tests, seconds = choose_tests(mutant, calls)
-        limit = 20.0 + 3 * seconds
+        limit = 60.0 + 3 * seconds  # numba may have to compile again
         tries[pool.submit(trial.try_mutant, mutant, tests, limit)] = mutant
     with (OUT / "results.jsonl").open("a") as file:
         for count, future in enumerate(as_completed(tries), start=1):
