@@ -13,7 +13,7 @@ from tests.trainer.toy import make_toy, toy_config
 from trainer.config import QConfig, RunConfig
 from trainer.learners.a3c import A3C
 from trainer.learners.a3c_worker import Orders, Tensors, Worker, _evaluate, shared_rmsprop
-from trainer.learners.algorithms import build_model
+from trainer.learners.algorithms import _q_arguments, build_model
 from trainer.learners.dqn import DoubleDQN
 from trainer.learners.shared_weights import Shared
 
@@ -180,3 +180,73 @@ def test_what_a_worker_drove_is_counted() -> None:
     worker.learn()
     assert worker._shared.steps.tolist() == [64]
     worker.close()
+
+
+def of(model: Any, names: str) -> list[Any]:
+    return [getattr(model, name) for name in names.split()]
+
+
+def test_the_settings_of_a_run_reach_its_learner(tmp_path: Path) -> None:
+    def model(algorithm: str, **learn: Any) -> Any:
+        config = replace(with_learn(algorithm, learning_rate=0.003, **learn), rate_left=0.5)
+        return build_model(config, make_toy(config, 8, 0), tmp_path / algorithm)
+
+    several = {"gamma": 0.91, "batch": 33, "gradient_steps": 2, "buffer": 808, "warm_up": 17}
+    q = model("dueling", **several, n_step=2, epsilon_final=0.07, epsilon_steps=2_500)
+    assert of(q, "gamma batch_size gradient_steps learning_starts") == [0.91, 33, 2, 17]
+    assert (q.buffer_size, q.train_freq.frequency, q.replay_buffer.n_steps) == (808, 1, 2)
+    assert of(q, "exploration_final_eps exploration_fraction") == [0.07, 0.25]
+    brief = with_learn("dueling", epsilon_steps=99_999)
+    assert _q_arguments(brief.learn, 1_000, tmp_path)["exploration_fraction"] == 1.0  # type: ignore[arg-type]
+
+    several = {"gamma": 0.91, "gae_lambda": 0.83, "value": 0.7, "entropy": 0.03}
+    ppo = model("ppo", **several, rollout=16, minibatch=64, epochs=5, clip=0.11)
+    assert of(ppo, "gamma gae_lambda vf_coef ent_coef") == [0.91, 0.83, 0.7, 0.03]
+    assert of(ppo, "n_steps batch_size n_epochs") == [16, 64, 5]
+    assert ppo.clip_range(1.0) == 0.11
+    a2c = model("a2c", **several, a2c_rollout=7)
+    assert of(a2c, "gamma gae_lambda vf_coef ent_coef") == [0.91, 0.83, 0.7, 0.03]
+    assert (a2c.n_steps, type(a2c.policy.optimizer).__name__) == (7, "Adam")
+
+    several = {"batch": 33, "gradient_steps": 3, "buffer": 808, "warm_up": 17, "dagger_every": 6}
+    dagger = model("dagger", **several, expert_steps=77, random_share=0.04)
+    assert of(dagger, "batch_size gradient_steps learning_starts") == [33, 3, 17]
+    buffer = dagger.replay_buffer
+    assert (dagger.buffer_size, dagger.train_freq.frequency, buffer.n_steps) == (808, 6, 1)
+    assert of(dagger, "expert_steps random_share") == [77, 0.04]
+
+    rates = pytest.approx([0.003, 0.00225, 0.0015])
+    for learner, epsilon in ((q, 1e-8), (ppo, 1e-5), (a2c, 1e-5), (dagger, 1e-8)):
+        assert [learner.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == rates
+        assert learner.policy.optimizer.defaults["eps"] == epsilon
+
+
+def test_the_expert_drives_less_and_less_and_chance_its_share(tmp_path: Path) -> None:
+    """Of 2,000 robots; what is stored is always the expert's choice."""
+    robots = 2_000
+    config = with_learn("dagger", expert_steps=400, random_share=0.25, robots=robots)
+    model: Any = build_model(config, make_toy(config, robots, 0), tmp_path)
+    model._setup_learn(10_000, None)
+    expert = model.env.expert_actions()
+    learner = model.predict(model._last_obs, deterministic=True)[0]
+    assert (learner != expert).mean() > 0.5
+    for done, share in ((0, 1.0), (100, 0.75), (400, 0.0), (9_000, 0.0)):
+        model.num_timesteps = done
+        taken, stored = model._sample_action(0, None, robots)
+        np.testing.assert_array_equal(stored, expert)
+        differ = expert != learner
+        wanted = 0.75 * share + 0.25 / 5.0
+        assert (taken == expert)[differ].mean() == pytest.approx(wanted, abs=0.04)
+
+
+def test_dagger_descends_on_the_likelihood_of_the_experts_choices(tmp_path: Path) -> None:
+    config = with_learn("dagger")
+    model: Any = build_model(config, make_toy(config, 8, 0), tmp_path)
+    model.learn(128)
+    batch = model.replay_buffer.sample(64)
+    model.replay_buffer.sample = lambda _: batch
+    with torch.no_grad():
+        logs = torch.log_softmax(model.q_net(batch.observations), 1)
+    wanted = -logs.gather(1, batch.actions.long()).mean()
+    assert model._update(64) == pytest.approx(float(wanted), rel=1e-5)
+    assert model._update(64) < float(wanted)
