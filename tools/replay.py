@@ -12,6 +12,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from robot.command_line import OneLineParser
 from robot.errors import ContractError, DuckpilotError
 from robot.inference.policy import OnnxPolicy
 from robot.recording.contents import why_not
@@ -22,7 +23,7 @@ SHOWN = 20
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m tools.replay", description=__doc__)
+    parser = OneLineParser(prog="python -m tools.replay", description=__doc__)
     parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
     parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
     parser.add_argument("--json", action="store_true", help="print everything, for programs")

@@ -103,7 +103,13 @@ def read_picture(path: Path) -> np.ndarray:
         data = np.fromfile(str(path), np.uint8)
     except OSError as error:
         raise ConfigError(f"{path}: expected a picture, got: {error.strerror}") from error
-    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    log = getattr(cv2.utils, "logging", cv2)  # where it was before OpenCV 4.12 or so
+    level = log.getLogLevel()
+    log.setLogLevel(0)  # OpenCV's own words about a damaged picture, beside ours
+    try:
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    finally:
+        log.setLogLevel(level)
     if picture is None:
         raise ConfigError(f"{path}: expected a picture, got a file that OpenCV cannot read")
     return np.ascontiguousarray(picture[..., ::-1])

@@ -25,6 +25,7 @@ from tqdm import tqdm
 from robot.command_line import SEED, OneLineParser, answer, whole
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy_file import SHIPPED_MODELS, read_contract
+from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.film import Film
@@ -106,6 +107,7 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
     expect_writable(options.json, options.video, inputs=[options.model])
     expect_navigator(options.model)
+    load_map(options.map)  # refused before a bar is drawn
     site_after = sites_of(options.look, options.seed)
     rows = _rows_so_far(options)
     if len(rows) == options.missions:

@@ -58,12 +58,14 @@ def table1_command(
 
     from trainer.experiments.foretelling import foretell, words
     from trainer.experiments.racing_policy import named_policies
+    from trainer.experiments.records import load_drive
     from trainer.experiments.table1 import draw_table
     from trainer.run import write_json
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True)
     policies = named_policies(policy)
+    load_drive(data)  # refused before anything is written
     out.mkdir(parents=True, exist_ok=True)
     table = foretell(data, out, policies, taught, rate_hz, seeds, steps, taught_steps, console)
     write_json(out / "table1.json", table)
@@ -89,6 +91,7 @@ def six_models_command(
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
+    from robot.inference.translator import OnnxTranslator
     from trainer.experiments.photographs.tables import markdown
     from trainer.experiments.six_models import drives, models, trainings
     from trainer.experiments.transfer_attention import draw_attention
@@ -101,6 +104,8 @@ def six_models_command(
     from trainer.run import atomically, write_json
 
     console = Console(soft_wrap=True)
+    if options.translator:
+        OnnxTranslator(options.translator)  # refused before anything is written
     for seed in range(options.seeds):
         among = [model for model in models(options) if model.seed == seed]
         for jobs in (trainings(out, options, among), drives(out, options, among)):
@@ -135,9 +140,12 @@ def sensitivity_command(
     """
     from trainer.experiments.photographs.tables import markdown
     from trainer.experiments.sensitivity import drives, table_rows
+    from trainer.judging.evaluate import open_policy
     from trainer.run import atomically
 
     console = Console(soft_wrap=True)
+    for model in options.model:
+        open_policy(Path(model), options.task)  # refused before anything is written
     status = run_sweep(drives(out, options), workers, console)
     if status != 0:
         return status

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from robot.camera.replay import picture_files
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.racing.track import is_track
@@ -49,18 +51,26 @@ def collect_command(
 
     if frames < 1 or every < 1:
         raise ConfigError(f"frames, every: expected 1 or more, got {frames}, {every}")
-    with tqdm(total=frames, unit="frame", dynamic_ncols=True) as bar:
+    with ExitStack() as stack:
+
+        @cache  # when the first frame is done: no bar beside the line that says what is wrong
+        def bar() -> Any:
+            return stack.enter_context(tqdm(total=frames, unit="frame", dynamic_ncols=True))
+
+        def tick(count: int) -> None:
+            bar().update(count)
+
         if pictures is not None:
             source = Source("pictures", (str(pictures),), frames, every=every)
-            frames = collect_pictures(out, pictures_at(pictures, every), source, bar.update)
+            found = collect_pictures(out, pictures_at(pictures, every), source, tick)
         else:
-            source = Source("simulator", map_names, frames, look, seed)
+            source, found = Source("simulator", map_names, frames, look, seed), frames
             task = "track" if any(map(is_track, map_names)) else "lane"
             places = load_places(task, maps_named(map_names))
             refuse_judging_maps(places, "learn")
             looks = find_looks(task, look, None)
-            collect_simulator(out, places, looks, source, bar.update)
-    Console(soft_wrap=True).print(f"{out}: {frames} frames")
+            collect_simulator(out, places, looks, source, tick)
+    Console(soft_wrap=True).print(f"{out}: {found} frames")
     return 0
 
 
@@ -109,6 +119,8 @@ def train_command(
         wanted = {"generator": generator, "steps": steps, "batch": batch, "structure": structure}
         changes = {name: value for name, value in wanted.items() if value is not None}
         config = replace(config, seed=seed, **changes)  # type: ignore[arg-type]
+        for each in (*sim, *real):
+            picture_files(each)  # refused before anything is written
         folder.create(config)
     kept, console = train_translation(folder, config), Console(soft_wrap=True)
     score = Score(*kept.score)

@@ -111,6 +111,8 @@ def look_at_photographs(asked: Photographs, console: Console) -> str:
         ),
     }
     chosen = [choose("only", name, parts) for name in asked.only]
+    if not asked.data.is_dir():
+        raise ConfigError(f"{asked.data}: expected the folder of the sites, got no such folder")
     asked.out.mkdir(parents=True, exist_ok=True)
     texts = [
         f"## {_TITLES[name]}\n\n{part()}" for name, part in zip(asked.only, chosen, strict=True)
