@@ -18,6 +18,7 @@ from sim_pybullet.scene import Solid
 from sim_pybullet.scenery.place import Place, place_solids
 from sim_pybullet.tasks.base import Starts, Task
 
+Size = int | tuple[int, ...]  # of what is drawn for M robots: M, or (M, ...)
 KINDS = ("task", "look", "motor", "skip", "noise", "pose")  # of random numbers
 EPISODES_OF_A_WORLD = 4  # on one map: paint is shared, everything else is an episode's own
 _KEPT = 3  # painted worlds of a map: numbers are begun in order, so older ones are done with
@@ -188,18 +189,22 @@ class RobotRngs:
     def __init__(self, rngs: Sequence[np.random.Generator]) -> None:
         self._rngs = rngs
 
-    def standard_normal(self, size: tuple[int, ...]) -> np.ndarray:
+    def standard_normal(self, size: Size) -> np.ndarray:
         """(M, ...)."""
-        return np.stack([rng.standard_normal(size[1:]) for rng in self._rngs])
+        return np.array([rng.standard_normal(_of_one(size)) for rng in self._rngs])
 
-    def random(self, size: int) -> np.ndarray:  # noqa: ARG002
-        """(M,) in [0, 1)."""
-        return np.array([rng.random() for rng in self._rngs])
+    def random(self, size: Size) -> np.ndarray:
+        """(M, ...) in [0, 1)."""
+        return np.array([rng.random(_of_one(size)) for rng in self._rngs])
 
-    def uniform(self, low: float, high: float, size: tuple[int, ...]) -> np.ndarray:
+    def uniform(self, low: float, high: float, size: Size) -> np.ndarray:
         """(M, ...) in [low, high)."""
-        return np.stack([rng.uniform(low, high, size[1:]) for rng in self._rngs])
+        return np.array([rng.uniform(low, high, _of_one(size)) for rng in self._rngs])
 
-    def integers(self, low: int, high: int, size: tuple[int, ...]) -> np.ndarray:
+    def integers(self, low: int, high: int, size: Size) -> np.ndarray:
         """(M, ...) in [low, high)."""
-        return np.stack([rng.integers(low, high, size[1:]) for rng in self._rngs])
+        return np.array([rng.integers(low, high, _of_one(size)) for rng in self._rngs])
+
+
+def _of_one(size: Size) -> tuple[int, ...]:
+    return () if isinstance(size, int) else size[1:]

@@ -102,7 +102,7 @@ def test_a_finished_run_is_skipped_and_another_one_refused(tmp_path: Path) -> No
     folder = RunFolder(tmp_path / "seed-0")
     folder.go_on(preset("lane", "ppo", "debug"))
     assert not job.finished()
-    write_json(folder.metrics, {"stopped_by": "steps", "train_steps": 512})
+    write_json(folder.metrics, {"stopped_by": "steps", "train_steps": 512, "train_seconds": 1.0})
     assert job.finished()
     (longer,) = train_jobs(tmp_path, TrainOptions(preset="debug", algo="ppo", steps=600), _ONE)
     assert not longer.finished()
