@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import threading
 import weakref
 from typing import Optional
+
+# Descriptors from here on are too great for select; poll takes them, but counts in milliseconds,
+# which is coarse for motor steps.
+_SELECTABLE = 1024
 
 
 class Alarm:
@@ -45,7 +50,12 @@ class Alarm:
         """Until it rings, or for ``timeout_s`` [s]; whether it rings."""
         if timeout_s is not None:
             timeout_s = max(timeout_s, 0.0)
-        select.select([self._read_fd], [], [], timeout_s)
+        if self._read_fd < _SELECTABLE:
+            select.select([self._read_fd], [], [], timeout_s)
+        else:
+            poll = select.poll()
+            poll.register(self._read_fd, select.POLLIN)
+            poll.poll(None if timeout_s is None else math.ceil(1e3 * timeout_s))
         return self._rings
 
 

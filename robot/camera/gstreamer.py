@@ -122,8 +122,10 @@ class GstStream:
         """
         size = self._width_px * self._height_px * BYTES_PER_PIXEL
         data = bytearray()
+        poll = select.poll()  # not select, which knows no descriptor above 1023
+        poll.register(self._pipe, select.POLLIN)
         while len(data) < size:
-            if not select.select([self._pipe], [], [], self._wait_s)[0]:
+            if not poll.poll(1e3 * self._wait_s):
                 raise HardwareError(f"camera: no picture for {self._wait_s:g} s; {self._said()}")
             part = os.read(self._pipe, size - len(data))
             if not part:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import fcntl
 import gc
 import os
+import resource
 import threading
 import time
 from pathlib import Path
@@ -54,6 +56,38 @@ def test_a_wait_lasts_as_long_as_it_should_and_ends_with_the_ringing() -> None:
     assert alarm.wait(60.0)
     assert time.monotonic() - began_s < 10.0
     ringer.join()
+
+
+def test_it_rings_and_waits_where_many_descriptors_are_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A crowd of connections can push a new pipe beyond what ``select`` takes."""
+    pipe = os.pipe
+
+    def high() -> Tuple[int, int]:
+        low = pipe()
+        fds = tuple(fcntl.fcntl(fd, fcntl.F_DUPFD, 1500) for fd in low)
+        for fd in low:
+            os.close(fd)
+        return fds[0], fds[1]
+
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if before[1] < 1600:
+        pytest.skip(f"needs 1600 descriptors, this machine gives {before[1]}")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(before[0], 1600), before[1]))
+    try:
+        monkeypatch.setattr(os, "pipe", high)
+        alarm = Alarm()
+        monkeypatch.undo()
+        began_s = time.monotonic()
+        assert not alarm.wait(0.02)
+        assert time.monotonic() - began_s >= 0.02
+        alarm.set()
+        assert alarm.wait(10.0)
+    finally:
+        del alarm
+        gc.collect()
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
 def test_its_descriptors_go_with_it() -> None:
