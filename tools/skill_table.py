@@ -72,7 +72,7 @@ def ring_table(evaluations: Sequence[Path]) -> str:
         ConfigError: one of them is absent, or says nothing of its maps.
     """
     results = [_read(path) for path in evaluations]
-    heads = [f"`{Path(r['inputs']['model']).stem}`, {r['inputs']['look']}" for r in results]
+    heads = [f"`{_policy(r)}`, {r['inputs']['look']}" for r in results]
     columns = []
     for path, result in zip(evaluations, results, strict=True):
         if not result.get("by_map"):
@@ -89,6 +89,12 @@ def ring_table(evaluations: Sequence[Path]) -> str:
         for r in results
     ]
     return _markdown(("map", "lane", *heads), [*rows, ("all", "", *sums)])
+
+
+def _policy(result: Mapping[str, Any]) -> str:
+    """By its run, where the file is that of a run folder."""
+    stem = Path(result["inputs"]["model"]).stem
+    return stem.replace("model", str(result["run"])) if stem.startswith("model") else stem
 
 
 def _skill_row(run: Path) -> tuple[str, ...]:
