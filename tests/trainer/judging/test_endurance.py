@@ -27,7 +27,7 @@ def test_a_good_policy_stays_in_its_lane_without_an_end(tmp_path: Path) -> None:
 
 def test_the_other_way_round_is_another_lane_and_bad_places_are_refused(tmp_path: Path) -> None:
     out = tmp_path / "e.json"
-    arguments = ["endure", "--model", str(MODEL), "--hours", "0.0005", "--robots", "1"]
+    arguments = ["endure", "--model", str(MODEL), "--hours", "0.001", "--robots", "1"]
     assert main([*arguments, "--lane", "inner", "--json", str(out)]) == 0
     assert json.loads(out.read_text())["lane"] == "inner"
     assert main([*arguments, "--lane", "middle"]) == 2
