@@ -182,7 +182,9 @@ def report(packages: Iterable[str]) -> None:
         survivors = [name for name in names if done.get(name) == "survived"]
         known = sum(name in excused for name in survivors)
         rows.append((package, len(names), killed + len(survivors), killed, len(survivors), known))
-        print(*(f"survived: {name}" for name in survivors if name not in excused), sep="\n")
+        for name in survivors:
+            if name not in excused:
+                print(f"survived: {name}")
     rows.append(("in all", *(sum(column) for column in list(zip(*rows, strict=True))[1:])))
     print("| package | mutants | tried | killed | survived | of these explained | survived, % |")
     print("|---|---|---|---|---|---|---|")
