@@ -11,7 +11,13 @@ from robot.errors import ContractError
 from trainer.config import ALGORITHMS, RunConfig
 from trainer.judging.summary import summarise
 from trainer.learners.algorithms import observation_space, policy_arguments, policy_class
-from trainer.learners.networks import DuelingPolicy, GreedyNetwork, QPolicy, observation_shapes
+from trainer.learners.networks import (
+    DrivingFeatures,
+    DuelingPolicy,
+    GreedyNetwork,
+    QPolicy,
+    observation_shapes,
+)
 from trainer.presets import preset
 
 ACTIONS = spaces.Discrete(len(ACTION_TWISTS))
@@ -92,6 +98,47 @@ def test_a_fresh_critic_expects_next_to_nothing(algorithm: str) -> None:
     assert isinstance(policy, ActorCriticPolicy)
     with torch.no_grad():
         assert policy.predict_values(pictures(3, config)).abs().max() < 0.1
+
+
+def squares(layer: torch.nn.Module) -> torch.Tensor:
+    """Inner products of the rows, or of the columns where these are fewer."""
+    assert isinstance(layer, (torch.nn.Conv2d, torch.nn.Linear))
+    rows = layer.weight.detach().flatten(1)
+    return rows @ rows.T if rows.shape[0] <= rows.shape[1] else rows.T @ rows
+
+
+def assert_gain(layer: torch.nn.Module, gain: float) -> None:
+    seen = squares(layer)
+    torch.testing.assert_close(seen, gain**2 * torch.eye(len(seen)), atol=1e-4, rtol=1e-4)
+
+
+def test_weights_begin_orthogonal_and_those_of_values_smaller() -> None:
+    config = preset("lane", "dueling", "fast")
+    policy = policy_for(config, observation_space(config))
+    assert isinstance(policy, QPolicy)
+    value, advantage = policy.q_net.q_net
+    for layer in (*policy.q_net.features_extractor.convolutions[::2], advantage[0], value[0][0]):
+        assert_gain(layer, 2.0**0.5)
+    assert_gain(advantage[-1], 1.0)
+    assert_gain(value[1], 1.0)
+    config = preset("lane", "ppo", "fast")
+    actor_critic = policy_for(config, observation_space(config))
+    assert_gain(actor_critic.value_net, 0.01)  # type: ignore[arg-type]
+    assert_gain(actor_critic.action_net, 0.01)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("centred", "black"), [(False, 0.0), (True, -1.0)])
+def test_pixels_enter_from_zero_to_one_or_around_zero(centred: bool, black: float) -> None:
+    config = preset("lane", "ppo", "debug")
+    config = replace(config, net=replace(config.net, centred=centred))
+    features = policy_for(config, observation_space(config)).features_extractor
+    assert isinstance(features, DrivingFeatures)
+    given: list[torch.Tensor] = []
+    features.convolutions.register_forward_pre_hook(lambda _, x: given.append(x[0]))
+    for level in (255, 0):
+        features(torch.full((1, *config.image.shape), level, dtype=torch.uint8))
+    assert given[0].shape == (1, 3, *config.image.shape[:2])
+    assert [each.unique().item() for each in given] == [1.0, black]
 
 
 @pytest.mark.parametrize("name", ["paper", "fast", "debug"])
