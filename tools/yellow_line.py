@@ -1,4 +1,4 @@
-"""How often `robot.vision.yellow_line` tells the right side of the line, over simulated frames.
+"""How often `trainer.judging.yellow_line` tells the right side of the line, over simulated frames.
 
     python -m tools.yellow_line --frames 10000 --json runs/yellow_line.json
 
@@ -27,13 +27,13 @@ from robot.lens import CameraRig
 from robot.navigation.path import Path as RoadPath
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
-from robot.vision.yellow_dashes import DEFAULT, floor_table
-from robot.vision.yellow_line import detect_yellow_line
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, Look, load_look
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import build_scene
 from tools.yellow_truth import yellow_middle
+from trainer.judging.yellow_dashes import DEFAULT, floor_table
+from trainer.judging.yellow_line import detect_yellow_line
 
 BATCH = 100
 SIDE_M = 0.21  # from the yellow line to the white lines' inner edges

@@ -1,4 +1,4 @@
-"""What `robot.vision.yellow_line` sees, drawn over pictures: the mask, the dashes and the fitted
+"""What `trainer.judging.yellow_line` sees, drawn over pictures: the mask, the dashes and the fitted
 line.
 
     python -m tools.yellow_line_sheet --images photographs/ --out sheet.png
@@ -19,8 +19,8 @@ from robot.camera.source import fit_to_frame
 from robot.command_line import OneLineParser, answer
 from robot.lens import DUCKIEBOT_LENS, CameraRig
 from robot.output import expect_writable, write_png
-from robot.vision.yellow_dashes import DEFAULT, floor_table, yellow_mask
-from robot.vision.yellow_line import YellowLine, detect_yellow_line
+from trainer.judging.yellow_dashes import DEFAULT, floor_table, yellow_mask
+from trainer.judging.yellow_line import YellowLine, detect_yellow_line
 
 TILE = (320, 240)  # [px]
 COLUMNS = 4

@@ -1,1 +1,1 @@
-"""What the robot recognises in a picture without a network."""
+"""Whether what the camera shows can be believed, without a network."""

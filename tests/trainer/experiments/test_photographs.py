@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
 from robot.lens import CameraRig
-from robot.vision.yellow_dashes import DEFAULT, floor_table
-from robot.vision.yellow_line import NOT_FOUND, YellowLine
 from sim_pybullet.look import NOMINAL
 from trainer.experiments.photographs.agreement import (
     AGREES,
@@ -27,6 +25,8 @@ from trainer.experiments.photographs.run import named
 from trainer.experiments.photographs.tables import agreement_table
 from trainer.export import export_network
 from trainer.judging.lane_head import teach_lane_pose
+from trainer.judging.yellow_dashes import DEFAULT, floor_table
+from trainer.judging.yellow_line import NOT_FOUND, YellowLine
 from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
 from trainer.presets import preset

@@ -1,4 +1,4 @@
-"""How often `robot.vision.yellow_line` says of a photograph what a person says of it."""
+"""How often `trainer.judging.yellow_line` says of a photograph what a person says of it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ import numpy as np
 
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.lens import CameraRig
-from robot.vision.yellow_dashes import DEFAULT, floor_table
-from robot.vision.yellow_line import YellowLine, detect_yellow_line
 from trainer.experiments.photographs.lines import (
     Drawn,
     DrawnLine,
@@ -20,6 +18,8 @@ from trainer.experiments.photographs.lines import (
     frames_of,
     load_lines,
 )
+from trainer.judging.yellow_dashes import DEFAULT, floor_table
+from trainer.judging.yellow_line import YellowLine, detect_yellow_line
 
 AGREES, MISSED, INVENTED, WRONG_SIDE, NOT_JUDGED = (
     "agrees",

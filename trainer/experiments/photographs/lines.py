@@ -20,8 +20,8 @@ from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError
 from robot.lens import CameraRig
 from robot.typed_config import load_yaml
-from robot.vision.yellow_dashes import DEFAULT, Dash
-from robot.vision.yellow_line import YellowLine, fit_line
+from trainer.judging.yellow_dashes import DEFAULT, Dash
+from trainer.judging.yellow_line import YellowLine, fit_line
 
 LINES_FILE = Path(__file__).with_name("lines.yaml")
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape

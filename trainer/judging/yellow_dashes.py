@@ -7,10 +7,11 @@ and blobs are measured in metres on the floor, where a dash is as wide far away 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Tuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ CLIPPED = 0.9  # of 1: the balance tells no hue of brighter pixels
 class YellowLineParameters:
     """What counts as a dash. Lengths on the floor; hue of red is 0, of green 120 degrees."""
 
-    hue_deg: Tuple[float, float] = (32.0, 72.0)  # after the white balance
+    hue_deg: tuple[float, float] = (32.0, 72.0)  # after the white balance
     min_saturation: float = 0.35  # of 1, after the white balance
     raw_saturation: float = 0.55  # of 1, before it, of pixels that overexposure clipped
     min_value: float = 0.22  # of 1; darker pixels are noise
@@ -102,14 +103,14 @@ def yellow_mask(
     return floor.near & yellow & (raw[..., 2] >= min(darkest, CLIPPED))
 
 
-def _has_hue(hsv: np.ndarray, hue_deg: Tuple[float, float], saturation: float) -> np.ndarray:
+def _has_hue(hsv: np.ndarray, hue_deg: tuple[float, float], saturation: float) -> np.ndarray:
     low, high = hue_deg
     return (hsv[..., 0] >= low) & (hsv[..., 0] <= high) & (hsv[..., 1] >= saturation)
 
 
 def find_dashes(
     mask: np.ndarray, floor: FloorTable, parameters: YellowLineParameters = DEFAULT
-) -> Tuple[Dash, ...]:
+) -> tuple[Dash, ...]:
     """The blobs of the mask that are as wide as a line, cut to the length of a dash."""
     import cv2
 
@@ -122,7 +123,7 @@ def find_dashes(
         pieces = max(1, round(whole.length_m / parameters.dash_m))
         along = points @ (math.cos(whole.direction_rad), math.sin(whole.direction_rad))
         edges = np.linspace(along.min(), along.max() + 1e-9, pieces + 1)
-        for low, high in zip(edges, edges[1:]):
+        for low, high in itertools.pairwise(edges):
             here = (along >= low) & (along < high)
             if here.sum() >= parameters.min_pixels:
                 dash = _dash(points[here], areas[here])

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Tuple
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,22 +10,22 @@ from hypothesis import strategies as st
 
 from robot.errors import ContractError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
-from robot.vision.yellow_dashes import DEFAULT, floor_table
-from robot.vision.yellow_line import detect_yellow_line
+from trainer.judging.yellow_dashes import DEFAULT, floor_table
+from trainer.judging.yellow_line import detect_yellow_line
 
 RIG = CameraRig(DUCKIEBOT_LENS)
 SIZE = (160, 120)
 ASPHALT, YELLOW, WHITE, RED = (46, 46, 50), (224, 184, 44), (224, 224, 218), (196, 40, 40)
 DASH_M, GAP_M, HALF_WIDTH_M = 0.047, 0.026, 0.0123
-Curve = Callable[[float], Tuple[float, float]]
+Curve = Callable[[float], tuple[float, float]]
 REFERENCE_M = floor_table(RIG, *SIZE, DEFAULT.range_m).reference_m
 
 
 def draw(
     curve: Curve,
-    rgb: Tuple[int, int, int] = YELLOW,
+    rgb: tuple[int, int, int] = YELLOW,
     dashed: bool = True,
-    size: Tuple[int, int] = SIZE,
+    size: tuple[int, int] = SIZE,
     rig: CameraRig = RIG,
 ) -> np.ndarray:
     """A road with one line along ``curve`` (metres ahead to a point of the robot frame)."""
@@ -92,7 +92,7 @@ def test_a_line_without_gaps_is_found_too() -> None:
 
 
 @pytest.mark.parametrize("gains", [(1.0, 1.0, 0.6), (0.8, 1.1, 0.7), (1.15, 1.0, 1.2), (0.5,) * 3])
-def test_the_light_does_not_matter(gains: Tuple[float, float, float]) -> None:
+def test_the_light_does_not_matter(gains: tuple[float, float, float]) -> None:
     frame = draw(straight(-0.1, 0.1))
     tinted = np.clip(frame * np.array(gains), 0, 255).astype(np.uint8)
     plain, seen = detect_yellow_line(frame, RIG), detect_yellow_line(tinted, RIG)
@@ -106,7 +106,7 @@ def test_overexposed_paint_is_still_yellow() -> None:
 
 
 @pytest.mark.parametrize("rgb", [WHITE, RED, ASPHALT])
-def test_other_lines_are_not_yellow(rgb: Tuple[int, int, int]) -> None:
+def test_other_lines_are_not_yellow(rgb: tuple[int, int, int]) -> None:
     seen = detect_yellow_line(draw(straight(0.05), rgb), RIG)
     assert (seen.found, seen.crossed, seen.dashes) == (False, None, ())
     assert math.isnan(seen.offset_m)

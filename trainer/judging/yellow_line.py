@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
 
 import numpy as np
 
 from robot.errors import ContractError
 from robot.geometry import Pose, wrap_angle
 from robot.lens import CameraRig
-from robot.vision.yellow_dashes import (
+from trainer.judging.yellow_dashes import (
     DEFAULT,
     Dash,
     YellowLineParameters,
@@ -40,11 +39,11 @@ class YellowLine:
     found: bool
     offset_m: float = math.nan  # of the point ahead of the robot, positive to the line's left
     heading_rad: float = math.nan  # of the line there
-    dashes: Tuple[Dash, ...] = ()  # fitted, the nearest first
-    line_m: Tuple[Tuple[float, float], ...] = ()  # points along the fit, from the robot on
+    dashes: tuple[Dash, ...] = ()  # fitted, the nearest first
+    line_m: tuple[tuple[float, float], ...] = ()  # points along the fit, from the robot on
 
     @property
-    def crossed(self) -> Optional[bool]:
+    def crossed(self) -> bool | None:
         """Whether that point is left of the line; None when no line was found."""
         return self.offset_m > 0.0 if self.found else None
 
@@ -73,7 +72,7 @@ def detect_yellow_line(
     return fit_line(chain(dashes, parameters), floor.reference_m, parameters)
 
 
-def chain(dashes: Tuple[Dash, ...], parameters: YellowLineParameters = DEFAULT) -> Tuple[Dash, ...]:
+def chain(dashes: tuple[Dash, ...], parameters: YellowLineParameters = DEFAULT) -> tuple[Dash, ...]:
     """The dashes of one line: from the nearest on, each the next one roughly straight on."""
     left = sorted(dashes, key=lambda dash: math.hypot(dash.x_m, dash.y_m))
     line, left = left[:1], left[1:]
@@ -90,7 +89,7 @@ def chain(dashes: Tuple[Dash, ...], parameters: YellowLineParameters = DEFAULT) 
 
 
 def _follows(
-    last: Dash, dash: Dash, bearing: Optional[float], parameters: YellowLineParameters
+    last: Dash, dash: Dash, bearing: float | None, parameters: YellowLineParameters
 ) -> bool:
     if _distance(last, dash) > parameters.max_step_m:
         return False
@@ -107,7 +106,7 @@ def _distance(a: Dash, b: Dash) -> float:
 
 
 def fit_line(
-    dashes: Tuple[Dash, ...],
+    dashes: tuple[Dash, ...],
     reference_m: float,
     parameters: YellowLineParameters = DEFAULT,
 ) -> YellowLine:
