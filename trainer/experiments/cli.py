@@ -139,11 +139,12 @@ def sensitivity_command(
         workers: processes at once, or a Ray cluster.
     """
     from trainer.experiments.photographs.tables import markdown
-    from trainer.experiments.sensitivity import drives, table_rows
+    from trainer.experiments.sensitivity import drives, points, table_rows
     from trainer.judging.evaluate import open_policy
     from trainer.run import atomically
 
     console = Console(soft_wrap=True)
+    points(options)  # its fields and values, too
     for model in options.model:
         open_policy(Path(model), options.task)  # refused before anything is written
     status = run_sweep(drives(out, options), workers, console)

@@ -16,7 +16,7 @@ import yaml
 
 from robot.errors import ConfigError
 from robot.typed_config import read_yaml, to_plain
-from sim_pybullet.randomise import load_look_sampler, looks_of
+from sim_pybullet.randomise import load_look_sampler, look_sampler, looks_of
 from trainer.experiments.options import SensitivityOptions
 from trainer.options import EvaluateOptions
 from trainer.run import atomically
@@ -49,6 +49,8 @@ def points(options: SensitivityOptions) -> list[Point]:
     if len(files) != 1:
         raise ConfigError(f"look: expected one file, got {options.look} with {len(files)}")
     base, asked = read_yaml(files[0]) or {}, read_yaml(options.values)
+    if not isinstance(asked, dict) or not all(isinstance(v, dict) for v in asked.values()):
+        raise ConfigError(f"{options.values}: expected group: {{field: [values]}}, got other YAML")
     found = [Point(UNCHANGED, None, base)]
     for group, leaves in asked.items():
         for leaf, values in leaves.items():
@@ -57,6 +59,7 @@ def points(options: SensitivityOptions) -> list[Point]:
                 raise ConfigError(f"{where}: expected a list of values, got {values!r}")
             for value in values:
                 data = {**base, group: {**base.get(group, {}), leaf: value}}
+                look_sampler(data, str(options.values))
                 found.append(Point(f"{group}.{leaf}", value, data))
     return found
 

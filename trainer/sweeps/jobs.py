@@ -112,12 +112,11 @@ def ended(folder: RunFolder, config: RunConfig) -> str:
         return ""
     metrics = read_json(folder.metrics)
     try:
-        by, steps, seconds = (metrics[k] for k in ("stopped_by", "train_steps", "train_seconds"))
-        longer = {
-            "steps": steps < config.steps,
-            "seconds": config.seconds is None or seconds < config.seconds,
-        }
-        return "" if longer.get(by) else f"{steps} steps in {seconds:.1f} s, stopped by {by}"
+        by, steps = metrics["stopped_by"], metrics["train_steps"]
+        more = by == "steps" and steps < config.steps
+        if by == "seconds":
+            more = config.seconds is None or metrics["train_seconds"] < config.seconds
+        return "" if more else f"{steps} steps, stopped by {by}"
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(
             f"{folder.metrics}: expected the figures of a training, got others; delete it, and "

@@ -103,6 +103,7 @@ def train_command(
         seed: of everything random.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
+    from trainer.run import refuse_run
     from trainer.translation.config import translation_preset
     from trainer.translation.export import export_translators
     from trainer.translation.folder import TranslationFolder
@@ -119,6 +120,7 @@ def train_command(
         wanted = {"generator": generator, "steps": steps, "batch": batch, "structure": structure}
         changes = {name: value for name, value in wanted.items() if value is not None}
         config = replace(config, seed=seed, **changes)  # type: ignore[arg-type]
+        refuse_run(out)
         for each in (*sim, *real):
             picture_files(each)  # refused before anything is written
         folder.create(config)
