@@ -46,13 +46,16 @@ class WayLimits:
     timing_m: float = 0.009  # 30 ms at full speed
     memory_s: float = 1.6
     contradiction: float = 28.0  # squared distance in standard deviations, of three numbers
-    fine_memory_s: float = 3.0
+    fine_memory_s: float = 2.4
     fine_contradiction: float = 18.0
-    fine_useful_m: float = 0.01  # poses that err by more in half a second hide every drift
+    fine_useful_m: float = 0.0035  # poses that err by more, from one to the next, hide a drift
     fine_caution: float = 1.5  # times the variance that was seen
-    fine_white_m: float = 0.0025  # no poses are held to be better, from one to the next
+    fine_white_m: float = 0.0015  # no poses are held to be better, from one to the next
     fine_m: float = 0.005  # nor over any way
     fine_rad: float = math.radians(0.7)  # nor their headings, against what was usual
+    fine_scale: float = 0.036  # of wheels not yet known: 15 % just pass
+    fine_askew_rad: float = 0.02  # of a board not yet known: 5 degrees just pass
+    fine_timing_s: float = 0.06  # by which wheels answer, and pictures are dated, late
     fine_lag_s: float = 0.5
 
 
@@ -134,16 +137,28 @@ class WayCheck:
         return last[_LED_X:] + np.array([c * x - s * y, s * x + c * y])
 
     def _forget(self, now_s: float) -> None:
-        """Drop rows that grew old, and learn of them how these wheels drive, and poses err."""
-        limits, rows = self._limits, self._rows
-        old = int(np.searchsorted(rows[:, _TIME], now_s - limits.fine_memory_s))
-        for number in range(min(old, len(rows) - 1)):
-            later = int(np.searchsorted(rows[:, _TIME], rows[number, _TIME] + self._lag_s))
-            if later < len(rows):
-                seen, led = (complex(way) for way in _ways(rows[number], rows[later]))
+        """Drop ways that grew old, and learn of them how these wheels drive, and poses err."""
+        rows, before_s = self._rows, now_s - self._limits.fine_memory_s
+        known = rows[rows[:, _TIME] < before_s]
+        first = 0
+        for first, begins in enumerate(rows):
+            later = int(np.searchsorted(known[:, _TIME], begins[_TIME] + self._lag_s))
+            if later >= len(known):
+                break
+            seen, led = (complex(way) for way in _ways(begins, rows[later]))
+            if self._steady(rows[first : later + 1]):
                 self._learn_scale(seen, led)
-                self._learn_errors(seen - led, rows[number : number + 2])
-        self._rows = rows[old:]
+            self._learn_errors(seen - led, rows[first : first + 2])
+        self._rows = rows[first:]
+
+    @staticmethod
+    def _steady(rows: np.ndarray) -> bool:
+        """Whether a way was driven at one speed: setting off, a robot lags behind its steps."""
+        if len(rows) < IN_A_ROW:
+            return False
+        _, led = _ways(rows[[0, len(rows) // 2]], rows[[len(rows) // 2, -1]])
+        speeds = np.abs(led) / np.diff(rows[[0, len(rows) // 2, -1], _TIME])
+        return bool(abs(speeds[0] - speeds[1]) < 0.25 * speeds.max())
 
     def _learn_scale(self, seen: complex, led: complex) -> None:
         """How far these wheels are off; outliers tell nothing of that."""
@@ -153,12 +168,20 @@ class WayCheck:
             self._weight_m2 += abs(led) ** 2
 
     def _learn_errors(self, long: complex, next_rows: np.ndarray) -> None:
-        """How far poses are from where steps lead: over half a second, and from one to the next."""
+        """How far poses are from where steps lead: over half a second, and from one to the next.
+
+        A running median, which a robot that is carried or poses that drift hardly move.
+        """
+        if self.doubt.doubtful:
+            return
         seen, led = _ways(next_rows[0], next_rows[1])
-        errors_m2 = 0.5 * np.abs(np.array([seen - led, long])) ** 2
+        errors_m2 = np.abs(np.array([seen - led, long])) ** 2 / (2.0 * math.log(2.0))
         self._usual_of += 1
-        share = max(1.0 / self._usual_of, 1.0 / USUAL_OF)
-        self._usual_m2 += share * (np.minimum(errors_m2, 9.0 * self._usual_m2) - self._usual_m2)
+        if self._usual_of == 1:
+            self._usual_m2 = np.maximum(errors_m2, self._limits.fine_white_m**2)
+        rate = max(1.0 / self._usual_of, 2.0 / USUAL_OF)
+        self._usual_m2 *= np.where(errors_m2 > self._usual_m2, 1.0 + rate, 1.0 / (1.0 + rate))
+        self._usual_m2 = np.maximum(self._usual_m2, self._limits.fine_white_m**2)
 
     @property
     def _lag_s(self) -> float:
@@ -166,20 +189,23 @@ class WayCheck:
 
     def _judge(self) -> WayDoubt:
         limits, rows = self._limits, self._rows
+        rows = rows[rows[:, _TIME] >= rows[-1, _TIME] - limits.fine_memory_s]
+        if len(rows) < 2 * IN_A_ROW:
+            return WayDoubt()
         now, then = rows[-IN_A_ROW:], rows[:-IN_A_ROW]
         seen, led = _ways(then[None], now[:, None])
         elapsed_s = now[:, None, _TIME] - then[None, :, _TIME]
         near = then[:, _TIME] >= rows[-1, _TIME] - limits.memory_s
         coarse = self._coarse(now, then, seen, led, elapsed_s)
-        fine = self._fine(seen, led, elapsed_s)
         worst, at = _in_a_row(coarse[:, near])
         stands = False
         if at >= 0:
             first = at + int(np.argmax(near))
             stands = bool(abs(seen[-1, first]) < 0.5 * abs(led[-1, first]))
-        return WayDoubt(
-            worst / limits.contradiction, _in_a_row(fine)[0] / limits.fine_contradiction, stands
-        )
+        velocity = _velocities(rows)
+        changed = np.abs(velocity[-IN_A_ROW:, None] - velocity[None, :-IN_A_ROW])
+        fine, _ = _in_a_row(self._fine(seen, led, elapsed_s, changed))
+        return WayDoubt(worst / limits.contradiction, fine / limits.fine_contradiction, stands)
 
     def _coarse(
         self,
@@ -205,21 +231,30 @@ class WayCheck:
         squared = along**2 / along_var + across**2 / (both + way_m**2 * heading_var)
         return np.asarray(squared + wrap_angle(seen_rad - stepped_rad) ** 2 / turned_var)
 
-    def _fine(self, seen: np.ndarray, led: np.ndarray, elapsed_s: np.ndarray) -> np.ndarray:
+    def _fine(
+        self, seen: np.ndarray, led: np.ndarray, elapsed_s: np.ndarray, changed_mps: np.ndarray
+    ) -> np.ndarray:
         """Squared distances (3, n) by what these poses and wheels were of late."""
         limits = self._limits
         short, long = self._variances()
-        if long > limits.fine_caution * limits.fine_useful_m**2:
-            return np.zeros_like(elapsed_s + np.abs(led))
-        scale_var = 1.0 / (self._weight_m2 / (self._overlap * long) + 1.0 / limits.forward_scale**2)
-        prior_m2 = self._overlap * long / limits.forward_scale**2
-        scale = (self._learned + prior_m2) / (self._weight_m2 + prior_m2)
+        if short > limits.fine_caution * limits.fine_useful_m**2:
+            return np.zeros_like(elapsed_s + changed_mps)
+        known = self._weight_m2 / (self._overlap * long)
+        along_var, across_var = (
+            1.0 / (known + 1.0 / prior**2) for prior in (limits.fine_scale, limits.fine_askew_rad)
+        )
+        scale = 1.0 + 0.0j
+        if self._weight_m2 > 0.0:
+            off = self._learned / self._weight_m2 - 1.0
+            scale += known * (along_var * off.real + 1j * across_var * off.imag)
         along, across = _split(seen - scale * led, led)
         # part of it is new in every pose, and the rest walks on
-        noise = short + (long - short) * elapsed_s / limits.fine_lag_s
-        noise += np.abs(led) ** 2 * scale_var + limits.fine_m**2
-        heading = (limits.fine_rad * np.abs(led)) ** 2
-        return np.asarray(along**2 / noise + across**2 / (noise + heading))
+        noise = short + (long - short) * elapsed_s / limits.fine_lag_s + limits.fine_m**2
+        noise += (limits.fine_timing_s * changed_mps) ** 2
+        way_m2 = np.abs(led) ** 2
+        across_var += limits.fine_rad**2
+        squared = along**2 / (noise + way_m2 * along_var)
+        return np.asarray(squared + across**2 / (noise + way_m2 * across_var))
 
     @property
     def _overlap(self) -> float:
@@ -231,16 +266,13 @@ class WayCheck:
     def _variances(self) -> np.ndarray:
         """(2,) of the poses' errors, per coordinate: over one pose, and over half a second [m^2].
 
-        As they usually are, or worse where most of the last seconds' are worse.
+        As they usually are, or worse where most of the last seconds' are worse from one to the
+        next: a drift hardly changes that, noise does.
         """
-        rows = self._rows
-        seen, led = _ways(rows[:-1], rows[1:])
-        later = np.searchsorted(rows[:, _TIME], rows[:, _TIME] + self._lag_s)
-        known = later < len(rows)
-        seen_long, led_long = _ways(rows[known], rows[later[known]])
-        recent = np.array([_variance(seen - led), _variance(seen_long - led_long)])
-        variances = np.maximum(np.maximum(recent, self._usual_m2), self._limits.fine_white_m**2)
-        return self._limits.fine_caution * np.maximum.accumulate(variances)
+        usual_m2 = np.maximum.accumulate(self._usual_m2)
+        seen, led = _ways(self._rows[:-1], self._rows[1:])
+        worse = max(1.0, _variance(seen - led) / usual_m2[0])
+        return np.asarray(self._limits.fine_caution * worse * usual_m2)
 
 
 def _ways(then: np.ndarray, now: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -250,6 +282,13 @@ def _ways(then: np.ndarray, now: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         step[..., _SEEN_X] + 1j * step[..., _SEEN_Y],
         step[..., _LED_X] + 1j * step[..., _LED_Y],
     )
+
+
+def _velocities(rows: np.ndarray) -> np.ndarray:
+    """(n,) by steps, up to each row, as complex numbers [m/s]."""
+    _, led = _ways(rows[:-1], rows[1:])
+    speeds = led / np.diff(rows[:, _TIME])
+    return np.concatenate((speeds[:1], speeds))
 
 
 def _split(error: np.ndarray, led: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

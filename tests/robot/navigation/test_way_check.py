@@ -27,6 +27,7 @@ def drive(
     seconds: float = 6.0,
     seed: int = 0,
     check: Optional[WayCheck] = None,
+    late_s: float = 0.0,  # by which pictures are older than they say
 ) -> Tuple[Optional[float], WayDoubt]:
     """When the check doubts a robot that drives at 0.3 m/s, after the fault [s], and what."""
     rng, way = np.random.default_rng(seed), check or WayCheck()
@@ -44,7 +45,7 @@ def drive(
         arc = (0.1 * speed, 0.1 * bend * math.sin(2.5 * driven_s))
         odometry = odometry.moved(*arc)
         true = true if held and since_s > 0.0 else true.moved(*arc)
-        seen = np.array(true)
+        seen = np.array(true.moved(-speed * late_s, -arc[1] / 0.1 * late_s))
         if since_s > 0.0 and lie is not None:
             then = seen if then is None else then
             seen = lie(seen, since_s, then)
@@ -78,11 +79,11 @@ def frozen(_: np.ndarray, _since_s: float, then: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("white_m", [0.0, 0.002, 0.005, 0.03])
 @pytest.mark.parametrize("bend", [0.0, 0.9, 2.4])
-def test_an_honest_drive_is_no_doubt(white_m: float, bend: float) -> None:
-    for seed in range(3):
-        since_s, doubt = drive(white_m=white_m, bend=bend, seconds=12.0, seed=seed)
-        assert since_s is None
-        assert max(doubt.coarse, doubt.fine) < 0.9
+@pytest.mark.parametrize("late_s", [-0.03, 0.0, 0.06])
+def test_an_honest_drive_is_no_doubt(white_m: float, bend: float, late_s: float) -> None:
+    since_s, doubt = drive(white_m=white_m, bend=bend, seconds=9.0, late_s=late_s)
+    assert since_s is None
+    assert max(doubt.coarse, doubt.fine) < 0.9
 
 
 @pytest.mark.parametrize("white_m", [0.0, 0.002, 0.005, 0.015])
@@ -105,7 +106,7 @@ DRIFTS = {
 
 @pytest.mark.parametrize("lie", DRIFTS.values(), ids=list(DRIFTS))
 @pytest.mark.parametrize("bend", [0.0, 0.9])
-@pytest.mark.parametrize(("white_m", "within_s"), [(0.0, 2.2), (0.001, 2.5)])
+@pytest.mark.parametrize(("white_m", "within_s"), [(0.0, 2.0), (0.001, 2.2)])
 def test_poses_that_drift_by_3_cm_in_a_second(
     lie: Lie, bend: float, white_m: float, within_s: float
 ) -> None:
@@ -119,10 +120,10 @@ def test_poses_that_drift_by_3_cm_in_a_second(
 def test_headings_that_turn_by_3_degrees_in_a_second(turn: float) -> None:
     since_s, _ = drive(drifting(turn_radps=turn * math.radians(3.0)), seconds=8.0)
     assert since_s is not None
-    assert since_s <= 5.0
+    assert since_s <= 3.5
 
 
-@pytest.mark.parametrize("white_m", [0.0, 0.002, 0.005])
+@pytest.mark.parametrize("white_m", [0.0, 0.001, 0.002])
 @pytest.mark.parametrize("place", [(0.08, 0.0), (-0.08, 0.0), (0.0, 0.08), (0.0, -0.08)])
 def test_labels_swapped_with_a_robot_beside_that_drives_the_same_way(
     place: Tuple[float, float], white_m: float
