@@ -1,5 +1,8 @@
 """The mutation tool: what it changes, and that its lists fit the source."""
 
+import subprocess
+import sys
+from pathlib import Path
 from textwrap import dedent
 
 import pytest
@@ -80,3 +83,21 @@ def test_each_explanation_is_of_a_mutant_that_exists() -> None:
     names = {mutant.name for package in TESTS for mutant in all_mutants(package)}
     gone = set(explained()) - names
     assert not gone, "remove them from tests/mutants/explained.toml: their lines have changed"
+
+
+def test_a_worker_tries_its_own_copy_and_not_what_the_command_line_has_loaded(
+    tmp_path: Path,
+) -> None:
+    code = (
+        "import sys, tools.mutants.__main__\n"
+        "from tools.mutants import trial\n"
+        "trial._HEAVY = ()\n"
+        "trial.prepare(sys.argv[1])\n"
+        "import robot.errors, robot.navigation.navigator\n"
+        "print(robot.errors.__file__, robot.navigation.navigator.__file__)\n"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    files = done.stdout.split()
+    assert len(files) == 2
+    assert all(file.startswith(str(tmp_path)) for file in files)

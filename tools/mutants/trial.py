@@ -26,6 +26,7 @@ _LEFT_BEHIND = shutil.ignore_patterns(".git", ".venv*", "runs", ".mypy_cache", "
 _HEAVY = ("numpy", "cv2", "yaml", "zmq", "onnxruntime", "hypothesis.strategies", "mcap.writer",
           "numba", "torch", "gymnasium", "stable_baselines3", "pybullet", "onnx", "tyro", "rich",
           "matplotlib.pyplot", "torch.utils.tensorboard")  # fmt: skip
+_MUTATED = ("robot", "localizer_node", "sim_pybullet", "trainer")
 _copy = Path()  # this worker's own tree
 
 Calls = dict[str, tuple[float, list[str]]]  # of each test: seconds, ``path:function`` called
@@ -43,6 +44,8 @@ def prepare(scratch: str) -> None:
     sys.dont_write_bytecode = True
     sys.path[:] = [str(_copy), *(each for each in sys.path if Path(each).resolve() != _ROOT)]
     tools.__path__ = [str(_copy / "tools")]
+    for name in [each for each in sys.modules if each.split(".")[0] in _MUTATED]:
+        del sys.modules[name]  # the command line's own, from the tree that is not mutated
     for name in _HEAVY:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
