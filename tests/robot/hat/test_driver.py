@@ -1,3 +1,4 @@
+import contextlib
 import math
 
 import numpy as np
@@ -330,6 +331,19 @@ def test_a_robot_told_to_drive_while_it_brakes_keeps_its_coils() -> None:
         rig.drive(0.1, 0.1, 2.0)
         assert rig.driver.speeds == pytest.approx((0.1, 0.1))
         assert rig.hat.lost_steps == (0, 0)
+
+
+@pytest.mark.parametrize(("nacks", "off"), [(3, True), (4, False)])
+def test_all_off_is_tried_three_times_after_a_fault(nacks: int, off: bool) -> None:
+    """The first NACK is the fault, the others meet the attempts to switch off."""
+    rig = make_rig()
+    with contextlib.suppress(HardwareError), rig.driver:
+        rig.drive(0.3, 0.3, 1.0)
+        rig.bus.inject(BusFault.NACK, count=nacks)
+        with pytest.raises(HardwareError) as told:
+            rig.drive(0.3, 0.3, 0.2)
+        assert ("cut the motor supply" in str(told.value)) is not off
+        assert rig.hat.chip.outputs.any_high is not off
 
 
 @pytest.mark.parametrize("fault", list(BusFault))
