@@ -1,6 +1,10 @@
 """Shared fixtures: where the reference data lies, when it is there."""
 
+from __future__ import annotations
+
 import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +23,17 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 def pytest_addoption(parser: pytest.Parser) -> None:
     """``--robot robot.yaml``: tests/robot/hardware drives this robot instead of a virtual one."""
     parser.addoption("--robot", type=Path, help="YAML file of a real robot")
+
+
+@pytest.fixture
+def hears_signals() -> Iterator[None]:
+    """Children hear a hang-up and an interrupt, also when the tests run under nohup."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGINT)}
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -80,6 +80,7 @@ def a_selftest_with_its_coils_on(place: Place) -> Iterator[subprocess.Popen[str]
             owner.kill()
 
 
+@pytest.mark.usefixtures("hears_signals")
 @pytest.mark.parametrize("how", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
 def test_who_drives_leaves_no_coil_on_whatever_ends_it(place: Place, how: signal.Signals) -> None:
     with a_selftest_with_its_coils_on(place) as owner:

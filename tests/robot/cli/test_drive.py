@@ -23,6 +23,7 @@ from tests.robot.runtime.test_assemble import DarkCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 
+@pytest.mark.usefixtures("hears_signals")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
 def test_systemd_hears_ready_the_state_the_heart_and_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: signal.Signals

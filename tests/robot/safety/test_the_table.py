@@ -61,7 +61,7 @@ SHUTS: Dict[str, Dict[str, object]] = {
     "frame_frozen": {"frame_repeats": 5},
     "picture_blind": {"blind_s": 0.51},
     "picture_wrong": {"picture_wrong": "upside down"},
-    "picture_still": {"still_s": 1.51},
+    "picture_still": {"still_s": 1.31},
     "non_finite": {"values_finite": False},
     "duplicate_publisher": {"duplicate_publisher": True},
     "pose_jump": {"pose_jump": True},
@@ -78,7 +78,7 @@ PASSES: Dict[str, Dict[str, object]] = {
     "frame_stale": {"frame_age_s": 0.199},
     "frame_frozen": {"frame_repeats": 4},
     "picture_blind": {"blind_s": 0.49},
-    "picture_still": {"still_s": 1.49},
+    "picture_still": {"still_s": 1.29},
     "pose_stale": {"pose_age_s": 0.99},
     "link_lost": {"link_age_s": 0.99},
     "manual_stale": {"manual_age_s": 0.49},
@@ -219,6 +219,6 @@ def test_the_limits_by_default() -> None:
     limits = SafetyLimits()
     told: List[float] = [limits.frame_age_s, limits.loop_age_s, limits.pose_age_s]
     told += [limits.link_age_s, limits.manual_age_s, limits.blind_s, limits.still_s]
-    assert told == [0.2, 0.2, 1.0, 1.0, 0.5, 0.5, 1.5]
+    assert told == [0.2, 0.2, 1.0, 1.0, 0.5, 0.5, 1.3]
     assert limits.frozen_frames == 5
     assert round(limits.max_wheel_mps, 4) == 0.3459

@@ -20,8 +20,8 @@ from trainer.presets import preset
 
 DRIVES = [
     Drive(7, True, DriveMetrics(10.0, 30.0, 0.6, 0.0, 0.02), failed=False, laps=2.0),
-    Drive(8, False, DriveMetrics(2.0, 8.0, 0.4, 0.5, 0.05), failed=True, laps=0.5),
-    Drive(9, False, DriveMetrics(6.0, 40.0, 0.2, 0.1, 0.005), failed=False, laps=1.0),
+    Drive(8, False, DriveMetrics(2.0, 8.0, 0.4, 0.5, 0.05), failed=True, laps=0.5, collided=True),
+    Drive(9, False, DriveMetrics(6.0, 40.0, 0.2, 0.1, 0.005), failed=True, laps=1.0),
     Drive(10, True, DriveMetrics(12.0, 42.0, 1.2, 0.2, 0.03), failed=False, laps=2.5),
 ]
 POLICY: Any = SimpleNamespace(contract=SimpleNamespace(algorithm="ppo", run="abc"))
@@ -31,7 +31,7 @@ def test_the_figures_of_four_drives() -> None:
     inputs = Inputs("m.onnx", "lane", ("loop",), "nominal", None, None, 4, 7)
     found = summarise(inputs, POLICY, DRIVES)
     assert (found.episodes, found.success_rate, found.failures) == (4, 0.5, (8, 9))
-    assert found.collisions == 1
+    assert (found.collisions, found.failed_ends) == (1, 2)
     assert found.mean_path_distance_m == pytest.approx(2.4 / 120.0)
     assert found.survival_time_s == pytest.approx(30.0)
     assert found.driven_lane_m == pytest.approx(7.5)
@@ -149,22 +149,23 @@ def test_a_strip_of_a_failure_ends_with_its_end_and_has_eight_frames() -> None:
     assert (track.seed, track.end) == (5, "left its path")
 
 
-def test_a_tracer_keeps_nothing_of_episodes_that_nobody_asked_for() -> None:
+def test_a_tracer_keeps_nothing_of_robots_that_stand_aside() -> None:
     world: Any = SimpleNamespace(
         task=SimpleNamespace(course=SimpleNamespace(offset_m=np.array([0.1, 0.2]))),
         maps=np.array([1, 2]),
         poses=np.zeros((2, 3)),
+        n_robots=2,
+        active=np.array([True, False]),
     )
     kept: list[Any] = []
-    tracer = Tracer(world, np.array([[4], [-1]]), SimpleNamespace(add=kept.append))  # type: ignore[arg-type]
+    tracer = Tracer(world, SimpleNamespace(add=kept.append))  # type: ignore[arg-type]
     image = np.zeros((2, 2, 2, 6), np.uint8)
     image[0, ..., 3:] = 9  # the newest of two stacked pictures
     observation: Any = SimpleNamespace(image=image)
     step = step_of([0.1, 0.2], [True, True], [0.0, 0.0])
-    step.finished = SimpleNamespace(robots=np.array([0, 1]), observation=observation)
-    for _ in range(2):  # the second episodes are nobody's
-        tracer.see(observation)
-        tracer.end(step)
+    step.finished = SimpleNamespace(robots=np.array([0]), observation=observation)
+    tracer.see(observation)
+    tracer.end(step, np.array([4, -1]))
     assert [(track.seed, track.map_index) for track in kept] == [(4, 1)]
     assert (kept[0].strip == 9).all()
     assert kept[0].offset_m.tolist() == pytest.approx([0.1, 0.1])
