@@ -102,6 +102,8 @@ class Pca9685Registers:
         if self._reset_armed:
             self.power_cycle()
         elif self._selected and self._pwm_written:
+            inside = LED0 <= self._pointer < LED_END and (self._pointer - LED0) % 4
+            self._cut_off = (self._pointer - LED0) // 4 if inside else None
             if not self._mode2 & OCH:
                 self._restart_s = math.inf  # chapter 7.3.1.1: any PWM write ends RESTART
                 self._latch(range(16))
@@ -121,6 +123,7 @@ class Pca9685Registers:
         self._awake_s = math.inf  # since when the oscillator runs
         self._selected = self._general_call = self._reset_armed = self._pwm_written = False
         self._bytes_written = 0
+        self._cut_off = None  # the channel within which the last write ended
         self._outputs = PwmOutputs.all_low()
 
     def _addresses(self) -> set[int]:
@@ -213,7 +216,8 @@ class Pca9685Registers:
         if self.asleep or self._restart_s < math.inf:
             outputs = PwmOutputs.all_low()
         else:
-            outputs = PwmOutputs.from_registers(bytes(self._latched), bool(self._mode2 & INVRT))
+            inverted = bool(self._mode2 & INVRT)
+            outputs = PwmOutputs.from_registers(bytes(self._latched), inverted, self._cut_off)
             if not self._mode2 & OUTDRV and outputs.any_high:
                 raise ChipMisuseError(
                     "OUTDRV = 0: open drain cannot drive the bridges' inputs high"

@@ -54,9 +54,19 @@ class PwmOutputs(NamedTuple):
         return cls((Output(0, 0, True, False),) * 16)
 
     @classmethod
-    def from_registers(cls, led: bytes, inverted: bool) -> PwmOutputs:
-        """The 64 LED registers."""
-        return cls(tuple(Output.from_registers(led[i : i + 4], inverted) for i in range(0, 64, 4)))
+    def from_registers(cls, led: bytes, inverted: bool, cut_off: int | None = None) -> PwmOutputs:
+        """The 64 LED registers; a write was cut off within the channel ``cut_off``.
+
+        That channel may have equal counts for once, until the next write. What the chip then does
+        the data sheet does not say; here it is low.
+        """
+        channels = []
+        for number in range(16):
+            registers = led[4 * number : 4 * number + 4]
+            if number == cut_off and registers[0:2] == registers[2:4]:
+                registers = b"\0\0\0\x10"  # full OFF
+            channels.append(Output.from_registers(registers, inverted))
+        return cls(tuple(channels))
 
     @property
     def any_pwm(self) -> bool:

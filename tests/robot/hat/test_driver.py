@@ -363,6 +363,21 @@ def test_a_bus_fault_is_told_and_leaves_every_output_off(fault: BusFault) -> Non
     assert rig.last.data == ALL_OFF
 
 
+@pytest.mark.parametrize("after", range(24))
+def test_a_write_cut_off_at_any_step_ends_with_all_off(after: int) -> None:
+    """Half of a write can leave a channel between full on and full off."""
+    rig = make_rig()
+    with contextlib.suppress(HardwareError), rig.driver:
+        rig.drive(0.2, 0.3, 1.0)
+        rig.bus.inject(BusFault.PARTIAL, after=after)
+        with pytest.raises(HardwareError, match="virtual I2C bus: PCA9685 at 0x6F"):
+            rig.drive(0.2, 0.3, 1.0)
+        assert not rig.hat.chip.outputs.any_high
+        rig.driver.open()
+        rig.drive(0.1, 0.1, 1.0)
+        assert rig.driver.energised
+
+
 def test_a_dead_bus_is_told_as_such() -> None:
     rig = make_rig()
     rig.driver.open()
