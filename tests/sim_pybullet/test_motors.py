@@ -96,6 +96,16 @@ def test_reset_forgets_speed_and_commands_under_way() -> None:
     assert not any(model.step(np.zeros((1, 2)), rng).any() for _ in range(10))
 
 
+def test_reset_forgets_what_was_counted() -> None:
+    """A robot that is put down stands: its odometry begins with no speed left over."""
+    model, rng = MotorModel(2), np.random.default_rng(0)
+    for _ in range(200):
+        model.step(np.full((2, 2), 0.3), rng)
+    model.reset(0, DriveLook())
+    np.testing.assert_array_equal(model.counted[0], 0.0)
+    assert model.counted[1, 0] == pytest.approx(0.3, abs=1e-3)
+
+
 def test_noise_is_seeded_and_unbiased() -> None:
     look, wheels = replace(EXACT, noise=0.1), np.full((4000, 2), 0.3)
     twists = drive(look, wheels, seed=1)
