@@ -11,6 +11,7 @@ enough have been given up. The next attempt of a caller finds the door open agai
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import socket
 import struct
@@ -20,6 +21,7 @@ from typing import List
 
 from robot.errors import ConfigError
 
+logger = logging.getLogger(__name__)
 WANTED = 65_536  # descriptors
 SHUT_SHARE, OPEN_SHARE = 0.5, 0.4  # of the limit, in use
 BACKLOG = 100
@@ -59,6 +61,7 @@ class Listeners:
 
     def __init__(self) -> None:
         self.shut = False
+        self._powerless = False  # the system lets us attach no filter
         self._limit = raise_limit()
         self._sockets: List[socket.socket] = []
         self._program = ctypes.create_string_buffer(DROP_ALL)
@@ -88,7 +91,7 @@ class Listeners:
 
     def guard(self) -> None:
         """Shut or open the doors to new connections, by how many descriptors are in use."""
-        if not self._sockets or not sys.platform.startswith("linux"):
+        if not self._sockets or self._powerless or not sys.platform.startswith("linux"):
             return
         try:
             used = lowest_free()
@@ -97,7 +100,12 @@ class Listeners:
         if used >= SHUT_SHARE * self._limit and not self.shut:
             # struct sock_fprog: the number of instructions, and where they are.
             program = struct.pack("HP", 1, ctypes.addressof(self._program))
-            self._set(SO_ATTACH_FILTER, program)
+            try:
+                self._set(SO_ATTACH_FILTER, program)
+            except PermissionError:  # the higher limit and the handshake's time remain
+                self._powerless = True
+                logger.warning("half of the descriptors are in use, and the system forbids filters")
+                return
             self.shut = True
         elif used < OPEN_SHARE * self._limit and self.shut:
             self._set(SO_DETACH_FILTER, struct.pack("i", 0))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
+import os
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -125,6 +128,21 @@ def descriptors() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
+def filters_allowed() -> bool:
+    """Whether this user may attach a filter to a socket: some systems let the root only."""
+    with socket.socket() as probe:
+        instruction = ctypes.create_string_buffer(struct.pack("=HBBI", 0x06, 0, 0, 0))
+        program = struct.pack("HP", 1, ctypes.addressof(instruction))
+        try:
+            probe.setsockopt(socket.SOL_SOCKET, 26, program)
+        except OSError:
+            return False
+    return True
+
+
+filters = pytest.mark.skipif(not filters_allowed(), reason="this user may attach no socket filter")
+
+
 def beating(client: CommandClient, others: Callable[[], bool] = lambda: True) -> Callable[[], bool]:
     def heard() -> bool:
         client.poll()
@@ -165,7 +183,8 @@ ZMTP = b"\xff\x00\x00\x00\x00\x00\x00\x00\x01\x7f\x03\x01CURVE" + bytes(47)
     [
         (1024, 4096, b"", False),  # as a robot's system has it
         (1024, 4096, ZMTP, False),  # who knows how to begin, and has no key
-        (1024, 1024, b"", False),  # fewer than callers: some must be shut out
+        # fewer than callers: some must be shut out
+        pytest.param(1024, 1024, b"", False, marks=filters),
         (1024, 4096, b"", True),  # and they never tire
     ],
     ids=["silent", "greeting", "few descriptors", "untiring"],
@@ -186,6 +205,7 @@ def test_callers_without_a_key_use_nothing_up(
 
 
 @linux
+@filters
 def test_the_door_is_shut_at_half_and_open_again_below_two_fifths(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -219,6 +239,7 @@ def test_the_door_is_shut_at_half_and_open_again_below_two_fifths(
         one.close()
 
 
+@filters
 def test_a_program_without_a_descriptor_counts_as_full(monkeypatch: pytest.MonkeyPatch) -> None:
     from robot.link import listener as module
 
@@ -263,3 +284,24 @@ def test_a_port_that_is_taken_is_told_in_one_line() -> None:
         assert "\n" not in str(caught.value)
     with config.open() as link:
         config.command_server(link)  # free again since its link was closed
+
+
+@linux
+def test_where_filters_are_forbidden_the_program_goes_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    from robot.link import listener as module
+
+    def forbidden(listeners: Listeners, option: int, value: bytes) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(module, "lowest_free", lambda: 10**9)
+    monkeypatch.setattr(Listeners, "_set", forbidden)
+    listeners = Listeners()
+    descriptor = listeners.listen(f"tcp://127.0.0.1:{free_base_port()}")
+    for _ in range(3):
+        listeners.guard()
+        assert not listeners.shut
+    assert caplog.text.count("forbids filters") == 1
+    listeners.close()
+    os.close(descriptor)
