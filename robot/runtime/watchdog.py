@@ -9,10 +9,9 @@ from robot.parts import Tick
 from robot.worker import Worker
 
 PERIOD_S = 0.05  # a hanging loop is noticed so much later than its limit at most
-TURNS, SILENCE_S = (
-    5,
-    0.5,
-)  # without a look: the watchdog hangs. Turns, too: both may have been paused
+# Without a look for so many turns and so long the watchdog hangs. Turns, too: both may have been
+# paused.
+TURNS, SILENCE_S = 5, 0.5
 
 
 class Watchdog(Worker):
