@@ -1,0 +1,71 @@
+"""The documents: short enough to be read, and every link in them leads somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
+UNCOUNTED = {"lab-log.md", "faults.md"}  # an appendix; a table that a program writes
+
+FENCES = re.compile(r"^(```|~~~).*?^\1", re.MULTILINE | re.DOTALL)
+LINKS = re.compile(r"\]\(([^()\s]+(?:\([^()\s]*\))?)\)")
+IMAGES = re.compile(r"""<(?:img|source)[^>]*?src(?:set)?=["']([^"']+)""")
+
+
+def prose(page: Path) -> str:
+    """The page without its blocks of code."""
+    return FENCES.sub("", page.read_text(encoding="utf-8"))
+
+
+def slug(heading: str) -> str:
+    """The anchor that GitHub and Python-Markdown both give a heading."""
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+    text = re.sub(r"[^\w\s-]", "", text).strip().lower()
+    return re.sub(r"[\s-]+", "-", text)
+
+
+def anchors(page: Path) -> set[str]:
+    return {slug(found) for found in re.findall(r"^#+ (.+?)\s*$", prose(page), re.MULTILINE)}
+
+
+def broken(page: Path) -> list[str]:
+    """Links of a page that lead nowhere: files that are not there, headings that no page has."""
+    wrong = []
+    for link in LINKS.findall(prose(page)) + IMAGES.findall(prose(page)):
+        if re.match(r"[a-z]+:", link):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            wrong.append(link)
+    return wrong
+
+
+def test_a_broken_link_is_noticed(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# One `two`\n[a](#one-two) [b](#three) [c](gone.md) [d](page.md#one-two) "
+        "[e](https://example.org)\n```\n[f](code.md)\n```\n"
+    )
+    assert broken(page) == ["#three", "gone.md"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_and_anchor_leads_somewhere(page: Path) -> None:
+    assert broken(page) == []
+
+
+def test_code_and_cards_cite_pages_that_exist() -> None:
+    cited: dict[str, Path] = {}
+    for folder in ("robot", "trainer", "sim_pybullet", "localizer_node", "tools", "examples"):
+        for end in ("py", "md", "yaml"):
+            for file in (ROOT / folder).rglob(f"*.{end}"):
+                for name in re.findall(r"\bdocs/[\w./-]+?\.md\b", file.read_text(encoding="utf-8")):
+                    cited[name] = file
+    assert len(cited) > 5
+    assert [str(file) for name, file in cited.items() if not (ROOT / name).exists()] == []
