@@ -50,6 +50,18 @@ MAX_WHEEL_MPS = max(max(wheels) for wheels in ACTION_WHEELS)
 
 
 ActionTable = Tuple[Tuple[float, float], ...]
+FIVE_ACTIONS: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
+MOST_ACTIONS = 16  # that a policy may choose among
+
+
+def action_name(wheels: Tuple[float, float]) -> str:
+    """What a person calls an action: STOP, one of the five, or else its rim speeds [m/s]."""
+    left_mps, right_mps = wheels
+    if left_mps == right_mps == 0.0:
+        return "STOP"
+    if (left_mps, right_mps) in FIVE_ACTIONS:
+        return Action(FIVE_ACTIONS.index((left_mps, right_mps))).name
+    return f"{left_mps:+.2f}|{right_mps:+.2f}"
 
 
 @dataclass(frozen=True)
@@ -79,12 +91,11 @@ class PolicyContract:
     argmax.
     """
 
-    task: str  # lane, navigation or track
+    task: str  # lane, navigation, or another vehicle's
     algorithm: str
     image: ImageSpec = ImageSpec()
     path_points: int = 0
-    # Left and right rim speed [m/s]; of a race car (task track) steering and throttle, -1 to 1.
-    actions: ActionTable = tuple((w[0], w[1]) for w in ACTION_WHEELS)
+    actions: ActionTable = FIVE_ACTIONS  # each the left and right rim speed [m/s]
     control_dt_s: float = CONTROL_DT_S
     frames: int = 1  # pictures behind each other along the colour axis, the newest last
     run: str = ""  # name of the training run
@@ -94,6 +105,10 @@ class PolicyContract:
     notes: Tuple[str, ...] = field(default=())
 
     METADATA_KEY = "duckpilot"
+
+    def wheels(self, action: int) -> WheelSpeeds:
+        """What the wheels do under an action."""
+        return WheelSpeeds(*self.actions[action])
 
     @property
     def picture_shape(self) -> Tuple[int, int, int]:

@@ -8,7 +8,7 @@ from typing import Callable, NamedTuple, Optional, Protocol, Tuple
 import numpy as np
 
 from robot.camera.source import Frame
-from robot.contract import Action, PolicyContract
+from robot.contract import PolicyContract
 from robot.geometry import Pose, WheelSpeeds
 from robot.safety.gates import Inputs
 from robot.safety.state_machine import Answer, Command, Verdict
@@ -108,7 +108,7 @@ class Tick:
     time_s: float  # when it began
     frame: Optional[Frame]
     values: Optional[np.ndarray]  # (actions,) of the policy
-    action: Optional[Action]  # the policy's choice, driven or not
+    action: Optional[int]  # the policy's choice among its contract's, driven or not
     wheels: WheelSpeeds  # as sent to the motors [m/s]
     verdict: Verdict
     inputs: Inputs

@@ -97,13 +97,15 @@ def endure_command(
         seed: of everything random.
         lane: outer, inner (the other way round), or both.
     """
+    from robot.contract import FIVE_ACTIONS
     from robot.inference.policy import OnnxPolicy
     from robot.navigation.road_map import load_map
     from sim_pybullet.randomise import load_look_sampler
     from trainer.division import maps_named
     from trainer.judging.endurance import endure
 
-    policy, maps = OnnxPolicy(model), [load_map(name) for name in maps_named(map_names)]
+    policy = OnnxPolicy(model, actions=FIVE_ACTIONS)
+    maps = [load_map(name) for name in maps_named(map_names)]
     with Progress() as bar:
         row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
         looks = load_look_sampler(look)

@@ -16,7 +16,7 @@ import numpy as np
 from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.cli.sheet import Labelled, draw_sheet
-from robot.contract import Action
+from robot.contract import action_name
 from robot.errors import ConfigError
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import preprocess
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
     images = [
         {
             "file": each.name,
-            "action": int(each.action),
+            "action": each.action,
             "values": [round(float(value), 6) for value in each.values],
         }
         for each in labelled
@@ -58,9 +58,10 @@ def run(options: argparse.Namespace) -> None:
         options.json, {"schema": 1, "inputs": inputs, "images": images, "skipped": list(skipped)}
     )
     if options.sheet:
-        write_png(options.sheet, draw_sheet(labelled))
-    counts = [sum(each.action is action for each in labelled) for action in Action]
-    summary = ", ".join(f"{action.name} {count}" for action, count in zip(Action, counts))
+        write_png(options.sheet, draw_sheet(labelled, policy.contract.actions))
+    names = [action_name(wheels) for wheels in policy.contract.actions]
+    counts = [sum(each.action == i for each in labelled) for i in range(len(names))]
+    summary = ", ".join(f"{name} {count}" for name, count in zip(names, counts))
     print(f"{len(labelled)} pictures: {summary}")
     if skipped:
         more = f" and {len(skipped) - NAMED} more" if len(skipped) > NAMED else ""
@@ -93,7 +94,7 @@ def label(policy: OnnxPolicy, folder: Path) -> Answers:
             continue
         picture = preprocess(frame, policy.contract.image)
         values = policy.values(picture[None], path if path.size else None)[0]
-        labelled.append(Labelled(name, frame, Action(int(values.argmax())), values))
+        labelled.append(Labelled(name, frame, int(values.argmax()), values))
         if sys.stderr.isatty() and (i + 1) % PROGRESS_EVERY == 0:
             print(f"\r{i + 1} of {len(files)} pictures", end="", file=sys.stderr, flush=True)
     if sys.stderr.isatty():

@@ -7,7 +7,8 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from robot.contract import ACTION_TWISTS, Action
+from robot.contract import DRIVE, ActionTable
+from robot.geometry import WheelSpeeds
 
 TILE = (240, 180)  # width, height of a picture on the sheet [px]
 STRIP_PX = 44  # below it: a bar for each action
@@ -27,11 +28,11 @@ class Labelled(NamedTuple):
 
     name: str
     frame: np.ndarray
-    action: Action
+    action: int
     values: np.ndarray  # (actions,)
 
 
-def draw_sheet(pictures: Sequence[Labelled]) -> np.ndarray:
+def draw_sheet(pictures: Sequence[Labelled], actions: ActionTable) -> np.ndarray:
     """All pictures, or ``MOST_TILES`` of them evenly spaced, as one picture (H, W, 3) uint8 RGB."""
     count = min(len(pictures), MOST_TILES)
     chosen = [pictures[i] for i in np.linspace(0, len(pictures) - 1, count).round().astype(int)]
@@ -41,11 +42,11 @@ def draw_sheet(pictures: Sequence[Labelled]) -> np.ndarray:
     sheet = np.full((rows * high, columns * TILE[0], 3), PAPER, np.uint8)
     for i, picture in enumerate(chosen):
         top, left = i // columns * high, i % columns * TILE[0]
-        sheet[top : top + high, left : left + TILE[0]] = draw_tile(picture)
+        sheet[top : top + high, left : left + TILE[0]] = draw_tile(picture, actions)
     return sheet
 
 
-def draw_tile(picture: Labelled) -> np.ndarray:
+def draw_tile(picture: Labelled, actions: ActionTable) -> np.ndarray:
     """One picture with its name, the way of the chosen action and a bar for every action."""
     import cv2
 
@@ -53,14 +54,14 @@ def draw_tile(picture: Labelled) -> np.ndarray:
     tile[: TILE[1]] = cv2.resize(picture.frame, TILE, interpolation=cv2.INTER_CUBIC)
     _write(tile, picture.name, (4, 12))
     start = (TILE[0] // 2, TILE[1] - 6)
-    _arrow(tile, arrow_points(picture.action, start), CHOSEN, 3)
-    _bars(tile, picture)
+    _arrow(tile, arrow_points(actions[picture.action], start), CHOSEN, 3)
+    _bars(tile, picture, actions)
     return tile
 
 
-def arrow_points(action: Action, start: XY, scale: float = 1.0) -> List[XY]:
+def arrow_points(wheels: Tuple[float, float], start: XY, scale: float = 1.0) -> List[XY]:
     """The way of an action from above, forward up, as pixels from ``start``."""
-    twist = ACTION_TWISTS[action]
+    twist = DRIVE.twist(WheelSpeeds(*wheels))
     x_m = y_m = 0.0
     points = [start]
     steps = 12
@@ -73,17 +74,17 @@ def arrow_points(action: Action, start: XY, scale: float = 1.0) -> List[XY]:
     return points
 
 
-def _bars(tile: np.ndarray, picture: Labelled) -> None:
+def _bars(tile: np.ndarray, picture: Labelled, actions: ActionTable) -> None:
     """Bar lengths run from the worst value to the best; the glyph above a bar is its action."""
     import cv2
 
     low, high = float(picture.values.min()), float(picture.values.max())
     span = max(high - low, 1e-12)
-    wide = TILE[0] // len(Action)
-    for action in Action:
-        colour = CHOSEN if action is picture.action else OTHER
+    wide = TILE[0] // len(actions)
+    for action, wheels in enumerate(actions):
+        colour = CHOSEN if action == picture.action else OTHER
         left, bottom = action * wide, TILE[1] + STRIP_PX
-        _arrow(tile, arrow_points(action, (left + 14, bottom - 12), 0.4), colour, 1)
+        _arrow(tile, arrow_points(wheels, (left + 14, bottom - 12), 0.4), colour, 1)
         share = (float(picture.values[action]) - low) / span
         end = left + 4 + round((wide - 8) * share)
         cv2.rectangle(tile, (left + 4, bottom - 8), (max(end, left + 5), bottom - 4), colour, -1)

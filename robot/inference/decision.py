@@ -9,7 +9,6 @@ from typing import Optional
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, Action
 from robot.errors import ContractError
 from robot.inference.preprocess import preprocess
 from robot.parts import Policy
@@ -31,15 +30,15 @@ def values_of(
         return None
     paths = path[None] if path is not None and contract.path_points else None
     values = np.asarray(policy.values(preprocess(image, contract.image)[None], paths))
-    if values.shape != (1, len(ACTION_WHEELS)):
+    if values.shape != (1, len(contract.actions)):
         raise ContractError(
-            f"policy: expected values (1, {len(ACTION_WHEELS)}), got {values.shape}"
+            f"policy: expected values (1, {len(contract.actions)}), got {values.shape}"
         )
     return values[0]
 
 
-def best_action(values: Optional[np.ndarray]) -> Optional[Action]:
-    """The action of the greatest value; None without values, or where one is not finite."""
+def best_action(values: Optional[np.ndarray]) -> Optional[int]:
+    """Which action has the greatest value; None without values, or where one is not finite."""
     if values is None or not np.isfinite(values).all():
         return None
-    return Action(int(values.argmax()))
+    return int(values.argmax())

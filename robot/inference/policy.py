@@ -7,7 +7,7 @@ from typing import Dict, Optional, Union
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, ActionTable
+from robot.contract import ActionTable
 from robot.errors import ContractError
 from robot.inference.policy_file import open_session, read_contract
 
@@ -19,7 +19,7 @@ class OnnxPolicy:
         path: the model; its metadata holds a ``PolicyContract``.
         threads: of one inference. One is as fast as four for these networks, and leaves the
             other cores of a Jetson Nano to the camera and the motors.
-        actions: the table that the policy must have been trained for.
+        actions: see ``read_contract``.
 
     Raises:
         ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
@@ -27,7 +27,7 @@ class OnnxPolicy:
     """
 
     def __init__(
-        self, path: Union[str, Path], threads: int = 1, actions: ActionTable = ACTION_WHEELS
+        self, path: Union[str, Path], threads: int = 1, actions: Optional[ActionTable] = None
     ) -> None:
         self.path = Path(path)
         self.contract = read_contract(self.path, actions)

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Union
+from typing import Any, Optional, Union
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, CONTROL_DT_S, PATH_POINTS, ActionTable, PolicyContract
+from robot.contract import (
+    CONTROL_DT_S,
+    MAX_WHEEL_MPS,
+    MOST_ACTIONS,
+    PATH_POINTS,
+    ActionTable,
+    PolicyContract,
+)
 from robot.errors import ContractError, DuckpilotError
 from robot.inference.network_file import Tensor, open_network, read_metadata
 
-SPEED_TOLERANCE_MPS = 1e-6  # between the action table of a model and ours
+TOLERANCE = 1e-6  # of an action's two numbers
 SHIPPED_MODELS = Path(__file__).parent.parent / "models"
 REMEDY = "export the policy with python -m trainer export"
 
 
-def read_contract(path: Union[str, Path], actions: ActionTable = ACTION_WHEELS) -> PolicyContract:
+def read_contract(path: Union[str, Path], actions: Optional[ActionTable] = None) -> PolicyContract:
     """The contract inside a policy file, checked against ours, without loading its network.
 
     Args:
         path: of the file.
-        actions: the table that the policy must have been trained for.
+        actions: of another vehicle, whose table the policy must have; without, this robot's wheels
+            must be able to do each.
 
     Raises:
         ContractError: see ``OnnxPolicy``.
@@ -31,18 +39,30 @@ def read_contract(path: Union[str, Path], actions: ActionTable = ACTION_WHEELS) 
         contract = PolicyContract.from_json(text)
     except DuckpilotError as error:
         raise ContractError(f"{path}: {error}") from error
-    _check_drive(path, contract, actions)
+    _check_actions(path, contract.actions, actions)
+    _check_drive(path, contract)
     return contract
 
 
-def _check_drive(path: Union[str, Path], contract: PolicyContract, expected: ActionTable) -> None:
-    actions = np.array(contract.actions, dtype=float)
-    ours = np.array(expected, dtype=float)
-    if actions.shape != ours.shape or not np.allclose(actions, ours, 0.0, SPEED_TOLERANCE_MPS):
+def _check_actions(
+    path: Union[str, Path], actions: ActionTable, vehicle: Optional[ActionTable]
+) -> None:
+    table = np.array(actions, dtype=float)
+    if vehicle is not None:
+        same = table.shape == np.shape(vehicle) and np.allclose(table, vehicle, 0.0, TOLERANCE)
+        expected = f"actions {np.array(vehicle).tolist()}"
+    else:  # a NaN fails the comparison too
+        same = bool((np.abs(table) <= MAX_WHEEL_MPS + TOLERANCE).all())
+        same = same and 2 <= len(actions) <= MOST_ACTIONS
+        expected = f"2 to {MOST_ACTIONS} actions, wheel speeds up to {MAX_WHEEL_MPS:.3f} m/s"
+    if not same:
         raise ContractError(
-            f"{path}: expected actions {ours.tolist()} [m/s left, right], "
-            f"got {actions.tolist()}; this policy was trained for another robot: train it again"
+            f"{path}: expected {expected}, got {table.tolist()}; "
+            "this policy was trained for another robot: train it again"
         )
+
+
+def _check_drive(path: Union[str, Path], contract: PolicyContract) -> None:
     if contract.control_dt_s != CONTROL_DT_S:
         raise ContractError(
             f"{path}: expected a decision every {CONTROL_DT_S} s, got {contract.control_dt_s} s; "

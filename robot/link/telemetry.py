@@ -10,7 +10,7 @@ from typing import ClassVar, Optional, Tuple
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS
+from robot.contract import FIVE_ACTIONS, MOST_ACTIONS, ActionTable
 from robot.errors import ContractError
 from robot.link.messages import FAR_M, UNSENT, require_stamp
 from robot.link.wire import (
@@ -33,6 +33,7 @@ MAX_ATTENTION_CELLS = 192
 MAX_AGE_S = 1e6
 BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
 BIG = 1e9
+FAST_MPS = 100.0  # no robot's wheel is faster
 
 XY = Tuple[float, float]
 
@@ -126,7 +127,7 @@ class Telemetry:
     robot: str
     state: str  # one of STATES
     reason: str = ""
-    action: Optional[int] = None  # of contract.Action; None when standing
+    action: Optional[int] = None  # one of ``actions``; None when standing
     values: Tuple[float, ...] = ()  # the policy's output, one an action
     pose: Optional[Tuple[float, float, float]] = None
     path: Tuple[XY, ...] = ()  # the planned way, world frame [m]; see ``thin_path``
@@ -138,6 +139,7 @@ class Telemetry:
     model: str = ""
     map: str = ""
     attention: Optional[Attention] = None
+    actions: ActionTable = FIVE_ACTIONS  # of the policy: left and right rim speed [m/s]
     session: str = UNSENT
     sequence: int = 0
     t_sent_s: float = 0.0
@@ -153,14 +155,18 @@ class Telemetry:
             ("map", self.map, 64),
         ):
             require_text(f"telemetry {what}", text, limit)
-        require_number("telemetry action", self.action, 0, len(ACTION_WHEELS) - 1)
+        require_number("telemetry action", self.action, 0, len(self.actions) - 1)
         self._check_lists()
         require_number("telemetry fps", self.fps, 0.0, 1e4)
         require_number("telemetry lag_s", self.lag_s, 0.0, MAX_AGE_S)
         require_stamp(self.session, self.sequence, self.t_sent_s)
 
     def _check_lists(self) -> None:
-        require_length("telemetry values", self.values, 16)
+        require_length("telemetry values", self.values, MOST_ACTIONS)
+        require_length("telemetry actions", self.actions, MOST_ACTIONS)
+        for wheels in self.actions:
+            for speed in wheels:
+                require_number("telemetry actions", speed, -FAST_MPS, FAST_MPS)
         for value in self.values:
             require_number("telemetry values", value, -BIG, BIG)
         if self.pose is not None:

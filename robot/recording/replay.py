@@ -14,7 +14,7 @@ from typing import Dict, List, NamedTuple, Optional
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS, Action
+from robot.contract import MAX_WHEEL_MPS, PolicyContract, action_name
 from robot.errors import ContractError
 from robot.inference.decision import best_action, values_of
 from robot.inference.policy import OnnxPolicy
@@ -26,6 +26,7 @@ from robot.recording.turn import Turn
 
 # Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
 TOLERANCE = 1e-3
+UNKNOWN = "an action that the policy does not have"
 
 
 class Difference(NamedTuple):
@@ -67,7 +68,8 @@ def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
     max_wheel_mps = float(about.get("max_wheel_mps", MAX_WHEEL_MPS))
     for turn, image in read_turns(path):
         result.turns += 1
-        problems = [*_decision(result, policy, turn, image), *_wheels(turn, max_wheel_mps)]
+        problems = _decision(result, policy, turn, image)
+        problems += _wheels(turn, policy.contract, max_wheel_mps)
         result.differences += [Difference(turn.number, turn.time_s, text) for text in problems]
     return result
 
@@ -124,24 +126,28 @@ def _decision(
     if margin <= 2.0 * allowed and not result.exact:
         result.close += 1
         return []
-    return [f"{_name(turn.action)} came out as {_name(action)}, by {margin:g}"]
+    names = [_name(policy.contract, number) for number in (turn.action, action)]
+    return [f"{names[0]} came out as {names[1]}, by {margin:g}"]
 
 
-def _wheels(turn: Turn, max_wheel_mps: float) -> List[str]:
+def _wheels(turn: Turn, contract: PolicyContract, max_wheel_mps: float) -> List[str]:
     """Whether the wheels were told what the action and the limits make of it."""
     if turn.driven is None:
         return []
     drive = turn.driven.drive()
     problems = []
     if turn.state == "AUTO" and turn.action is not None:
-        wanted = ACTION_WHEELS[turn.action]
-        if wanted != drive.wanted:
-            problems.append(f"wheels {tuple(drive.wanted)} are not those of {_name(turn.action)}")
+        name = _name(contract, turn.action)
+        if name == UNKNOWN or contract.wheels(turn.action) != drive.wanted:
+            problems.append(f"wheels {tuple(drive.wanted)} are not those of {name}")
     limited = drive.limited(max_wheel_mps)
     if turn.state in ("AUTO", "MANUAL") and tuple(limited) != turn.wheels:
         problems.append(f"wheels {turn.wheels} came out as {tuple(limited)}")
     return problems
 
 
-def _name(action: Optional[int]) -> str:
-    return "no action" if action is None else Action(action).name
+def _name(contract: PolicyContract, action: Optional[int]) -> str:
+    if action is None:
+        return "no action"
+    known = 0 <= action < len(contract.actions)
+    return action_name(contract.actions[action]) if known else UNKNOWN

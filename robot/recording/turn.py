@@ -89,7 +89,7 @@ class Turn:
             path=None if guidance is None else _numbers(guidance.path),
             values=_numbers(values) if finite else None,
             margin=_margin(values) if finite and values is not None else None,
-            action=None if tick.action is None else int(tick.action),
+            action=tick.action,
             driven=_driven(tick.drive),
             frame_age_s=_age(inputs.frame_age_s),
             pose_age_s=_age(inputs.pose_age_s),

@@ -14,7 +14,7 @@ from robot.camera.socket_stream import SocketStream
 from robot.camera.source import Camera
 from robot.camera.v4l2 import V4l2Stream
 from robot.config import CameraConfig, RobotConfig
-from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
+from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.hat.clock import Clock, MonotonicClock
@@ -99,7 +99,7 @@ def open_robot(
                 navigator = open_navigator(config, config.link, link, wheels)
                 audience.append(navigator)
             everybody.append(RemoteOperator(config.link.command_server(link), navigator))
-        audience += open_reports(config, link, navigator, wheels, stack)
+        audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
         runtime = Runtime(
             eye,
             policy,
@@ -176,6 +176,7 @@ def open_navigator(
 
 def open_reports(
     config: RobotConfig,
+    contract: PolicyContract,
     link: Optional[Link],
     navigator: Optional[MissionNavigator],
     motors: DrivenMotors,
@@ -197,19 +198,24 @@ def open_reports(
     if link is not None:
         others.append(link.reading)
     health = Health(time.monotonic, tuple(others))
-    feed = open_feed(config, link, navigator, health)
+    feed = open_feed(config, contract, link, navigator, health)
     return [feed, *recorders]
 
 
 def open_feed(
     config: RobotConfig,
+    contract: PolicyContract,
     link: Optional[Link],
     navigator: Optional[MissionNavigator],
     health: Health,
 ) -> TelemetryFeed:
     """Makes reports of each turn, and publishes them with their pictures where there is a link."""
     about = Telemetry(
-        config.name, State.DISARMED.value, model=Path(config.model).stem, map=config.map
+        config.name,
+        State.DISARMED.value,
+        model=Path(config.model).stem,
+        map=config.map,
+        actions=contract.actions,
     )
     publish, show = None, None
     if link is not None and config.link is not None:

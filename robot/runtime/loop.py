@@ -14,7 +14,7 @@ from typing import Any, Callable, Iterable, Optional, Tuple, TypeVar
 import numpy as np
 
 from robot.camera.source import Camera, Frame
-from robot.contract import ACTION_WHEELS, CONTROL_DT_S, Action
+from robot.contract import CONTROL_DT_S
 from robot.errors import ContractError, HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import Clock
@@ -181,7 +181,7 @@ class Runtime:
         frame: Optional[Frame],
         guidance: Optional[Guidance],
         sight: Sight,
-        action: Optional[Action],
+        action: Optional[int],
         link_age_s: Optional[float],
     ) -> Inputs:
         """Look at the gates, then drive or rest. After this only a subscriber can still fail."""
@@ -241,10 +241,10 @@ class Runtime:
             self._repeats = self._repeats + 1 if same else 0
         return self._repeats
 
-    def _wanted(self, action: Optional[Action]) -> Optional[WheelSpeeds]:
+    def _wanted(self, action: Optional[int]) -> Optional[WheelSpeeds]:
         state = self.safety.verdict.state
         if state is State.AUTO and action is not None:
-            return ACTION_WHEELS[action]
+            return self._policy.contract.wheels(action)
         if state is State.MANUAL and self._manual is not None:
             return self._manual[0]
         return None

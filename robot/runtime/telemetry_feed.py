@@ -67,7 +67,7 @@ class TelemetryFeed:
             self._about,
             state=tick.verdict.state.value,
             reason=tidy_text(tick.verdict.sentence, TEXT_LIMIT_BYTES),
-            action=int(tick.action) if moving and tick.action is not None else None,
+            action=tick.action if moving else None,
             values=_finite(tick.values),
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
             path=navigator.path_points if navigator else (),

@@ -232,3 +232,24 @@ def test_the_page_fits_its_window(browser: Browser, programs: Programs) -> None:
                 "return [b.top, b.bottom]; })()"
             )
             assert 0 <= top < bottom <= height, "the stop button is always in sight"
+
+
+def test_a_policy_with_its_own_actions_is_shown_in_rows(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs)
+    browser.evaluate("void import('/static/panels.js').then((it) => { window.panels = it; })")
+    browser.until("!!window.panels")
+    actions = [[0.05, 0.1], [0, 0], [0.3, 0.3]]
+    robot = json.dumps({"actions": actions, "values": [1, 3, 2], "action": 1})
+    shown = browser.evaluate(
+        f"(() => {{ window.panels.showAction({robot}, true);"
+        "return [...document.querySelectorAll('#own-actions div')]"
+        ".map((row) => [row.className, row.textContent]); })()"
+    )
+    assert shown == [
+        ["", "0.05 | 0.10 m/s1.00"],
+        ["chosen", "stop3.00"],
+        ["", "0.30 | 0.30 m/s2.00"],
+    ]
+    browser.until("!document.querySelector('#own-actions div')")  # again the live robot's five

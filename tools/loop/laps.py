@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from robot.command_line import SEED, OneLineParser, answer, number
 from robot.config import RobotConfig
-from robot.contract import CONTROL_DT_S, Action
+from robot.contract import CONTROL_DT_S, ActionTable, action_name
 from robot.geometry import Pose
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
@@ -36,8 +36,9 @@ VIDEO_HEIGHT_PX = 360
 class Film:
     """A video of a drive; ``close`` it."""
 
-    def __init__(self, drive: LapDrive, path: Path) -> None:
+    def __init__(self, drive: LapDrive, actions: ActionTable, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
+        self._names = [action_name(wheels).replace("_", " ").lower() for wheels in actions]
         ground = drive.world.scene.ground
         self._view = MapView(
             ground.rgb, ground.west_m, ground.north_m, ground.texel_m, VIDEO_HEIGHT_PX
@@ -48,7 +49,7 @@ class Film:
         """Add one turn of the loop."""
         if tick.frame is None:
             return
-        action = "-" if tick.action is None else Action(tick.action).name.replace("_", " ").lower()
+        action = "-" if tick.action is None else self._names[tick.action]
         caption = f"lap {record.laps:4.2f}   {action:12s} {tick.verdict.state.value}"
         above = self._view.draw(pose)
         self._video.add(side_by_side(tick.frame.image, above, caption))
@@ -103,7 +104,7 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
     site = sites_of(options.look, options.seed)(0)
     policy = open_policy(RobotConfig(model=str(options.model), translator=options.translator))
     lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
-    film = Film(lap_drive, options.video) if options.video else None
+    film = Film(lap_drive, policy.contract.actions, options.video) if options.video else None
     with progress(options.laps) as bar:
 
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import PolicyContract
+from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ConfigError
 from robot.inference.network_file import read_metadata
 from robot.inference.policy import OnnxPolicy
@@ -116,7 +116,7 @@ def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
             f"{model}: expected a policy for {task}, got one for {trained_for}; "
             "race tracks and Duckietown roads are driven by different vehicles"
         )
-    return OnnxPolicy(model, actions=RACING_ACTIONS) if races else OnnxPolicy(model)
+    return OnnxPolicy(model, actions=RACING_ACTIONS if races else FIVE_ACTIONS)
 
 
 def evaluate(

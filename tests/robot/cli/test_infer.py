@@ -17,7 +17,7 @@ from robot.cli.sheet import (
     draw_sheet,
     draw_tile,
 )
-from robot.contract import Action, ImageSpec
+from robot.contract import FIVE_ACTIONS, Action, ImageSpec
 from robot.inference.preprocess import FRAME_SHAPE
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
@@ -117,20 +117,20 @@ def labelled(action: Action, values: np.ndarray) -> Labelled:
 
 @pytest.mark.parametrize("count", [1, 5, 7, MOST_TILES, 1000])
 def test_the_sheet_holds_so_many_tiles(count: int) -> None:
-    sheet = draw_sheet([labelled(Action.STRAIGHT, np.arange(5.0))] * count)
+    sheet = draw_sheet([labelled(Action.STRAIGHT, np.arange(5.0))] * count, FIVE_ACTIONS)
     columns, rows = sheet.shape[1] // TILE[0], sheet.shape[0] // (TILE[1] + STRIP_PX)
     assert 0 <= columns * rows - min(count, MOST_TILES) < columns
 
 
 def test_arrows_bend_to_the_side_of_their_action() -> None:
-    ends = [arrow_points(action, (0, 0))[-1] for action in Action]
+    ends = [arrow_points(wheels, (0, 0))[-1] for wheels in FIVE_ACTIONS]
     assert [np.sign(x) for x, _ in ends] == [-1, -1, 0, 1, 1]
     assert all(y < 0 for _, y in ends)
 
 
 def test_the_best_bar_is_the_longest() -> None:
     values = np.array([0.1, 0.9, 0.5, -0.3, 0.2])
-    tile = draw_tile(labelled(Action.SLIGHT_LEFT, values))
+    tile = draw_tile(labelled(Action.SLIGHT_LEFT, values), FIVE_ACTIONS)
     row = tile[TILE[1] + STRIP_PX - 6].astype(int).max(axis=1)
     wide = TILE[0] // 5
     lengths = [int((row[i * wide : (i + 1) * wide] > 60).sum()) for i in range(5)]
@@ -138,4 +138,4 @@ def test_the_best_bar_is_the_longest() -> None:
 
 
 def test_equal_values_are_drawn_too() -> None:
-    draw_tile(labelled(Action.LEFT, np.zeros(5)))
+    draw_tile(labelled(Action.LEFT, np.zeros(5)), FIVE_ACTIONS)

@@ -130,8 +130,11 @@ def test_metadata_must_be_there_and_ours(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"actions": ((0.1, 0.1),) * 5}, "trained for another robot"),
-        ({"actions": lane_contract().actions[:4]}, "trained for another robot"),
+        ({"actions": ((0.0, 1.0), (1.0, 1.0), (-1.0, 1.0))}, "trained for another robot"),
+        ({"actions": ((0.1, 0.1), (0.346, 0.347), (0.2, 0.1))}, "trained for another robot"),
+        ({"actions": ((0.1, 0.1), (0.1, float("nan")))}, "trained for another robot"),
+        ({"actions": ((0.1, 0.1),)}, "expected 2 to 16 actions"),
+        ({"actions": ((0.1, 0.1),) * 17}, "expected 2 to 16 actions"),
         ({"control_dt_s": 0.05}, "a decision every 0.1 s, got 0.05"),
         ({"path_points": 3}, "expected 0 or 10 path points, got 3"),
     ],

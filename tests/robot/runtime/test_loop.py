@@ -108,7 +108,7 @@ def test_a_lane_policy_needs_no_navigator_and_a_navigating_one_does() -> None:
     clock = FakeClock()
     parts = (FakeMotors(lambda: True), Safety(clock), clock)
     runtime = Runtime(FakeCamera(clock), FakePolicy(clock, lane_contract()), *parts)
-    assert runtime.step().action is Action.STRAIGHT
+    assert runtime.step().action == Action.STRAIGHT
     with pytest.raises(ContractError, match="got a navigation policy"):
         Runtime(FakeCamera(clock), FakePolicy(clock, navigation_contract()), *parts)
 

@@ -85,15 +85,43 @@ export function makeActions(pressed) {
   });
 }
 
+const turn = ([left, right]) => right - left;
+
+// Whether a policy chooses among five actions from left to right, as the five buttons are.
+function areTheFive(actions) {
+  const turns = actions.map(turn);
+  return turns.length === 5 && turns[2] === 0 && turns.every((one, i) => !i || one < turns[i - 1]);
+}
+
+export function actionName(actions, action) {
+  if (!actions || areTheFive(actions)) return ARROW_NAMES[action];
+  const [left, right] = actions[action];
+  return left === 0 && right === 0 ? "stop" : `${left.toFixed(2)} | ${right.toFixed(2)} m/s`;
+}
+
+// What the policy makes of each action: beside the buttons, or in rows where it has others.
 export function showAction(robot, fresh) {
+  const others = robot?.actions && !areTheFive(robot.actions) ? robot.actions : [];
+  const rows = $("own-actions");
+  if (rows.children.length !== others.length) {
+    rows.replaceChildren(...others.map(() => element("div", {},
+      element("span", { className: "name" }), element("span", { className: "track" }, element("i")),
+      element("span", { className: "value" }))));
+  }
+  others.forEach((_, i) => setText(rows.children[i].firstChild, actionName(others, i)));
+  fillActions($("actions").children, others.length ? null : robot, fresh);
+  fillActions(rows.children, robot, fresh);
+}
+
+function fillActions(places, robot, fresh) {
   const values = robot?.values ?? [];
   const [low, high] = [Math.min(...values), Math.max(...values)];
-  [...$("actions").children].forEach((button, action) => {
-    button.classList.toggle("chosen", fresh && robot?.action === action);
+  [...places].forEach((place, action) => {
+    place.classList.toggle("chosen", fresh && robot?.action === action);
     const value = values[action];
     const share = value === undefined || high === low ? 0 : (value - low) / (high - low);
-    button.querySelector("i").style.width = `${100 * share}%`;
-    setText(button.querySelector(".value"), value === undefined ? "" : value.toFixed(2));
+    place.querySelector("i").style.width = `${100 * share}%`;
+    setText(place.querySelector(".value"), value === undefined ? "" : value.toFixed(2));
   });
 }
 

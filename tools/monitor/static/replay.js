@@ -1,10 +1,9 @@
 // Past drives: a list, and one of them played again on the map, the camera and the panels.
 
-import { $, element, seconds } from "./panels.js";
+import { $, actionName, element, seconds } from "./panels.js";
 
 const TICK_MS = 100;
 const PICTURE_EVERY_S = 0.08;
-const ACTIONS = ["left", "slight left", "straight", "slight right", "right"];
 
 export class Replay {
   // show(report) draws a recorded report, look(blob or null) its picture; opened() and closed()
@@ -96,7 +95,7 @@ export class Replay {
   #seek(t) {
     this.time = t;
     const report = this.reports.findLast((one) => one.t_s <= t) ?? this.reports[0];
-    const action = report.action === null ? "" : ` · ${ACTIONS[report.action]}`;
+    const action = report.action === null ? "" : ` · ${actionName(report.actions, report.action)}`;
     $("replay-time").value = t;
     $("replay-text").textContent = `${this.name} · ${seconds(report.t_s)} · ${report.state}${action}`;
     this.show(report);

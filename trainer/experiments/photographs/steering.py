@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.camera.source import fit_to_frame
-from robot.contract import ACTION_WHEELS, Action
+from robot.contract import ACTION_WHEELS, FIVE_ACTIONS, Action
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import preprocess_batch
 from robot.lens import CameraRig
@@ -88,7 +88,7 @@ def compare_steering(
         ContractError: not a policy for robots.
         ConfigError: the drive is too short.
     """
-    policy = OnnxPolicy(model)
+    policy = OnnxPolicy(model, actions=FIVE_ACTIONS)
     person = turns(steering_deg)
     first, last = _parts(person)
     answers = {times: _ask(policy, frames, higher_view(rig, times)) for times in TIMES_HIGHER}
