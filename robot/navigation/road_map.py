@@ -7,23 +7,16 @@ count from the north; the simulator's frame has z pointing south: y = rows * til
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
 from robot.geometry import Pose, wrap_angle
 from robot.navigation.lane_index import LaneIndex
 from robot.navigation.lanes import Lane, tile_lanes
-from robot.navigation.map_objects import (
-    Grid,
-    MapObject,
-    number,
-    numbers,
-    read_objects,
-    refuse_misspelt_keys,
-)
 from robot.navigation.tiles import Tile, parse_tile
 from robot.typed_config import read_yaml
 
@@ -33,12 +26,16 @@ _KEYS = ("tiles", "tile_size", "objects", "start_tile", "start_pose", "version")
 
 @dataclass(frozen=True)
 class RoadMap:
-    """A grid of tiles and the objects on it. ``compat`` maps keep the simulator's oddities."""
+    """A grid of tiles. ``compat`` maps keep the simulator's oddities.
+
+    ``objects`` is what the file says of things beside the road, as it stands there: only pictures
+    show them (`sim_pybullet.scenery.map_objects`).
+    """
 
     name: str
     tile_size_m: float
     tiles: Tuple[Tuple[Tile, ...], ...]  # rows from north to south
-    objects: Tuple[MapObject, ...] = ()
+    objects: Any = field(default=None, repr=False, compare=False)
     start_tile: Optional[Tuple[int, int]] = None  # (row, column)
     start_pose: Optional[Pose] = None
     compat: bool = False
@@ -105,10 +102,8 @@ def shipped_maps() -> Dict[str, Path]:
 def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
     """Read a Duckietown map: a YAML file, or the name of a shipped map (loop, arena, town).
 
-    Objects are placed by the documented meaning of the format. ``compat`` places them, and draws
-    the lanes, where gym-duckietown 6.1.34 does: ``pos`` shifted by rows - columns + 1 tiles to the
-    south and ``rotate`` mirrored, ``attach`` with a ``pose`` put at the world's origin, slot
-    offsets in tiles, its ``3way_right`` and ``curve_right`` curves (see `robot.navigation.lanes`).
+    ``compat`` draws the lanes where gym-duckietown 6.1.34 does: its ``3way_right`` and
+    ``curve_right`` curves (see `robot.navigation.lanes`), and places its objects.
 
     A map without road (a calibration board, say) loads; what needs a road then says so. A
     ``start_tile`` beyond the grid is dropped, as the simulator does.
@@ -135,11 +130,10 @@ def read_map(data: Any, name: str, compat: bool = False) -> RoadMap:
     if tile_size_m <= 0.0:
         raise MapError(f"{name}: tile_size: expected a length above 0 m, got {tile_size_m}")
     tiles = _read_tiles(data.get("tiles"), name)
-    grid = Grid(len(tiles), len(tiles[0]), tile_size_m, compat)
-    objects = read_objects(data.get("objects"), grid, f"{name}: objects")
-    start_tile = _start_tile(data.get("start_tile"), grid, name)
-    start_pose = _start_pose(data.get("start_pose"), start_tile, grid, name)
-    return RoadMap(name, tile_size_m, tiles, objects, start_tile, start_pose, compat)
+    road_map = RoadMap(name, tile_size_m, tiles, data.get("objects"), compat=compat)
+    start_tile = _start_tile(data.get("start_tile"), road_map)
+    start_pose = _start_pose(data.get("start_pose"), start_tile, road_map)
+    return replace(road_map, start_tile=start_tile, start_pose=start_pose)
 
 
 def _find(source: Union[str, Path]) -> Path:
@@ -173,21 +167,19 @@ def _read_tiles(rows: Any, name: str) -> Tuple[Tuple[Tile, ...], ...]:
     )
 
 
-def _start_tile(value: Any, grid: Grid, name: str) -> Optional[Tuple[int, int]]:
+def _start_tile(value: Any, grid: RoadMap) -> Optional[Tuple[int, int]]:
     """(row, column) from the file's [column, row]."""
     if value is None:
         return None
-    column, row = (int(item) for item in numbers(value, 2, f"{name}: start_tile"))
+    column, row = (int(item) for item in numbers(value, 2, f"{grid.name}: start_tile"))
     return (row, column) if 0 <= row < grid.rows and 0 <= column < grid.columns else None
 
 
-def _start_pose(
-    value: Any, start_tile: Optional[Tuple[int, int]], grid: Grid, name: str
-) -> Optional[Pose]:
+def _start_pose(value: Any, start_tile: Optional[Tuple[int, int]], grid: RoadMap) -> Optional[Pose]:
     """The file's [[x, height, z], angle]: metres from the start tile's north-west corner."""
     if value is None or start_tile is None:
         return None
-    where = f"{name}: start_pose"
+    where = f"{grid.name}: start_pose"
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise MapError(f"{where}: expected [[x, 0, z], angle], got {value!r}")
     east_m, _, south_m = numbers(value[0], 3, where)
@@ -197,3 +189,27 @@ def _start_pose(
         (grid.rows - row) * grid.tile_size_m - south_m,
         float(wrap_angle(number(value[1], where))),
     )
+
+
+def number(value: Any, where: str) -> float:
+    """A finite number as float; MapError otherwise."""
+    try:
+        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # an int beyond any float
+        pass
+    raise MapError(f"{where}: expected a number, got {value!r}")
+
+
+def numbers(value: Any, count: int, where: str) -> List[float]:
+    """A list of ``count`` finite numbers; MapError otherwise."""
+    if not isinstance(value, (list, tuple)) or len(value) != count:
+        raise MapError(f"{where}: expected {count} numbers, got {value!r}")
+    return [number(item, where) for item in value]
+
+
+def refuse_misspelt_keys(entry: Dict[Any, Any], known: Tuple[str, ...], where: str) -> None:
+    """Refuse a key that is nearly a known one; other unknown keys are some other tool's."""
+    for key in entry:
+        if key not in known and nearest(str(key), known).startswith("did you mean"):
+            raise MapError(f"{where}: unknown key {key!r}; {nearest(str(key), known)}")

@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from robot.errors import MapError, nearest
-from robot.navigation.map_objects import MapObject
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look, Rgb
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.scene import Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids
+from sim_pybullet.scenery.map_objects import MapObject, objects_of
 from sim_pybullet.scenery.object_parts import CLASSES, COLOURS, PARTS, SIGN_FACES, Part, sign_parts
 
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
@@ -36,7 +36,7 @@ def build_scene(road_map: RoadMap, look: Look, rng: np.random.Generator) -> Scen
 def standing_solids(road_map: RoadMap, rng: np.random.Generator) -> tuple[Solid, ...]:
     """The solids of all objects that stand there in an episode; ``rng`` picks the optional ones."""
     solids: list[Solid] = []
-    for item in road_map.objects:
+    for item in objects_of(road_map):
         if not item.optional or rng.random() < OPTIONAL_SHARE:
             solids += object_solids(item)
     return tuple(solids)

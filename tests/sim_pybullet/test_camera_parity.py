@@ -17,6 +17,7 @@ from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
 from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
+from sim_pybullet.scenery.map_objects import objects_of
 from sim_pybullet.scenery.objects import build_scene
 
 FRAME = ImageSpec(160, 120)
@@ -32,11 +33,11 @@ LENSES = {
 
 def road_poses(road_map: RoadMap, count: int, seed: int = 0) -> np.ndarray:
     """Random poses on the road, clear of what stands beside it."""
-    rng = np.random.default_rng(seed)
+    rng, objects = np.random.default_rng(seed), objects_of(road_map)
     poses: list[tuple[float, float, float]] = []
     while len(poses) < count:
         x, y = rng.uniform(0.0, road_map.width_m), rng.uniform(0.0, road_map.height_m)
-        clear = all(np.hypot(x - o.x_m, y - o.y_m) > 0.25 for o in road_map.objects)
+        clear = all(np.hypot(x - o.x_m, y - o.y_m) > 0.25 for o in objects)
         if clear and road_map.on_road(x, y):
             poses.append((x, y, rng.uniform(-np.pi, np.pi)))
     return np.array(poses)

@@ -8,6 +8,7 @@ import numpy as np
 
 from robot.navigation.lanes import Lane
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.scenery.map_objects import objects_of
 
 Curve = tuple[float, ...]  # x0, y0, ... x3, y3 of a cubic Bezier, world frame [m]
 
@@ -56,7 +57,7 @@ def draw_map(road_map: RoadMap) -> MapDrawing:
         if not tile.is_road
     )
     objects = tuple(
-        DrawnObject(o.kind, o.x_m, o.y_m, o.heading_rad, o.height_m) for o in road_map.objects
+        DrawnObject(o.kind, o.x_m, o.y_m, o.heading_rad, o.height_m) for o in objects_of(road_map)
     )
     return MapDrawing(
         road_map.name,

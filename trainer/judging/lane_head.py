@@ -22,8 +22,8 @@ from robot.contract import ImageSpec
 from robot.inference.network_file import Tensor, open_network
 from robot.inference.policy_file import read_contract
 from robot.inference.preprocess import preprocess_batch
-from robot.navigation.lane_pose import lane_pose
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.lane_pose import lane_pose
 from sim_pybullet.pool import LookPool, Looks
 from trainer.judging.explain import convolution_outputs
 from trainer.run import atomically

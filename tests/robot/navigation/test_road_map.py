@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 from collections import defaultdict
 from pathlib import Path
 from typing import Any, Dict
@@ -57,44 +56,6 @@ def test_lanes_equal_the_reference(data_dir: Path, oracle: dict[str, Any]) -> No
             )
 
 
-def test_objects_equal_the_reference_in_compat(data_dir: Path, oracle: dict[str, Any]) -> None:
-    for name, expected in oracle.items():
-        road_map = oracle_map(data_dir, name)
-        solid = [thing for thing in road_map.objects if thing.kind != "floor_tag"]
-        assert [thing.kind for thing in solid] == [o["kind"] for o in expected["objects"]]
-        for thing, other in zip(solid, expected["objects"]):
-            position = sim_to_world(other["pos"], road_map)
-            np.testing.assert_allclose((thing.x_m, thing.y_m), position, atol=1e-6)
-            turned = math.degrees(thing.heading_rad) - other["angle_deg"]
-            assert (turned + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-4)
-            assert (thing.static, thing.optional) == (other["static"], other["optional"])
-
-
-def test_objects_differ_from_the_reference_only_where_it_departs_from_the_format(
-    data_dir: Path,
-) -> None:
-    udem1 = load_map(data_dir / "maps" / "duckietown" / "udem1.yaml")
-    tree = udem1.objects[0]
-    assert (tree.x_m, tree.y_m) == pytest.approx((2.5 * 0.585, 2.5 * 0.585))
-    stop_sign = udem1.objects[2]  # rotate: 90, counter-clockwise
-    assert stop_sign.heading_rad == pytest.approx(math.pi / 2)
-    robotarium = load_map(data_dir / "maps" / "duckietown" / "robotarium1.yaml")
-    signs = [thing for thing in robotarium.objects if thing.kind.startswith("sign")]
-    assert signs
-    assert len({(thing.x_m, thing.y_m) for thing in signs}) == len(signs)
-    assert not any(robotarium.on_road(thing.x_m, thing.y_m) for thing in signs)
-
-
-def test_both_object_styles_give_the_same_map(data_dir: Path) -> None:
-    for name in ("udem1", "loop_obstacles"):
-        new = load_map(data_dir / "maps" / "duckietown" / f"{name}.yaml")
-        old = load_map(data_dir / "maps" / "duckietown_2020" / f"{name}.yaml")
-        assert new.tiles == old.tiles
-        assert [(o.kind, o.x_m, o.y_m, o.heading_rad, o.height_m) for o in new.objects] == [
-            (o.kind, o.x_m, o.y_m, o.heading_rad, o.height_m) for o in old.objects
-        ]
-
-
 def test_every_file_loads_and_its_lanes_stay_on_their_tiles(data_dir: Path) -> None:
     files = sorted((data_dir / "maps").rglob("*.yaml"))
     assert len(files) > 40
@@ -114,7 +75,7 @@ def test_start_tile_and_pose(data_dir: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["loop", "arena", "town"])
-def test_shipped_roads_meet_and_objects_stand_beside_them(name: str) -> None:
+def test_shipped_roads_meet(name: str) -> None:
     road_map = load_map(name)
     for tile in road_map.road_tiles:
         for side in tile.road_sides:
@@ -122,8 +83,6 @@ def test_shipped_roads_meet_and_objects_stand_beside_them(name: str) -> None:
             assert 0 <= row < road_map.rows
             assert 0 <= column < road_map.columns
             assert OPPOSITE[side] in road_map.tiles[row][column].road_sides
-    for thing in road_map.objects:
-        assert not road_map.on_road(thing.x_m, thing.y_m), thing
 
 
 def test_arena_is_the_one_of_the_paper() -> None:
@@ -178,53 +137,7 @@ def test_an_unknown_tile_is_named_with_its_place(row: int, column: int, word: st
     assert "curve_left" in str(error.value)
 
 
-INFINITE_TAG = {"family": "36h11", "size": 1, "tag_id": math.inf}
 GOOD: Dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
-
-
-@given(
-    east=st.floats(0.0, 2.0),
-    south=st.floats(0.0, 3.0),
-    degrees=st.floats(-180.0, 180.0),
-)
-def test_the_position_forms_agree(east: float, south: float, degrees: float) -> None:
-    """One place, written in each of the four forms, in a grid of 3 rows and 2 columns."""
-    size_m = 0.6
-    x_m, y_m = east * size_m, (3 - south) * size_m
-    corner = (1 * size_m + 0.09, 2 * size_m + 0.035)  # slot 0 of tile [1, 2]
-    forms: Dict[str, Any] = {
-        "pos": {"pos": [east, south], "rotate": degrees},
-        "pose": {"pose": transform(x_m, y_m, degrees)},
-        "place": {
-            "place": {
-                "tile": [1, 0],
-                "relative": transform(x_m - 1.5 * size_m, y_m - 0.5 * size_m, degrees),
-            }
-        },
-        "attach": {
-            "attach": {"tile": [1, 2], "slot": 0},
-            "pose": transform(x_m - corner[0], y_m - corner[1], degrees),
-        },
-    }
-    objects = {name: {"kind": "duckie", **form} for name, form in forms.items()}
-    tiles = [["floor"] * 2] * 3
-    road_map = read_map({"tiles": tiles, "tile_size": size_m, "objects": objects}, "forms")
-    for thing in road_map.objects:
-        assert (thing.x_m, thing.y_m) == pytest.approx((x_m, y_m), abs=1e-9)
-        turned = thing.heading_rad - math.radians(degrees)
-        assert math.cos(turned) == pytest.approx(1.0)
-
-
-def transform(x_m: float, y_m: float, degrees: float) -> Dict[str, Any]:
-    return {"~SE2Transform": {"p": [x_m, y_m], "theta_deg": degrees}}
-
-
-def test_slots_are_in_metres_and_in_compat_in_tiles() -> None:
-    sign = {"kind": "sign_stop", "attach": {"tile": [1, 1], "slot": 3}}
-    data = {"tiles": [["floor"] * 2] * 2, "tile_size": 0.6, "objects": [sign]}
-    ours, theirs = (read_map(data, "slots", compat).objects[0] for compat in (False, True))
-    assert (ours.x_m, ours.y_m) == pytest.approx((0.6 - 0.09, 0.6 + 0.035))
-    assert (theirs.x_m, theirs.y_m) == pytest.approx((0.6 * (1 - 0.09), 0.6 * (1 + 0.035)))
 
 
 @pytest.mark.parametrize(
@@ -241,7 +154,6 @@ def test_slots_are_in_metres_and_in_compat_in_tiles() -> None:
         ({"tile_size": None}, "expected a number"),
         ({"object": {}}, "did you mean 'objects'"),
         ({"start_tile": 3}, "start_tile: expected 2 numbers"),
-        ({"objects": 3}, "expected objects as a mapping or a list"),
     ],
 )
 def test_bad_maps_are_refused(change: dict[str, Any], message: str) -> None:
@@ -257,71 +169,20 @@ JUNK = st.recursive(
     ),
     max_leaves=6,
 )
-KEYS = (
-    "kind",
-    "pos",
-    "pose",
-    "place",
-    "attach",
-    "rotate",
-    "height",
-    "scale",
-    "static",
-    "color",
-    "tag",
-)
 
 
 @settings(max_examples=200, deadline=None)
 @given(
-    changes=st.dictionaries(st.sampled_from([*GOOD, "start_tile", "start_pose"]), JUNK, max_size=2),
-    thing=st.dictionaries(st.sampled_from(KEYS), JUNK, max_size=3),
+    changes=st.dictionaries(st.sampled_from([*GOOD, "start_tile", "start_pose"]), JUNK, max_size=2)
 )
-def test_junk_is_refused_as_a_bad_map_or_read(changes: Any, thing: Any) -> None:
-    objects = [{"kind": "duckie", "pos": [1, 1], **thing}]
+def test_junk_is_refused_as_a_bad_map_or_read(changes: Any) -> None:
     with contextlib.suppress(MapError):
-        read_map({**GOOD, "objects": objects, **changes}, "junk")
+        read_map({**GOOD, **changes}, "junk")
 
 
 def test_a_map_needs_its_tile_size() -> None:
     with pytest.raises(MapError, match="tile_size is missing"):
         read_map({"tiles": [["floor"]]}, "bad")
-
-
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ({"kind": "duck", "pos": [1, 1]}, "unknown kind 'duck'; did you mean 'duckie'"),
-        ({"pos": [1, 1]}, "unknown kind None"),
-        ({"kind": ["duckie"], "pos": [1, 1]}, "unknown kind"),
-        ({"kind": "duckie", "pos": [1, 10**400]}, "expected a number"),
-        ({"kind": "duckie", "pos": [1, 1], "tag": INFINITE_TAG}, "~TagInstance"),
-        ({"kind": "duckie"}, "expected one position"),
-        ({"kind": "duckie", "pos": [1, 1], "pose": {}}, "got pos and pose"),
-        ({"kind": "duckie", "pos": [1]}, "expected 2 numbers"),
-        ({"kind": "duckie", "pos": [1, float("nan")]}, "expected a number"),
-        ({"kind": "duckie", "pos": [1, 1], "height": 1, "scale": 1}, "height or scale, got both"),
-        ({"kind": "duckie", "pos": [1, 1], "height": -1}, "above 0 m"),
-        ({"kind": "duckie", "pos": [1, 1], "rotate": "left"}, "rotate: expected a number"),
-        ({"kind": "duckie", "pos": [1, 1], "statik": False}, "did you mean 'static'"),
-        ({"kind": "duckie", "pos": [1, 1], "static": "no"}, "expected true or false"),
-        ({"kind": "sign_stop", "attach": {"tile": [0, 0], "slot": 8}}, "expected 0 to 7"),
-        ({"kind": "sign_stop", "attach": {"tile": [9, 0], "slot": 0}}, "column 0 to 2"),
-        ({"kind": "sign_stop", "place": {"relative": None}}, "place.tile: expected 2 numbers"),
-        ({"kind": "duckie", "pose": {"~SE2Transform": [1, 2]}}, "with p and theta_deg"),
-        ({"kind": "sign_stop", "pos": [1, 1], "tag": {"size": 1}}, "~TagInstance"),
-        ("duckie", "expected a mapping"),
-    ],
-)
-def test_bad_objects_are_refused(entry: Any, message: str) -> None:
-    with pytest.raises(MapError, match=message):
-        read_map({**GOOD, "objects": {"thing": entry}}, "bad")
-
-
-def test_extra_keys_of_other_tools_are_tolerated() -> None:
-    thing = {"kind": "duckie", "pos": [0.5, 0.5], "vendor": "x"}
-    road_map = read_map({**GOOD, "version": 2, "author": "x", "objects": [thing]}, "extra")
-    assert road_map.objects[0].kind == "duckie"
 
 
 def test_an_unknown_map_is_refused_with_the_shipped_ones(tmp_path: Path) -> None:

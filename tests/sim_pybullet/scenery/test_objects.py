@@ -11,12 +11,12 @@ from robot.contract import ImageSpec
 from robot.errors import MapError
 from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig
-from robot.navigation.map_objects import NATURAL_HEIGHT_M, MapObject
 from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene, Solid
+from sim_pybullet.scenery.map_objects import NATURAL_HEIGHT_M, MapObject, objects_of
 from sim_pybullet.scenery.objects import build_scene, object_solids
 
 IMAGE = ImageSpec(160, 120)
@@ -130,11 +130,11 @@ def test_optional_objects_come_and_go_with_the_generator() -> None:
         len(build_scene(town, NOMINAL, np.random.default_rng(seed)).solids) for seed in range(4)
     }
     assert len(counts) > 1
-    certain = [o for o in town.objects if not o.optional]
+    certain = [o for o in objects_of(town) if not o.optional]
     assert min(counts) >= sum(len(object_solids(item)) for item in certain)
 
 
 def test_objects_of_the_reference_maps_are_all_known(data_dir: Path) -> None:
     for path in sorted((data_dir / "maps").glob("*/*.yaml")):
-        for item in load_map(path).objects:
+        for item in objects_of(load_map(path)):
             object_solids(item)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Optional
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class LanePose(NamedTuple):
 
 def lane_pose(
     road_map: RoadMap, x_m: float, y_m: float, heading_rad: float, compat: bool = False
-) -> Optional[LanePose]:
+) -> LanePose | None:
     """The pose relative to a lane; None where the position is not on a road tile.
 
     The lane is the nearest one among those whose direction, at the point nearest to the robot, lies
@@ -58,7 +58,7 @@ def lane_pose(
 
 def _reference_lane_pose(
     road_map: RoadMap, x_m: float, y_m: float, heading_rad: float
-) -> Optional[LanePose]:
+) -> LanePose | None:
     tile = road_map.tile_at(x_m, y_m)
     if tile is None or not tile.is_road:
         return None

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.geometry import bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.lane_pose import lane_pose
 from robot.navigation.road_map import load_map
+from sim_pybullet.lane_pose import lane_pose
 
 TOWN = load_map("town")
 SAMPLES = np.linspace(0.0, 1.0, 2001)
@@ -50,7 +50,7 @@ def test_nearest_lane_along_the_heading(x: float, y: float, heading: float) -> N
     t = SAMPLES[np.hypot(*np.moveaxis(DENSE - (x, y), -1, 0)).argmin(axis=1)]
     tangents = np.array(
         [bezier_tangents(lane.control_points_m, np.array([u]))[0]
-         for lane, u in zip(TOWN.lanes, t)]
+         for lane, u in zip(TOWN.lanes, t, strict=True)]
     )  # fmt: skip
     angles = np.asarray(wrap_angle(heading - np.arctan2(tangents[:, 1], tangents[:, 0])))
     clearly_along = np.abs(angles) < math.pi / 2 - 0.05

@@ -1,15 +1,19 @@
-"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file."""
+"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file.
+
+The robot knows its map without them.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from robot.errors import MapError, nearest
 from robot.geometry import Pose, wrap_angle
+from robot.navigation.road_map import RoadMap, number, numbers, refuse_misspelt_keys
 
 _SIGNS = (
     "4_way_intersect", "T_intersect", "blank", "do_not_enter", "duck_crossing", "left_T_intersect",
@@ -19,7 +23,7 @@ _SIGNS = (
 SIGN_HEIGHT_M = 0.165
 # Height [m] of an object whose entry says ``scale: 1``, or no size at all: the height of the mesh
 # that gym-duckietown 6.1.34 draws (height over scale); ``building`` is taken as ``house``.
-NATURAL_HEIGHT_M: Dict[str, float] = {
+NATURAL_HEIGHT_M: dict[str, float] = {
     **{f"sign_{name}": SIGN_HEIGHT_M for name in _SIGNS},
     "barrier": 1.14,
     "building": 4.82,
@@ -39,7 +43,7 @@ _KEYS = (*_FORMS, "kind", "rotate", "height", "scale", "static", "optional", "co
 # How far a sign stands from the corner of its tile, along the kerb and away from it [m]; the slots
 # count counter-clockwise round the corner (duckietown-world's map format).
 _ALONG_M, _AWAY_M = 0.09, 0.035
-_SLOTS_M: Tuple[Tuple[float, float], ...] = (
+_SLOTS_M: tuple[tuple[float, float], ...] = (
     (_ALONG_M, _AWAY_M), (_AWAY_M, _ALONG_M), (-_AWAY_M, _ALONG_M), (-_ALONG_M, _AWAY_M),
     (-_ALONG_M, -_AWAY_M), (-_AWAY_M, -_ALONG_M), (_AWAY_M, -_ALONG_M), (_ALONG_M, -_AWAY_M),
 )  # fmt: skip
@@ -68,35 +72,31 @@ class MapObject:
     height_m: float
     static: bool = True
     optional: bool = False
-    color: Optional[str] = None
-    tag: Optional[Tag] = None
+    color: str | None = None
+    tag: Tag | None = None
 
 
-class Grid(NamedTuple):
-    """What placing an object needs to know of its map."""
+def objects_of(road_map: RoadMap) -> tuple[MapObject, ...]:
+    """The objects of a map, whose file lists them, names them one by one, or has none.
 
-    rows: int
-    columns: int
-    tile_size_m: float
-    compat: bool
-
-
-def read_objects(entries: Any, grid: Grid, where: str) -> Tuple[MapObject, ...]:
-    """Objects of a map file: a mapping of name to entry, a list of entries, or nothing.
+    ``compat`` maps place them where gym-duckietown 6.1.34 does: ``pos`` shifted by rows - columns
+    + 1 tiles to the south and ``rotate`` mirrored, ``attach`` with a ``pose`` put at the world's
+    origin, slot offsets in tiles.
 
     Raises:
         MapError: naming the object and what its entry should say.
     """
+    entries, where = road_map.objects, f"{road_map.name}: objects"
     if entries is None:
         return ()
     if isinstance(entries, list):
         entries = {f"object {i}": entry for i, entry in enumerate(entries)}
     if not isinstance(entries, dict):
         raise MapError(f"{where}: expected objects as a mapping or a list, got {entries!r}")
-    return tuple(_read_object(str(n), e, grid, f"{where}: {n}") for n, e in entries.items())
+    return tuple(_read_object(str(n), e, road_map, f"{where}: {n}") for n, e in entries.items())
 
 
-def _read_object(name: str, entry: Any, grid: Grid, where: str) -> MapObject:
+def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
     if not isinstance(entry, dict):
         raise MapError(f"{where}: expected a mapping with kind and a position, got {entry!r}")
     refuse_misspelt_keys(entry, _KEYS, where)
@@ -119,7 +119,7 @@ def _read_object(name: str, entry: Any, grid: Grid, where: str) -> MapObject:
     )
 
 
-def _place(entry: Dict[str, Any], grid: Grid, where: str) -> Pose:
+def _place(entry: dict[str, Any], grid: RoadMap, where: str) -> Pose:
     forms = [form for form in _FORMS if form in entry]
     if not forms or (len(forms) > 1 and forms != ["pose", "attach"]):
         raise MapError(
@@ -136,7 +136,7 @@ def _place(entry: Dict[str, Any], grid: Grid, where: str) -> Pose:
     return _place_in_slot(entry, rotate_rad, grid, where)
 
 
-def _place_by_pos(pos: Any, rotate_rad: float, grid: Grid, where: str) -> Pose:
+def _place_by_pos(pos: Any, rotate_rad: float, grid: RoadMap, where: str) -> Pose:
     """Tiles east and south of the north-west corner; the simulator mixes up rows and columns."""
     east, south = numbers(pos, 2, f"{where}: pos")
     if grid.compat:
@@ -148,7 +148,7 @@ def _place_by_pos(pos: Any, rotate_rad: float, grid: Grid, where: str) -> Pose:
     return Pose(east * grid.tile_size_m, (grid.rows - south) * grid.tile_size_m, rotate_rad)
 
 
-def _place_in_tile(place: Any, grid: Grid, where: str) -> Pose:
+def _place_in_tile(place: Any, grid: RoadMap, where: str) -> Pose:
     """Metres from the centre of a tile counted east and north from the south-west corner."""
     column, row_north = _tile_of(place, grid, f"{where}: place")
     dx_m, dy_m, heading_rad = _transform(place.get("relative"), f"{where}: place.relative")
@@ -159,7 +159,7 @@ def _place_in_tile(place: Any, grid: Grid, where: str) -> Pose:
     )
 
 
-def _place_in_slot(entry: Dict[str, Any], rotate_rad: float, grid: Grid, where: str) -> Pose:
+def _place_in_slot(entry: dict[str, Any], rotate_rad: float, grid: RoadMap, where: str) -> Pose:
     """One of eight places round the south-west corner of a tile; a pose is relative to it."""
     column, row_north = _tile_of(entry["attach"], grid, f"{where}: attach")
     slot = entry["attach"].get("slot")
@@ -178,7 +178,7 @@ def _place_in_slot(entry: Dict[str, Any], rotate_rad: float, grid: Grid, where: 
     return Pose(float(x_m), float(y_m), rotate_rad + relative.heading_rad)
 
 
-def _tile_of(data: Any, grid: Grid, where: str) -> Tuple[int, int]:
+def _tile_of(data: Any, grid: RoadMap, where: str) -> tuple[int, int]:
     """(column, rows north of the south row); the line beyond the last tile has corners too."""
     if not isinstance(data, dict):
         raise MapError(f"{where}: expected a mapping with tile: [column, row], got {data!r}")
@@ -206,7 +206,7 @@ def _transform(data: Any, where: str) -> Pose:
     return Pose(x_m, y_m, number(content.get("theta", 0.0), f"{where}: theta"))
 
 
-def _height(kind: str, entry: Dict[str, Any], where: str) -> float:
+def _height(kind: str, entry: dict[str, Any], where: str) -> float:
     if "height" in entry and "scale" in entry:
         raise MapError(f"{where}: expected height or scale, got both; remove one of them")
     if "height" in entry:
@@ -218,14 +218,14 @@ def _height(kind: str, entry: Dict[str, Any], where: str) -> float:
     return height_m
 
 
-def _flag(entry: Dict[str, Any], key: str, default: bool, where: str) -> bool:
+def _flag(entry: dict[str, Any], key: str, default: bool, where: str) -> bool:
     value = entry.get(key, default)
     if not isinstance(value, bool):
         raise MapError(f"{where}: {key}: expected true or false, got {value!r}")
     return value
 
 
-def _tag(data: Any, where: str) -> Optional[Tag]:
+def _tag(data: Any, where: str) -> Tag | None:
     if data is None:
         return None
     content = data.get("~TagInstance", data) if isinstance(data, dict) else data
@@ -235,27 +235,3 @@ def _tag(data: Any, where: str) -> Optional[Tag]:
         raise MapError(
             f"{where}: tag: expected ~TagInstance with family, size and tag_id, got {data!r}"
         ) from error
-
-
-def number(value: Any, where: str) -> float:
-    """A finite number as float; MapError otherwise."""
-    try:
-        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
-            return float(value)
-    except OverflowError:  # an int beyond any float
-        pass
-    raise MapError(f"{where}: expected a number, got {value!r}")
-
-
-def numbers(value: Any, count: int, where: str) -> List[float]:
-    """A list of ``count`` finite numbers; MapError otherwise."""
-    if not isinstance(value, (list, tuple)) or len(value) != count:
-        raise MapError(f"{where}: expected {count} numbers, got {value!r}")
-    return [number(item, where) for item in value]
-
-
-def refuse_misspelt_keys(entry: Dict[Any, Any], known: Tuple[str, ...], where: str) -> None:
-    """Refuse a key that is nearly a known one; other unknown keys are some other tool's."""
-    for key in entry:
-        if key not in known and nearest(str(key), known).startswith("did you mean"):
-            raise MapError(f"{where}: unknown key {key!r}; {nearest(str(key), known)}")
