@@ -1,61 +1,245 @@
-"""Drive videos: what the robot sees beside where it is on the map."""
+"""A film of a drive: what the robot sees and looks at, where it is, and what it makes of it."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
 import cv2
+import matplotlib
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
-from robot.geometry import Pose
+from robot.contract import DRIVE, Action
+from robot.errors import ContractError
+from robot.geometry import Pose, WheelSpeeds
+from robot.inference.policy_file import read_contract
+from robot.inference.preprocess import preprocess
+from sim_pybullet.scene import Ground
+from trainer.judging.explain import Explainer
+from trainer.mp4 import Mp4
 
-ROBOT_RGB = (255, 70, 160)
-TRAIL_RGB = (255, 150, 200)
-CAPTION_HEIGHT_PX = 28
+SIZE_PX = (1280, 720)
+CAMERA_PX = (800, 600)
+MAP_BOX = (816, 64, 448, 486)  # left, top, width, height [px]
+QUALITY = 5.0
+ARROW_S = 0.5  # of driving, drawn as an action's arrow
+
+Colour = tuple[int, int, int]
+PAGE, CARD, LINE = (16, 18, 21), (25, 28, 32), (58, 64, 71)
+TEXT, QUIET = (232, 234, 237), (151, 158, 167)
+PATH, DUCK, TRUE = (110, 168, 254), (242, 183, 5), (255, 70, 160)
+STATES = {"AUTO": (63, 182, 114), "MANUAL": (63, 182, 114), "READY": PATH}
+STATES |= {"HOLD": (224, 160, 48), "FAULT": (255, 107, 107)}
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What one picture shows; world frame, metres and radians."""
+
+    camera: np.ndarray  # (H, W, 3) uint8 RGB
+    pose: Pose  # the true one
+    believed: Pose | None  # the robot's own
+    state: str
+    reason: str
+    path: Sequence[Sequence[float]] = ()  # planned, (M, 2)
+    values: Sequence[float] = ()  # of the policy, one an action
+    action: int | None = None
+    note: str = ""  # how far it has come
 
 
 class MapView:
-    """The floor from above, scaled to a height, with a robot and the trail it left."""
+    """A floor from above, as large as a box allows, and the trail that a robot leaves on it."""
 
-    def __init__(
-        self, floor_rgb: np.ndarray, west_m: float, north_m: float, texel_m: float, height_px: int
-    ) -> None:
-        scale = height_px / floor_rgb.shape[0]
-        width_px = round(floor_rgb.shape[1] * scale)
-        self.floor = cv2.resize(floor_rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
-        self.px_per_m = scale / texel_m
-        self.west_m, self.north_m = west_m, north_m
-        self.trail: list[tuple[int, int]] = []
+    def __init__(self, ground: Ground, width_px: int, height_px: int) -> None:
+        rows, columns = ground.rgb.shape[:2]
+        scale = min(width_px / columns, height_px / rows)
+        size = (round(columns * scale), round(rows * scale))
+        self.floor = cv2.resize(ground.rgb, size, interpolation=cv2.INTER_AREA)
+        self.px_per_m = scale / ground.texel_m
+        self.west_m, self.north_m = ground.west_m, ground.north_m
+        self.trail: list[tuple[float, float]] = []
 
     def pixel(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Where a world point [m] is drawn."""
         column = (x_m - self.west_m) * self.px_per_m
         return round(column), round((self.north_m - y_m) * self.px_per_m)
 
-    def draw(self, pose: Pose) -> np.ndarray:
-        """The picture (H, W, 3) with the robot at ``pose``; the trail grows by it."""
-        self.trail.append(self.pixel(pose.x_m, pose.y_m))
+    def draw(self, moment: Moment) -> np.ndarray:
+        """The picture (H, W, 3) of a moment; the trail grows by its true pose."""
+        self.trail.append((moment.pose.x_m, moment.pose.y_m))
         picture = self.floor.copy()
-        points = np.array(self.trail, dtype=np.int32).reshape(-1, 1, 2)
-        cv2.polylines(picture, [points], False, TRAIL_RGB, 2, cv2.LINE_AA)
-        corners = pose.to_world(np.array([[0.11, 0.0], [-0.05, 0.065], [-0.05, -0.065]]))
-        outline = np.array([self.pixel(x, y) for x, y in corners], dtype=np.int32)
-        cv2.fillConvexPoly(picture, outline, ROBOT_RGB, cv2.LINE_AA)
+        self._line(picture, moment.path, PATH, 3)
+        self._line(picture, self.trail, TRUE, 2)
+        if moment.path and moment.path[0] != moment.path[-1]:  # not a ring
+            end = self.pixel(*moment.path[-1][:2])
+            cv2.circle(picture, end, 7, PATH, -1, cv2.LINE_AA)
+        cv2.fillConvexPoly(picture, self._outline(moment.pose, 1.0), TRUE, cv2.LINE_AA)
+        if moment.believed is not None:
+            outline = self._outline(moment.believed, 1.5)
+            cv2.polylines(picture, [outline], True, DUCK, 2, cv2.LINE_AA)
+        return picture
+
+    def _line(
+        self, picture: np.ndarray, points: Sequence[Sequence[float]], colour: Colour, width: int
+    ) -> None:
+        if len(points) > 1:
+            pixels = np.array([self.pixel(*point[:2]) for point in points], dtype=np.int32)
+            cv2.polylines(picture, [pixels], False, colour, width, cv2.LINE_AA)
+
+    def _outline(self, pose: Pose, size: float) -> np.ndarray:
+        corners = pose.to_world(size * np.array([[0.11, 0.0], [-0.05, 0.065], [-0.05, -0.065]]))
+        return np.array([self.pixel(x, y) for x, y in corners], dtype=np.int32)
+
+
+class DriveFilm:
+    """An MP4 of `SIZE_PX`; ``close`` it.
+
+    Args:
+        path: of the video; its folder is made.
+        ground: the floor that is driven on.
+        model: ONNX file of the policy that drives, for what it looks at.
+        every_s: between two moments [s].
+    """
+
+    def __init__(self, path: Path, ground: Ground, model: Path, every_s: float) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._every_s, self._actions = every_s, read_contract(model).actions
+        try:
+            self._explainer: Explainer | None = Explainer(model)
+        except ContractError:  # a network without convolutions looks nowhere in particular
+            self._explainer = None
+        self._video = Mp4(path, 1.0 / every_s, QUALITY)
+        self._before: Pose | None = None
+        self.filmed = False
+        self.turn_to(ground)
+
+    def turn_to(self, ground: Ground) -> None:
+        """Go on on another floor."""
+        self.map = MapView(ground, *MAP_BOX[2:])
+        self._before = None
+
+    def add(self, moment: Moment) -> None:
+        """One more picture."""
+        before, self._before = self._before or moment.pose, moment.pose
+        moved_m = math.hypot(moment.pose.x_m - before.x_m, moment.pose.y_m - before.y_m)
+        self.filmed = True
+        self._video.add(self._picture(moment, moved_m / self._every_s))
+
+    def close(self) -> None:
+        """Complete the video, if there is anything in it."""
+        if self.filmed:
+            self._video.close()
+
+    def _picture(self, moment: Moment, speed_mps: float) -> np.ndarray:
+        picture = np.full((SIZE_PX[1], SIZE_PX[0], 3), PAGE, np.uint8)
+        seen = moment.camera
+        if self._explainer is not None:
+            seen = with_attention(seen, self._explainer)
+        camera = cv2.resize(seen, CAMERA_PX, interpolation=cv2.INTER_CUBIC)
+        picture[: CAMERA_PX[1], : CAMERA_PX[0]] = camera
+        left, top, width, height = MAP_BOX
+        above = self.map.draw(moment)
+        top += (height - above.shape[0]) // 2
+        left += (width - above.shape[1]) // 2
+        picture[top : top + above.shape[0], left : left + above.shape[1]] = above
+        _draw_values(picture, moment, self._actions)
+        _draw_state(picture, moment, speed_mps)
         return picture
 
 
-def side_by_side(camera: np.ndarray, above: np.ndarray, caption: str) -> np.ndarray:
-    """Camera picture scaled to the map's height, the map, and one line of text below both."""
-    height = above.shape[0]
-    width = round(camera.shape[1] * height / camera.shape[0])
-    view = cv2.resize(camera, (width, height), interpolation=cv2.INTER_CUBIC)
-    both = np.concatenate((view, above), axis=1)
-    bar = np.full((CAPTION_HEIGHT_PX, both.shape[1], 3), 24, dtype=np.uint8)
-    cv2.putText(
-        bar, caption, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (235, 235, 235), 1, cv2.LINE_AA
-    )
-    return even(np.concatenate((both, bar), axis=0))
+def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
+    """The frame (H, W, 3) uint8 RGB with warm light where the policy looks."""
+    spec = explainer.contract.image
+    weights = np.zeros((spec.height_px, spec.width_px), np.float32)
+    image = np.tile(preprocess(frame, spec), explainer.contract.frames)
+    weights[spec.crop_top_px :] = explainer.attention(image[None])[0]
+    weights = 0.75 * cv2.resize(weights, frame.shape[1::-1])[..., None]
+    return np.asarray((1.0 - weights) * frame + weights * np.float32((255, 140, 20)), np.uint8)
 
 
-def even(picture: np.ndarray) -> np.ndarray:
-    """Cut to even sides, as H.264 with 4:2:0 colour wants."""
-    height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
-    return picture[:height, :width]
+def _draw_values(
+    picture: np.ndarray, moment: Moment, actions: Sequence[tuple[float, float]]
+) -> None:
+    """Below the camera, a cell an action: its arrow, its name, its value as number and bar."""
+    width = CAMERA_PX[0] // len(actions)
+    low, high = min(moment.values, default=0.0), max(moment.values, default=0.0)
+    for i, wheels in enumerate(actions):
+        left, top = i * width + 8, CAMERA_PX[1] + 10
+        right, bottom = left + width - 16, SIZE_PX[1] - 10
+        chosen = i == moment.action
+        ink, paper = (PAGE, DUCK) if chosen else (TEXT, CARD)
+        cv2.rectangle(picture, (left, top), (right, bottom), paper, -1)
+        _draw_arrow(picture, (left + 34, top + 66), WheelSpeeds(*wheels), ink)
+        name = Action(i).name.replace("_", " ").lower() if len(actions) == len(Action) else str(i)
+        write(picture, (left + 62, top + 14), name, 13, ink, paper)
+        if i >= len(moment.values):
+            continue
+        value = moment.values[i]
+        write(picture, (left + 62, top + 36), f"{value:.2f}", 20, ink, paper)
+        share = (value - low) / (high - low) if high > low else 0.0
+        end = (left + 10 + round(share * (width - 36)), bottom - 10)
+        cv2.rectangle(picture, (left + 10, bottom - 15), (right - 10, bottom - 10), LINE, -1)
+        cv2.rectangle(picture, (left + 10, bottom - 15), end, ink, -1)
+
+
+def _draw_arrow(
+    picture: np.ndarray, foot: tuple[int, int], wheels: WheelSpeeds, colour: Colour
+) -> None:
+    """Where an action leads, from below upwards."""
+    twist = DRIVE.twist(wheels)
+    turned = np.linspace(0.0, twist.turn_radps * ARROW_S, 12)
+    steps = np.stack((-np.sin(turned), -np.cos(turned)), axis=1) * 44 / len(turned)
+    points = np.rint(np.add(foot, np.cumsum(steps, axis=0) - steps.sum(axis=0) * (0.5, 0.0)))
+    points = points.astype(np.int32)
+    cv2.polylines(picture, [points], False, colour, 3, cv2.LINE_AA)
+    for side in (-2.5, 2.5):
+        way = turned[-1] + side
+        barb = (points[-1] + 11 * np.array([-math.sin(way), -math.cos(way)])).astype(int)
+        cv2.line(picture, tuple(points[-1].tolist()), tuple(barb.tolist()), colour, 3, cv2.LINE_AA)
+
+
+def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:
+    """Above the map the state and why; below it speed, way and what the colours mean."""
+    left = MAP_BOX[0]
+    colour = STATES.get(moment.state, QUIET)
+    cv2.rectangle(picture, (left, 16), (left + 112, 48), colour, -1)
+    write(picture, (left + 12, 22), moment.state, 16, PAGE, colour)
+    write(picture, (left + 124, 24), moment.reason[:46], 13, QUIET, PAGE)
+    write(picture, (left, 562), f"{speed_mps:.2f} m/s", 38, TEXT, PAGE)
+    write(picture, (left + 220, 580), moment.note, 18, TEXT, PAGE)
+    for i, (name, of) in enumerate(
+        (("planned path", PATH), ("true pose and trail", TRUE), ("believed pose", DUCK))
+    ):
+        at = left + (0, 128, 298)[i]
+        cv2.rectangle(picture, (at, 640), (at + 14, 654), of, -1)
+        write(picture, (at + 22, 638), name, 14, QUIET, PAGE)
+    write(picture, (left, 678), "light on the picture: where the policy looks", 14, QUIET, PAGE)
+
+
+def write(
+    picture: np.ndarray, at: tuple[int, int], text: str, height: int, ink: Colour, paper: Colour
+) -> None:
+    """Write a line with its upper left corner at a place, cut off at the picture's edge."""
+    words = _words(text, height, ink, paper)
+    left, top = at
+    room = picture[top : top + words.shape[0], left : left + words.shape[1]]
+    room[:] = words[: room.shape[0], : room.shape[1]]
+
+
+@lru_cache(512)
+def _words(text: str, height: int, ink: Colour, paper: Colour) -> np.ndarray:
+    font = _font(height)
+    size = (max(1, math.ceil(font.getlength(text))), round(1.3 * height))
+    image = Image.new("RGB", size, paper)
+    ImageDraw.Draw(image).text((0, 0), text, fill=ink, font=font)
+    return np.asarray(image)
+
+
+@lru_cache
+def _font(height: int) -> ImageFont.FreeTypeFont:
+    path = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+    return ImageFont.truetype(str(path), height)

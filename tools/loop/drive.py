@@ -50,7 +50,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     add("--seed", type=SEED, default=0)
     add("--realtime", action="store_true", help="by the wall clock, not in step")
     add("--robot-python", default=sys.executable, help="runs the robot's process")
-    add("--video", type=Path, help="write an MP4: both cameras and the map")
+    add("--video", type=Path, help="write a film of the drive, an MP4")
     add("--json", type=Path, help="write the figures; goes on with what is there")
     laps = parser.add_argument_group(
         "laps instead of missions",
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         return summary(rows, options)
     trip = Trip(options, rows)
     with ExitStack() as stack:
-        film = Film(options.video) if options.video else None
+        film = Film(options.video, options.model) if options.video else None
         if film is not None:
             stack.callback(film.close)
         stack.callback(trip.bar.close)

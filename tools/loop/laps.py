@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from robot.command_line import SEED, OneLineParser, answer, number
 from robot.config import RobotConfig
-from robot.contract import CONTROL_DT_S, ActionTable, action_name
+from robot.contract import CONTROL_DT_S
 from robot.geometry import Pose
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
@@ -26,37 +26,26 @@ from robot.parts import Tick
 from robot.runtime.assemble import open_policy
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop.sites import sites_of
-from tools.video import MapView, side_by_side
-from trainer.mp4 import Mp4
+from tools.video import DriveFilm, Moment
 
 MODEL = SHIPPED_MODELS / "lane_dueling.onnx"
-VIDEO_HEIGHT_PX = 360
 
 
-class Film:
-    """A video of a drive; ``close`` it."""
-
-    def __init__(self, drive: LapDrive, actions: ActionTable, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._names = [action_name(wheels).replace("_", " ").lower() for wheels in actions]
-        ground = drive.world.scene.ground
-        self._view = MapView(
-            ground.rgb, ground.west_m, ground.north_m, ground.texel_m, VIDEO_HEIGHT_PX
-        )
-        self._video = Mp4(path, 1.0 / CONTROL_DT_S)
-
-    def watch(self, tick: Tick, pose: Pose, record: LapRecord) -> None:
-        """Add one turn of the loop."""
-        if tick.frame is None:
-            return
-        action = "-" if tick.action is None else self._names[tick.action]
-        caption = f"lap {record.laps:4.2f}   {action:12s} {tick.verdict.state.value}"
-        above = self._view.draw(pose)
-        self._video.add(side_by_side(tick.frame.image, above, caption))
-
-    def close(self) -> None:
-        """Complete the video."""
-        self._video.close()
+def moment(tick: Tick, pose: Pose, record: LapRecord, drive: LapDrive) -> Moment | None:
+    """What a film shows of one turn of the loop; None before the first picture."""
+    if tick.frame is None:
+        return None
+    return Moment(
+        tick.frame.image,
+        pose,
+        drive.driver.pose,
+        tick.verdict.state.value,
+        tick.verdict.sentence,
+        drive.lane.points_m[[*range(len(drive.lane.points_m)), 0]].tolist(),
+        [] if tick.values is None else tick.values.tolist(),
+        tick.action,
+        f"lap {record.laps:.2f}",
+    )
 
 
 def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
@@ -104,13 +93,16 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
     site = sites_of(options.look, options.seed)(0)
     policy = open_policy(RobotConfig(model=str(options.model), translator=options.translator))
     lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
-    film = Film(lap_drive, policy.contract.actions, options.video) if options.video else None
+    film = None
+    if options.video:
+        ground = lap_drive.world.scene.ground
+        film = DriveFilm(options.video, ground, options.model, CONTROL_DT_S)
     with progress(options.laps) as bar:
 
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
             bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
-            if film is not None:
-                film.watch(tick, pose, record)
+            if film is not None and (shown := moment(tick, pose, record, lap_drive)):
+                film.add(shown)
 
         record = lap_drive.drive(options.laps, watch)
     lap_drive.close()
@@ -130,7 +122,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--look", default="nominal", help="YAML file, a folder of them, or a shipped name"
     )
     parser.add_argument("--seed", type=SEED, default=0)
-    parser.add_argument("--video", type=Path, help="write an MP4: camera and map")
+    parser.add_argument("--video", type=Path, help="write a film of the drive, an MP4")
     parser.add_argument("--json", type=Path, help="write the figures")
     return parser.parse_args(arguments)
 
