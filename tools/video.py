@@ -32,6 +32,7 @@ Colour = tuple[int, int, int]
 PAGE, CARD, LINE = (16, 18, 21), (25, 28, 32), (58, 64, 71)
 TEXT, QUIET = (232, 234, 237), (151, 158, 167)
 PATH, DUCK, TRUE = (110, 168, 254), (242, 183, 5), (255, 70, 160)
+LIGHT = (255, 140, 20)  # where the policy looks
 STATES = {"AUTO": (63, 182, 114), "MANUAL": (63, 182, 114), "READY": PATH}
 STATES |= {"HOLD": (224, 160, 48), "FAULT": (255, 107, 107)}
 
@@ -158,7 +159,7 @@ def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
     image = np.tile(preprocess(frame, spec), explainer.contract.frames)
     weights[spec.crop_top_px :] = explainer.attention(image[None])[0]
     weights = 0.75 * cv2.resize(weights, frame.shape[1::-1])[..., None]
-    return np.asarray((1.0 - weights) * frame + weights * np.float32((255, 140, 20)), np.uint8)
+    return np.asarray((1.0 - weights) * frame + weights * np.array(LIGHT, np.float32), np.uint8)
 
 
 def _draw_values(
