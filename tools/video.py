@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from robot.contract import DRIVE, Action
+from robot.contract import DRIVE, ActionTable, action_name
 from robot.errors import ContractError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy_file import read_contract
@@ -162,35 +162,38 @@ def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
     return np.asarray((1.0 - weights) * frame + weights * np.array(LIGHT, np.float32), np.uint8)
 
 
-def _draw_values(
-    picture: np.ndarray, moment: Moment, actions: Sequence[tuple[float, float]]
-) -> None:
+def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> None:
     """Below the camera, a cell an action: its arrow, its name, its value as number and bar."""
     width = CAMERA_PX[0] // len(actions)
+    right_of_arrow = 62 if width > 120 else 6  # many actions: a number and a bar each
     low, high = min(moment.values, default=0.0), max(moment.values, default=0.0)
     for i, wheels in enumerate(actions):
-        left, top = i * width + 8, CAMERA_PX[1] + 10
-        right, bottom = left + width - 16, SIZE_PX[1] - 10
-        chosen = i == moment.action
-        ink, paper = (PAGE, DUCK) if chosen else (TEXT, CARD)
-        cv2.rectangle(picture, (left, top), (right, bottom), paper, -1)
-        _draw_arrow(picture, (left + 34, top + 66), WheelSpeeds(*wheels), ink)
-        name = Action(i).name.replace("_", " ").lower() if len(actions) == len(Action) else str(i)
-        write(picture, (left + 62, top + 14), name, 13, ink, paper)
+        cell = picture[CAMERA_PX[1] + 10 : SIZE_PX[1] - 10, i * width + 4 : (i + 1) * width - 4]
+        bottom, right = cell.shape[0] - 10, cell.shape[1] - 8
+        ink, paper = (PAGE, DUCK) if i == moment.action else (TEXT, CARD)
+        cell[:] = paper
+        if width > 120:
+            _draw_arrow(cell, (34, 66), WheelSpeeds(*wheels), ink)
+            name = action_name(wheels).replace("_", " ").lower()
+            write(cell, (right_of_arrow, 14), name, 13, ink, paper)
         if i >= len(moment.values):
             continue
         value = moment.values[i]
-        write(picture, (left + 62, top + 36), f"{value:.2f}", 20, ink, paper)
+        size = 20 if width > 120 else 12
+        write(cell, (right_of_arrow, 36), f"{value:.2f}", size, ink, paper)
         share = (value - low) / (high - low) if high > low else 0.0
-        end = (left + 10 + round(share * (width - 36)), bottom - 10)
-        cv2.rectangle(picture, (left + 10, bottom - 15), (right - 10, bottom - 10), LINE, -1)
-        cv2.rectangle(picture, (left + 10, bottom - 15), end, ink, -1)
+        cv2.rectangle(cell, (8, bottom - 5), (right, bottom), LINE, -1)
+        cv2.rectangle(cell, (8, bottom - 5), (8 + round(share * (right - 8)), bottom), ink, -1)
 
 
 def _draw_arrow(
     picture: np.ndarray, foot: tuple[int, int], wheels: WheelSpeeds, colour: Colour
 ) -> None:
-    """Where an action leads, from below upwards."""
+    """Where an action leads, from below upwards; a square for a stop."""
+    if not any(wheels):
+        left, top = foot[0] - 14, foot[1] - 38
+        cv2.rectangle(picture, (left, top), (left + 28, top + 28), colour, -1)
+        return
     twist = DRIVE.twist(wheels)
     turned = np.linspace(0.0, twist.turn_radps * ARROW_S, 12)
     steps = np.stack((-np.sin(turned), -np.cos(turned)), axis=1) * 44 / len(turned)

@@ -10,7 +10,7 @@ import pytest
 from robot.geometry import Pose
 from robot.inference.policy_file import SHIPPED_MODELS
 from sim_pybullet.scene import Ground
-from tools.video import DriveFilm, MapView, Moment
+from tools.video import DUCK, DriveFilm, MapView, Moment, _draw_values
 from trainer.mp4 import write_mp4
 
 MODEL = SHIPPED_MODELS / "lane_dueling.onnx"
@@ -28,7 +28,7 @@ CAMERA, VALUES, MAP, STATE, BELOW = (
 def moment(**other: object) -> Moment:
     frame = np.random.default_rng(0).integers(0, 255, (120, 160, 3), np.uint8)
     first = Moment(frame, Pose(1.0, 1.0, 0.0), None, "AUTO", "", values=(0.1, 0.2, 0.9, 0.3, 0.4))
-    return replace(first, action=2, **other)
+    return replace(first, **{"action": 2, **other})
 
 
 @pytest.fixture
@@ -119,3 +119,16 @@ def test_a_video_holds_every_frame(tmp_path: Path) -> None:
     reader = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
     assert next(reader)["size"] == (16, 12)
     assert len(list(reader)) == 5
+
+
+@pytest.mark.parametrize("count", [2, 6, 16])
+def test_each_action_of_a_policys_own_has_a_cell(count: int) -> None:
+    actions = (*((0.1 * k, 0.1) for k in range(count - 1)), (0.0, 0.0))
+    width = 800 // count
+    for chosen in range(count):
+        picture = np.zeros((720, 1280, 3), np.uint8)
+        _draw_values(picture, moment(values=tuple(range(count)), action=chosen), actions)
+        lit = (picture == DUCK).all(axis=2).any(axis=0)
+        assert lit[chosen * width : (chosen + 1) * width].any()
+        assert not lit[: chosen * width].any()
+        assert not lit[(chosen + 1) * width :].any()
