@@ -7,17 +7,17 @@ import sys
 from typing import Optional, Sequence
 
 from localizer_node import calibrate_command, commands
-from robot.command_line import OneLineParser, answer, whole
+from robot.command_line import OneLineParser, answer, spoken, whole
 
 
-def main(argv: Optional[Sequence[str]] = None) -> int:
+def main(argv: Optional[Sequence[str]] = None, prog: str = "python -m localizer_node") -> int:
     """Run one command; 0 done, 2 wrong input, 130 Ctrl-C, 1 a device that does not answer."""
-    arguments = _parser().parse_args(argv)
-    return answer("localizer_node", lambda: arguments.command(arguments))
+    arguments = _parser(prog).parse_args(argv)
+    return answer(spoken(prog), lambda: arguments.command(arguments))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = OneLineParser(prog="python -m localizer_node", description=__doc__)
+def _parser(prog: str) -> argparse.ArgumentParser:
+    parser = OneLineParser(prog=prog, description=__doc__)
     actions = parser.add_subparsers(required=True, metavar="COMMAND")
     run = actions.add_parser("run", help="follow the robots and publish their poses")
     run.add_argument("--calibration", required=True)

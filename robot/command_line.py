@@ -50,6 +50,11 @@ def answer(program: str, work: Callable[[], Optional[int]]) -> int:
         return status
 
 
+def spoken(program: str) -> str:
+    """``program`` as errors begin with it: without ``python -m``."""
+    return program[len("python -m ") :] if program.startswith("python -m ") else program
+
+
 def one_line(text: str) -> str:
     """The text without line breaks or control characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())

@@ -10,8 +10,7 @@ import localizer_node.__main__
 import tools.loop.__main__
 import trainer.cli
 from robot.cli import main as robot
-from tools.loop.drive import parse as parse_loop
-from tools.loop.laps import parse as parse_laps
+from tools.loop.options import parse_laps, parse_missions
 
 TRAIN = "--task --algo --preset --map --out --seed --resume"
 EVALUATE = "--model --task --map --look --pose-error --zero --episodes --seed --json"
@@ -51,10 +50,10 @@ def test_a_stable_command_keeps_its_options(
 
 
 def test_the_loop_drives_a_mission_with_the_shipped_policy_unless_told() -> None:
-    options = parse_loop([])
+    options = parse_missions([])
     assert (options.missions, options.map, options.realtime) == (1, "arena", False)
     assert options.model.is_file()
-    assert parse_loop(["--start", "1,2", "--goal", "0.5,0.25"]).goal == (0.5, 0.25)
+    assert parse_missions(["--start", "1,2", "--goal", "0.5,0.25"]).goal == (0.5, 0.25)
     assert parse_laps(["--laps", "1"]).model.is_file()
 
 
@@ -63,6 +62,6 @@ def test_the_loop_drives_a_mission_with_the_shipped_policy_unless_told() -> None
 )
 def test_a_place_that_is_none_is_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        parse_loop(words.split())
+        parse_missions(words.split())
     assert ended.value.code == 2
     assert "expected" in capsys.readouterr().err

@@ -143,9 +143,9 @@ def show(metrics: dict, out: Path, console: Console) -> None:
     console.print(table)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo") -> int:
     """Run the demo; exit status 0 when it drove."""
-    parser = OneLineParser(prog="python -m tools.demo", description=__doc__)
+    parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/demo"))
     parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument(

@@ -12,8 +12,8 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from robot.command_line import OneLineParser
-from robot.errors import ContractError, DuckpilotError
+from robot.command_line import OneLineParser, answer, spoken
+from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.recording.contents import why_not
 from robot.recording.replay import Replayed, replay
@@ -21,9 +21,12 @@ from robot.recording.replay import Replayed, replay
 SHOWN = 20
 
 
-def parse(arguments: list[str] | None) -> argparse.Namespace:
+PROGRAM = "python -m tools.replay"
+
+
+def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
     """The command line."""
-    parser = OneLineParser(prog="python -m tools.replay", description=__doc__)
+    parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
     parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
@@ -44,18 +47,19 @@ def tell(found: Replayed, recording: Path) -> None:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
     """0: nothing differs; 1: something does; 2: wrong input, or nothing was decided in it."""
-    options = parse(arguments)
-    try:
-        policy = OnnxPolicy(options.model) if options.model else None
-        problem = why_not(options.recording, with_model=policy is not None)
-        if problem:
-            raise ContractError(f"{options.recording}: {problem}")
-        found = replay(options.recording, policy)
-    except DuckpilotError as error:
-        print(f"replay: {error}", file=sys.stderr)
-        return 2
+    options = parse(arguments, prog)
+    return answer(spoken(prog), lambda: decide_again(options))
+
+
+def decide_again(options: argparse.Namespace) -> int:
+    """0: nothing differs; 1: something does; ContractError: nothing was decided in it."""
+    policy = OnnxPolicy(options.model) if options.model else None
+    problem = why_not(options.recording, with_model=policy is not None)
+    if problem:
+        raise ContractError(f"{options.recording}: {problem}")
+    found = replay(options.recording, policy)
     if options.json:
         print(json.dumps(asdict(found)))
     else:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from robot.command_line import WRONG, answer, one_line
+from robot.command_line import WRONG, answer, one_line, spoken
 from robot.errors import DuckpilotError, nearest
 from trainer.limits import check
 
@@ -76,28 +76,28 @@ PURPOSES = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the exit status."""
+def main(arguments: Sequence[str] | None = None, prog: str = PROGRAM) -> int:
+    """Run one command of ``prog``; the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
 
     def work() -> int | None:
-        name, command, rest = _chosen(words)
+        name, command, rest = _chosen(words, prog)
         module, _, function = command.place.partition(":")
         do = getattr(importlib.import_module(module), function)
-        options = _read(do, rest, f"{PROGRAM} {name}")
+        options = _read(do, rest, f"{prog} {name}")
         check(name, options)
         status: int | None = do(**options)
         return status
 
-    return answer("trainer", work)
+    return answer(spoken(prog), work)
 
 
-def _chosen(words: list[str]) -> tuple[str, Command, list[str]]:
+def _chosen(words: list[str], program: str) -> tuple[str, Command, list[str]]:
     """The command, its name and the words after it; help and wrong names end the program."""
     names: list[str] = []
     found: Command | Mapping[str, Command | Group] = COMMANDS
     while not isinstance(found, Command):
-        prog = " ".join([PROGRAM, *names])
+        prog = " ".join([program, *names])
         word = words[len(names)] if len(words) > len(names) else ""
         if word in ("-h", "--help"):
             print(_help(prog, found))

@@ -12,10 +12,7 @@ from rich.progress import Progress, track
 from rich.table import Table
 
 from robot.errors import ConfigError
-from trainer.config import ALGORITHMS, TASKS, choose
 from trainer.options import EvaluateOptions, TrainOptions
-from trainer.presets import PRESETS, preset
-from trainer.run import RunFolder, write_json
 from trainer.sweeps.sweep import SweepOptions, run_sweep
 
 EXPORT_ROBOTS = 32
@@ -78,7 +75,7 @@ def evaluate_command(
 def endure_command(
     model: Path,
     json: Path | None = None,
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = (TASKS["lane"],),
+    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop",),
     look: str = "nominal",
     hours: float = 1.0,
     robots: int = 4,
@@ -103,6 +100,7 @@ def endure_command(
     from sim_pybullet.randomise import load_look_sampler
     from trainer.division import maps_named
     from trainer.judging.endurance import endure
+    from trainer.run import write_json
 
     policy = OnnxPolicy(model, actions=FIVE_ACTIONS)
     maps = [load_map(name) for name in maps_named(map_names)]
@@ -128,6 +126,7 @@ def export_command(run: tyro.conf.Positional[Path]) -> int:
     """
     from trainer.envs import make_env
     from trainer.export import export_run
+    from trainer.run import RunFolder
 
     folder = RunFolder(run)
     config = folder.load_config()
@@ -182,6 +181,9 @@ def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = 
     Args:
         preset_name: paper, fast or debug.
     """
+    from trainer.config import ALGORITHMS, TASKS, choose
+    from trainer.presets import PRESETS, preset
+
     choose("preset", preset_name, PRESETS)
     from trainer.judging.summary import summarise
 

@@ -1,25 +1,23 @@
-"""What the commands ``train`` and ``evaluate`` can be asked for."""
+"""What the commands ``train`` and ``evaluate`` can be asked for.
+
+To read it, as help does, takes none of what they need: that is imported where it is used.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from robot.contract import ImageSpec
 from robot.errors import ConfigError, expect_between
-from robot.inference.translator import PARSING, OnnxTranslator
-from robot.navigation.road_map import load_map
-from sim_pybullet.racing.track import is_track, load_track
-from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.scenery.place import Place
-from sim_pybullet.tasks.lane_keeping import LANES
-from trainer.config import LARGEST_SEED, RunConfig, choose
-from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
-from trainer.presets import cruising, preset
+
+if TYPE_CHECKING:
+    from robot.contract import ImageSpec
+    from sim_pybullet.scenery.place import Place
+    from trainer.config import RunConfig
 
 MOST_EPISODES = 10_000_000
 ZEROS = {"image": None, "path": None}
@@ -76,6 +74,11 @@ class TrainOptions:
         Raises:
             DuckpilotError: an unknown name.
         """
+        from sim_pybullet.randomise import load_look_sampler
+        from trainer.config import LARGEST_SEED
+        from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
+        from trainer.presets import cruising, preset
+
         expect_between("seed", self.seed, 0, LARGEST_SEED)
         config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
         config = replace(config, maps=maps_named(self.map) or config.maps, seed=self.seed)
@@ -137,6 +140,11 @@ class EvaluateOptions:
         Raises:
             DuckpilotError: they do not.
         """
+        from sim_pybullet.randomise import load_look_sampler
+        from sim_pybullet.tasks.lane_keeping import LANES
+        from trainer.config import LARGEST_SEED, choose
+        from trainer.division import maps_named
+
         if not self.model:
             raise ConfigError("model: expected a policy, .onnx, got none")
         expect_between("episodes", self.episodes, 1, MOST_EPISODES)
@@ -155,12 +163,17 @@ def check_places(task: str | None, names: Sequence[str]) -> list[Place]:
     Raises:
         DuckpilotError: they are none.
     """
+    from robot.navigation.road_map import load_map
+    from sim_pybullet.racing.track import is_track, load_track
+
     races = [task == "track" or (task is None and is_track(name)) for name in names]
     return [(load_track if r else load_map)(name) for r, name in zip(races, names, strict=True)]
 
 
 def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:
     """Whoever sees what a parser sees takes its pictures; others keep the preset's."""
+    from robot.inference.translator import PARSING, OnnxTranslator
+
     if not Path(translate).exists():  # yet; who makes the world will say so
         return image
     translator = OnnxTranslator(translate)
@@ -181,6 +194,8 @@ def refuse_others(
     Raises:
         ConfigError: one is another than the run's; all that differ are named.
     """
+    from trainer.division import maps_named
+
     of_run = {
         "task": found.task,
         "algo": found.algorithm,

@@ -12,7 +12,7 @@ import importlib
 import sys
 from typing import List, Optional
 
-from robot.command_line import OneLineParser, answer
+from robot.command_line import OneLineParser, answer, spoken
 
 COMMANDS = {
     "drive": "drive",
@@ -28,22 +28,25 @@ COMMANDS = {
 }
 
 
-def main(arguments: Optional[List[str]] = None) -> int:
-    """Run one command; returns its exit status."""
+PROGRAM = "python -m robot"
+
+
+def main(arguments: Optional[List[str]] = None, prog: str = PROGRAM) -> int:
+    """Run one command of ``prog``; returns its exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     command = words[0] if words[:1] and words[0] in COMMANDS else ""
 
     def work() -> Optional[int]:
-        options = make_parser(words).parse_args(words)
+        options = make_parser(words, prog).parse_args(words)
         status: Optional[int] = options.run(options)
         return status
 
-    return answer(f"robot {command}".strip(), work)
+    return answer(f"{spoken(prog)} {command}".strip(), work)
 
 
-def make_parser(arguments: List[str]) -> argparse.ArgumentParser:
+def make_parser(arguments: List[str], prog: str = PROGRAM) -> argparse.ArgumentParser:
     """The parser of all commands; it knows the options of the one in ``arguments`` only."""
-    parser = OneLineParser(prog="python -m robot", description="The robot's commands.")
+    parser = OneLineParser(prog=prog, description="The robot's commands.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, purpose in COMMANDS.items():
         if name in arguments[:1]:

@@ -23,7 +23,7 @@ ROWS = [
     for line in (Path(__file__).parent / "calls.txt").read_text(encoding="utf-8").splitlines()
     if line and not line.startswith("#")
 ]
-MAINS = {"robot": "robot.cli", "trainer": "trainer.cli"}
+MAINS = {"robot": "robot.cli", "trainer": "trainer.cli", "duckpilot": "robot.cli.duckpilot"}
 MAINS.update({name: f"{name}.__main__" for name in ("localizer_node", "tools.loop")})
 MAINS.update({name: f"{name}.__main__" for name in ("tools.faults", "tools.monitor")})
 
@@ -160,6 +160,8 @@ runpy.run_module(program, run_name="__main__", alter_sys=True)
     ("call", "extra"),
     [
         ("trainer train --out x", "trainer"),
+        ("robot.cli.duckpilot train --out x", "trainer"),
+        ("robot.cli.duckpilot loop", "trainer"),
         ("tools.bench", "trainer"),
         ("tools.demo", "trainer"),
         ("tools.loop", "trainer"),

@@ -1,4 +1,4 @@
-"""``python -m tools.loop``: the whole system drives missions on the bench.
+"""The whole system drives missions on the bench.
 
 A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the programs
 as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shutil
 import sys
 import tempfile
 import time
@@ -22,9 +21,8 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from robot.command_line import SEED, OneLineParser, answer, whole
 from robot.errors import ConfigError, ContractError
-from robot.inference.policy_file import SHIPPED_MODELS, read_contract
+from robot.inference.policy_file import read_contract
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from tools.loop.bench import Bench, BenchOptions
@@ -33,57 +31,7 @@ from tools.loop.missions import Driver, MissionRecord
 from tools.loop.sites import Site, sites_of
 from tools.loop.timekeeper import BenchError
 
-MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
 SCHEMA = 2
-
-
-def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = OneLineParser(prog="python -m tools.loop", description=__doc__)
-    add = parser.add_argument
-    add("--map", default="arena", help="map file, or the name of a shipped one")
-    add("--model", type=Path, default=MODEL, help="ONNX policy for navigation")
-    add("--missions", type=whole(1, 100_000), default=1, help="how many, each to a random place")
-    add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
-    add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
-    add("--look", default="nominal", help="YAML file, a folder of them, or a shipped name")
-    add("--seed", type=SEED, default=0)
-    add("--realtime", action="store_true", help="by the wall clock, not in step")
-    add("--robot-python", default=sys.executable, help="runs the robot's process")
-    add("--video", type=Path, help="write a film of the drive, an MP4")
-    add("--json", type=Path, help="write the figures; goes on with what is there")
-    laps = parser.add_argument_group(
-        "laps instead of missions",
-        "one robot alone, in one process and in lock-step; also takes --map, --model (a policy for "
-        "lane keeping), --look, --seed, --video and --json",
-    )
-    laps.add_argument("--laps", metavar="N", help="drive so many laps of a ring of road")
-    laps.add_argument("--translator", help="ONNX translator, real-to-sim, before the policy")
-    options = parser.parse_args(arguments)
-    if options.laps or options.translator:
-        parser.error("--translator: expected --laps N, too: missions are driven without one")
-    if options.goal is not None and options.missions > 1:
-        parser.error(f"--goal: expected one mission, got --missions {options.missions}")
-    if shutil.which(options.robot_python) is None:
-        parser.error(f"--robot-python: expected a Python to start, got {options.robot_python}")
-    return options
-
-
-def place(text: str) -> tuple[float, float]:
-    """``X,Y`` in metres."""
-    try:
-        x_m, y_m = (float(word) for word in text.split(","))
-    except ValueError:
-        x_m = y_m = math.nan
-    if not math.isfinite(x_m + y_m):
-        raise argparse.ArgumentTypeError(f"expected X,Y in metres, got {text!r}; e.g. 1.2,0.4")
-    return x_m, y_m
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Exit status 0 when every mission arrived, 2 for wrong input, 1 otherwise."""
-    options = parse(arguments)
-    return answer("loop", lambda: drive(options))
 
 
 def drive(options: argparse.Namespace) -> int:

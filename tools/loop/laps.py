@@ -1,4 +1,4 @@
-"""``python -m tools.loop --laps N``: the runtime drives through virtual hardware, in lock-step.
+"""The runtime drives through virtual hardware, in lock-step.
 
 Town, motors and camera are virtual; everything between the camera's frame and the bus's bytes is
 the robot's own code. Time is simulated, so the drive is the same on every machine.
@@ -15,11 +15,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from robot.command_line import SEED, OneLineParser, answer, number
 from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S
 from robot.geometry import Pose
-from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from robot.parts import Tick
@@ -27,8 +25,6 @@ from robot.runtime.assemble import open_policy
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop.sites import sites_of
 from tools.video import DriveFilm, Moment
-
-MODEL = SHIPPED_MODELS / "lane_dueling.onnx"
 
 
 def moment(tick: Tick, pose: Pose, record: LapRecord, drive: LapDrive) -> Moment | None:
@@ -109,28 +105,6 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
     if film is not None:
         film.close()
     return summary(record, options)
-
-
-def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = OneLineParser(prog="python -m tools.loop --laps N", description=__doc__)
-    parser.add_argument("--map", default="loop", help="map file, or the name of a shipped one")
-    parser.add_argument("--model", type=Path, default=MODEL, help="ONNX policy for lane keeping")
-    parser.add_argument("--translator", default="", help="ONNX translator, real-to-sim")
-    parser.add_argument("--laps", type=number(0.01, 10_000), required=True, help="how many")
-    parser.add_argument(
-        "--look", default="nominal", help="YAML file, a folder of them, or a shipped name"
-    )
-    parser.add_argument("--seed", type=SEED, default=0)
-    parser.add_argument("--video", type=Path, help="write a film of the drive, an MP4")
-    parser.add_argument("--json", type=Path, help="write the figures")
-    return parser.parse_args(arguments)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Exit status 0 when the robot drove all its laps, 2 for wrong input, 1 otherwise."""
-    options = parse(arguments)
-    return answer("loop", lambda: tell(options))
 
 
 def tell(options: argparse.Namespace) -> int:

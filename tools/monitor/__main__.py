@@ -25,9 +25,12 @@ WS_QUEUE = 8
 LAST_PORT = 65_530  # the demonstration's links take the four after it
 
 
-def parse(argv: list[str] | None) -> argparse.Namespace:
+PROGRAM = "python -m tools.monitor"
+
+
+def parse(argv: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
     """The command line."""
-    parser = OneLineParser(prog="python -m tools.monitor", description=__doc__)
+    parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("--host", default="127.0.0.1", help="where to listen; 0.0.0.0: everywhere")
     parser.add_argument("--port", type=whole(1024, LAST_PORT), default=PORT)
     parser.add_argument("--map", default="town", help="a map file or the name of a shipped map")
@@ -39,9 +42,9 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
     """Serve until interrupted; 2 for wrong input."""
-    arguments = parse(argv)
+    arguments = parse(argv, prog)
 
     def work() -> None:
         with ExitStack() as stack:

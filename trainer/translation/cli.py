@@ -16,7 +16,6 @@ from tqdm import tqdm
 from robot.camera.replay import picture_files
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
-from sim_pybullet.racing.track import is_track
 
 
 def collect_command(
@@ -65,6 +64,8 @@ def collect_command(
             found = collect_pictures(out, pictures_at(pictures, every), source, tick)
         else:
             source, found = Source("simulator", map_names, frames, look, seed), frames
+            from sim_pybullet.racing.track import is_track
+
             task = "track" if any(map(is_track, map_names)) else "lane"
             places = load_places(task, maps_named(map_names))
             refuse_judging_maps(places, "learn")

@@ -1,0 +1,104 @@
+"""``duckpilot``: every command of the project under one name.
+
+It hands the words on to the program that ``python -m`` starts, too. A program is imported when it
+is asked for. This computer offers what it can run: with Python 3.8, the robot's commands and the
+localizer's.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any, Dict, List, NamedTuple, Optional
+
+from robot import cli
+from robot.command_line import WRONG, answer, one_line
+from robot.errors import nearest
+
+NAME = "duckpilot"
+NEWER = (3, 11)  # what trainer, simulator and tools are written in
+
+
+class Program(NamedTuple):
+    """Who does a command."""
+
+    module: str  # has main(words, prog)
+    purpose: str
+    own: bool = True  # the command is the program; else its first word
+
+
+TOOLS = {
+    "demo": "train, export, judge and drive before your eyes, in minutes",
+    "loop": "missions or laps through the whole system on virtual hardware",
+    "faults": "meet every fault on virtual hardware, and see the robot stop",
+    "monitor": "the operator's page in the browser",
+    "replay": "decide a recorded drive again, and compare",
+}
+
+
+def main(words: Optional[List[str]] = None) -> int:
+    """Run one command; its exit status, 2 for a command that there is not."""
+    words = sys.argv[1:] if words is None else words
+    return answer(" ".join([NAME, *words[:1]]), lambda: _run(words))
+
+
+def programs() -> Dict[str, Dict[str, Program]]:
+    """The commands that this computer can run, in groups."""
+    robot = {name: Program("robot.cli", told, False) for name, told in cli.COMMANDS.items()}
+    eye = {"localizer": Program("localizer_node.__main__", "find robots from the camera above")}
+    found = {"the robot": robot, "the camera above": eye}
+    trainer = _trainer()
+    if trainer is None:
+        return found
+    learn = {
+        name: Program("trainer.cli", getattr(each, "purpose", trainer.PURPOSES.get(name)), False)
+        for name, each in trainer.COMMANDS.items()
+    }
+    tools = {
+        name: Program(f"tools.{name}" + ".__main__" * (name in ("loop", "faults", "monitor")), told)
+        for name, told in TOOLS.items()
+    }
+    return {"learning": learn, "the whole system": tools, **found}
+
+
+def _trainer() -> Any:
+    """Who knows the trainer's commands; None where it is not installed or cannot run."""
+    if sys.version_info < NEWER:
+        return None
+    try:
+        return importlib.import_module("trainer.cli")
+    except ModuleNotFoundError as error:
+        if error.name not in ("trainer", "trainer.cli"):
+            raise
+        return None
+
+
+def _run(words: List[str]) -> Optional[int]:
+    groups = programs()
+    known = {name: each for group in groups.values() for name, each in group.items()}
+    name = words[0] if words else ""
+    if name in ("-h", "--help"):
+        print(_help(groups))
+        return 0
+    if name not in known:
+        got = f"unknown command {name[:80]!r}" if name else "expected a command, got none"
+        said = f"{got}; {nearest(name, known)}"
+        if len(groups) < 3:
+            said += "; the others need Python 3.11 and pip install 'duckpilot[trainer,monitor]'"
+        print(f"{NAME}: {one_line(said)}; see {NAME} --help", file=sys.stderr)
+        return WRONG
+    program = known[name]
+    run = importlib.import_module(program.module).main
+    status: Optional[int] = run(words[1:], f"{NAME} {name}") if program.own else run(words, NAME)
+    return status
+
+
+def _help(groups: Dict[str, Dict[str, Program]]) -> str:
+    lines = [f"usage: {NAME} COMMAND …"]
+    for title, group in groups.items():
+        lines += ["", f"{title}:", *(f"  {name:11}{each.purpose}" for name, each in group.items())]
+    return "\n".join([*lines, "", f"{NAME} COMMAND --help tells its options."])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Meets the faults that were asked for, one after the other."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+from tqdm import tqdm
+
+from robot.errors import ConfigError, DuckpilotError, nearest
+from robot.output import expect_writable, write_json
+from tools.faults import FAMILIES
+from tools.faults.case import Case, Outcome
+from tools.faults.report import write_report
+from tools.faults.stage import Stage
+from tools.loop.bench import BenchOptions
+from tools.loop.drive import expect_navigator, read_figures
+from tools.loop.timekeeper import BenchError
+
+
+def every_case() -> list[tuple[str, Case]]:
+    """All cases with their families, in order."""
+    modules = {name: importlib.import_module(f"tools.faults.{m}") for name, m in FAMILIES.items()}
+    return [(family, case) for family, module in modules.items() for case in module.CASES]
+
+
+def chosen(options: argparse.Namespace) -> list[tuple[str, Case]]:
+    """The cases asked for, with their families.
+
+    Raises:
+        DuckpilotError: no such case.
+    """
+    families = options.family or list(FAMILIES)
+    every = [row for family in families for row in every_case() if row[0] == family]
+    names = {case.name for _, case in every}
+    for wanted in options.case or ():
+        if wanted not in names:
+            raise DuckpilotError(f"no case {wanted!r}; {nearest(wanted, sorted(names))}")
+    return [row for row in every if not options.case or row[1].name in options.case]
+
+
+def meet(options: argparse.Namespace) -> int:
+    """Meet the faults asked for; 0 when the robot did right in all, 1 otherwise."""
+    expect_writable(options.json, options.report, inputs=[options.model])
+    cases = chosen(options)
+    expect_navigator(options.model)
+    outcomes = _done(options.json)
+    cv2.setNumThreads(1)
+    try:
+        with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
+            _play(cases, outcomes, options, Path(folder))
+    except BenchError as error:
+        print(f"faults: {error}", file=sys.stderr)
+        return 1
+    if options.report:
+        met = {(outcome.family, outcome.name) for outcome in outcomes}
+        unmet = [f"{f} {case.name}" for f, case in every_case() if (f, case.name) not in met]
+        write_report(outcomes, options.report, unmet)
+    failed = [outcome for outcome in outcomes if not outcome.passed]
+    for outcome in failed:
+        print(f"{outcome.family}, {outcome.name}: {outcome.problem}")
+    print(f"{len(outcomes) - len(failed)} of {len(outcomes)} faults met as they must be")
+    return 1 if failed else 0
+
+
+def _play(
+    cases: list[tuple[str, Case]],
+    outcomes: list[Outcome],
+    options: argparse.Namespace,
+    folder: Path,
+) -> None:
+    done = {(o.family, o.name) for o in outcomes}
+    todo = [(family, case) for family, case in cases if (family, case.name) not in done]
+    if not todo:
+        return
+    bench = BenchOptions(
+        options.model, seed=options.seed, lockstep=not options.realtime, record=True
+    )
+    with Stage(bench, folder) as stage, tqdm(total=len(cases), initial=len(done)) as bar:
+        for family, case in todo:
+            bar.set_description(f"{family}: {case.name}")
+            outcomes.append(stage.play(family, case))
+            _write(options.json, outcomes)
+            bar.update()
+
+
+def _done(path: Path | None) -> list[Outcome]:
+    if path is None or not path.exists():
+        return []
+    try:
+        return [Outcome(**row) for row in read_figures(path)["outcomes"]]
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others") from error
+
+
+def _write(path: Path | None, outcomes: list[Outcome]) -> None:
+    if path is not None:
+        write_json(path, {"schema": 1, "outcomes": [asdict(outcome) for outcome in outcomes]})
