@@ -15,7 +15,7 @@ from typing import List, Optional
 from robot.command_line import OneLineParser, answer, spoken
 
 COMMANDS = {
-    "drive": "drive",
+    "drive": "drive by camera and policy, as the configuration says",
     "infer": "run a policy over pictures",
     "bench": "measure decisions, memory and the loop's punctuality",
     "doctor": "look at everything the robot needs, and say what to do",

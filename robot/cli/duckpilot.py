@@ -45,8 +45,8 @@ def main(words: Optional[List[str]] = None) -> int:
 def programs() -> Dict[str, Dict[str, Program]]:
     """The commands that this computer can run, in groups."""
     robot = {name: Program("robot.cli", told, False) for name, told in cli.COMMANDS.items()}
-    eye = {"localizer": Program("localizer_node.__main__", "find robots from the camera above")}
-    found = {"the robot": robot, "the camera above": eye}
+    eye = {"localizer": Program("localizer_node.__main__", "find the robots on the floor")}
+    found = {"the robot": robot, "the overhead camera": eye}
     trainer = _trainer()
     if trainer is None:
         return found
