@@ -141,6 +141,8 @@ def test_it_arrives_also_on_few_poses(every: int) -> None:
         assert world.guidance.path is not None
         told = world.guidance
         assert not any((told.off_path, told.off_map, told.pose_jump, told.duplicate_publisher))
+        assert not told.pose_doubt
+        assert not told.not_moving
         world.follow(world.guidance.path, seen=turns % every == 0)
         turns += 1
         assert turns < 600

@@ -9,6 +9,7 @@ from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.look import NOMINAL, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene
 from sim_pybullet.sensing.feed import CameraFeed
 from tests.sim_pybullet.flat_camera import PoseCamera, shown_poses
@@ -73,6 +74,20 @@ def test_the_sensor_is_that_of_the_robots_look() -> None:
     bright, dim = feed.pictures(np.random.default_rng(0)).astype(int)
     assert np.abs(bright - 2 * dim).max() <= 1
     assert bright.max() > 0
+
+
+def test_the_lamp_in_the_floor_is_that_of_the_robots_look_and_heading() -> None:
+    shining = replace(NOMINAL.light, azimuth_rad=0.0, elevation_rad=0.5, gloss=0.8)
+    feed = CameraFeed(RayCamera(ImageSpec(), 3), 3)
+    for i, light in enumerate((replace(shining, gloss=0.0), shining, shining)):
+        heading_rad = 0.4 if i == 2 else 0.0
+        scene = replace(SCENE, light=light)
+        feed.begin(i, scene, NOMINAL, np.array([0.4, 0.4, heading_rad]))
+    dull, ahead, right = feed.pictures(np.random.default_rng(0)).astype(int)
+    columns = [(seen - dull)[..., 0].max(0).argmax() for seen in (ahead, right)]
+    assert (ahead - dull).max() > 50
+    assert (ahead - dull).min() >= 0
+    assert columns[1] > columns[0] + 15  # the robot turned left: the lamp is to the right
 
 
 def test_pictures_share_no_memory() -> None:
