@@ -18,7 +18,7 @@ from robot.install.host import ThisHost
 from robot.install.paths import CONFIG, UNIT
 from robot.install.plan import Source, install, make_plan
 
-SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_ppo_randomised.onnx"
+SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from trainer.cli import main
 from trainer.experiments.photographs.attention import LabelledFrame, attention_sheet
 
-SHIPPED = Path("robot/models/lane_ppo_randomised.onnx")
+SHIPPED = Path("robot/models/lane_coached.onnx")
 
 
 def words(data: Path, out: Path, *only: str) -> list[str]:
