@@ -11,7 +11,7 @@ import sim_pybullet  # noqa: F401 (registers the environments)
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 out.mkdir(parents=True, exist_ok=True)
 
-env = gymnasium.make("duckpilot/LaneKeeping-v0", render_mode="rgb_array")
+env = gymnasium.make("duckpilot/LaneKeeping-v0", render_mode="rgb_array", pool_size=1)
 observation, info = env.reset(seed=0)
 for _ in range(40):
     action = env.unwrapped.world.expert_actions()[0]  # your policy instead

@@ -36,7 +36,7 @@ class Ended(BaseCallback):
 
 
 task = LaneKeeping([load_map("loop")], ROBOTS)
-world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20))
+world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20), pool_size=4)
 env = DuckpilotVecEnv(world)
 ended = Ended()
 model = PPO("CnnPolicy", env, n_steps=64, batch_size=256, n_epochs=4, gamma=0.9, seed=0)

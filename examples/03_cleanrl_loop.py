@@ -22,7 +22,7 @@ torch.manual_seed(0)
 torch.set_num_threads(1)
 
 task = LaneKeeping([load_map("loop")], ROBOTS)
-world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20))
+world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20), pool_size=4)
 env = DuckpilotVecEnv(world)
 eyes = nn.Sequential(
     *(nn.Conv2d(3, 16, 8, 4), nn.ReLU(), nn.Conv2d(16, 32, 4, 2), nn.ReLU(), nn.Flatten()),

@@ -19,12 +19,11 @@ own = out / "04_own_map.yaml"
 own.write_text("""
 tile_size: 0.585
 tiles:
-- [curve_left/W, 3way_left/W, straight/W, curve_left/N]
-- [straight/S,   straight/S,  grass,      straight/N]
-- [curve_left/S, 3way_left/E, straight/E, curve_left/E]
+- [curve_left/W, straight/W, 3way_left/W, straight/W, curve_left/N]
+- [straight/S,   grass,      straight/S,  grass,      straight/N]
+- [curve_left/S, straight/E, 3way_left/E, straight/E, curve_left/E]
 """)
 road_map = load_map(own)
-lane = road_map.lanes[0].control_points_m[0]
 start = Pose(1.35 * road_map.tile_size_m, 0.29, 0.0)  # on the southern street, heading east
 goal_m = (0.30 * road_map.tile_size_m, 1.5 * road_map.tile_size_m)  # on the western one
 path = plan_path(road_map, start, goal_m)

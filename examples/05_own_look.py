@@ -15,7 +15,7 @@ out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 out.mkdir(parents=True, exist_ok=True)
 
 evening = yaml.safe_load("""
-sky: [40.0, 42.0, 70.0]
+sky: {horizon_rgb: [120.0, 84.0, 70.0], zenith_rgb: [40.0, 42.0, 70.0]}
 ground:
   brightness: {log_uniform: [0.6, 1.4]}
   wear: {uniform: [0.1, 0.5]}

@@ -31,7 +31,7 @@ class Smooth(gymnasium.Wrapper):
         return observation, float(reward) - CHANGE_COSTS * changed, terminated, truncated, info
 
 
-env = Smooth(gymnasium.make("duckpilot/LaneKeeping-v0"))
+env = Smooth(gymnasium.make("duckpilot/LaneKeeping-v0", pool_size=1))
 env.reset(seed=1)
 rows = []
 for _ in range(60):

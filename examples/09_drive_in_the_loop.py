@@ -23,7 +23,7 @@ road_map = load_map("loop")
 trail = []
 
 
-def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
+def watch(_tick: Tick, pose: Pose, _record: LapRecord) -> None:
     """Called after every turn of the runtime's loop."""
     trail.append((pose.x_m, pose.y_m))
 
