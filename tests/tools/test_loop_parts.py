@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robot.navigation.lane_pose import lane_pose
 
 from robot.camera.socket_stream import SocketStream
 from robot.errors import ContractError, HardwareError, PlanError
@@ -27,6 +26,7 @@ from robot.hat.socket_bus import SocketBus
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
+from sim_pybullet.lane_pose import lane_pose
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tools.free_ports import free_ports
