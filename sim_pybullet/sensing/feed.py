@@ -8,14 +8,13 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.geometry import wrap_angle
 from robot.inference.translator import Translator
-from robot.lens import CameraRig
 from sim_pybullet.delay_line import DelayLine
-from sim_pybullet.look import CameraLook, LightLook, Look, SensorLook
+from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.optics import add_gloss
-from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.sensing.optics import Gloss
+from sim_pybullet.sensing.sensor import Sensors
 
 
 class CameraFeed:
@@ -43,11 +42,11 @@ class CameraFeed:
         self._camera = camera
         self._dt_s = dt_s
         self._translator = translator
-        self._crop_top_px = crop_top_px
-        self._sensors = [SensorLook()] * n_robots
+        height, width, _ = camera.shape
+        self._sensors = Sensors(n_robots, camera.shape, crop_top_px)
+        self._gloss = Gloss(n_robots, ImageSpec(width, height + crop_top_px, crop_top_px))
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
-        self._glossy: list[tuple[CameraRig, LightLook] | None] = [None] * n_robots
         self._headings, self._turns_radps = np.zeros(n_robots), np.zeros(n_robots)
         self._past = DelayLine(n_robots, 4)  # x, y, cosine and sine of the heading
         self._skip = np.zeros(n_robots)
@@ -66,8 +65,8 @@ class CameraFeed:
             self._scenes[i], self._cameras[i] = scene, look.camera
         delay = look.timing.camera_delay_s / self._dt_s
         self._past.reset(i, delay, _as_vectors(pose[None])[0])
-        self._sensors[i] = look.sensor
-        self._glossy[i] = (look.rig(), scene.light) if scene.light.gloss else None
+        self._sensors.put(i, look.sensor)
+        self._gloss.put(i, look.rig(), scene.light)
         self._headings[i], self._turns_radps[i] = pose[2], 0.0
         self._skip[i] = look.timing.frame_skip
         self._first[i] = True
@@ -91,14 +90,10 @@ class CameraFeed:
         noise_rng = rng if noise_rng is None else noise_rng
         x, y, cosine, sine = self._past.read().T
         poses = np.stack((x, y, np.arctan2(sine, cosine)), axis=1)
-        chosen = slice(None) if robots is None else robots
-        sensors = self._sensors if robots is None else [self._sensors[i] for i in robots]
+        chosen = np.arange(len(poses)) if robots is None else robots
         light = self._camera.render(poses[chosen], robots)
-        everyone = range(len(poses)) if robots is None else robots.tolist()
-        for picture, i in zip(light, everyone, strict=True):
-            self._mirror(picture, i, poses[i, 2])
-        turns = self._turns_radps[chosen]
-        pictures = apply_sensor(light, sensors, noise_rng, self._crop_top_px, turns)
+        self._gloss.add(light, poses[chosen, 2], chosen)
+        pictures = self._sensors.take(light, chosen, noise_rng, self._turns_radps[chosen])
         if self._translator is not None:
             pictures = self._translator(pictures)
         if self._skip.any():
@@ -107,14 +102,6 @@ class CameraFeed:
             self._shown[chosen] = pictures
         self._first[chosen] = False
         return pictures
-
-    def _mirror(self, picture: np.ndarray, i: int, heading_rad: float) -> None:
-        """The light in the floor, where robot ``i``'s floor is glossy."""
-        glossy = self._glossy[i]
-        if glossy is not None:
-            height, width, _ = self.shape
-            image = ImageSpec(width, height + self._crop_top_px, self._crop_top_px)
-            add_gloss(picture, glossy[0], image, glossy[1], heading_rad)
 
 
 def _as_vectors(poses: np.ndarray) -> np.ndarray:

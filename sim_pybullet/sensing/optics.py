@@ -1,4 +1,4 @@
-"""Light that goes astray on its way to the sensor: smears, infrared, and lamps in the floor."""
+"""Light that goes astray on its way to the sensor: smears, and lamps in the floor."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 
 import cv2
 import numpy as np
+from numba import njit, prange
 
 from robot.contract import FRAME_WIDTH_PX, ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.rays import pixel_rays
+from sim_pybullet.sensing.sensor_kernel import fma
 
 # A turn by one radian moves the middle of a 160 px wide frame by so many pixels.
 PX_PER_RAD = DUCKIEBOT_LENS.fx_px * FRAME_WIDTH_PX / DUCKIEBOT_LENS.width_px
 _SMALLEST_SMEAR_PX = 0.3
-# Foam, cloth and paint alike reflect near infrared; red and blue pixels let most of it through.
-_INFRARED_RGB = np.array((1.15, 0.85, 1.05))
 _LAMP = 200.0  # grey levels of a lamp that the floor mirrors fully
 _BARELY = 1e-3
 
@@ -39,40 +39,88 @@ def smeared(frames: np.ndarray, lengths_px: np.ndarray) -> np.ndarray:
     return seen
 
 
-def with_infrared(frames: np.ndarray, shares: list[float]) -> np.ndarray:
-    """Frames (N, H, W, 3) of sensors that take so much of their light from the near infrared."""
-    if not any(shares):
-        return frames
-    seen = frames.copy()
-    for k, share in enumerate(shares):
-        if share:
-            mixing = (1.0 - share) * np.eye(3) + share * np.outer(_INFRARED_RGB, np.full(3, 1 / 3))
-            seen[k] = cv2.transform(frames[k], mixing)
-    return seen
-
-
-def add_gloss(
-    frame: np.ndarray, rig: CameraRig, image: ImageSpec, light: LightLook, heading_rad: float
-) -> None:
-    """Add the light's mirror image in the floor to a frame (H, W, 3) uint8, in place.
+class Gloss:
+    """The light's mirror image in the floors of N robots.
 
     Phong's model: the spot lies where a ray mirrored by the floor meets the light. Solids are not
     told from the floor: the spot lies over them.
 
     Args:
-        frame: the picture.
-        rig: that it was taken with.
-        image: its size.
-        light: its direction is in the world frame.
-        heading_rad: of the robot, in the world frame.
+        n_robots: N.
+        image: size of their pictures.
     """
-    directions = pixel_rays(rig, image).directions  # in the robot's frame
-    azimuth, cosine = light.azimuth_rad - heading_rad, np.cos(light.elevation_rad)
-    towards = (cosine * np.cos(azimuth), cosine * np.sin(azimuth), -np.sin(light.elevation_rad))
-    alike = np.clip(directions @ np.array(towards, np.float32), -1.0, 1.0)
-    least = 1.0 + light.gloss_width_rad**2 * math.log(_BARELY)
-    lit = (alike > least) & (directions[..., 2] < 0.0)
-    if lit.any():  # the lamp is mirrored behind the robot more often than before it
-        spot = np.exp((alike[lit] - 1.0) / light.gloss_width_rad**2)
-        bright = frame[lit] + (light.gloss * _LAMP * spot)[:, None]
-        frame[lit] = np.minimum(bright + 0.5, 255.0).astype(np.uint8)
+
+    def __init__(self, n_robots: int, image: ImageSpec) -> None:
+        height, width, _ = image.shape
+        self._image = image
+        self._rigs: list[CameraRig | None] = [None] * n_robots
+        self._rays = np.zeros((0, 3, height * width), np.float32)  # none until a floor is glossy
+        self._lights = np.zeros((n_robots, 4))  # azimuth, elevation [rad], gloss, width [rad]
+
+    def put(self, i: int, rig: CameraRig, light: LightLook) -> None:
+        """Robot ``i`` sees this light, whose direction is in the world frame, through this rig."""
+        elevation, width = light.elevation_rad, light.gloss_width_rad
+        self._lights[i] = light.azimuth_rad, elevation, light.gloss, width
+        if light.gloss and self._rigs[i] != rig:
+            if not len(self._rays):
+                self._rays = np.zeros((len(self._rigs), *self._rays.shape[1:]), np.float32)
+            directions = pixel_rays(rig, self._image).directions
+            self._rays[i] = np.moveaxis(directions, -1, 0).reshape(3, -1)
+            self._rigs[i] = rig
+
+    def add(self, frames: np.ndarray, headings: np.ndarray, robots: np.ndarray) -> None:
+        """To frames (M, H, W, 3) uint8 of robots (M,) at headings (M,) [rad], in place."""
+        azimuth, elevation, gloss, width = self._lights[robots].T
+        lit = np.flatnonzero(gloss)
+        if not len(lit):
+            return
+        ahead, level = (azimuth - headings)[lit], np.cos(elevation[lit])
+        towards = (level * np.cos(ahead), level * np.sin(ahead), -np.sin(elevation[lit]))
+        lamps = np.stack(towards, axis=1).astype(np.float32)
+        variance = width[lit] ** 2
+        least = (1.0 + variance * math.log(_BARELY)).astype(np.float32)
+        spots = _distances(self._rays, robots[lit], lamps, least, variance.astype(np.float32))
+        np.exp(spots, out=spots)
+        strength = (gloss[lit] * _LAMP).astype(np.float32)
+        _brighten(frames.reshape(len(frames), -1), lit, spots, strength)
+
+
+def add_gloss(
+    frame: np.ndarray, rig: CameraRig, image: ImageSpec, light: LightLook, heading_rad: float
+) -> None:
+    """As ``Gloss`` to one frame (H, W, 3) uint8, in place."""
+    gloss = Gloss(1, image)
+    gloss.put(0, rig, light)
+    gloss.add(frame[None], np.array([heading_rad]), np.zeros(1, int))
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def _distances(
+    rays: np.ndarray, robots: np.ndarray, lamps: np.ndarray, least: np.ndarray, variance: np.ndarray
+) -> np.ndarray:
+    """The exponents (M, P) of the spots of lamps (M, 3); -inf where there is no spot."""
+    found = np.empty((len(robots), rays.shape[2]), np.float32)
+    one, nothing = np.float32(1.0), np.float32(-np.inf)
+    for m in prange(len(robots)):
+        x, y, z = rays[robots[m]]
+        a, b, c = lamps[m]
+        for p in range(len(x)):
+            alike = fma(z[p], c, fma(y[p], b, x[p] * a))  # type: ignore[call-arg]
+            alike = min(max(alike, -one), one)
+            seen = (alike > least[m]) & (z[p] < np.float32(0.0))
+            found[m, p] = (alike - one) / variance[m] if seen else nothing
+    return found
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def _brighten(
+    frames: np.ndarray, robots: np.ndarray, spots: np.ndarray, strength: np.ndarray
+) -> None:
+    half, most = np.float32(0.5), np.float32(255.0)
+    for m in prange(len(robots)):
+        frame = frames[robots[m]]
+        for p in range(spots.shape[1]):
+            if spots[m, p] > np.float32(0.0):
+                for k in range(3 * p, 3 * p + 3):
+                    bright = np.float32(frame[k]) + strength[m] * spots[m, p]
+                    frame[k] = np.uint8(np.int32(min(bright + half, most)))

@@ -14,7 +14,7 @@ from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.sensing.feed import CameraFeed
 from sim_pybullet.sensing.frame_stack import FrameStack
 from sim_pybullet.sensing.guidance_feed import GuidanceFeed
-from sim_pybullet.sensing.optics import add_gloss, smeared, with_infrared
+from sim_pybullet.sensing.optics import add_gloss, smeared
 from sim_pybullet.sensing.pose_error import PoseError
 from sim_pybullet.sensing.sensor import apply_sensor
 
@@ -37,6 +37,11 @@ def variance_px(pictures: np.ndarray) -> float:
     return float((light * (place - middle) ** 2).sum() / light.sum())
 
 
+def reddened(pictures: np.ndarray, *shares: float) -> np.ndarray:
+    looks = [SensorLook(infrared=share) for share in shares]
+    return apply_sensor(pictures, looks, np.random.default_rng(0))
+
+
 @pytest.mark.parametrize(
     ("length_px", "seen"),
     [(3.0, [0, 67, 67, 67, 0]), (4.0, [25, 50, 50, 50, 25]), (2.0, [0, 50, 100, 50, 0])],
@@ -47,8 +52,8 @@ def test_a_smear_is_a_box_of_its_length(length_px: float, seen: list[int]) -> No
 
 def test_infrared_is_mixed_in_by_its_share() -> None:
     colour = np.array([[[[200, 40, 40]]]], np.uint8)  # its grey is 93.3
-    assert with_infrared(colour, [0.5])[0, 0, 0].tolist() == [154, 60, 69]
-    assert with_infrared(np.repeat(colour, 2, axis=0), [0.0, 1.0])[:, 0, 0].tolist() == [
+    assert reddened(colour, 0.5)[0, 0, 0].tolist() == [154, 60, 69]
+    assert reddened(np.repeat(colour, 2, axis=0), 0.0, 1.0)[:, 0, 0].tolist() == [
         [200, 40, 40],
         [107, 79, 98],
     ]

@@ -4,12 +4,17 @@ import pytest
 from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from sim_pybullet.look import LightLook, SensorLook
-from sim_pybullet.sensing.optics import PX_PER_RAD, add_gloss, smeared, with_infrared
+from sim_pybullet.sensing.optics import PX_PER_RAD, add_gloss, smeared
 from sim_pybullet.sensing.sensor import apply_sensor
 
 POST = np.zeros((1, 20, 60, 3), np.uint8)
 POST[:, :, 30] = 200
 RIG = CameraRig(DUCKIEBOT_LENS, Mount())
+
+
+def reddened(pictures: np.ndarray, *shares: float) -> np.ndarray:
+    looks = [SensorLook(infrared=share) for share in shares]
+    return apply_sensor(pictures, looks, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("length", [1.0, 2.5, 7.0])
@@ -33,9 +38,9 @@ def test_only_turning_robots_smear_and_as_far_as_they_turn() -> None:
 
 def test_infrared_washes_colours_out_and_keeps_black() -> None:
     colours = np.array([[[[200, 40, 40], [40, 200, 40], [0, 0, 0]]]], np.uint8)
-    spread = [np.ptp(with_infrared(colours, [share])[0, 0, 0]) for share in (0.0, 0.3, 0.8)]
+    spread = [np.ptp(reddened(colours, share)[0, 0, 0]) for share in (0.0, 0.3, 0.8)]
     assert spread[0] > spread[1] > spread[2]
-    assert not with_infrared(colours, [0.5])[0, 0, 2].any()
+    assert not reddened(colours, 0.5)[0, 0, 2].any()
 
 
 def test_a_lamp_ahead_shines_in_the_floor_ahead_and_turns_with_the_robot() -> None:
