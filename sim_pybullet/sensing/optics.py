@@ -105,7 +105,7 @@ def _distances(
         x, y, z = rays[robots[m]]
         a, b, c = lamps[m]
         for p in range(len(x)):
-            alike = fma(z[p], c, fma(y[p], b, x[p] * a))  # type: ignore[call-arg]
+            alike = fma(z[p], c, fma(y[p], b, x[p] * a))
             alike = min(max(alike, -one), one)
             seen = (alike > least[m]) & (z[p] < np.float32(0.0))
             found[m, p] = (alike - one) / variance[m] if seen else nothing

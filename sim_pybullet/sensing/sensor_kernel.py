@@ -38,14 +38,16 @@ class Grain(NamedTuple):
     columns: np.ndarray
 
 
-@intrinsic
-def fma(_context: Any, _a: Any, _b: Any, _c: Any) -> Any:
+def _fused(_context: Any, _a: Any, _b: Any, _c: Any) -> Any:
     """a b + c with one rounding, on every processor."""
 
     def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
         return builder.fma(*arguments)
 
     return types.float32(types.float32, types.float32, types.float32), generate
+
+
+fma: Any = intrinsic(_fused)
 
 
 @njit(parallel=True, nogil=True, cache=True)
@@ -96,8 +98,8 @@ def expose(
         row, noisy = frame[v], grain.table[starts[v] : starts[v] + width]
         middle = np.float32(1.0) - vignetting * grain.rows[v]
         for k in range(width):
-            light = fma(-vignetting, columns[k], middle) * each[k]  # type: ignore[call-arg]
-            value = fma(noise, noisy[k], fma(np.float32(row[k]), light, half))  # type: ignore[call-arg]
+            light = fma(-vignetting, columns[k], middle) * each[k]
+            value = fma(noise, noisy[k], fma(np.float32(row[k]), light, half))
             row[k] = np.uint8(np.int32(min(max(value, low), high)))
 
 
