@@ -9,11 +9,9 @@ from typing import Callable, Iterator, NamedTuple
 
 import numpy as np
 
-from robot.camera.gstreamer import GstStream, csi_command
-from robot.camera.newest import Stream
 from robot.camera.replay import Reel, open_reel
-from robot.camera.socket_stream import SocketStream
-from robot.camera.v4l2 import V4l2Stream
+from robot.camera.source import Stream
+from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
 from robot.errors import ContractError, HardwareError
 from robot.lens import Lens
 

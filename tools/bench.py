@@ -123,7 +123,7 @@ def training_figures() -> dict[str, float]:
 
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
-    from robot.inference.policy_timing import time_policy
+    from robot.runtime.dry_run import time_policy
 
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
     return {kind: asdict(time_policy(path)) for kind, path in files.items() if path.exists()}
@@ -131,18 +131,18 @@ def inference_figures(model: Path) -> dict[str, dict[str, float]]:
 
 def robot_figures() -> dict[str, float]:
     """Import time and resident memory of the robot's runtime, in a process of its own."""
-    from robot.footprint import measure_footprint
+    from robot.computer.footprint import measure_footprint
 
     return asdict(measure_footprint())
 
 
 def hat_figures() -> dict[str, float]:
     """One atomic update of both motors: on the emulator, and on the wire."""
-    from robot.hat.bench import hat_update_ms
     from robot.hat.clock import MonotonicClock
     from robot.hat.config import HatConfig
     from sim_pybullet.virtual.hat import VirtualHat
     from sim_pybullet.virtual.i2c import VirtualI2cBus
+    from tools.hat_timing import hat_update_ms
 
     bus, clock = VirtualI2cBus(), MonotonicClock()
     VirtualHat(bus, clock)

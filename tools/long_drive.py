@@ -59,12 +59,12 @@ def drive(
     from robot.link.config import LinkConfig
     from robot.link.keys import keygen
     from robot.link.roles import BOUND_BY
-    from robot.runtime import watchdog
+    from robot.runtime import timing
     from robot.runtime.assemble import open_robot
-    from robot.runtime.rate import RateKeeper
+    from robot.runtime.timing import RateKeeper
     from tools.long_drive_parts import MadeUpCamera, MadeUpMotors, Others, start_of
 
-    watchdog.SILENCE_S = math.inf  # its thread lives in real time, which hardly passes here
+    timing.SILENCE_S = math.inf  # its thread lives in real time, which hardly passes here
     with tempfile.TemporaryDirectory() as folder:
         keys = keygen(Path(folder) / "keys")
         port = free_ports(len(BOUND_BY))

@@ -13,7 +13,7 @@ from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.commands import Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.streams import Clock
+from robot.link.sockets import Clock
 from robot.link.telemetry import Telemetry
 from robot.navigation.road_map import RoadMap, load_map
 from robot.parts import Tick

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from robot.bringup.person import AtTerminal
+from robot.bringup.prompts import Prompts
 from robot.cli.selftest import try_motors
 from robot.command_line import OneLineParser, answer
 from robot.hat.clock import MonotonicClock
@@ -33,7 +33,7 @@ ROBOTS = {
 }
 
 
-class SightedPerson(AtTerminal):
+class SightedPerson(Prompts):
     """A person who is told what the virtual wheels did."""
 
     def __init__(self, hat: VirtualHat, read: Callable[[str], str] = input) -> None:

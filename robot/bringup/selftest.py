@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import Callable, List, NamedTuple, Tuple
 
-from robot.bringup.person import Person
-from robot.bringup.roll import Roller
+from robot.bringup.prompts import Person
+from robot.bringup.roller import Roller
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
 from robot.hat.stepping import BRAKE_S

@@ -2,8 +2,7 @@
 
 | file | what it holds |
 |---|---|
-| ``source`` | ``Frame``, the ``Camera`` protocol, and how any picture becomes a frame |
+| ``source`` | ``Frame``, ``Camera``, and a thread that keeps the newest picture of a stream |
+| ``streams`` | what can be opened: a USB camera, a CSI camera, a virtual one |
 | ``replay`` | a folder of pictures or a video file, by the clock |
-| ``newest`` | a thread that keeps the newest picture of a stream, and opens it again when it ends |
-| ``v4l2``, ``gstreamer`` | the streams: a USB camera, a CSI camera |
 """

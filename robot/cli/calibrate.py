@@ -11,13 +11,12 @@ import math
 from pathlib import Path
 from typing import ContextManager, Tuple
 
-from robot.bringup import pictures, target
-from robot.bringup.guides import GUIDES, Guide
-from robot.bringup.lens_fit import fit_lens
-from robot.bringup.mount_fit import check_mount_fit, fit_mount
-from robot.bringup.person import AtTerminal, Person
-from robot.bringup.roll import CountedMotors, Roller
-from robot.bringup.wheels import Values
+from robot.bringup import chessboard
+from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
+from robot.bringup.prompts import Person, Prompts
+from robot.bringup.roller import CountedMotors, Roller
+from robot.bringup.wheels import GUIDES, Guide, Values
+from robot.bringup.yaml_edit import edit_yaml
 from robot.camera.replay import read_picture
 from robot.cli.ending import interrupt, on_ending
 from robot.command_line import number
@@ -28,7 +27,6 @@ from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.output import write_bytes
 from robot.typed_config import load_yaml, to_plain
-from robot.yaml_edit import edit_yaml
 
 PURPOSES = {
     "steps": "full steps per turn of a wheel; wheels off the floor",
@@ -57,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     camera.add_argument(
         "--square-m",
         type=number(0.001, 0.5),
-        default=target.SQUARE_M,
+        default=chessboard.SQUARE_M,
         help="side of a square as printed",
     )
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
@@ -78,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
         return
     on_ending(interrupt)
     config = load_yaml(RobotConfig, options.config)
-    person = AtTerminal()
+    person = Prompts()
     if options.what == "camera":
         values = measure_camera(config, options.image, options.ahead_m, options.square_m, person)
     elif options.what == "lens":
@@ -97,7 +95,10 @@ def keep(path: Path, values: Values, person: Person) -> None:
 
 def write_target(path: Path) -> None:
     """Draw the chessboard; ConfigError for another ending than .pdf and .svg."""
-    drawings = {".pdf": target.sheet_pdf, ".svg": lambda: target.sheet_svg().encode("utf-8")}
+    drawings = {
+        ".pdf": chessboard.sheet_pdf,
+        ".svg": lambda: chessboard.sheet_svg().encode("utf-8"),
+    }
     if path.suffix not in drawings:
         raise ConfigError(f"--out: expected a name that ends in .pdf or .svg, got {path}")
     write_bytes(path, drawings[path.suffix]())
@@ -120,12 +121,12 @@ def measure_camera(
     config: RobotConfig, image: Path, near_edge_m: float, square_m: float, person: Person
 ) -> Values:
     """Pitch, roll and height of the camera over the board on the floor."""
-    picture = read_picture(image) if image else pictures.take_picture(config.camera)
-    corners = target.find_board(picture)
+    picture = read_picture(image) if image else chessboard.take_picture(config.camera)
+    corners = chessboard.find_board(picture)
     if corners is None:
         raise ConfigError(
-            f"camera: expected the board with all its {target.COLUMNS} by {target.ROWS} squares in "
-            "the picture, found none; lay it before the robot, in even light, and see that nothing "
+            f"camera: expected the board with all its {chessboard.COLUMNS} by {chessboard.ROWS} "
+            "squares in the picture, found none; lay it before the robot, in even light, and see that nothing "
             "covers it"
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
@@ -147,8 +148,8 @@ def measure_lens(config: RobotConfig, folder: Path, person: Person) -> Values:
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"--images: expected a folder of pictures, got the file {folder}")
     if not folder.is_dir() or not any(folder.iterdir()):
-        pictures.collect_boards(config.camera, folder, person)
-    boards, size = pictures.boards_from_files(folder)
+        chessboard.collect_boards(config.camera, folder, person)
+    boards, size = chessboard.boards_from_files(folder)
     fit = fit_lens(boards, size)
     person.tell(
         f"{len(boards)} pictures; residual {fit.residual_px:.2f} px; the boards cover "

@@ -15,7 +15,7 @@ import numpy as np
 
 from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
-from robot.cli.sheet import Labelled, draw_sheet
+from robot.cli.contact_sheet import Labelled, draw_sheet
 from robot.contract import action_name
 from robot.errors import ConfigError
 from robot.inference.policy import OnnxPolicy

@@ -12,10 +12,10 @@ import os
 import sys
 from pathlib import Path
 
+from robot.computer.footprint import ROOT
 from robot.errors import ConfigError
-from robot.footprint import ROOT
-from robot.install.host import ThisHost
-from robot.install.paths import CONFIG, UNIT
+from robot.install.changes import ThisHost
+from robot.install.files import CONFIG, UNIT
 from robot.install.plan import Source, install, make_plan
 
 SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"

@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 from typing import ContextManager
 
-from robot.bringup.person import AtTerminal, Person
-from robot.bringup.roll import CountedMotors, Roller
+from robot.bringup.prompts import Person, Prompts
+from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.selftest import run_selftest
 from robot.cli.ending import interrupt, on_ending
 from robot.config import RobotConfig
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     """Do it; 1 when a step failed."""
     on_ending(interrupt)
     hat = load_yaml(RobotConfig, options.config).hat
-    return try_motors(hat, real_motors(hat), AtTerminal(), MonotonicClock())
+    return try_motors(hat, real_motors(hat), Prompts(), MonotonicClock())
 
 
 def try_motors(

@@ -6,8 +6,8 @@ import argparse
 import sys
 
 from robot.cli.install import SHIPPED_MODEL, expect_root, say
-from robot.footprint import ROOT
-from robot.install.host import ThisHost
+from robot.computer.footprint import ROOT
+from robot.install.changes import ThisHost
 from robot.install.plan import Source, make_plan, uninstall
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 
-from robot.local_socket import connect_local, receive_exactly
+from robot.computer.local_socket import connect_local, receive_exactly
 
 REQUEST = struct.Struct("!cBBH")  # kind, address, register, number of bytes
 ANSWER = struct.Struct("!HH")  # errno, number of bytes

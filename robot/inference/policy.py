@@ -1,4 +1,7 @@
-"""``OnnxPolicy``: a trained network on one CPU thread, refused unless it keeps the contract."""
+"""From a picture to an action: a trained network on one CPU thread, and how it decides.
+
+Runtime and replay decide with the same two pure functions.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ import numpy as np
 from robot.contract import ActionTable
 from robot.errors import ContractError
 from robot.inference.policy_file import open_session, read_contract
+from robot.inference.preprocess import preprocess
+from robot.parts import Policy
 
 
 class OnnxPolicy:
@@ -101,3 +106,33 @@ class OnnxPolicy:
             image = ramp.astype(np.uint8).reshape(self.contract.picture_shape)
             path = np.zeros((count, self.contract.path_points), np.float32)
             self.values(np.stack([image] * count), path if path.size else None)
+
+
+def values_of(
+    policy: Policy, image: Optional[np.ndarray], path: Optional[np.ndarray]
+) -> Optional[np.ndarray]:
+    """What the policy thinks of each action (actions,), perhaps not finite.
+
+    None without a frame ``image`` (120, 160, 3) uint8, or without the ``path`` (path_points,) of a
+    mission where the policy follows one.
+
+    Raises:
+        ContractError: the policy answered in another shape.
+    """
+    contract = policy.contract
+    if image is None or (contract.path_points and path is None):
+        return None
+    paths = path[None] if path is not None and contract.path_points else None
+    values = np.asarray(policy.values(preprocess(image, contract.image)[None], paths))
+    if values.shape != (1, len(contract.actions)):
+        raise ContractError(
+            f"policy: expected values (1, {len(contract.actions)}), got {values.shape}"
+        )
+    return values[0]
+
+
+def best_action(values: Optional[np.ndarray]) -> Optional[int]:
+    """Which action has the greatest value; None without values, or where one is not finite."""
+    if values is None or not np.isfinite(values).all():
+        return None
+    return int(values.argmax())

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Callable, List, NamedTuple, Sequence
 
 from robot.errors import ConfigError
-from robot.install import paths
+from robot.install import files
 from robot.install.changes import (
     Change,
     Commands,
+    Host,
     WrittenFile,
     at,
     enabled,
@@ -20,12 +21,11 @@ from robot.install.changes import (
     membership,
     user,
 )
-from robot.install.host import Host
-from robot.install.texts import UDEV, config_text, unit_text
+from robot.install.files import UDEV, config_text, unit_text
 from robot.output import write_json
 
 Say = Callable[[str], None]
-_MARK = f"{paths.VENV}/.duckpilot-version"
+_MARK = f"{files.VENV}/.duckpilot-version"
 
 
 class Source(NamedTuple):
@@ -40,8 +40,8 @@ class Source(NamedTuple):
         """Changes with every file that is installed."""
         digest = hashlib.sha256(self.python.encode("utf-8"))
         packages = (self.checkout / name for name in ("robot", "localizer_node"))
-        files = [file for package in packages for file in package.rglob("*") if file.is_file()]
-        for file in sorted(f for f in files if "__pycache__" not in f.parts):
+        found = [file for package in packages for file in package.rglob("*") if file.is_file()]
+        for file in sorted(f for f in found if "__pycache__" not in f.parts):
             digest.update(str(file.relative_to(self.checkout)).encode("utf-8"))
             digest.update(file.read_bytes())
         return digest.hexdigest()
@@ -67,21 +67,21 @@ def make_plan(source: Source) -> List[Change]:
     reload_rules = ("udevadm", "control", "--reload")
     trigger = ("udevadm", "trigger", "--subsystem-match=i2c-dev")
     return [
-        *(group(name) for name in paths.GROUPS),
-        user(paths.USER, paths.STATE),
-        *(membership(paths.USER, name) for name in paths.GROUPS),
-        folder(paths.PREFIX),
-        folder(paths.ETC, paths.USER),  # calibration replaces the configuration
-        folder(paths.KEYS, paths.USER, 0o700),
-        folder(paths.STATE, paths.USER),
+        *(group(name) for name in files.GROUPS),
+        user(files.USER, files.STATE),
+        *(membership(files.USER, name) for name in files.GROUPS),
+        folder(files.PREFIX),
+        folder(files.ETC, files.USER),  # calibration replaces the configuration
+        folder(files.KEYS, files.USER, 0o700),
+        folder(files.STATE, files.USER),
         *_environment(source, str(pins)),
-        WrittenFile(paths.MODEL, model),
-        WrittenFile(paths.CONFIG, config_text(paths.MODEL).encode("utf-8"), theirs=True),
-        WrittenFile(paths.UDEV_RULE, UDEV.encode("utf-8"), (reload_rules, trigger)),
+        WrittenFile(files.MODEL, model),
+        WrittenFile(files.CONFIG, config_text(files.MODEL).encode("utf-8"), theirs=True),
+        WrittenFile(files.UDEV_RULE, UDEV.encode("utf-8"), (reload_rules, trigger)),
         WrittenFile(
-            paths.UNIT_FILE, unit_text(" ".join(paths.GROUPS)).encode("utf-8"), (reload_units,)
+            files.UNIT_FILE, unit_text(" ".join(files.GROUPS)).encode("utf-8"), (reload_units,)
         ),
-        enabled(paths.UNIT),
+        enabled(files.UNIT),
     ]
 
 
@@ -92,13 +92,13 @@ def _environment(source: Source, pins: str) -> List[Change]:
         mark = at(host, _MARK)
         return not mark.is_file() or mark.read_text(encoding="utf-8") != version
 
-    pip = (f"{paths.VENV}/bin/python", "-I", "-m", "pip", "install", "--upgrade")
+    pip = (f"{files.VENV}/bin/python", "-I", "-m", "pip", "install", "--upgrade")
     make = (
-        (source.python, "-m", "venv", paths.VENV),
+        (source.python, "-m", "venv", files.VENV),
         (*pip, "pip"),  # Ubuntu 18.04's is too old to know the wheels of onnxruntime
         (*pip, "--constraint", pins, str(source.checkout)),
     )
-    environment = Commands(paths.VENV, is_needed, make, (("rm", "-rf", paths.VENV),))
+    environment = Commands(files.VENV, is_needed, make, (("rm", "-rf", files.VENV),))
     return [environment, WrittenFile(_MARK, version.encode("utf-8"))]
 
 
@@ -138,7 +138,7 @@ def uninstall(plan: Sequence[Change], host: Host, say: Say, dry: bool) -> int:
 
 
 def _done(host: Host) -> List[str]:
-    path = at(host, paths.MANIFEST)
+    path = at(host, files.MANIFEST)
     if not path.is_file():
         return []
     try:
@@ -148,7 +148,7 @@ def _done(host: Host) -> List[str]:
 
 
 def _keep(host: Host, done: Sequence[str]) -> None:
-    path = at(host, paths.MANIFEST)
+    path = at(host, files.MANIFEST)
     if done:
         write_json(path, {"schema": 1, "done": list(done)})
     elif path.exists():

@@ -7,8 +7,8 @@
 | ``freshness`` | age, order and plausibility at the receiver |
 | ``roles`` | who speaks and who listens on which stream |
 | ``keys`` | ``keygen``, roles and the allow-lists |
-| ``door`` | lets in whom its allow-list and the roles let in |
-| ``sockets``, ``streams`` | ZeroMQ: publish and subscribe |
-| ``command_server``, ``command_client`` | commands, with answers |
+| ``allow_list`` | lets in whom its allow-list and the roles let in |
+| ``listener``, ``sockets`` | ZeroMQ: publish and subscribe |
+| ``command_server``, ``command_client`` | commands, with answers, of one operator at a time |
 | ``config`` | hosts, ports, and the sockets of each program |
 """

@@ -11,8 +11,7 @@ from typing import Dict, List, Optional, Tuple
 from robot.errors import ContractError
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import UNSENT
-from robot.link.sockets import DEAF_S, Link
-from robot.link.streams import Clock, new_session
+from robot.link.sockets import DEAF_S, Clock, Link, new_session
 from robot.link.wire import MESSAGE_LIMIT_BYTES
 
 BEAT_S = 0.1

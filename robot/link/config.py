@@ -11,8 +11,7 @@ from robot.link.command_server import CommandServer
 from robot.link.commands import Command
 from robot.link.keys import load_keys
 from robot.link.roles import BOUND_BY
-from robot.link.sockets import Link
-from robot.link.streams import M, Publisher, Subscriber
+from robot.link.sockets import Link, M, Publisher, Subscriber
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """ZeroMQ sockets for the three machines: newest-only streams, encrypted, without a thread.
 
-The side that binds is the door (``door``): it lets in the keys of its allow-list, each where its
-role may; the side that connects pins the key of the machine it means. A ``Link`` belongs to one
-thread; its sockets are served by ``Link.wait`` and by their own calls, which never block.
+The side that binds lets in the keys of its allow-list, each where its role may (``allow_list``);
+the side that connects pins the key of the machine it means. A ``Link`` belongs to one thread; its
+sockets are served by ``Link.wait`` and by their own calls, which never block.
 
 One socket per stream and one part per message, because CONFLATE (set on the subscriber only) drops
 parts and breaks topic filters (libzmq #626, #1688, #3323).
@@ -15,7 +15,7 @@ import time
 from typing import TYPE_CHECKING, List, Optional, Sequence
 
 from robot.errors import ConfigError
-from robot.link.door import Door
+from robot.link.allow_list import AllowList
 from robot.link.keys import Keys
 from robot.link.listener import Listeners
 from robot.link.roles import ADMITS, BOUND_BY
@@ -23,6 +23,16 @@ from robot.link.telemetry import Reading
 
 if TYPE_CHECKING:
     import zmq
+
+
+import secrets
+from dataclasses import replace
+from typing import Callable, Generic, Type, TypeVar, Union
+
+from robot.errors import ContractError
+from robot.link.messages import FRAME_LIMIT_BYTES, FrameMessage, PosesMessage
+from robot.link.telemetry import Telemetry
+from robot.link.wire import MESSAGE_LIMIT_BYTES
 
 LOOPBACK = ("tcp://127.0.0.1:", "tcp://localhost:", "tcp://[::1]:", "inproc://", "ipc://")
 ENVELOPE_BYTES = 64  # what CURVE adds to a message, with room to spare
@@ -37,7 +47,7 @@ RECEIVE_QUEUE = 16
 
 
 class Link:
-    """The sockets of one program, its keys and its door. Close it, or use it as a context."""
+    """The sockets of one program, its keys and its allow-list. Close it, or use it as a context."""
 
     def __init__(self, keys: Optional[Keys], plaintext: bool = False) -> None:
         import zmq
@@ -52,10 +62,10 @@ class Link:
         self._poller = zmq.Poller()
         self._sockets: List[zmq.Socket[bytes]] = []
         self._listeners = Listeners()
-        self._door: Optional[Door] = None
+        self._allow_list: Optional[AllowList] = None
         if keys is not None:
-            self._door = Door(self._context, keys)
-            self._poller.register(self._door.socket, zmq.POLLIN)
+            self._allow_list = AllowList(self._context, keys)
+            self._poller.register(self._allow_list.socket, zmq.POLLIN)
 
     def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
@@ -76,7 +86,7 @@ class Link:
         if self.keys is not None:
             socket.curve_server = True
             socket.zap_domain = stream.encode("ascii")
-            socket.zap_enforce_domain = True  # without a doorkeeper nobody enters
+            socket.zap_enforce_domain = True  # without a list nobody enters
             socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
         if endpoint.startswith("tcp://"):
             socket.setsockopt(zmq.USE_FD, self._listeners.listen(endpoint))
@@ -109,7 +119,7 @@ class Link:
         """Connect again a socket that has heard nothing for ``DEAF_S``.
 
         libzmq reconnects after a lost connection, but gives one up for good after an oversized
-        message or a refusal at the door, which a new key in the allow-list may have mended.
+        message or a refusal, which a new key in the allow-list may have mended.
         """
         import zmq
 
@@ -123,31 +133,31 @@ class Link:
         while True:
             left_s = max(0.0, deadline_s - time.monotonic())
             ready = dict(self._poller.poll(int(1000 * left_s)))
-            if self._door is not None and ready.pop(self._door.socket, None):
+            if self._allow_list is not None and ready.pop(self._allow_list.socket, None):
                 self.admit()
             if ready or time.monotonic() >= deadline_s:
                 return bool(ready)
 
     def admit(self) -> None:
-        """Answer those who wait at the door, without blocking; shut it when too many came."""
+        """Answer those who wait to be let in, without blocking; nobody is when too many came."""
         self._listeners.guard()
-        if self._door is not None:
-            self._door.admit()
+        if self._allow_list is not None:
+            self._allow_list.admit()
 
     def may(self, name: str, stream: str) -> bool:
         """Whether a peer may use a stream; without keys everybody on this machine may."""
-        return self._door is None or self._door.may(name, stream)
+        return self._allow_list is None or self._allow_list.may(name, stream)
 
     def reading(self) -> Reading:
-        """How many the door turned away, for the monitor."""
-        return self._door.reading() if self._door else Reading("turned away", 0.0)
+        """How many were turned away, for the monitor."""
+        return self._allow_list.reading() if self._allow_list else Reading("turned away", 0.0)
 
     def close(self) -> None:
-        """Close every socket, the door last."""
+        """Close every socket, the allow-list's last."""
         for socket in self._sockets:
             socket.close()
-        if self._door is not None:
-            self._door.close()
+        if self._allow_list is not None:
+            self._allow_list.close()
         self._context.term()
         self._listeners.close()
 
@@ -187,3 +197,96 @@ class Link:
                 f"keys: expected those of the {expected}, got those of the {self.keys.role}; name "
                 f"the folder {roles[0]}/ that keygen made"
             )
+
+
+Clock = Callable[[], float]
+M = TypeVar("M", PosesMessage, FrameMessage, Telemetry)
+
+
+def limit_bytes(kind: Union[Type[PosesMessage], Type[FrameMessage], Type[Telemetry]]) -> int:
+    """The largest message [bytes] of a stream of this class."""
+    return FRAME_LIMIT_BYTES if kind is FrameMessage else MESSAGE_LIMIT_BYTES
+
+
+def new_session() -> str:
+    """A name for one run of a publisher or of the robot: 16 random hexadecimal digits."""
+    return secrets.token_hex(8)
+
+
+class Publisher(Generic[M]):
+    """Publishes one stream at ``endpoint``; ``send`` never blocks."""
+
+    def __init__(
+        self, link: Link, endpoint: str, kind: Type[M], clock: Clock = time.monotonic
+    ) -> None:
+        import zmq
+
+        self.session = new_session()
+        self._link = link
+        self._clock = clock
+        self._sequence = 0
+        self._socket = link.bind(zmq.PUB, endpoint, limit_bytes(kind), kind.KIND)
+
+    def send(self, message: M) -> M:
+        """Stamp the message with session, sequence and time, and publish it.
+
+        Returns:
+            The message as sent.
+        """
+        self._link.admit()
+        self._sequence += 1
+        stamped = replace(
+            message, session=self.session, sequence=self._sequence, t_sent_s=self._clock()
+        )
+        self._socket.send(stamped.to_bytes())
+        return stamped
+
+
+class Subscriber(Generic[M]):
+    """The newest message of the stream of a class, published at ``endpoint``.
+
+    ``refused`` counts what was no message of this class, ``last_refusal`` says what was wrong.
+    Order, age and plausibility are judged by ``freshness``.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        endpoint: str,
+        kind: Type[M],
+        clock: Clock = time.monotonic,
+    ) -> None:
+        import zmq
+
+        self.refused = 0
+        self.last_refusal = ""
+        self._link = link
+        self._endpoint = endpoint
+        self._clock = clock
+        self._alive_s = clock()  # last heard or connected
+        self._kind: Type[M] = kind
+        self._socket = link.connect(
+            zmq.SUB, endpoint, limit_bytes(kind), kind.KIND, newest_only=True
+        )
+
+    def receive(self) -> Optional[M]:
+        """The newest message since the last call, or None; never blocks."""
+        import zmq
+
+        try:
+            data = self._socket.recv(zmq.NOBLOCK)
+        except zmq.Again:
+            self._reconnect_if_deaf()
+            return None
+        self._alive_s = self._clock()
+        try:
+            return self._kind.from_bytes(data)
+        except ContractError as error:
+            self.refused += 1
+            self.last_refusal = str(error)
+            return None
+
+    def _reconnect_if_deaf(self) -> None:
+        if self._clock() - self._alive_s > DEAF_S:
+            self._alive_s = self._clock()
+            self._link.reconnect(self._socket, self._endpoint)

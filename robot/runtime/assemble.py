@@ -7,20 +7,16 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Callable, ContextManager, Iterator, List, Optional, Protocol, Tuple
 
-from robot.camera.gstreamer import GstStream, csi_command
-from robot.camera.newest import NewestFrame, Stream
 from robot.camera.replay import ReplayCamera
-from robot.camera.socket_stream import SocketStream
-from robot.camera.source import Camera
-from robot.camera.v4l2 import V4l2Stream
+from robot.camera.source import Camera, NewestFrame, Stream
+from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
+from robot.computer.health import Health
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.hat.clock import Clock, MonotonicClock
-from robot.hat.owner import own_bus
-from robot.hat.thread import MotorThread, motors_on
-from robot.health import Health
+from robot.hat.thread import MotorThread, motors_on, own_bus
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.lens import CameraRig
@@ -32,12 +28,12 @@ from robot.navigation.navigator import MissionNavigator
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
 from robot.parts import Ask, Motors, Operator, Policy, Subscriber
+from robot.recording.about import describe
 from robot.recording.recorder import Recorder
-from robot.recording.subject import describe
 from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator
-from robot.runtime.telemetry_feed import TelemetryFeed
-from robot.runtime.watchdog import Watchdog
+from robot.runtime.reports import Reporter
+from robot.runtime.timing import Watchdog
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import LaneFit, MapFit
@@ -189,7 +185,7 @@ def open_reports(
         subject = describe(
             config,
             odometry=lambda: motors.pose,
-            report=lambda: feed.newest,
+            report=lambda: reporter.newest,
             overhead=lambda: navigator.overhead if navigator is not None else None,
         )
         recorder = stack.enter_context(Recorder(config.recording, subject))
@@ -198,17 +194,17 @@ def open_reports(
     if link is not None:
         others.append(link.reading)
     health = Health(time.monotonic, tuple(others))
-    feed = open_feed(config, contract, link, navigator, health)
-    return [feed, *recorders]
+    reporter = open_reporter(config, contract, link, navigator, health)
+    return [reporter, *recorders]
 
 
-def open_feed(
+def open_reporter(
     config: RobotConfig,
     contract: PolicyContract,
     link: Optional[Link],
     navigator: Optional[MissionNavigator],
     health: Health,
-) -> TelemetryFeed:
+) -> Reporter:
     """Makes reports of each turn, and publishes them with their pictures where there is a link."""
     about = Telemetry(
         config.name,
@@ -221,7 +217,7 @@ def open_feed(
     if link is not None and config.link is not None:
         publish = config.link.publisher(link, Telemetry).send
         show = config.link.publisher(link, FrameMessage).send
-    return TelemetryFeed(publish, show, about, config.safety, navigator, health.readings)
+    return Reporter(publish, show, about, config.safety, navigator, health.readings)
 
 
 class Operators:

@@ -18,7 +18,7 @@ from robot.contract import CONTROL_DT_S
 from robot.errors import ContractError, HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import Clock
-from robot.inference.decision import best_action, values_of
+from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
 from robot.parts import (
     Eyes,
@@ -31,7 +31,7 @@ from robot.parts import (
     Subscriber,
     Tick,
 )
-from robot.runtime.rate import RateKeeper
+from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
 from robot.safety.wheel_limits import STILL, Drive

@@ -11,10 +11,10 @@ from typing import Callable, Dict, List, Optional, Tuple
 import pytest
 
 from robot.cli import main
+from robot.cli.doctor import examine
 from robot.config import CameraConfig
 from robot.doctor.findings import Finding, Level
 from robot.doctor.machine import CameraLook, ThisMachine
-from robot.doctor.report import examine
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
 from robot.link.keys import keygen

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robot.health import Health, memory_free_mb, temperatures_c
+from robot.computer.health import Health, memory_free_mb, temperatures_c
 from robot.link.telemetry import Reading
 from tests.robot.clocks import FakeClock
 

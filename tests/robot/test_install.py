@@ -12,12 +12,12 @@ from typing import Dict, List, Sequence, Set
 import pytest
 
 from robot.cli import main
+from robot.computer.footprint import ROOT
 from robot.errors import ConfigError, HardwareError
-from robot.footprint import ROOT
-from robot.install import paths
+from robot.install import files
 from robot.install.changes import KEPT, Change, at
+from robot.install.files import config_text, unit_text
 from robot.install.plan import Source, install, make_plan, uninstall
-from robot.install.texts import config_text, unit_text
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 
@@ -93,7 +93,7 @@ class FolderHost:
     def _systemctl(self, command: List[str]) -> None:
         wants = at(self, "/etc/systemd/system/multi-user.target.wants")
         if command[1] == "enable":
-            assert at(self, paths.UNIT_FILE).is_file()
+            assert at(self, files.UNIT_FILE).is_file()
             wants.mkdir(exist_ok=True)
             (wants / command[-1]).touch()
         elif command[1] == "disable":
@@ -140,9 +140,9 @@ def test_a_dry_run_changes_nothing_and_tells_every_file_and_command(
         line for line in lines if line.startswith("would run: ")
     ]
     told = [line.split()[2].rstrip(":") for line in lines if line.startswith("would write ")]
-    assert {f"/{name}" for name in host.files()} - {paths.MANIFEST} == {
+    assert {f"/{name}" for name in host.files()} - {files.MANIFEST} == {
         *told,
-        f"/etc/systemd/system/multi-user.target.wants/{paths.UNIT}",
+        f"/etc/systemd/system/multi-user.target.wants/{files.UNIT}",
     }
 
 
@@ -154,26 +154,26 @@ def test_a_second_time_there_is_nothing_to_do(host: FolderHost, plan: List[Chang
 
 
 def test_undoing_restores_what_was_there(host: FolderHost, plan: List[Change]) -> None:
-    at(host, paths.UDEV_RULE).write_text("# somebody's own\n")
+    at(host, files.UDEV_RULE).write_text("# somebody's own\n")
     before, groups = host.files(), {name: list(users) for name, users in host.groups.items()}
     install(plan, host, silent, dry=False)
-    assert at(host, paths.UDEV_RULE + KEPT).read_text() == "# somebody's own\n"
-    assert host.groups["i2c"] == [paths.USER]
+    assert at(host, files.UDEV_RULE + KEPT).read_text() == "# somebody's own\n"
+    assert host.groups["i2c"] == [files.USER]
     assert uninstall(plan, host, silent, dry=True) > 10
     uninstall(plan, host, silent, dry=False)
     assert (host.files(), host.groups, host.users) == (before, groups, set())
-    assert not at(host, paths.PREFIX).exists()
+    assert not at(host, files.PREFIX).exists()
     assert uninstall(plan, host, silent, dry=False) == 0
 
 
 def test_what_a_person_edited_or_made_stays(host: FolderHost, plan: List[Change]) -> None:
     install(plan, host, silent, dry=False)
-    at(host, paths.CONFIG).write_text("model: mine.onnx\n")
-    (at(host, paths.KEYS) / "robot").mkdir()
+    at(host, files.CONFIG).write_text("model: mine.onnx\n")
+    (at(host, files.KEYS) / "robot").mkdir()
     assert install(plan, host, silent, dry=False) == 0
     uninstall(plan, host, silent, dry=False)
-    assert at(host, paths.CONFIG).read_text() == "model: mine.onnx\n"
-    assert (at(host, paths.KEYS) / "robot").is_dir()
+    assert at(host, files.CONFIG).read_text() == "model: mine.onnx\n"
+    assert (at(host, files.KEYS) / "robot").is_dir()
 
 
 @pytest.mark.parametrize("failing", ["pip", "udevadm", "daemon-reload", "enable", "useradd"])
@@ -220,9 +220,9 @@ def test_the_unit_passes_systemds_own_check(tmp_path: Path) -> None:
     program = tmp_path / "python"
     program.write_text("#!/bin/sh\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    text = unit_text("i2c video").replace(f"{paths.VENV}/bin/python", str(program))
-    unit = tmp_path / paths.UNIT
-    unit.write_text(text.replace(f"User={paths.USER}", "User=root"))
+    text = unit_text("i2c video").replace(f"{files.VENV}/bin/python", str(program))
+    unit = tmp_path / files.UNIT
+    unit.write_text(text.replace(f"User={files.USER}", "User=root"))
     assert complaints(unit) == []
     unit.write_text(text.replace("WatchdogSec=2", "WatchdogSec=soon"))
     assert "soon" in complaints(unit)[0]
@@ -239,7 +239,7 @@ def complaints(unit: Path) -> List[str]:
     """What systemd says of the unit, less what it says of the computer's others."""
     command = ["systemd-analyze", "verify", "--man=no", str(unit)]
     said = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
-    return [line for line in said.stdout.decode().splitlines() if paths.UNIT in line]
+    return [line for line in said.stdout.decode().splitlines() if files.UNIT in line]
 
 
 def test_only_a_checkout_can_be_installed(tmp_path: Path) -> None:

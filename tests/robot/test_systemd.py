@@ -4,8 +4,8 @@ import socket
 from pathlib import Path
 from typing import List
 
+from robot.computer.systemd import PING_S, Heartbeat, notify_socket
 from robot.safety.state_machine import Command
-from robot.systemd import PING_S, Heartbeat, notify_socket
 from tests.robot.runtime.test_loop import Bench
 
 

@@ -11,8 +11,9 @@ from typing import Any, Callable, List, Optional
 import numpy as np
 import pytest
 
-from robot.camera.newest import NewestFrame
-from robot.camera.source import Camera, Frame
+from robot.camera.source import Camera, Frame, NewestFrame
+from robot.computer.threads import Worker
+from robot.config import RecordingConfig
 from robot.errors import HardwareError
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
@@ -21,13 +22,11 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Motors, Subscriber
-from robot.recording.config import RecordingConfig
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
-from robot.runtime.watchdog import Watchdog
+from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.state_machine import Command, Safety, State
-from robot.worker import Worker
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from tests.robot.clocks import FakeClock

@@ -6,10 +6,10 @@ from typing import Any, Dict, Tuple
 import pytest
 import yaml
 
+from robot.bringup.yaml_edit import edit_yaml, set_value
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.typed_config import load_yaml
-from robot.yaml_edit import edit_yaml, set_value
 
 WRITTEN = """\
 # My robot.

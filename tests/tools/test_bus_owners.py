@@ -16,8 +16,8 @@ from typing import NamedTuple
 import pytest
 
 from robot.cli import main
+from robot.computer.footprint import ROOT
 from robot.errors import HardwareError
-from robot.footprint import ROOT
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot.camera.socket_stream import SocketStream
+from robot.camera.streams import SocketStream
 from robot.errors import ContractError, HardwareError, PlanError
 from robot.geometry import Pose
 from robot.hat.clock import MonotonicClock

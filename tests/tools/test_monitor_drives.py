@@ -9,7 +9,7 @@ import pytest
 from robot.errors import ConfigError
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
-from robot.recording.drive_log import picture
+from robot.recording.drive_file import picture
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
 from tools.monitor.drives import DriveRecorder, list_drives, read_drive, read_picture

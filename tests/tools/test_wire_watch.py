@@ -14,8 +14,7 @@ import pytest
 from robot.link import sockets
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Link
-from robot.link.streams import Publisher, Subscriber
+from robot.link.sockets import Link, Publisher, Subscriber
 from tools.free_ports import free_ports
 from tools.loop import wire_watch
 from tools.loop.shared_time import SharedTime

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.camera.socket_stream import HEADER, MAGIC, NEXT
+from robot.camera.streams import HEADER, MAGIC, NEXT
+from robot.computer.local_socket import receive_exactly
 from robot.hat.socket_bus import ANSWER, REQUEST, WRITE
-from robot.local_socket import receive_exactly
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 
 SILENCE_S = 5.0  # who does not read for so long is dropped

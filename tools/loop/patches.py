@@ -77,7 +77,7 @@ def _replace_condition_wait(stepper: Stepper) -> None:
 
 def _replace_alarms() -> None:
     """An alarm's wait is one of a condition, as above; its pipe would not be in step."""
-    from robot.alarm import Alarm
+    from robot.computer.threads import Alarm
 
     def begin(alarm: Any) -> None:
         event = threading.Event()
@@ -113,7 +113,7 @@ def _replace_select(stepper: Stepper) -> None:
 
 
 def _replace_camera_wait(stepper: Stepper) -> None:
-    from robot.camera.socket_stream import SocketStream
+    from robot.camera.streams import SocketStream
 
     streams: Any = SocketStream
     take = streams._take

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robot.worker import Worker
+from robot.computer.threads import Worker
 
 TURN_S = 0.05  # real time between two looks at an idle network
 BUSY_S = 0.0005

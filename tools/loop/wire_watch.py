@@ -48,7 +48,7 @@ def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
 
 
 def _watch_streams(shared: SharedTime) -> None:
-    from robot.link.streams import Publisher, Subscriber
+    from robot.link.sockets import Publisher, Subscriber
 
     publishers: Any = Publisher
     subscribers: Any = Subscriber

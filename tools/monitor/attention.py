@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 
 from robot.camera.source import fit_to_frame
+from robot.computer.threads import Worker
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import Attention
-from robot.recording.drive_log import picture
-from robot.worker import Worker
+from robot.recording.drive_file import picture
 
 if TYPE_CHECKING:
     from trainer.judging.explain import Explainer

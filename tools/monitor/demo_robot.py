@@ -20,7 +20,7 @@ from robot.errors import ContractError
 from robot.link.commands import Command
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.streams import Publisher
+from robot.link.sockets import Publisher
 from robot.link.telemetry import (
     InputAge,
     Reading,

@@ -14,7 +14,7 @@ from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage
-from robot.link.streams import Subscriber
+from robot.link.sockets import Subscriber
 from robot.link.telemetry import Telemetry
 from tools.monitor.attention import AttentionThread
 from tools.monitor.drives import DriveRecorder

@@ -7,7 +7,7 @@ from typing import List
 
 import numpy as np
 
-from robot.bringup.target import COLUMNS, ROWS, SQUARE_M, board_points_m
+from robot.bringup.chessboard import COLUMNS, ROWS, SQUARE_M, board_points_m
 from robot.lens import CameraRig, Lens
 
 RAYS = 2  # a pixel is the mean of 2 x 2 rays

@@ -10,10 +10,9 @@ from typing import Callable, Dict, List, Tuple
 import numpy as np
 import pytest
 
-from robot.bringup import pictures
-from robot.bringup.lens_fit import fit_lens
-from robot.bringup.mount_fit import check_mount_fit, fit_mount
-from robot.bringup.target import (
+from robot.bringup import chessboard
+from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
+from robot.bringup.chessboard import (
     SQUARE_M,
     board_points_m,
     board_squares_m,
@@ -155,10 +154,10 @@ class BoardStream:
 
 
 def test_a_picture_is_kept_only_when_the_board_has_moved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pictures, "FEWEST_NEW_PX", 10.0)
+    monkeypatch.setattr(chessboard, "FEWEST_NEW_PX", 10.0)
     kept = []  # type: ignore[var-annotated]
     with pytest.raises(HardwareError):
-        kept.extend(pictures.new_boards(BoardStream()))
+        kept.extend(chessboard.new_boards(BoardStream()))
     assert len(kept) == 3
 
 
@@ -167,10 +166,10 @@ def test_pictures_of_the_board_are_read_from_a_folder(tmp_path: Path) -> None:
     for name, mount in MOUNTS.items():
         write_png(tmp_path / f"{name}.png", floor_picture(CameraRig(FISHEYE, mount), NEAR_M, rng))
     write_png(tmp_path / "zz-no-board.png", np.full((480, 640, 3), 128, np.uint8))
-    boards, size = pictures.boards_from_files(tmp_path)
+    boards, size = chessboard.boards_from_files(tmp_path)
     assert (len(boards), size) == (len(MOUNTS), (640, 480))
     with pytest.raises(ConfigError, match="got a replay; give pictures"):
-        pictures.take_picture(CameraConfig("replay", path=str(tmp_path)))
+        chessboard.take_picture(CameraConfig("replay", path=str(tmp_path)))
 
 
 def test_the_sheet_is_drawn_in_true_size(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from robot.bringup.person import AtTerminal
+from robot.bringup.prompts import Prompts
 from robot.bringup.selftest import MOTIONS
 from robot.cli.selftest import try_motors
 from robot.errors import ConfigError, HardwareError
@@ -106,7 +106,7 @@ def test_wheels_on_the_floor_and_motors_that_fail_end_it() -> None:
 def test_a_person_at_the_terminal_is_asked_until_the_answer_is_one() -> None:
     answers = iter(["", "maybe", " Yes ", "ten", "nan", "9,75"])
     shown = []  # type: ignore[var-annotated]
-    person = AtTerminal(lambda prompt: next(answers), lambda line, flush: shown.append(line))
+    person = Prompts(lambda prompt: next(answers), lambda line, flush: shown.append(line))
     assert person.agrees("Well?")
     assert person.number("How many?") == 9.75
     assert len(shown) == 4
@@ -115,4 +115,4 @@ def test_a_person_at_the_terminal_is_asked_until_the_answer_is_one() -> None:
         raise EOFError
 
     with pytest.raises(ConfigError, match="a person who answers"):
-        AtTerminal(nobody).agrees("Anybody?")
+        Prompts(nobody).agrees("Anybody?")

@@ -10,7 +10,7 @@ from typing import Callable, List, Optional
 import numpy as np
 import pytest
 
-from robot.camera.newest import NewestFrame
+from robot.camera.source import NewestFrame
 from robot.errors import HardwareError
 from robot.inference.preprocess import FRAME_SHAPE
 

@@ -41,7 +41,7 @@ def test_systemd_hears_ready_the_state_the_heart_and_the_end(
     model = write_policy(tmp_path / "lane.onnx", lane_contract())
     (tmp_path / "robot.yaml").write_text(f"model: {model}\n")
     monkeypatch.setattr(drive, "open_robot", made_up)
-    monkeypatch.setattr("robot.runtime.watchdog.SILENCE_S", 30.0)  # on a busy computer, too
+    monkeypatch.setattr("robot.runtime.timing.SILENCE_S", 30.0)  # on a busy computer, too
     monkeypatch.setattr("sys.stdin", open(os.devnull))  # noqa: SIM115  as under systemd
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     heard: List[str] = []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robot.cli import main
-from robot.cli.sheet import (
+from robot.cli.contact_sheet import (
     MOST_TILES,
     STRIP_PX,
     TILE,

@@ -10,8 +10,8 @@ import pytest
 
 from robot.cli import main, off
 from robot.cli.off import configured, switch_off
+from robot.computer.footprint import ROOT
 from robot.errors import HardwareError
-from robot.footprint import ROOT
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tests.robot.hat.rig import make_rig

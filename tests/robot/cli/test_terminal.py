@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import List
 
-from robot.cli.terminal import Terminal
+from robot.cli.drive import Terminal
 from robot.safety.state_machine import Command, State
 from tests.robot.camera.test_newest import eventually
 from tests.robot.runtime.test_loop import Bench

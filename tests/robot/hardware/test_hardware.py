@@ -15,14 +15,13 @@ import pytest
 from robot.camera.source import Camera, Frame
 from robot.config import RobotConfig
 from robot.geometry import WheelSpeeds
-from robot.hat.bench import hat_update_ms
 from robot.hat.clock import MonotonicClock
 from robot.hat.driver import WAKE_S
-from robot.hat.owner import open_bus
 from robot.hat.pca9685 import FULL, Pca9685, channel_register
-from robot.hat.thread import MotorThread, real_motors
+from robot.hat.thread import MotorThread, open_bus, real_motors
 from robot.inference.preprocess import FRAME_SHAPE, check_frame
 from robot.runtime.assemble import open_camera
+from tools.hat_timing import hat_update_ms
 
 SPEED_MPS = 0.1
 DRIVE_S = 1.0

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.geometry import DifferentialDrive, Pose
-from robot.hat.odometry import StepOdometry
-from robot.hat.stepping import Steps
+from robot.hat.stepping import StepOdometry, Steps
 
 DRIVE = DifferentialDrive()
 

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from smbus2.smbus2 import I2C_M_RD
 
 from robot.errors import HardwareError
-from robot.hat.bench import hat_update_ms
 from robot.hat.bus import SmbusBus, bus_time_s
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
@@ -15,6 +14,7 @@ from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 from sim_pybullet.virtual.pwm import Output
+from tools.hat_timing import hat_update_ms
 
 
 class RealTimeClockChip:

@@ -10,14 +10,13 @@ from typing import Any, Callable, Dict, List
 import pytest
 
 from robot.errors import ConfigError, ContractError
+from robot.link.allow_list import AllowList
+from robot.link.command_server import OperatorLock
 from robot.link.commands import Ack, Command, Mission
 from robot.link.config import LinkConfig
-from robot.link.door import Door
-from robot.link.helm import Helm
 from robot.link.keys import load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.sockets import Link
-from robot.link.streams import Publisher, Subscriber, limit_bytes, new_session
+from robot.link.sockets import Link, Publisher, Subscriber, limit_bytes, new_session
 from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry, thin_path
 from robot.link.wire import plain, require_length, require_size, tidy_text
 from tests.robot.link.conftest import free_base_port
@@ -281,7 +280,7 @@ def test_the_options_of_every_socket(key_folders: Dict[str, Path]) -> None:
 
 def test_a_turn_admits_sixteen_who_knock(key_folders: Dict[str, Path]) -> None:
     with zmq.Context() as context:
-        door = Door(context, load_keys(key_folders["robot"]))
+        door = AllowList(context, load_keys(key_folders["robot"]))
         knocks = context.socket(zmq.DEALER)
         knocks.linger = 0
         knocks.connect("inproc://zeromq.zap.01")
@@ -295,7 +294,7 @@ def test_a_turn_admits_sixteen_who_knock(key_folders: Dict[str, Path]) -> None:
 
 
 def test_the_helm_is_held_for_a_second_and_remembered_for_two() -> None:
-    helm = Helm()
+    helm = OperatorLock()
     helm.heard("ann", 10.0)
     helm.done("ann", "arm", 10.0)
     helm.heard("ben", 11.9)
@@ -312,7 +311,7 @@ def test_the_helm_is_held_for_a_second_and_remembered_for_two() -> None:
 
 @pytest.mark.parametrize(("kind", "frees"), [("stop", True), ("disarm", True), ("clear", False)])
 def test_stop_and_disarm_free_the_helm(kind: str, frees: bool) -> None:
-    helm = Helm()
+    helm = OperatorLock()
     helm.heard("ann", 10.0)
     helm.done("ann", "arm", 10.0)
     helm.done("ben", kind, 10.1)

@@ -17,8 +17,7 @@ from robot.link.config import LinkConfig
 from robot.link.keys import Keys, Peer, load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.roles import ADMITS, BOUND_BY
-from robot.link.sockets import Link
-from robot.link.streams import Publisher, Subscriber
+from robot.link.sockets import Link, Publisher, Subscriber
 from robot.link.telemetry import Telemetry
 from tests.robot.link.conftest import until
 
@@ -144,11 +143,11 @@ def test_the_server_looks_at_each_message_even_behind_an_open_door(
     configs: Configs, open_link: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two locks: were the door left open, the localizer still would not be obeyed."""
-    from robot.link import door
+    from robot.link import allow_list
 
     link = open_link(configs["robot"])
     ear = Ear(configs["robot"], link)
-    monkeypatch.setattr(door.Door, "_verdict", _let_in)
+    monkeypatch.setattr(allow_list.AllowList, "_verdict", _let_in)
     keys = load_keys(configs["localizer"].keys)
     socket = posing(keys, "monitor").connect(
         zmq.DEALER, configs["monitor"].connect_endpoint("command"), 4096, "command"
@@ -251,11 +250,11 @@ def test_a_second_monitor_is_let_in_by_its_role_whatever_its_name(
 def test_who_knocks_again_and_again_is_told_of_once_in_ten_seconds(
     key_folders: Dict[str, object], caplog: pytest.LogCaptureFixture
 ) -> None:
-    from robot.link.door import Door
+    from robot.link.allow_list import AllowList
 
     now_s = [100.0]
     with zmq.Context() as context:
-        door = Door(context, load_keys(str(key_folders["robot"])), lambda: now_s[0])
+        door = AllowList(context, load_keys(str(key_folders["robot"])), lambda: now_s[0])
         request = [b"1.0", b"7", b"command", b"10.0.0.9", b"", b"CURVE", bytes(32)]
         for _ in range(100):
             assert door._verdict(request)[2] == b"400"
@@ -283,9 +282,9 @@ def test_who_knocks_again_and_again_is_told_of_once_in_ten_seconds(
 def test_whatever_is_asked_at_the_door_is_answered(
     key_folders: Dict[str, object], spoilt: List[bytes]
 ) -> None:
-    from robot.link.door import Door
+    from robot.link.allow_list import AllowList
 
     with zmq.Context() as context:
-        door = Door(context, load_keys(str(key_folders["robot"])))
+        door = AllowList(context, load_keys(str(key_folders["robot"])))
         assert door._verdict(spoilt)[2] == b"400"
         door.close()

@@ -16,8 +16,7 @@ from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
 from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Link
-from robot.link.streams import Publisher, Subscriber
+from robot.link.sockets import Link, Publisher, Subscriber
 from tests.robot.link.conftest import free_base_port, until
 
 zmq = pytest.importorskip("zmq")

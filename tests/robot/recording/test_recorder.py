@@ -13,14 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robot.config import RecordingConfig
 from robot.errors import ConfigError
-from robot.recording.config import RecordingConfig
-from robot.recording.drive_file import UNFINISHED
-from robot.recording.drive_log import Heard
+from robot.recording.about import MODEL
+from robot.recording.drive_file import UNFINISHED, Heard
 from robot.recording.reader import read_about, read_attachment, read_frames, read_turns
-from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, Recorder
-from robot.recording.scribe import Scribe
-from robot.recording.subject import MODEL
+from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, DriveWriter, Recorder
 from robot.recording.turn import Turn
 from robot.safety.state_machine import Command
 from robot.typed_config import from_plain
@@ -92,7 +90,7 @@ def test_a_full_queue_loses_turns_and_holds_nobody_up(tmp_path: Path) -> None:
 
 def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path: Path) -> None:
     robot = Robot(tmp_path / "robot")
-    scribe = Scribe(RecordingConfig(str(tmp_path / "d"), 0.0), robot.subject(), time.time)
+    scribe = DriveWriter(RecordingConfig(str(tmp_path / "d"), 0.0), robot.subject(), time.time)
     ticks = robot.drive(20)
     scribe.begin(0.0)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -13,10 +13,9 @@ from robot.geometry import WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.parts import Tick
 from robot.recording import replay as module
-from robot.recording.drive_file import DriveFile
-from robot.recording.drive_log import DriveLog, Heard
+from robot.recording.about import MODEL
+from robot.recording.drive_file import DriveFile, DriveLog, Heard
 from robot.recording.replay import replay
-from robot.recording.subject import MODEL
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
 from tests.robot.tiny_onnx import lane_contract, write_policy

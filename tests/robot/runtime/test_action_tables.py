@@ -16,14 +16,13 @@ from robot.inference.policy import OnnxPolicy
 from robot.link.telemetry import Telemetry
 from robot.output import write_png
 from robot.parts import Tick
-from robot.recording.drive_file import DriveFile
-from robot.recording.drive_log import DriveLog, Heard
+from robot.recording.about import MODEL
+from robot.recording.drive_file import DriveFile, DriveLog, Heard
 from robot.recording.reader import entries
 from robot.recording.replay import replay
-from robot.recording.subject import MODEL
 from robot.recording.topics import TELEMETRY
 from robot.runtime.loop import Runtime
-from robot.runtime.telemetry_feed import TelemetryFeed
+from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command, Safety, State
 from tests.robot.clocks import FakeClock
@@ -53,7 +52,7 @@ class Drive:
         policy, clock = OnnxPolicy(self.model), FakeClock()
         self.reports: List[Telemetry] = []
         about = Telemetry("daisy", "DISARMED", actions=policy.contract.actions)
-        feed = TelemetryFeed(self.reports.append, None, about, SafetyLimits())
+        feed = Reporter(self.reports.append, None, about, SafetyLimits())
         safety = Safety(clock)
         self.motors = FakeMotors(lambda: safety.verdict.may_move)
         self.runtime = Runtime(
@@ -106,7 +105,7 @@ def test_the_drive_is_recorded_and_decided_again_bit_for_bit(tmp_path: Path) -> 
 
 
 def record(robot: Drive, folder: Path, ticks: List[Tick]) -> Path:
-    from robot.recording.subject import arithmetic
+    from robot.recording.about import arithmetic
 
     folder.mkdir()
     file = DriveFile(folder / "a.mcap", arithmetic())

@@ -20,7 +20,7 @@ from robot.hat.clock import MonotonicClock
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Sight
 from robot.runtime.loop import Runtime
-from robot.runtime.watchdog import Watchdog
+from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.state_machine import Command, Safety, State
 from robot.safety.wheel_limits import STILL

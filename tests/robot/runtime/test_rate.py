@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.runtime.rate import RateKeeper
+from robot.runtime.timing import RateKeeper
 from tests.robot.clocks import FakeClock
 
 

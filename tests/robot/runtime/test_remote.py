@@ -13,7 +13,7 @@ from robot.link.commands import KINDS, Command, Mission
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import Telemetry
 from robot.runtime.remote import RemoteOperator
-from robot.runtime.telemetry_feed import TelemetryFeed
+from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Answer, State
 from robot.safety.state_machine import Command as Request
@@ -170,10 +170,10 @@ class Wire:
         self.pictures.append(FrameMessage.from_bytes(picture.to_bytes()))
 
 
-def feed(wire: Wire, world: Optional[World] = None) -> TelemetryFeed:
+def feed(wire: Wire, world: Optional[World] = None) -> Reporter:
     about = Telemetry("robot", "DISARMED", model="lane_dueling", map="town")
     navigator = world.navigator if world else None
-    return TelemetryFeed(wire.publish, wire.show, about, SafetyLimits(), navigator)
+    return Reporter(wire.publish, wire.show, about, SafetyLimits(), navigator)
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -21,7 +21,7 @@ JPEG_QUALITY = 85
 SMOOTHING = 0.1  # of the rate of decisions: ten turns' memory
 
 
-class TelemetryFeed:
+class Reporter:
     """Publishes each turn and its picture; keeps ``robot.parts.Subscriber``.
 
     Args:

@@ -23,7 +23,7 @@ class Person(Protocol):
         """A question answered with a number."""
 
 
-class AtTerminal:
+class Prompts:
     """A person who types; asked again until the answer can be understood.
 
     Raises:

@@ -1,25 +1,123 @@
-"""A CSI camera through ``gst-launch-1.0``, whose pictures come over a pipe.
-
-OpenCV's wheels know no GStreamer, and a Jetson's CSI cameras give colour pictures through nothing
-else. The child process is the same with any source, so ``videotestsrc`` tests it anywhere. The pipe
-is not the child's standard output, where nvarguscamerasrc prints what it does: one such line among
-the pixels would shift all pictures after it.
-"""
+"""Open cameras: USB through OpenCV, CSI through GStreamer, a virtual one behind a Unix socket."""
 
 from __future__ import annotations
 
 import os
 import select
+import struct
 import subprocess
 import tempfile
 from contextlib import ExitStack
-from typing import List, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from robot.errors import ConfigError, HardwareError
+from robot.computer.local_socket import connect_local, receive_exactly
+from robot.errors import ConfigError, ContractError, HardwareError
 
-SILENCE_S = 2.0  # without a byte: the child hangs
+
+class V4l2Stream:
+    """``/dev/video<device>``. A read waits ten seconds at most (OpenCV's own limit).
+
+    Raises:
+        HardwareError: no such device, or it is in use, or may not be opened by this user.
+    """
+
+    def __init__(self, device: int, size_px: Tuple[int, int], fps: int) -> None:
+        import cv2
+
+        self._name = f"/dev/video{device}"
+        self._odd = cv2.error
+        self._capture: Any = cv2.VideoCapture(device, cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise HardwareError(
+                f"{self._name}: expected a camera that opens; check its plug, that no other "
+                "program uses it, and that this user is in the group video"
+            )
+        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size_px[0])
+        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size_px[1])
+        self._capture.set(cv2.CAP_PROP_FPS, fps)
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+
+    def grab(self) -> np.ndarray:
+        """The next picture (H, W, 3) uint8 RGB.
+
+        Raises:
+            HardwareError: none came.
+            ContractError: one came that is not in colour, or that OpenCV cannot decode.
+        """
+        try:
+            good, picture = self._capture.read()
+        except self._odd as error:
+            raise ContractError(f"{self._name}: expected a picture, got: {error}") from error
+        if not good or picture is None:
+            raise HardwareError(f"{self._name}: expected a picture, got none; was it unplugged?")
+        if picture.ndim != 3:
+            raise ContractError(f"{self._name}: expected colours, got {picture.shape}")
+        return np.ascontiguousarray(picture[..., ::-1])
+
+    def close(self) -> None:
+        """Let the device go."""
+        self._capture.release()
+
+
+NEXT = b"n"
+HEADER = struct.Struct("!4sHH")  # magic, width, height
+MAGIC = b"RGB8"
+SILENCE_S = 2.0  # without a byte: the other side hangs
+
+
+class SocketStream:
+    """The virtual camera that listens at ``path``; keeps `robot.camera.source.Stream`.
+
+    The reader asks for the next picture with one byte; the camera answers at its own next moment
+    with a header and the pixels, RGB row by row.
+
+    Args:
+        path: of the socket.
+        size_px: width and height that every picture must have; None takes any.
+
+    Raises:
+        HardwareError: nobody listens there.
+    """
+
+    def __init__(self, path: str, size_px: Optional[Tuple[int, int]] = None) -> None:
+        self._path, self._size_px = path, size_px
+        self._socket = connect_local(path, "a virtual camera", SILENCE_S)
+
+    def grab(self) -> np.ndarray:
+        """The next picture (H, W, 3) uint8 RGB.
+
+        Raises:
+            HardwareError: none came, or something else than a picture.
+            ContractError: one of another size.
+        """
+        try:
+            self._ask()
+            return self._take()
+        except OSError as error:
+            what = error.strerror or f"no picture for {SILENCE_S:g} s"
+            raise HardwareError(f"camera {self._path}: expected a picture, got: {what}") from error
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+    def _ask(self) -> None:
+        self._socket.sendall(NEXT)
+
+    def _take(self) -> np.ndarray:
+        magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
+        wanted = "a picture" if self._size_px is None else "{} x {} px".format(*self._size_px)
+        told = f"camera {self._path}: expected {wanted}, got {magic!r} {width} x {height}"
+        if magic != MAGIC:
+            raise HardwareError(told)
+        data = receive_exactly(self._socket, 3 * width * height)
+        if self._size_px is not None and (width, height) != self._size_px:
+            raise ContractError(told)
+        return np.frombuffer(data, np.uint8).reshape(height, width, 3)
+
+
 FIRST_PICTURE_S = 8.0  # nvargus takes seconds to set up a sensor
 END_S = 1.0  # that the child gets to end by itself
 BYTES_PER_PIXEL = 4  # BGRx, the only 8-bit RGB order that nvvidconv writes
@@ -68,7 +166,12 @@ def gst_command(source: Sequence[str], size_px: Tuple[int, int]) -> List[str]:
 
 
 class GstStream:
-    """Pictures from a child process that writes raw BGRx.
+    """Pictures from a child process that writes raw BGRx, such as ``gst-launch-1.0``.
+
+    OpenCV's wheels know no GStreamer, and a Jetson's CSI cameras give colour pictures through
+    nothing else. The child is the same with any source, so ``videotestsrc`` tests it anywhere. Its
+    pipe is not its standard output, where nvarguscamerasrc prints what it does: one such line among
+    the pixels would shift all pictures after it.
 
     Args:
         command: of the child; ``VIDEO_FD`` in it becomes the number of the descriptor that it

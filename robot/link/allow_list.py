@@ -1,6 +1,6 @@
-"""The doorkeeper: lets in the keys of the allow-list (ZAP, ZeroMQ RFC 27), each where its role may.
+"""Lets in the keys of the allow-list (ZAP, ZeroMQ RFC 27), each where its role may.
 
-Every bound socket has a ZAP domain of its own, the name of its stream, so that the door knows what
+Every bound socket has a ZAP domain of its own, the name of its stream, so that it is known what
 somebody wants. What a peer says of itself counts for nothing: our allow-list tells its role.
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import zmq
 
 ENDPOINT = "inproc://zeromq.zap.01"
-MAX_ADMISSIONS = 16  # doorkeeping in one call, so that a flood cannot hold up the control loop
+MAX_ADMISSIONS = 16  # in one call, so that a flood cannot hold up the control loop
 TELL_EVERY_S = 10.0  # of one who knocks at one socket again and again
 STRANGER = "a stranger"
 SHOWN_BYTES = 24  # of a name in a report
@@ -28,7 +28,7 @@ SHOWN_BYTES = 24  # of a name in a report
 logger = logging.getLogger(__name__)
 
 
-class Door:
+class AllowList:
     """Answers those who knock at this program's bound sockets; never blocks.
 
     Attributes:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Optional, Union
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TURNS = 50  # driven before memory is read
 
 
@@ -36,7 +36,12 @@ def measure_footprint(model: Optional[Union[str, Path]] = None) -> Footprint:
         from robot.inference.policy_file import read_contract
 
         read_contract(model)
-    command = [sys.executable, "-m", "robot.footprint", *([] if model is None else [str(model)])]
+    command = [
+        sys.executable,
+        "-m",
+        "robot.computer.footprint",
+        *([] if model is None else [str(model)]),
+    ]
     path = os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))
     done = subprocess.run(
         command,

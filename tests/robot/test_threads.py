@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import robot
-from robot.alarm import Alarm
-from robot.camera.newest import NewestFrame
+from robot.camera.source import NewestFrame
+from robot.computer.threads import Alarm
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import MonotonicClock
@@ -25,7 +25,7 @@ from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread
-from robot.runtime.watchdog import Watchdog
+from robot.runtime.timing import Watchdog
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from tests.robot.camera.test_newest import FakeStream, eventually
@@ -150,7 +150,7 @@ def test_no_module_of_the_robot_makes_a_wait_of_threading() -> None:
                 made.append((path.name, node.attr))
             if isinstance(node, ast.keyword) and node.arg == "timeout":
                 made.append((path.name, "timeout="))
-    assert made == [], "robot.alarm.Alarm does not depend on the wall clock"
+    assert made == [], "robot.computer.threads.Alarm does not depend on the wall clock"
 
 
 def test_a_worker_that_does_not_end_is_waited_for_by_its_patience() -> None:

@@ -1,12 +1,46 @@
-"""A second thread that looks whether the first one still turns."""
+"""The loop on time: its deadlines, and a second thread that looks whether it still turns."""
 
 from __future__ import annotations
 
 from typing import Callable
 
+from robot.computer.threads import Worker
 from robot.errors import HardwareError
+from robot.hat.clock import Clock
 from robot.parts import Tick
-from robot.worker import Worker
+
+ROUNDING_S = 1e-6  # of sums of times
+
+
+class RateKeeper:
+    """Deadlines every ``period_s`` [s] from the first ``wait`` on.
+
+    Attributes:
+        lag_s: how long after its deadline the last turn began [s].
+        missed: deadlines that passed while a turn still ran; they are skipped, not caught up.
+    """
+
+    def __init__(self, period_s: float, clock: Clock) -> None:
+        self.lag_s = 0.0
+        self.missed = 0
+        self._period_s = period_s
+        self._clock = clock
+        self._deadline_s = clock.now()
+
+    def wait(self) -> float:
+        """Sleep until the next deadline; returns ``lag_s``."""
+        now_s = self._clock.now()
+        early_s = self._deadline_s - now_s
+        if early_s > self._period_s + ROUNDING_S:  # the clock went back
+            self._deadline_s, early_s = now_s, 0.0
+        if early_s > 0.0:
+            self._clock.sleep(early_s)
+        self.lag_s = max(0.0, self._clock.now() - self._deadline_s)
+        skipped = int(self.lag_s / self._period_s)
+        self.missed += skipped
+        self._deadline_s += (1 + skipped) * self._period_s
+        return self.lag_s
+
 
 PERIOD_S = 0.05  # a hanging loop is noticed so much later than its limit at most
 # Without a look for so many turns and so long the watchdog hangs. Turns, too: both may have been

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot.link.command_server import FORGOTTEN_S, HELD_S, OperatorLock
 from robot.link.commands import KINDS
-from robot.link.helm import FORGOTTEN_S, HELD_S, Helm
 
 
 def test_the_holder_alone_keeps_the_robot_driving() -> None:
-    helm = Helm()
+    helm = OperatorLock()
     helm.heard("ann", 10.0)
     helm.done("ann", "arm", 10.0)
     helm.heard("ben", 10.9)
@@ -31,7 +31,7 @@ def test_the_holder_alone_keeps_the_robot_driving() -> None:
     )
 )
 def test_two_never_move_it_within_a_second_without_a_stop(events: list) -> None:
-    helm, now_s, mover, moved_s = Helm(), 0.0, "", -10.0
+    helm, now_s, mover, moved_s = OperatorLock(), 0.0, "", -10.0
     for sender, kind, pause_s in events:
         now_s += pause_s
         helm.heard(sender, now_s)
