@@ -14,9 +14,8 @@ import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
 from localizer_node.colour import Blob, blobs, mask_of, opened, to_hsv
-from localizer_node.parts import Part, bell, measured, merged, size_fit
 from localizer_node.rectify import Rect, Rectifier
-from localizer_node.search import CoarseSearch, clipped
+from localizer_node.search import CoarseSearch, Part, bell, clipped, measured, merged, size_fit
 from localizer_node.tags import Tag, TagReader
 
 BASELINE_TOLERANCE = 0.25  # relative, between the middles of rear and front

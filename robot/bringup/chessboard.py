@@ -7,7 +7,7 @@ from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from robot.bringup.prompts import Person
+from robot.bringup.prompts import Prompts
 from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import Stream
 from robot.config import CameraConfig
@@ -160,7 +160,7 @@ def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
     return boards, sizes.pop()
 
 
-def collect_boards(camera: CameraConfig, folder: Path, person: Person) -> None:
+def collect_boards(camera: CameraConfig, folder: Path, person: Prompts) -> None:
     """Keep a picture whenever the board is seen at a new place, until there are ``WANTED``.
 
     Raises:

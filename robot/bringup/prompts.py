@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Protocol
+from typing import Callable
 
 from robot.errors import ConfigError
 
 YES, NO = ("y", "yes"), ("n", "no")
 
 
-class Person(Protocol):
-    """Who is told, and asked."""
-
-    def tell(self, line: str) -> None:
-        """Show a line."""
-
-    def agrees(self, question: str) -> bool:
-        """A question answered with yes or no."""
-
-    def number(self, question: str) -> float:
-        """A question answered with a number."""
-
-
 class Prompts:
-    """A person who types; asked again until the answer can be understood.
+    """The person beside the robot, who types; asked again until the answer can be understood.
 
     Raises:
         ConfigError: from the questions, when the input ends.
@@ -36,11 +23,11 @@ class Prompts:
         self._read, self._show = read, show
 
     def tell(self, line: str) -> None:
-        """See ``Person``."""
+        """Show a line."""
         self._show(line, flush=True)
 
     def agrees(self, question: str) -> bool:
-        """See ``Person``."""
+        """A question answered with yes or no."""
         while True:
             answer = self._answer(f"{question} [y/n] ").lower()
             if answer in YES + NO:
@@ -48,7 +35,7 @@ class Prompts:
             self.tell("please type y or n; Ctrl-C stops and switches the motors off")
 
     def number(self, question: str) -> float:
-        """See ``Person``; a decimal comma is understood."""
+        """A question answered with a number; a decimal comma is understood."""
         while True:
             answer = self._answer(f"{question} ").replace(",", ".")
             try:

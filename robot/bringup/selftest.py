@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Callable, List, NamedTuple, Tuple
 
-from robot.bringup.prompts import Person
+from robot.bringup.prompts import Prompts
 from robot.bringup.roller import Roller
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
@@ -52,7 +52,7 @@ HOLD_REMEDY = "raise hat.hold_duty; check the motor supply"
 FREE_REMEDY = "switch the motor supply off at once; the HAT does not obey (docs/wiring.md)"
 
 
-def run_selftest(roller: Roller, person: Person) -> List[Outcome]:
+def run_selftest(roller: Roller, person: Prompts) -> List[Outcome]:
     """Every step, in order; after a failed one the person decides whether to go on.
 
     Raises:
@@ -79,7 +79,7 @@ def run_selftest(roller: Roller, person: Person) -> List[Outcome]:
     return outcomes
 
 
-def _motion_step(roller: Roller, person: Person, motion: _Motion) -> Callable[[], Outcome]:
+def _motion_step(roller: Roller, person: Prompts, motion: _Motion) -> Callable[[], Outcome]:
     def step() -> Outcome:
         person.tell(f"--- {motion.name}")
         turn_m = 2.0 * math.pi * roller.config.drive.wheel_radius_m
@@ -94,7 +94,7 @@ def _motion_step(roller: Roller, person: Person, motion: _Motion) -> Callable[[]
     return step
 
 
-def _stop(roller: Roller, person: Person) -> Outcome:
+def _stop(roller: Roller, person: Prompts) -> Outcome:
     """From the fastest speed to rest, as after a fault; the steps say how far."""
     person.tell("--- stop: both wheels run fast, then stop at once")
     config, motors = roller.config, roller.motors
@@ -113,13 +113,13 @@ def _stop(roller: Roller, person: Person) -> Outcome:
     return Outcome("stop", seen and rolled <= most_m, STOP_REMEDY)
 
 
-def _hold(person: Person) -> Outcome:
+def _hold(person: Prompts) -> Outcome:
     person.tell("--- hold: the coils hold the wheels now")
     held = person.agrees("Do both wheels RESIST when you turn them gently by hand?")
     return Outcome("hold", held, HOLD_REMEDY)
 
 
-def _coils_off(roller: Roller, person: Person) -> Outcome:
+def _coils_off(roller: Roller, person: Prompts) -> Outcome:
     roller.motors.release()
     roller.clock.sleep(0.5)
     person.tell("--- coils off")

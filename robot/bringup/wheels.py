@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any, Callable, Dict, Tuple
 
-from robot.bringup.prompts import Person
+from robot.bringup.prompts import Prompts
 from robot.bringup.roller import Roller
 from robot.errors import ConfigError
 from robot.hat.config import GAIN_MAX, HatConfig
@@ -113,10 +113,10 @@ DRIVE_M = 1.5
 SPOT_TURNS = 5
 SPEED_MPS = 0.08
 
-Guide = Callable[[Roller, Person], Values]
+Guide = Callable[[Roller, Prompts], Values]
 
 
-def guide_steps(roller: Roller, person: Person) -> Values:
+def guide_steps(roller: Roller, person: Prompts) -> Values:
     """Wheels in the air: turns by the present figure against turns that a person counts."""
     _start(person, "Do both wheels hang free, and is the left tyre marked at the top?")
     turn_m = 2.0 * math.pi * roller.config.drive.wheel_radius_m
@@ -130,7 +130,7 @@ def guide_steps(roller: Roller, person: Person) -> Values:
     return steps_from_turns(roller.config, commanded, seen)
 
 
-def guide_trim(roller: Roller, person: Person) -> Values:
+def guide_trim(roller: Roller, person: Prompts) -> Values:
     """On the floor: a straight drive, and where it ended."""
     _start(
         person,
@@ -145,7 +145,7 @@ def guide_trim(roller: Roller, person: Person) -> Values:
     return trim_from_drive(roller.config, way_m, ahead_m, left_m)
 
 
-def guide_baseline(roller: Roller, person: Person) -> Values:
+def guide_baseline(roller: Roller, person: Prompts) -> Values:
     """On the floor: turns on the spot, and how far beyond the last one it looks."""
     _start(person, "Does the robot stand on the floor along a straight line, with room to turn?")
     baseline_m = roller.config.drive.baseline_m
@@ -160,7 +160,7 @@ def guide_baseline(roller: Roller, person: Person) -> Values:
     return baseline_from_turns(roller.config, turned_rad, math.radians(beyond) - short_rad)
 
 
-def _start(person: Person, question: str) -> None:
+def _start(person: Prompts, question: str) -> None:
     if not person.agrees(question):
         raise ConfigError("expected a yes; prepare it and start again")
 

@@ -13,7 +13,7 @@ from typing import ContextManager, Tuple
 
 from robot.bringup import chessboard
 from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
-from robot.bringup.prompts import Person, Prompts
+from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.wheels import GUIDES, Guide, Values
 from robot.bringup.yaml_edit import edit_yaml
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> None:
     keep(options.config, values, person)
 
 
-def keep(path: Path, values: Values, person: Person) -> None:
+def keep(path: Path, values: Values, person: Prompts) -> None:
     """Write the values, and show what changed; ConfigError when the robot would refuse them."""
     for edit in edit_yaml(RobotConfig, path, values):
         person.tell(str(edit))
@@ -109,7 +109,7 @@ def measure_motion(
     guide: Guide,
     hat: HatConfig,
     motors: ContextManager[CountedMotors],
-    person: Person,
+    person: Prompts,
     clock: Clock,
 ) -> Values:
     """One of the guided measurements, with any motors, which are off afterwards."""
@@ -118,7 +118,7 @@ def measure_motion(
 
 
 def measure_camera(
-    config: RobotConfig, image: Path, near_edge_m: float, square_m: float, person: Person
+    config: RobotConfig, image: Path, near_edge_m: float, square_m: float, person: Prompts
 ) -> Values:
     """Pitch, roll and height of the camera over the board on the floor."""
     picture = read_picture(image) if image else chessboard.take_picture(config.camera)
@@ -126,8 +126,8 @@ def measure_camera(
     if corners is None:
         raise ConfigError(
             f"camera: expected the board with all its {chessboard.COLUMNS} by {chessboard.ROWS} "
-            "squares in the picture, found none; lay it before the robot, in even light, and see that nothing "
-            "covers it"
+            "squares in the picture, found none; lay it before the robot, in even light, and see "
+            "that nothing covers it"
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
     lens, before = config.camera.lens.scaled(*size), config.camera.mount
@@ -143,7 +143,7 @@ def measure_camera(
     return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}
 
 
-def measure_lens(config: RobotConfig, folder: Path, person: Person) -> Values:
+def measure_lens(config: RobotConfig, folder: Path, person: Prompts) -> Values:
     """The lens, from a folder of pictures that is filled first when it is empty or absent."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"--images: expected a folder of pictures, got the file {folder}")

@@ -13,7 +13,7 @@ from robot.config import CameraConfig, RobotConfig
 from robot.doctor.devices import check_camera, check_hat, check_mount
 from robot.doctor.findings import Finding, Level, fail, ok, warn
 from robot.doctor.health import check_clock, check_disk, check_heat, check_throttling
-from robot.doctor.machine import Machine, ThisMachine
+from robot.doctor.machine import Machine
 from robot.doctor.software import check_link, check_map, check_policy, check_python
 from robot.errors import ConfigError
 from robot.hat.config import HatConfig
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     """Do it; 1 when something fails."""
     expect_writable(options.json, inputs=[options.config])
     findings: List[Finding] = []
-    for finding in examine(ThisMachine(), options.config):
+    for finding in examine(Machine(), options.config):
         findings.append(finding)
         print(finding.line, flush=True)
     counts = {level: sum(f.level is level for f in findings) for level in Level}

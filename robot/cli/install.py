@@ -14,7 +14,7 @@ from pathlib import Path
 
 from robot.computer.footprint import ROOT
 from robot.errors import ConfigError
-from robot.install.changes import ThisHost
+from robot.install.changes import Host
 from robot.install.files import CONFIG, UNIT
 from robot.install.plan import Source, install, make_plan
 
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
     """Do it; ConfigError for a wrong source or user, HardwareError when a command fails."""
     plan = make_plan(Source(ROOT, sys.executable, options.model))
     expect_root(options.dry_run)
-    count = install(plan, ThisHost(), say, options.dry_run)
+    count = install(plan, Host(), say, options.dry_run)
     if options.dry_run:
         print(f"{count} changes; nothing was done")
     elif count:

@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import List, NamedTuple, Optional, Union
 
 from robot.errors import ConfigError, HardwareError
-from robot.hat.bus import I2cBus, SmbusBus
+from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, SmbusBus
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.pca9685 import Pca9685
 
-BUSES = (1, 7)  # pins 3 and 5 of a Jetson Nano, of an Orin Nano
-ADDRESSES = (0x6F, 0x60)
 ATTEMPTS = 3
 ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and stops
 
@@ -64,8 +62,8 @@ def run(options: argparse.Namespace) -> None:
         ConfigError: the configuration could not be read; what usually is there was switched off.
     """
     wrong: Optional[ConfigError] = None
-    buses: List[Union[int, str]] = [n for n in BUSES if os.path.exists(f"/dev/i2c-{n}")]
-    addresses = [*ADDRESSES]
+    buses: List[Union[int, str]] = [n for n in USUAL_BUSES if os.path.exists(f"/dev/i2c-{n}")]
+    addresses = [*USUAL_ADDRESSES]
     if options.config is not None:
         try:
             bus, addresses = configured(options.config)
@@ -75,7 +73,7 @@ def run(options: argparse.Namespace) -> None:
     if options.bus is not None:
         buses = [options.bus]
     addresses = options.address or addresses
-    buses = buses or [BUSES[0]]
+    buses = buses or [USUAL_BUSES[0]]
     told = [switch_off(_open(each), addresses, MonotonicClock()) for each in buses]
     for line in filter(None, told):
         print(line, flush=True)
@@ -96,8 +94,8 @@ def configured(path: Path) -> Place:
     wrong = (OSError, ValueError, TypeError, AttributeError, RecursionError, yaml.YAMLError)
     try:
         hat = (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("hat") or {}
-        bus = hat.get("socket") or int(hat.get("bus", BUSES[0]))
-        addresses = [_address(str(address)) for address in hat.get("addresses", ADDRESSES)]
+        bus = hat.get("socket") or int(hat.get("bus", USUAL_BUSES[0]))
+        addresses = [_address(str(address)) for address in hat.get("addresses", USUAL_ADDRESSES)]
     except (*wrong, argparse.ArgumentTypeError) as error:
         told = " ".join(str(error).split())
         raise ConfigError(

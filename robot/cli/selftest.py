@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import ContextManager
 
-from robot.bringup.prompts import Person, Prompts
+from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.selftest import run_selftest
 from robot.cli.ending import interrupt, on_ending
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def try_motors(
-    hat: HatConfig, motors: ContextManager[CountedMotors], person: Person, clock: Clock
+    hat: HatConfig, motors: ContextManager[CountedMotors], person: Prompts, clock: Clock
 ) -> int:
     """The test with any motors; 0 when all steps passed, 1 when one failed."""
     with motors as opened:

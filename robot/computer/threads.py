@@ -10,8 +10,7 @@ import os
 import select
 import threading
 import weakref
-from types import TracebackType
-from typing import Optional, Type, TypeVar
+from typing import Optional, TypeVar
 
 from robot.errors import HardwareError
 
@@ -94,12 +93,7 @@ class Worker:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: Optional[Type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
 
     def start(self) -> None:

@@ -11,13 +11,12 @@ from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import CameraLook, Machine
 from robot.errors import ConfigError, HardwareError
+from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.pca9685 import Pca9685
 from robot.lens import Mount
 
-BUSES = (1, 7)  # pins 3 and 5: of a Jetson Nano, of an Orin Nano
-ADDRESSES = (0x6F, 0x60)  # as these boards are sold
 WATCH_S = 2.0
 DARK = 8.0  # mean of a picture through a covered lens, of 255
 # What policies are trained to bear is randomised about the nominal mount by a little more.
@@ -36,9 +35,9 @@ def check_hat(machine: Machine, config: HatConfig) -> Finding:
             "on a Jetson pins 3 and 5 are one; elsewhere load the module i2c-dev",
         )
     found: List[Tuple[int, int]] = []
-    for number in dict.fromkeys((config.bus, *(bus for bus in BUSES if bus in buses))):
+    for number in dict.fromkeys((config.bus, *(bus for bus in USUAL_BUSES if bus in buses))):
         try:
-            found += _hats(machine, number, (*config.addresses, *ADDRESSES))
+            found += _hats(machine, number, (*config.addresses, *USUAL_ADDRESSES))
         except HardwareError as error:
             problem = problem or str(error)
     for bus, address in found:
@@ -54,7 +53,7 @@ def check_hat(machine: Machine, config: HatConfig) -> Finding:
     if problem:
         says, _, remedy = problem.partition("; ")
         return fail(name, says, remedy or "see docs/wiring.md")
-    shown = " and ".join(f"/dev/i2c-{bus}" for bus in dict.fromkeys((config.bus, *BUSES)))
+    shown = " and ".join(f"/dev/i2c-{bus}" for bus in dict.fromkeys((config.bus, *USUAL_BUSES)))
     return fail(
         name,
         f"nobody answers at {', '.join(f'0x{a:02X}' for a in config.addresses)} on {shown}",

@@ -11,7 +11,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Protocol, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -39,62 +39,19 @@ class CameraLook(NamedTuple):
         return (self.pictures - 1) / self.seconds if self.seconds > 0.0 else 0.0
 
 
-class Machine(Protocol):
-    """What the checks ask of a computer."""
+class Machine:
+    """The computer that this program runs on, as the checks see it."""
 
     def python(self) -> Tuple[int, int]:
         """Version of the interpreter."""
-
-    def processor(self) -> str:
-        """Such as ``aarch64``."""
-
-    def package(self, name: str) -> Optional[str]:
-        """Version of an installed package; None without it."""
-
-    def buses(self) -> List[int]:
-        """Numbers of the I2C buses."""
-
-    def open_bus(self, number: int) -> I2cBus:
-        """One of them; HardwareError when it cannot be used."""
-
-    def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
-        """Look through a camera that is no replay for a while."""
-
-    def free_bytes(self, path: Path) -> int:
-        """Free space on the disk of ``path``."""
-
-    def temperatures_c(self) -> Dict[str, float]:
-        """By the name of the sensor; empty where there are none."""
-
-    def frequencies_khz(self) -> List[Tuple[int, int]]:
-        """Highest frequency allowed and possible, for each core; empty where nobody knows."""
-
-    def wall_time_s(self) -> float:
-        """Seconds since 1970."""
-
-    def time_is_synchronised(self) -> Optional[bool]:
-        """Whether a time server was heard; None where nobody knows."""
-
-    def connects(self, host: str, port: int) -> str:
-        """Why nobody answers there; "" when somebody does."""
-
-    def port_is_free(self, port: int) -> bool:
-        """Whether a program can listen on it."""
-
-
-class ThisMachine:
-    """The computer that this program runs on; see ``Machine``."""
-
-    def python(self) -> Tuple[int, int]:
-        """See ``Machine``."""
         return sys.version_info[:2]
 
     def processor(self) -> str:
-        """See ``Machine``."""
+        """Such as ``aarch64``."""
         return platform.machine()
 
     def package(self, name: str) -> Optional[str]:
-        """See ``Machine``."""
+        """Version of an installed package; None without it."""
         from importlib import metadata
 
         try:
@@ -103,15 +60,15 @@ class ThisMachine:
             return None
 
     def buses(self) -> List[int]:
-        """See ``Machine``."""
+        """Numbers of the I2C buses."""
         return sorted(int(path.rsplit("-", 1)[1]) for path in glob.glob("/dev/i2c-*"))
 
     def open_bus(self, number: int) -> I2cBus:
-        """See ``Machine``."""
+        """One of them; HardwareError when it cannot be used."""
         return SmbusBus(number)
 
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
-        """See ``Machine``."""
+        """Look through a camera that is no replay for a while."""
         look, last, began_s = CameraLook(), None, 0.0
         try:
             stream = open_stream(camera, CAPTURE_PX)
@@ -136,11 +93,11 @@ class ThisMachine:
         return look
 
     def free_bytes(self, path: Path) -> int:
-        """See ``Machine``."""
+        """Free space on the disk of ``path``."""
         return shutil.disk_usage(path).free
 
     def temperatures_c(self) -> Dict[str, float]:
-        """See ``Machine``."""
+        """By the name of the sensor; empty where there are none."""
         found: Dict[str, float] = {}
         for zone in Path("/sys/class/thermal").glob("thermal_zone*"):
             with suppress(OSError, ValueError):
@@ -149,7 +106,7 @@ class ThisMachine:
         return found
 
     def frequencies_khz(self) -> List[Tuple[int, int]]:
-        """See ``Machine``."""
+        """Highest frequency allowed and possible, for each core; empty where nobody knows."""
         found = []
         for folder in sorted(Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq")):
             with suppress(OSError, ValueError):
@@ -159,16 +116,16 @@ class ThisMachine:
         return found
 
     def wall_time_s(self) -> float:
-        """See ``Machine``."""
+        """Seconds since 1970."""
         return time.time()
 
     def time_is_synchronised(self) -> Optional[bool]:
-        """See ``Machine``: systemd-timesyncd leaves a file."""
+        """Whether a time server was heard (systemd-timesyncd leaves a file); None where unknown."""
         folder = Path("/run/systemd/timesync")
         return (folder / "synchronized").exists() if folder.is_dir() else None
 
     def connects(self, host: str, port: int) -> str:
-        """See ``Machine``."""
+        """Why nobody answers there; "" when somebody does."""
         try:
             socket.create_connection((host, port), CONNECT_S).close()
         except OSError as error:
@@ -176,7 +133,7 @@ class ThisMachine:
         return ""
 
     def port_is_free(self, port: int) -> bool:
-        """See ``Machine``."""
+        """Whether a program can listen on it."""
         with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:

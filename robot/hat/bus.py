@@ -12,6 +12,9 @@ from typing import Protocol
 
 from robot.errors import HardwareError
 
+USUAL_BUSES = (1, 7)  # pins 3 and 5: of a Jetson Nano, of an Orin Nano
+USUAL_ADDRESSES = (0x6F, 0x60)  # as these boards are sold
+
 
 class I2cBus(Protocol):
     """One I2C bus with 7-bit addresses; every call is one transaction, START to STOP."""

@@ -9,7 +9,7 @@ from typing import Dict, NamedTuple, Tuple
 from robot.contract import DRIVE
 from robot.errors import ConfigError, nearest
 from robot.geometry import DifferentialDrive
-from robot.hat.bus import bus_read_time_s, bus_time_s
+from robot.hat.bus import USUAL_ADDRESSES, bus_read_time_s, bus_time_s
 from robot.hat.coils import MICROSTEPS
 
 GAIN_MAX = 1.1
@@ -71,7 +71,7 @@ class HatConfig:
     bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano
     socket: str = ""  # of a virtual bus (python -m tools.loop), instead of /dev/i2c-<bus>
     bus_hz: int = 100_000  # as the kernel sets it; a Nano's bus 1 runs at 100 kHz
-    addresses: Tuple[int, ...] = (0x6F, 0x60)  # tried in this order
+    addresses: Tuple[int, ...] = USUAL_ADDRESSES  # tried in this order
     left: MotorConfig = MotorConfig("M1M2")
     right: MotorConfig = MotorConfig("M3M4", reversed=True)  # mounted as the left one's mirror
     drive: DifferentialDrive = DRIVE

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Iterator, NoReturn, Optional, Type
+from typing import Iterator, NoReturn, Optional
 
 from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
@@ -51,12 +50,7 @@ class MotorDriver:
         self.open()
         return self
 
-    def __exit__(
-        self,
-        kind: Optional[Type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def open(self) -> None:

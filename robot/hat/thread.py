@@ -11,8 +11,7 @@ import fcntl
 import os
 import threading
 from contextlib import ExitStack, contextmanager
-from types import TracebackType
-from typing import Iterator, Optional, Type, Union
+from typing import Iterator, Optional, Union
 
 from robot.computer.threads import Alarm, Worker
 from robot.errors import HardwareError
@@ -107,12 +106,7 @@ class MotorThread(Worker):
         self._driver.open()
         return super().__enter__()
 
-    def __exit__(
-        self,
-        kind: Optional[Type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
         self._driver.close()
 

@@ -7,39 +7,19 @@ import pwd
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, List, Protocol, Sequence, Tuple
+from typing import Callable, List, Sequence, Tuple, Union
 
 from robot.errors import HardwareError
 from robot.output import write_bytes
 
 
-class Host(Protocol):
-    """What a change asks of the computer."""
+class Host:
+    """The computer that is installed on: its files below a root, its commands, users and groups."""
 
-    @property
-    def root(self) -> Path:
-        """Where its files are; ``/`` but in tests."""
+    root = Path("/")  # another one in tests
 
     def run(self, command: Sequence[str]) -> None:
         """Run a command; HardwareError when it fails."""
-
-    def has_user(self, name: str) -> bool:
-        """Whether there is such a user."""
-
-    def has_group(self, name: str) -> bool:
-        """Whether there is such a group."""
-
-    def members(self, group: str) -> List[str]:
-        """The users that were added to a group."""
-
-
-class ThisHost:
-    """The computer that this program runs on."""
-
-    root = Path("/")
-
-    def run(self, command: Sequence[str]) -> None:
-        """See ``Host``."""
         try:
             done = subprocess.run(list(command), check=False)
         except OSError as error:
@@ -48,43 +28,20 @@ class ThisHost:
             raise HardwareError(f"{' '.join(command)}: ended with status {done.returncode}")
 
     def has_user(self, name: str) -> bool:
-        """See ``Host``."""
+        """Whether there is such a user."""
         return any(user.pw_name == name for user in pwd.getpwall())
 
     def has_group(self, name: str) -> bool:
-        """See ``Host``."""
+        """Whether there is such a group."""
         return any(group.gr_name == name for group in grp.getgrall())
 
     def members(self, group: str) -> List[str]:
-        """See ``Host``."""
+        """The users that were added to a group."""
         return next((g.gr_mem for g in grp.getgrall() if g.gr_name == group), [])
 
 
 KEPT = ".before-duckpilot"  # a file that was there before is kept under this ending
 Command = Tuple[str, ...]
-
-
-class Change(Protocol):
-    """One change. ``name`` identifies it in the manifest."""
-
-    @property
-    def name(self) -> str:
-        """Never twice in a plan."""
-
-    def needed(self, host: Host) -> bool:
-        """Whether the computer is not yet so."""
-
-    def tell(self) -> List[str]:
-        """The lines of a dry run: what exactly is written and run."""
-
-    def do(self, host: Host) -> None:
-        """Make it so."""
-
-    def tell_undo(self) -> List[str]:
-        """The lines of a dry run of undoing it."""
-
-    def undo(self, host: Host) -> None:
-        """Make it as it was before."""
 
 
 def at(host: Host, path: str) -> Path:
@@ -122,12 +79,12 @@ class WrittenFile:
         return self.path
 
     def needed(self, host: Host) -> bool:
-        """See ``Change``."""
+        """Whether the computer is not yet so."""
         path = at(host, self.path)
         return not path.is_file() or (not self.theirs and path.read_bytes() != self.content)
 
     def tell(self) -> List[str]:
-        """See ``Change``."""
+        """The lines of a dry run: what exactly is written and run."""
         try:
             lines = [f"    {line}" for line in self.content.decode("utf-8").splitlines()]
         except UnicodeDecodeError:
@@ -135,7 +92,7 @@ class WrittenFile:
         return [f"write {self.path}:", *lines, *told(self.after)]
 
     def do(self, host: Host) -> None:
-        """See ``Change``."""
+        """Make it so."""
         path, kept = at(host, self.path), at(host, self.path + KEPT)
         if path.is_file() and not kept.exists():
             path.rename(kept)
@@ -148,12 +105,12 @@ class WrittenFile:
             raise
 
     def tell_undo(self) -> List[str]:
-        """See ``Change``."""
+        """The lines of a dry run of undoing it."""
         but = ", unless it was edited" if self.theirs else ""
         return [f"remove {self.path}, or put back what was there{but}", *told(self.after)]
 
     def undo(self, host: Host) -> None:
-        """See ``Change``."""
+        """Make it as it was before."""
         path = at(host, self.path)
         if self.theirs and path.is_file() and path.read_bytes() != self.content:
             return
@@ -178,24 +135,27 @@ class Commands:
     undoing: Tuple[Command, ...]
 
     def needed(self, host: Host) -> bool:
-        """See ``Change``."""
+        """Whether the computer is not yet so."""
         return self.is_needed(host)
 
     def tell(self) -> List[str]:
-        """See ``Change``."""
+        """The lines of a dry run: what exactly is written and run."""
         return told(self.commands)
 
     def do(self, host: Host) -> None:
-        """See ``Change``."""
+        """Make it so."""
         run_all(host, self.commands)
 
     def tell_undo(self) -> List[str]:
-        """See ``Change``."""
+        """The lines of a dry run of undoing it."""
         return told(self.undoing)
 
     def undo(self, host: Host) -> None:
-        """See ``Change``."""
+        """Make it as it was before."""
         run_all(host, self.undoing)
+
+
+Change = Union[WrittenFile, Commands]  # ``name`` identifies one in the manifest
 
 
 def folder(path: str, owner: str = "root", mode: int = 0o755) -> Commands:

@@ -14,8 +14,7 @@ from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError
 from robot.link.messages import FAR_M, MAX_TIME_S, UNSENT
 from robot.link.wire import (
-    decode,
-    encode,
+    Message,
     require_name,
     require_number,
     require_one_of,
@@ -25,7 +24,6 @@ from robot.link.wire import (
 ALWAYS_TAKEN = ("beat", "stop", "disarm")
 WITH_MISSION = ("plan", "mission")
 KINDS = (*ALWAYS_TAKEN, "arm", "clear", *WITH_MISSION, "manual")
-MANUAL_EXPIRY_S = 0.5  # a manual command holds no longer than this
 MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
 REASON_LIMIT_BYTES = 400
 
@@ -47,13 +45,13 @@ class Mission:
 
 
 @dataclass(frozen=True)
-class Command:
+class Command(Message):
     """One request. Kinds:
 
     ``beat`` says that the operator is there; ``stop`` is the emergency stop; ``disarm`` lets the
     coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``plan`` asks whether the robot
     would take ``mission``, and changes nothing; ``mission`` drives it; ``manual`` drives ``action``
-    (None: stand) for ``MANUAL_EXPIRY_S``.
+    (None: stand) for as long as the robot's ``SafetyLimits.manual_age_s``.
     """
 
     id: str
@@ -81,18 +79,9 @@ class Command:
         if self.action is not None and self.kind != "manual":
             raise ContractError(f"command {self.kind}: expected an action only with kind manual")
 
-    def to_bytes(self) -> bytes:
-        """One JSON part."""
-        return encode(self)
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Command:
-        """Read ``to_bytes``; ContractError for anything else."""
-        return decode(cls, data)
-
 
 @dataclass(frozen=True)
-class Ack:
+class Ack(Message):
     """The robot's answer to the command ``id``; its clock is what the next command echoes."""
 
     id: str
@@ -108,12 +97,3 @@ class Ack:
         require_text("ack reason", self.reason, REASON_LIMIT_BYTES)
         require_name("ack robot_session", self.robot_session)
         require_number("ack robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
-
-    def to_bytes(self) -> bytes:
-        """One JSON part."""
-        return encode(self)
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Ack:
-        """Read ``to_bytes``; ContractError for anything else."""
-        return decode(cls, data)

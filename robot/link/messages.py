@@ -18,8 +18,7 @@ from robot.geometry import Pose
 from robot.link.wire import (
     MAX_COUNT,
     SCHEMA,
-    decode,
-    encode,
+    Message,
     require_length,
     require_name,
     require_number,
@@ -80,7 +79,7 @@ class PoseMessage(Sighting):
 
 
 @dataclass(frozen=True)
-class PosesMessage:
+class PosesMessage(Message):
     """All the robots seen in one picture: a stream keeps its newest message, and no robot's pose
     may push out another's.
     """
@@ -106,15 +105,6 @@ class PosesMessage:
                 place = (seen.x_m, seen.y_m, seen.heading_rad, seen.confidence)
                 return PoseMessage(robot, *place, *stamp)
         return None
-
-    def to_bytes(self) -> bytes:
-        """One JSON part."""
-        return encode(self)
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> PosesMessage:
-        """Read ``to_bytes``; ContractError for anything else."""
-        return decode(cls, data)
 
 
 @dataclass(frozen=True)

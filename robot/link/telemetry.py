@@ -14,8 +14,7 @@ from robot.contract import FIVE_ACTIONS, MOST_ACTIONS, ActionTable
 from robot.errors import ContractError
 from robot.link.messages import FAR_M, UNSENT, require_stamp
 from robot.link.wire import (
-    decode,
-    encode,
+    Message,
     require_length,
     require_name,
     require_number,
@@ -121,7 +120,7 @@ class Attention:
 
 
 @dataclass(frozen=True)
-class Telemetry:
+class Telemetry(Message):
     """The robot's report. ``pose`` is the fused estimate: x [m], y [m], heading [rad]."""
 
     robot: str
@@ -177,15 +176,6 @@ class Telemetry:
             _require_xy("telemetry path", point)
         require_length("telemetry inputs", self.inputs, MAX_ENTRIES)
         require_length("telemetry health", self.health, MAX_ENTRIES)
-
-    def to_bytes(self) -> bytes:
-        """One JSON part."""
-        return encode(self)
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Telemetry:
-        """Read ``to_bytes``; ContractError for anything else."""
-        return decode(cls, data)
 
 
 def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:

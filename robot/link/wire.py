@@ -10,7 +10,7 @@ import dataclasses
 import json
 import numbers
 import re
-from typing import Any, Dict, List, Optional, Sequence, Tuple, Type, TypeVar
+from typing import Any, ClassVar, Dict, List, Optional, Sequence, Tuple, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError, nearest
 from robot.typed_config import from_plain
@@ -22,6 +22,21 @@ DECIMALS = 6  # a micrometre, a microsecond
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
+
+
+class Message:
+    """A frozen dataclass that is one JSON part; ``KIND`` is its name on the wire."""
+
+    KIND: ClassVar[str]
+
+    def to_bytes(self) -> bytes:
+        """One JSON part."""
+        return encode(self)
+
+    @classmethod
+    def from_bytes(cls: Type[T], data: bytes) -> T:
+        """Read ``to_bytes``; ContractError for anything else."""
+        return decode(cls, data)
 
 
 def encode(message: Any) -> bytes:

@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Optional, Protocol, Tuple
+from typing import Optional, Tuple
 
 from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError, PlanError
 from robot.geometry import Pose, WheelSpeeds
 from robot.link import commands
+from robot.link.command_server import CommandServer
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Ask
 from robot.safety.state_machine import Command
 from robot.safety.wheel_limits import STILL
 
 START_WITHIN_M = 0.15  # a robot's length: as well as a person puts it down
-
-
-class Server(Protocol):
-    """What is needed of a `robot.link.command_server.CommandServer`."""
-
-    def serve(self, handle: Callable[[commands.Command], None]) -> None:
-        """Give each new command to ``handle``, which raises DuckpilotError to refuse it."""
-
-    def operator_age_s(self) -> float:
-        """Age of the operator's last sign of life [s]."""
 
 
 def expect_at_start(pose: Optional[Pose], start_m: Optional[Tuple[float, float]]) -> None:
@@ -56,7 +47,7 @@ class RemoteOperator:
         navigator: plans missions; None for a robot that keeps its lane.
     """
 
-    def __init__(self, server: Server, navigator: Optional[MissionNavigator]) -> None:
+    def __init__(self, server: CommandServer, navigator: Optional[MissionNavigator]) -> None:
         self._server = server
         self._navigator = navigator
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from localizer_node.calibration import Board, Marker
 from localizer_node.detect import Detector
-from localizer_node.parts import merged
+from localizer_node.search import merged
 from tests.localizer_node.rigs import MAP_M, PINHOLE, Rig, turn
 
 TWO_COLOUR = (Marker("green"), Marker("pink", front="magenta"))

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from localizer_node.colour import mask_of, to_hsv
-from localizer_node.learn_colour import learn_colour
+from localizer_node.colour import learn_colour, mask_of, to_hsv
 from robot.errors import ConfigError
 from tests.localizer_node.rigs import FLOOR_RGB, PAINT
 

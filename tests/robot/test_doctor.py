@@ -14,7 +14,7 @@ from robot.cli import main
 from robot.cli.doctor import examine
 from robot.config import CameraConfig
 from robot.doctor.findings import Finding, Level
-from robot.doctor.machine import CameraLook, ThisMachine
+from robot.doctor.machine import CameraLook, Machine
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
 from robot.link.keys import keygen
@@ -278,7 +278,7 @@ def test_the_command_tells_of_this_computer(
 
 
 def test_this_computer_can_be_looked_at(tmp_path: Path) -> None:
-    machine = ThisMachine()
+    machine = Machine()
     assert machine.package("numpy")
     assert machine.package("no-such-package") is None
     assert machine.free_bytes(tmp_path) > 0

@@ -16,6 +16,7 @@ from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Subscriber
 from robot.link.telemetry import Telemetry
+from robot.safety.gates import SafetyLimits
 from tools.monitor.attention import AttentionThread
 from tools.monitor.drives import DriveRecorder
 from tools.monitor.state import MonitorState, Snapshot
@@ -24,7 +25,7 @@ TURN_S = 0.02
 PATIENCE_S = 1.5
 NEWS_S = 0.25  # a change of the robot's state is reported within this
 ARMED = ("READY", "MANUAL", "AUTO")
-HAND_S = 0.5  # after its last manual command a page drives no longer
+HAND_S = SafetyLimits.manual_age_s  # after its last manual command a page drives no longer
 PAGE_ALIVE_S = 1.0  # a page that showed nothing new for so long is no watcher
 
 
@@ -119,7 +120,7 @@ class Monitor:
         return self.state.telemetry is not None and self.state.telemetry.state in ARMED
 
     def drive_by_hand(self, page: object, action: int | None) -> bool:
-        """Pass on one manual command: it holds for ``MANUAL_EXPIRY_S`` and is never repeated.
+        """Pass on one manual command: it holds for ``HAND_S`` and is never repeated.
 
         False while another page drives.
         """
