@@ -162,11 +162,6 @@ class Calibration:
                 return marker
         raise ConfigError(f"robot {robot!r}: {nearest(robot, [m.robot for m in self.robots])}")
 
-    @property
-    def diagonal_m(self) -> float:
-        """Length of the map's diagonal."""
-        return float((self.map_size_m[0] ** 2 + self.map_size_m[1] ** 2) ** 0.5)
-
 
 def load_calibration(path: Union[str, Path]) -> Calibration:
     """Read what ``save_calibration`` wrote.

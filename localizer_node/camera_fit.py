@@ -24,7 +24,6 @@ class CameraFit:
     rotation: np.ndarray  # (3, 3): world directions into the camera frame
     position_m: np.ndarray  # (3,)
     height_sigma_m: float  # standard deviation when points are 1 px uncertain; 0 when given
-    rms_px: float
 
     @property
     def ray_from_floor(self) -> np.ndarray:
@@ -70,9 +69,8 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
 
     best, jacobian = _levenberg_marquardt(residual, np.zeros(unknowns))
     sigma = _height_sigma(jacobian, freedom)
-    rms = float(np.sqrt(np.mean(residual(best) ** 2) * 2.0))
     fitted, turn, place = camera(best)
-    return CameraFit(fitted, turn, place, sigma, rms)
+    return CameraFit(fitted, turn, place, sigma)
 
 
 def _moved(

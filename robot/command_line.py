@@ -7,7 +7,7 @@ import difflib
 import math
 import os
 import sys
-from typing import Any, Callable, Iterator, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, NoReturn, Optional, Tuple
 
 from robot.errors import DuckpilotError, HardwareError, nearest
 
@@ -177,8 +177,3 @@ def number(low: float, high: float) -> Callable[[str], float]:
 
 
 SEED = whole(0, 2**31 - 1)
-
-
-def asks_for_help(arguments: Sequence[str]) -> bool:
-    """Whether someone wants to read, not to work."""
-    return any(word in ("-h", "--help") for word in arguments)

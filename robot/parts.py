@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, NamedTuple, Optional, Protocol, Tuple
+from typing import Callable, NamedTuple, Optional, Protocol
 
 import numpy as np
 
@@ -123,6 +123,3 @@ class Subscriber(Protocol):
 
     def on_tick(self, tick: Tick) -> None:
         """Called at the end of every turn; must return soon."""
-
-
-Subscribers = Tuple[Subscriber, ...]

@@ -140,3 +140,22 @@ class Worker:
             self._died = error
         finally:
             self._ended.set()
+
+
+class Silence:
+    """Whether a thread that should turn hangs: asked ``looks`` times, and ``limit_s`` long [s].
+
+    Both, because the thread and whoever asks may have been paused together.
+    """
+
+    def __init__(self, looks: int, limit_s: float) -> None:
+        self._looks, self._limit_s = looks, limit_s
+        self._heard, self._heard_s = 0, 0.0
+        self._unheard = 0  # looks since then
+
+    def lasts(self, turns: int, now_s: float) -> bool:
+        """Whether it does; ``turns`` is what the thread counts up."""
+        if turns != self._heard or self._unheard == 0:
+            self._heard, self._heard_s, self._unheard = turns, now_s, 0
+        self._unheard += 1
+        return self._unheard > self._looks and now_s - self._heard_s > self._limit_s

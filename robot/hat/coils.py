@@ -33,9 +33,6 @@ class Levels(NamedTuple):
     pwmb: float
 
 
-ALL_LOW = Levels(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
     """The inputs at a position counted in microsteps (any number; the ring repeats).
 

@@ -13,7 +13,7 @@ import threading
 from contextlib import ExitStack, contextmanager
 from typing import Iterator, Optional, Union
 
-from robot.computer.threads import Alarm, Worker
+from robot.computer.threads import Alarm, Silence, Worker
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.bus import I2cBus, SmbusBus
@@ -98,9 +98,8 @@ class MotorThread(Worker):
         self._clock = clock or MonotonicClock()
         self._guard = threading.RLock()  # of the driver
         self._alarm = Alarm()
-        self._turns = self._heard = 0
-        self._unheard = 0  # wakings since ``_heard_s``
-        self._heard_s = 0.0
+        self._turns = 0
+        self._silence = Silence(WAKINGS, TURN_S)
 
     def __enter__(self) -> MotorThread:
         self._driver.open()
@@ -175,11 +174,7 @@ class MotorThread(Worker):
             raise HardwareError("motor thread: expected it to run, it has ended")
 
     def _expect_turning(self) -> None:
-        now_s = self._clock.now()
-        if self._turns != self._heard or self._unheard == 0:
-            self._heard, self._heard_s, self._unheard = self._turns, now_s, 0
-        self._unheard += 1
-        if self._unheard > WAKINGS and now_s - self._heard_s > TURN_S:
+        if self._silence.lasts(self._turns, self._clock.now()):
             self._driver.fail(
                 HardwareError("motor thread: expected a turn each time it is woken, it hangs")
             )

@@ -14,24 +14,22 @@ from typing import Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
-from robot.errors import MapError, PlanError, nearest
+from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, wrap_angle
 from robot.navigation.lanes import border_point
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
 
-COSTS = ("unit", "metric")  # lanes on the way, as in the paper, or metres
 _OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near too
 _TURNED_RAD = math.radians(6.0)  # likewise along the heading of a robot that stands there
 _SHORTEST = 1e-3  # of a lane: a route to where the robot already stands
-_SAMPLES = 64  # per lane, to measure its length
 
-Edge = Tuple[int, float, int]  # node at the lane's end, cost, lane
+Edge = Tuple[int, int]  # node at the lane's end, lane
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The cheapest way between two nodes: its lanes in order (indices) and its cost."""
+    """The way of fewest lanes between two nodes: these in order (indices), and how many."""
 
     lanes: Tuple[int, ...]
     cost: float
@@ -39,8 +37,9 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """The cheapest way between two places: the lanes it takes and the Beziers (4, 2) to follow.
+    """The way of fewest lanes between two places: these, and the Beziers (4, 2) to follow.
 
+    ``cost`` counts lanes, as in the paper, the first and last by the share that is driven.
     The first and the last curve are the parts of their lanes that are driven.
     """
 
@@ -56,7 +55,6 @@ class LaneGraph:
         lanes: the edges, as in ``road_map.lanes``.
         lane_nodes: for every lane the nodes where it begins and ends.
         node_poses: (nodes, 3) x [m], y [m], heading [rad].
-        lane_lengths_m: (lanes,).
 
     Raises:
         MapError: the map has no road.
@@ -80,34 +78,28 @@ class LaneGraph:
             for points in control
         )
         self.node_poses = _node_poses(control, self.lane_nodes)
-        t = np.linspace(0.0, 1.0, _SAMPLES + 1)
-        steps = np.diff([bezier_points(points, t) for points in control], axis=1)
-        self.lane_lengths_m = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)
-        self._edges = {cost: self._edge_lists(cost) for cost in COSTS}
-        self._bounds: Dict[Tuple[str, int], List[float]] = {}
+        edges: List[List[Edge]] = [[] for _ in range(self.nodes)]
+        for lane, (start, end) in enumerate(self.lane_nodes):
+            edges[start].append((end, lane))
+        self._edges = [tuple(leaving) for leaving in edges]
+        self._bounds: Dict[int, List[float]] = {}
 
     @property
     def nodes(self) -> int:
         """Number of nodes."""
         return len(self.node_poses)
 
-    def edges_from(self, node: int, cost: str = "unit") -> Tuple[Edge, ...]:
-        """The lanes that leave a node: (node at the end, cost, lane)."""
-        return self._edges[cost][node]
+    def edges_from(self, node: int) -> Tuple[Edge, ...]:
+        """The lanes that leave a node: (node at the end, lane)."""
+        return self._edges[node]
 
-    def step(self, lane: int, cost: str = "unit") -> float:
-        """The cost of driving a whole lane."""
-        return float(self.lane_lengths_m[lane]) if cost == "metric" else 1.0
-
-    def plan(self, start: int, goal: int, cost: str = "unit") -> Plan:
+    def plan(self, start: int, goal: int) -> Plan:
         """The cheapest way from node to node, by A* with a consistent lower bound.
 
         Raises:
-            PlanError: unknown cost, or no way.
+            PlanError: no way.
         """
-        if cost not in COSTS:
-            raise PlanError(f"unknown cost {cost!r}; {nearest(cost, COSTS)}")
-        edges, bounds = self._edges[cost], self._bounds_to(goal, cost)
+        bounds = self._bounds_to(goal)
         reached: Dict[int, float] = {start: 0.0}
         came: Dict[int, Tuple[int, int]] = {}
         frontier = [(bounds[start], 0.0, start)]
@@ -117,37 +109,26 @@ class LaneGraph:
                 return Plan(_trace(came, start, goal), -minus_spent)
             if -minus_spent > reached[node]:
                 continue
-            for after, step, lane in edges[node]:
-                spent = step - minus_spent
+            for after, lane in self._edges[node]:
+                spent = 1.0 - minus_spent
                 if spent < reached.get(after, math.inf):
                     reached[after] = spent
                     came[after] = (node, lane)
                     heapq.heappush(frontier, (spent + bounds[after], -spent, after))
         raise PlanError(self._no_way(start, goal))
 
-    def _edge_lists(self, cost: str) -> List[Tuple[Edge, ...]]:
-        lists: List[List[Edge]] = [[] for _ in range(self.nodes)]
-        for lane, (start, end) in enumerate(self.lane_nodes):
-            lists[start].append((end, self.step(lane, cost), lane))
-        return [tuple(edges) for edges in lists]
-
-    def _bounds_to(self, goal: int, cost: str) -> List[float]:
+    def _bounds_to(self, goal: int) -> List[float]:
         """A lower bound of the cost from every node; kept, since a goal is asked for often.
 
-        Metres: the straight line. Lanes: each one leads into a neighbouring tile, hence the
-        difference in rows plus that in columns between the tiles that the nodes lead into.
+        Each lane leads into a neighbouring tile, hence the difference in rows plus that in columns
+        between the tiles that the nodes lead into.
         """
-        key = (cost, goal)
-        if key not in self._bounds:
+        if goal not in self._bounds:
             poses = self.node_poses
-            if cost == "metric":
-                bound = np.hypot(*(poses[:, :2] - poses[goal, :2]).T)
-            else:
-                ahead = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
-                tiles = np.floor(poses[:, :2] / self.road_map.tile_size_m + 0.25 * ahead)
-                bound = np.abs(tiles - tiles[goal]).sum(axis=1)
-            self._bounds[key] = bound.tolist()
-        return self._bounds[key]
+            ahead = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
+            tiles = np.floor(poses[:, :2] / self.road_map.tile_size_m + 0.25 * ahead)
+            self._bounds[goal] = np.abs(tiles - tiles[goal]).sum(axis=1).tolist()
+        return self._bounds[goal]
 
     def _no_way(self, start: int, goal: int) -> str:
         places = [
@@ -160,9 +141,7 @@ class LaneGraph:
         )
 
 
-def plan_route(
-    graph: LaneGraph, start: Pose, goal_m: Tuple[float, float], cost: str = "unit"
-) -> Route:
+def plan_route(graph: LaneGraph, start: Pose, goal_m: Tuple[float, float]) -> Route:
     """The cheapest route from the lane under a pose to the lane nearest to a position.
 
     Where lanes overlap, as at the entry of a junction, all of them are tried; a robot that has
@@ -181,7 +160,7 @@ def plan_route(
             break
         for goal_lane, goal_t, _ in goals:
             try:
-                routes.append(route_between(graph, start_lane, start_t, goal_lane, goal_t, cost))
+                routes.append(route_between(graph, start_lane, start_t, goal_lane, goal_t))
             except PlanError as error:
                 problem = error
     if not routes and problem is not None:
@@ -189,9 +168,7 @@ def plan_route(
     return min(routes, key=lambda route: route.cost)
 
 
-def plan_path(
-    road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float, float], cost: str = "unit"
-) -> Path:
+def plan_path(road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float, float]) -> Path:
     """The path of `plan_route`. Give the graph rather than the map when planning often.
 
     Raises:
@@ -199,7 +176,7 @@ def plan_path(
         PlanError: start or goal is not on the road, or the goal cannot be reached.
     """
     graph = road if isinstance(road, LaneGraph) else LaneGraph(road)
-    return Path.from_beziers(plan_route(graph, start, goal_m, cost).curves_m)
+    return Path.from_beziers(plan_route(graph, start, goal_m).curves_m)
 
 
 def _lanes_under(
@@ -233,12 +210,7 @@ def _lanes_under(
 
 
 def route_between(
-    graph: LaneGraph,
-    start_lane: int,
-    start_t: float,
-    goal_lane: int,
-    goal_t: float,
-    cost: str = "unit",
+    graph: LaneGraph, start_lane: int, start_t: float, goal_lane: int, goal_t: float
 ) -> Route:
     """The cheapest route from a point on one lane to a point on another.
 
@@ -251,15 +223,15 @@ def route_between(
     if start_lane == goal_lane and goal_t > start_t - _SHORTEST:
         end_t = min(max(goal_t, start_t + _SHORTEST), 1.0)
         return Route((start_lane,), (_part(first, min(start_t, end_t - _SHORTEST), end_t),), 0.0)
-    plan = graph.plan(graph.lane_nodes[start_lane][1], graph.lane_nodes[goal_lane][0], cost)
+    plan = graph.plan(graph.lane_nodes[start_lane][1], graph.lane_nodes[goal_lane][0])
     lanes = [*plan.lanes, goal_lane]
     curves = [graph.lanes[lane].control_points_m for lane in plan.lanes]
     curves.append(_part(last, 0.0, max(goal_t, _SHORTEST)))
-    driven = goal_t * graph.step(goal_lane, cost)
+    driven = goal_t
     if start_t < 1.0 - _SHORTEST:
         lanes.insert(0, start_lane)
         curves.insert(0, _part(first, start_t, 1.0))
-        driven += (1.0 - start_t) * graph.step(start_lane, cost)
+        driven += 1.0 - start_t
     return Route(tuple(lanes), tuple(curves), plan.cost + driven)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Callable
 
-from robot.computer.threads import Worker
+from robot.computer.threads import Silence, Worker
 from robot.errors import HardwareError
 from robot.hat.clock import Clock
 from robot.parts import Tick
@@ -57,18 +57,13 @@ class Watchdog(Worker):
     def __init__(self, watch: Callable[[], None]) -> None:
         super().__init__("watchdog")
         self._watch = watch
-        self._looks = self._heard = 0
-        self._unwatched = 0  # turns of the loop since ``_heard_s``
-        self._heard_s = 0.0
+        self._looks = 0
+        self._silence = Silence(TURNS, SILENCE_S)
 
     def on_tick(self, tick: Tick) -> None:
         """HardwareError when nobody watches any more."""
         self.check()
-        if self._looks != self._heard or self._unwatched == 0:
-            self._heard, self._heard_s, self._unwatched = self._looks, tick.time_s, 0
-        self._unwatched += 1
-        silent_s = tick.time_s - self._heard_s
-        if self._unwatched > TURNS and silent_s > SILENCE_S:
+        if self._silence.lasts(self._looks, tick.time_s):
             raise HardwareError(f"watchdog thread: expected a look every {PERIOD_S:g} s, it hangs")
 
     def _work(self) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.planner import COSTS, LaneGraph, plan_path, plan_route
+from robot.navigation.planner import LaneGraph, plan_path, plan_route
 from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
 
 SIDES = {(1, 0): "E", (-1, 0): "W", (0, 1): "N", (0, -1): "S"}
@@ -26,7 +26,7 @@ def all_maps(data_dir: FilePath) -> list[RoadMap]:
     return [road_map for road_map in maps if road_map.lanes]
 
 
-def dijkstra(graph: LaneGraph, start: int, cost: str) -> dict[int, float]:
+def dijkstra(graph: LaneGraph, start: int) -> dict[int, float]:
     reached: dict[int, float] = {}
     frontier = [(0.0, start)]
     while frontier:
@@ -34,32 +34,30 @@ def dijkstra(graph: LaneGraph, start: int, cost: str) -> dict[int, float]:
         if node in reached:
             continue
         reached[node] = spent
-        for after, step, _ in graph.edges_from(node, cost):
-            heapq.heappush(frontier, (spent + step, after))
+        for after, _ in graph.edges_from(node):
+            heapq.heappush(frontier, (spent + 1.0, after))
     return reached
 
 
-def check_against_dijkstra(graph: LaneGraph, cost: str) -> None:
+def check_against_dijkstra(graph: LaneGraph) -> None:
     for start in range(graph.nodes):
-        cheapest = dijkstra(graph, start, cost)
+        cheapest = dijkstra(graph, start)
         for goal in range(graph.nodes):
             if goal in cheapest:
-                assert graph.plan(start, goal, cost).cost == pytest.approx(cheapest[goal])
+                assert graph.plan(start, goal).cost == pytest.approx(cheapest[goal])
             else:
                 with pytest.raises(PlanError, match="without a U-turn"):
-                    graph.plan(start, goal, cost)
+                    graph.plan(start, goal)
 
 
-@pytest.mark.parametrize("cost", COSTS)
 @pytest.mark.parametrize("name", ["loop", "arena", "town"])
-def test_a_star_is_as_cheap_as_dijkstra_on_shipped_maps(name: str, cost: str) -> None:
-    check_against_dijkstra(LaneGraph(load_map(name)), cost)
+def test_a_star_is_as_cheap_as_dijkstra_on_shipped_maps(name: str) -> None:
+    check_against_dijkstra(LaneGraph(load_map(name)))
 
 
-@pytest.mark.parametrize("cost", COSTS)
-def test_a_star_is_as_cheap_as_dijkstra_on_every_map(all_maps: list[RoadMap], cost: str) -> None:
+def test_a_star_is_as_cheap_as_dijkstra_on_every_map(all_maps: list[RoadMap]) -> None:
     for road_map in all_maps:
-        check_against_dijkstra(LaneGraph(road_map), cost)
+        check_against_dijkstra(LaneGraph(road_map))
 
 
 def test_plans_are_chains_of_lanes(all_maps: list[RoadMap]) -> None:
@@ -95,7 +93,7 @@ def test_no_lane_turns_back_and_lanes_meet_in_the_same_direction(all_maps: list[
 def test_an_arena_node_never_leads_to_its_opposite_within_one_tile() -> None:
     graph = LaneGraph(load_map("arena"))
     for start in range(graph.nodes):
-        for end, _, _ in graph.edges_from(start):
+        for end, _ in graph.edges_from(start):
             x, y, heading = graph.node_poses[start]
             back = abs(abs(wrap_angle(graph.node_poses[end, 2] - heading)) - math.pi) < 0.1
             near = np.hypot(*(graph.node_poses[end, :2] - (x, y))) < 0.44
@@ -136,13 +134,11 @@ def test_paths_are_continuous_and_lead_from_start_to_goal(all_maps: list[RoadMap
     assert planned > 200
 
 
-def test_a_route_costs_what_it_is_long() -> None:
+def test_a_route_costs_the_lanes_that_it_drives() -> None:
     graph = LaneGraph(load_map("town"))
     for start, goal in tasks(graph, 100, seed=2):
-        metric = plan_route(graph, start, goal, "metric")
-        path = plan_path(graph, start, goal, "metric")
-        assert metric.cost == pytest.approx(path.length_m, abs=0.1)
-        assert metric.cost <= plan_path(graph, start, goal, "unit").length_m + 0.1
+        route = plan_route(graph, start, goal)
+        assert len(route.lanes) - 2.0 <= route.cost <= len(route.lanes)
 
 
 def test_a_goal_ahead_on_the_lane_is_driven_to_and_one_behind_is_driven_round_to() -> None:
@@ -200,8 +196,6 @@ def test_what_cannot_be_planned_says_why() -> None:
         plan_path(arena, Pose(0.7, 0.7, 0.0), (2.0, 0.6))
     with pytest.raises(PlanError, match="goal on the road"):
         plan_path(arena, on_road, (5.0, 5.0))
-    with pytest.raises(PlanError, match="did you mean 'metric'"):
-        plan_path(arena, on_road, (1.0, 2.55), cost="metrik")
     dead_end = read_map({"tiles": [["straight/E"] * 3], "tile_size": 0.5}, "dead end")
     with pytest.raises(PlanError, match="without a U-turn"):
         plan_path(dead_end, Pose(1.2, 0.15, 0.0), (0.2, 0.35))
