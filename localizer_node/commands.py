@@ -1,4 +1,4 @@
-"""``run`` and ``locate``, and what they write and draw."""
+"""``run`` and ``locate``, and what they write."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
-import numpy as np
-
-from localizer_node.calibration import Calibration, load_calibration
+from localizer_node.calibration import load_calibration
 from localizer_node.detect import Detection
+from localizer_node.draw import annotated
 from localizer_node.node import Localizer, PosePublisher, Publish, locate_frame
-from localizer_node.rectify import Rectifier, map_outline
 from localizer_node.sources import open_source
 from localizer_node.track import RobotPose
 from robot import output
@@ -40,47 +38,6 @@ def expect_outputs(*targets: Optional[str], inputs: Dict[str, Any]) -> None:
     """Make sure, before the work, that these files can be written; ConfigError if not."""
     files = (Path(target) for target in targets if target not in (None, STDOUT))
     output.expect_writable(*files, inputs=[Path(each) for each in inputs.values() if each])
-
-
-Rgb = Tuple[int, int, int]
-OUTLINE_RGB: Rgb = (250, 210, 60)
-FOUND_RGB: Rgb = (60, 230, 110)
-NAMELESS_RGB: Rgb = (240, 90, 80)
-ARROW_M = 0.18
-
-
-def annotated(
-    image: np.ndarray, calibration: Calibration, detections: Iterable[Detection]
-) -> np.ndarray:
-    """A copy of the raw RGB picture with the map's edge and each robot's place and heading."""
-    import cv2
-
-    picture = image.copy()
-    rectifier = Rectifier(calibration)
-    edge = np.round(rectifier.to_pixels(map_outline(calibration.map_size_m))).astype(np.int32)
-    cv2.polylines(picture, [edge.reshape(-1, 1, 2)], True, OUTLINE_RGB, 1, cv2.LINE_AA)
-    heights = {m.robot: m.board.height_m for m in calibration.robots}
-    for found in detections:
-        _draw(picture, rectifier, found, heights.get(found.robot, 0.0))
-    return picture
-
-
-def _draw(picture: np.ndarray, rectifier: Rectifier, found: Detection, height_m: float) -> None:
-    import cv2
-
-    colour = FOUND_RGB if found.robot else NAMELESS_RGB
-    start = (round(found.u_px), round(found.v_px))
-    cv2.circle(picture, start, 4, colour, 2, cv2.LINE_AA)
-    if found.heading_rad is not None:
-        ahead = np.array([math.cos(found.heading_rad), math.sin(found.heading_rad)])
-        tip = rectifier.to_pixels(np.array([found.x_m, found.y_m]) + ARROW_M * ahead, height_m)
-        end = (round(float(tip[0])), round(float(tip[1])))
-        cv2.arrowedLine(picture, start, end, colour, 2, cv2.LINE_AA, tipLength=0.25)
-    degrees = "?" if found.heading_rad is None else f"{math.degrees(found.heading_rad):.0f}"
-    label = f"{found.robot or 'unread'} {found.x_m:.2f} {found.y_m:.2f} {degrees}"
-    where = (start[0] + 14, start[1] - 14)
-    cv2.putText(picture, label, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, label, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
 
 
 def run(arguments: argparse.Namespace) -> None:
