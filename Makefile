@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test lint types layers pytest explore test38 demo bench mutants format clean
+.PHONY: help setup test lint types layers pytest explore test38 package demo bench mutants format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -19,7 +19,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PY) -m pip install --progress-bar on --constraint constraints.txt --editable '.[trainer,monitor,scale,dev]'
 	@touch $@
 
-test: lint types layers pytest test38  ## everything that CI runs
+test: lint types layers pytest test38 package  ## everything that CI runs
 
 lint: $(STAMP)  ## ruff: style and format
 	$(VENV)/bin/ruff check .
@@ -39,6 +39,9 @@ explore: $(STAMP)  ## the property tests on examples drawn anew
 
 test38: $(STAMP)  ## the robot's tests on Python 3.8 with the Jetson Nano's wheels, where a 3.8 is found
 	@bash tools/test38.sh
+
+package: $(STAMP)  ## wheel and sdist, installed outside the repository and used
+	$(PY) -m tools.try_package
 
 demo: $(STAMP)  ## train a lane-keeping policy, export it, drive it through virtual hardware: runs/demo/
 	$(PY) -m tools.demo --out runs/demo

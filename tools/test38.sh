@@ -2,13 +2,7 @@
 # The robot's tests on Python 3.8 with the exact wheels of a Jetson Nano.
 # PYTHON38 names the interpreter; without one (pyenv's are looked for too) it says so and passes.
 set -euo pipefail
-python38=
-for candidate in "${PYTHON38:-}" python3.8 "$HOME"/.pyenv/versions/3.8.*/bin/python3.8; do
-  if [ -n "$candidate" ] && "$candidate" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 8))' 2>/dev/null; then
-    python38=$candidate
-    break
-  fi
-done
+python38=$(bash tools/python38.sh)
 if [ -z "$python38" ]; then
   echo "test38: skipped: no Python 3.8 on this machine (set PYTHON38=/path/to/python3.8)"
   exit 0

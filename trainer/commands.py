@@ -118,22 +118,41 @@ def endure_command(
     return 0
 
 
-def export_command(run: tyro.conf.Positional[Path]) -> int:
-    """Write model.onnx and model_int8.onnx of a run, checked against torch on 1,000 frames.
+def export_command(
+    source: tyro.conf.Positional[str], contract: Path | None = None, out: Path | None = None
+) -> int:
+    """Write a policy as ONNX, checked against torch: a run's, or one from elsewhere.
+
+    Of a run: model.onnx and model_int8.onnx in its folder, checked on 1,000 frames.
 
     Args:
-        run: its folder.
+        source: a run folder; or a stable-baselines3 zip, a TorchScript file, or MODULE:ATTRIBUTE
+            of a torch module. Open none that you do not trust: such files can run code.
+        contract: elsewhere: YAML that says what the policy sees and does; a zip says it itself.
+        out: elsewhere: the file to write, .onnx; else beside the source.
     """
+    console = Console(soft_wrap=True)
+    if not Path(source).is_dir() and (Path(source).exists() or ":" in source):
+        from trainer.outside import export_outside
+
+        path, difference = export_outside(source, contract, out)
+        console.print(f"{path}: differs from torch by at most {difference:.1e}")
+        return 0
+    if contract is not None or out is not None:
+        raise ConfigError(
+            f"{source}: expected --contract and --out for policies from elsewhere only; this is "
+            "no file, and no MODULE:ATTRIBUTE"
+        )
     from trainer.envs import make_env
     from trainer.export import export_run
     from trainer.run import RunFolder
 
-    folder = RunFolder(run)
+    folder = RunFolder(Path(source))
     config = folder.load_config()
     env = make_env(config, EXPORT_ROBOTS, config.seed)
     exported = export_run(folder, config, env)
     env.close()
-    Console(soft_wrap=True).print(
+    console.print(
         f"{folder.onnx}: differs from torch by at most {exported.largest_difference:.1e} over "
         f"{exported.frames} frames; INT8 chooses alike on {exported.int8_same_choice:.1%} of them, "
         "none of which it was calibrated on"

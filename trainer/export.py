@@ -14,6 +14,7 @@ from onnxruntime import InferenceSession
 from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
@@ -112,7 +113,7 @@ def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
     )
 
 
-def export_network(network: GreedyNetwork, contract: PolicyContract, path: Path) -> None:
+def export_network(network: nn.Module, contract: PolicyContract, path: Path) -> None:
     """Write ``network`` with its contract: ``image`` uint8 (N, H, W, 3) [, ``path``] -> ``values``.
 
     torch's older exporter is used on purpose: the newer one needs onnxscript and cannot write
@@ -147,14 +148,15 @@ def run_onnx(path: Path, observations: dict[str, np.ndarray]) -> np.ndarray:
     return np.asarray(session.run(["values"], observations)[0])
 
 
-def check_equal(network: GreedyNetwork, path: Path, observations: dict[str, np.ndarray]) -> float:
+def check_equal(network: nn.Module, path: Path, observations: dict[str, np.ndarray]) -> float:
     """The largest difference between torch and ONNX.
 
     Raises:
         ContractError: it is beyond `TOLERANCE`.
     """
     with torch.no_grad():
-        ours = network(**{name: torch.from_numpy(part) for name, part in observations.items()})
+        seen = [observations[name] for name in ("image", "path") if name in observations]
+        ours = network(*map(torch.from_numpy, seen))
     difference = float(np.abs(run_onnx(path, observations) - ours.numpy()).max())
     if not difference <= TOLERANCE:
         raise ContractError(

@@ -32,7 +32,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),
 }
-OUT_IS_FILE = ("translate lanes", "translate sheet", "parse export")
+OUT_IS_FILE = ("export", "translate lanes", "translate sheet", "parse export")
 
 
 def check(command: str, options: Mapping[str, Any]) -> None:
@@ -54,7 +54,8 @@ def check(command: str, options: Mapping[str, Any]) -> None:
         files.append(out)
     elif out is not None:
         expect_folder(out)
-    inputs = [every.get(name) for name in ("model", "parser", "lanes", "pictures", "images")]
+    names = ("model", "parser", "lanes", "pictures", "images", "source", "contract")
+    inputs = [every.get(name) for name in names]
     inputs = [Path(path) for path in inputs if isinstance(path, (str, Path)) and str(path)]
     expect_writable(*files, inputs=inputs)
 
