@@ -52,7 +52,7 @@ CALLS: dict[str, tuple[tuple[str, int, str], ...]] = {
         ("monitor --demo", 2, "pip install 'duckpilot[monitor]'"),
     ),
     "monitor": (),  # served, see `serve`
-    "trainer,scale": (("train --ray nowhere:1 --out runs", 2, "running cluster"),),
+    "trainer,scale": (("train --ray auto --out runs", 2, "running cluster"),),
 }
 
 
