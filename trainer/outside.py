@@ -94,7 +94,7 @@ def _from_torch(source: str) -> nn.Module:
     path, (module, _, attribute) = Path(source), source.partition(":")
     if path.exists():
         with reading(path, "a TorchScript file or a stable-baselines3 zip"):
-            return torch.jit.load(str(path), map_location="cpu")  # type: ignore[no-any-return]
+            return torch.jit.load(str(path), map_location="cpu")
     if not attribute:
         raise ConfigError(f"{source}: expected a run folder, a file, or MODULE:ATTRIBUTE")
     sys.path.insert(0, "")
@@ -156,7 +156,7 @@ def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyCo
         task="lane" if guide is None else "navigation",
         algorithm="stable-baselines3",
         image=ImageSpec(width, whole, whole - height),
-        path_points=0 if guide is None else int(np.prod(guide.shape)),
+        path_points=0 if guide is None else int(np.prod(guide.shape or ())),
         actions=FIVE_ACTIONS if choices else WHEEL_GRID,
         frames=channels // 3,
     )
@@ -176,7 +176,7 @@ class _ChoosingNetwork(nn.Module):
         self.policy = policy
         seen, done = policy.observation_space, policy.action_space
         image = seen["image"] if isinstance(seen, spaces.Dict) else seen
-        self.transposed = tuple(image.shape) != contract.picture_shape
+        self.transposed = image.shape != contract.picture_shape
         self.alone = not isinstance(seen, spaces.Dict)
         self.table: torch.Tensor | None = None
         if isinstance(done, spaces.Box):
@@ -203,13 +203,13 @@ class _ChoosingNetwork(nn.Module):
             ready = preprocess_obs(seen, policy.observation_space, policy.normalize_images)
             latent = policy.mlp_extractor.forward_actor(policy.pi_features_extractor(ready))
             said = policy.action_net(latent)
-            return said.tanh() if policy.squash_output else said  # type: ignore[no-any-return]
+            return said.tanh() if policy.squash_output else said
         if hasattr(policy, "q_net"):
-            return policy.q_net(seen)  # type: ignore[no-any-return]
+            return policy.q_net(seen)
         actor = policy.actor
         if hasattr(actor, "get_action_dist_params"):
-            return actor.get_action_dist_params(seen)[0].tanh()  # type: ignore[no-any-return]
-        return actor(seen)  # type: ignore[no-any-return]
+            return actor.get_action_dist_params(seen)[0].tanh()
+        return actor(seen)
 
 
 def _pictures(contract: PolicyContract) -> dict[str, np.ndarray]:
