@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test lint types layers pytest explore test38 package demo bench mutants format clean
+.PHONY: help setup test lint types layers pytest explore test38 package demo bench mutants docs format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -52,6 +52,10 @@ bench: $(STAMP)  ## the tables of figures: runs/bench.json
 mutants: $(STAMP)  ## what the tests would miss, over hours, resumed where it stopped: runs/mutants/
 	$(PY) -m tools.mutants --named
 	nice -n 10 $(PY) -m tools.mutants
+
+docs: $(STAMP)  ## the documents as a site: runs/site/index.html
+	$(PY) -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 
 format: $(STAMP)  ## let ruff rewrite the style
 	$(VENV)/bin/ruff check --fix .

@@ -15,7 +15,7 @@ from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-STEPS = int(sys.argv[2]) if len(sys.argv) > 2 else 20_000
+STEPS = int(sys.argv[2]) if len(sys.argv) > 2 else 10_000
 ROBOTS = 16
 
 

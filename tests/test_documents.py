@@ -12,6 +12,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
 UNCOUNTED = {"lab-log.md", "faults.md"}  # an appendix; a table that a program writes
 
+MOST_WORDS = 22_000
 FENCES = re.compile(r"^(```|~~~).*?^\1", re.MULTILINE | re.DOTALL)
 LINKS = re.compile(r"\]\(([^()\s]+(?:\([^()\s]*\))?)\)")
 IMAGES = re.compile(r"""<(?:img|source)[^>]*?src(?:set)?=["']([^"']+)""")
@@ -44,6 +45,26 @@ def broken(page: Path) -> list[str]:
         if not target.exists() or (anchor and anchor not in anchors(target)):
             wrong.append(link)
     return wrong
+
+
+def words(page: Path) -> int:
+    """Words and figures of a page, code included; bars and rules of tables are none."""
+    return sum(
+        any(letter.isalnum() for letter in word)
+        for word in page.read_text(encoding="utf-8").split()
+    )
+
+
+def test_the_documents_are_short_enough_to_be_read() -> None:
+    counted = {page.name: words(page) for page in DOCS.rglob("*.md") if page.name not in UNCOUNTED}
+    assert sum(counted.values()) <= MOST_WORDS, sorted(counted.items(), key=lambda one: -one[1])
+
+
+def test_the_site_shows_every_page() -> None:
+    shown = set(
+        re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE)
+    )
+    assert shown == {page.name for page in DOCS.rglob("*.md")}
 
 
 def test_a_broken_link_is_noticed(tmp_path: Path) -> None:
