@@ -10,14 +10,9 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError
-from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.faces import action_space, newest_picture, observation_space, one_of, step_infos
-from sim_pybullet.racing.track import load_track
-from sim_pybullet.randomise import load_look_sampler, load_looks
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
-from sim_pybullet.tasks.navigation import Navigation
-from sim_pybullet.tasks.track_racing import TrackRacing
+from sim_pybullet.tasks.spec import Choices, find_task
 
 _SEEDS = 2**31
 
@@ -122,91 +117,38 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         return one_of(observation, i)
 
 
-def make_lane_keeping(
-    road_map: str = "loop",
-    lane: Literal["outer", "inner"] = "outer",
-    laps: float = 2.0,
+def make(
+    task: str,
+    road_map: str | Sequence[str] = (),
     look: str = "nominal",
+    pose_error: str | None = None,
     image: ImageSpec | None = None,
     world_seed: int = 0,
     pool_size: int = 16,
     render_mode: Literal["rgb_array"] | None = None,
+    **choices: Any,
 ) -> DriveEnv:
-    """The lane-keeping environment, as the registered ids make it.
+    """The environment of a task, as the registered ids make it.
 
     Args:
-        road_map: a file, or the name of a shipped map, whose road is a ring.
-        lane: which one.
-        laps: of an episode.
-        look: a file, or the name of a shipped Look or distribution of Looks.
-        image: the picture of the policy.
-        world_seed: of the painted worlds; episodes follow the seed of ``reset``.
-        pool_size: how many worlds are painted.
-        render_mode: see ``DriveEnv``.
-
-    Raises:
-        MapError: no such map, or not a ring of road.
-        ConfigError: no such look.
-    """
-    task = LaneKeeping([load_map(road_map)], 1, lane, laps)
-    world = BatchWorld(task, load_look_sampler(look), image, world_seed, pool_size)
-    return DriveEnv(world, render_mode)
-
-
-def make_navigation(
-    road_map: str | Sequence[str] = "arena",
-    look: str = "nominal",
-    pose_error: str = "none",
-    image: ImageSpec | None = None,
-    world_seed: int = 0,
-    pool_size: int = 16,
-    render_mode: Literal["rgb_array"] | None = None,
-) -> DriveEnv:
-    """The navigation environment, as the registered ids make it.
-
-    Args:
-        road_map: one or more files, or names of shipped maps; each episode is on one of them.
-        look: a file, or the name of a shipped Look or distribution of Looks.
-        pose_error: ``none`` or ``arena``, in place of the Look's own.
+        task: its name.
+        road_map: one or more files, or names of shipped maps or tracks, each episode on one of
+            them; else the task's own.
+        look: a file, or the name of a shipped look or distribution of looks.
+        pose_error: ``none`` or ``arena``, in place of the look's own.
         image: the picture of the policy.
         world_seed: of the painted worlds; episodes follow the seed of ``reset``.
         pool_size: how many worlds are painted of each map.
         render_mode: see ``DriveEnv``.
+        choices: ``lane``, ``style``, ``laps`` or ``start_spread``, as of
+            `sim_pybullet.tasks.spec.Choices`.
 
     Raises:
-        MapError: no such map, or too little road on it.
-        ConfigError: no such look or pose error.
+        MapError: no such map, or not one for this task.
+        ConfigError: no such task or look, or something that this task has no use for.
     """
-    names = [road_map] if isinstance(road_map, str) else road_map
-    task = Navigation([load_map(name) for name in names], 1)
-    looks = load_look_sampler(look, pose_error)
-    return DriveEnv(BatchWorld(task, looks, image, world_seed, pool_size), render_mode)
-
-
-def make_track_racing(
-    track: str | Sequence[str] = "forest",
-    laps: float = 1.0,
-    look: str = "nominal",
-    image: ImageSpec | None = None,
-    world_seed: int = 0,
-    pool_size: int = 10,
-    render_mode: Literal["rgb_array"] | None = None,
-) -> DriveEnv:
-    """The racing environment, as the registered ids make it.
-
-    Args:
-        track: one or more files, or names of shipped tracks; each episode is on one of them.
-        laps: of an episode.
-        look: a file or folder, or the name of a shipped one.
-        image: the picture of the policy, of which it sees the last four.
-        world_seed: of the painted worlds; episodes follow the seed of ``reset``.
-        pool_size: how many worlds are painted of each track.
-        render_mode: see ``DriveEnv``.
-
-    Raises:
-        MapError: no such track, or not closed.
-        ConfigError: no such look.
-    """
-    names = [track] if isinstance(track, str) else track
-    task = TrackRacing([load_track(name) for name in names], 1, laps)
-    return DriveEnv(BatchWorld(task, load_looks(look), image, world_seed, pool_size), render_mode)
+    spec = find_task(task)
+    names = [road_map] if isinstance(road_map, str) else road_map or [spec.map]
+    built = spec.build([spec.load(name) for name in names], 1, Choices(**choices))
+    looks = spec.looks(look, pose_error)
+    return DriveEnv(BatchWorld(built, looks, image, world_seed, pool_size), render_mode)

@@ -102,8 +102,8 @@ def training_figures() -> dict[str, float]:
     """Samples per second of a Dueling network of preset ``fast``: forward, backward, Adam step."""
     import torch
 
-    from trainer.learners.algorithms import build_policy
     from trainer.learners.networks import GreedyNetwork
+    from trainer.learners.policies import build_policy
     from trainer.presets import preset
 
     torch.set_num_threads(1)

@@ -18,22 +18,12 @@ from robot.errors import ConfigError
 from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import shipped_maps
 from robot.output import expect_writable
+from sim_pybullet.tasks.spec import find_task
+from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 from trainer.presets import preset
-from trainer.report.paper import NAMES
 from trainer.run import RunFolder, atomically
 
-PURPOSES: Mapping[str, str] = {
-    "lane": "Lane keeping: follows its lane by its picture alone, with no pose.",
-    "navigation": (
-        "Navigation: drives along a planned path (`path_input`), late and drifting as its pose may "
-        "be, by its picture.\nNothing tells it of other robots or of things on the road."
-    ),
-    "track": (
-        "Racing on tracks: for the simulator's cars, `python -m trainer evaluate`. A robot refuses "
-        "it, it was trained for another vehicle."
-    ),
-}
 _WAYS = {"both": "; rings in both directions", "inner": "; rings clockwise"}
 _ZEROED = {None: "", "image": ", picture empty (`--zero image`)", "path": ", path empty"}
 
@@ -79,10 +69,10 @@ def card(run: Path, name: str) -> str:
     lines = [
         f"# {name}",
         "",
-        PURPOSES[config.task],
+        find_task(config.task).purpose,
         "",
-        f"{NAMES[config.algorithm]}, preset `{config.preset}` ({picture} pictures), trained for "
-        f"{metrics['train_steps']:,} steps in {seconds}, evaluations included.",
+        f"{find_algorithm(config.algorithm).title}, preset `{config.preset}` ({picture} pictures), "
+        f"trained for {metrics['train_steps']:,} steps in {seconds}, evaluations included.",
         f"Learned on {_listed(config.maps)}; look `{config.look}`; "
         f"pose error {config.pose_error or 'of the look'}{_WAYS.get(config.lane, '')}. "
         f"Chosen on {_listed(config.evaluation.maps or config.maps)}.",

@@ -35,8 +35,8 @@ from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import LaneFit, MapFit, RoadFit
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.spec import find_task
 from tools.faults.spoil import SPOILED, Spoil
-from trainer.envs import build_task
 from trainer.judging.evaluate import open_policy
 
 ROBOTS = 20
@@ -95,21 +95,21 @@ def doubt(sight: Sight) -> str:
 def missions(options: argparse.Namespace, spoil: str) -> Iterator[Eyes]:
     """The eyes of each mission, as it ends; for ever."""
     policy = open_policy(options.model)
-    task = "navigation" if policy.contract.path_points else "lane"
+    task = find_task(policy.contract.task)
     maps = [load_map(name) for name in options.map]
-    roads = [road_of(road_map, task) for road_map in maps]
-    look = load_look_sampler(options.look, "arena" if task == "navigation" else None)
+    roads = [road_of(road_map, bool(task.path_points)) for road_map in maps]
+    look = load_look_sampler(options.look, "arena" if task.path_points else None)
     seed = options.seed
     while True:
-        world = BatchWorld(build_task(task, maps, ROBOTS), look, seed=seed, pool_size=POOL)
+        world = BatchWorld(task.build(maps, ROBOTS), look, seed=seed, pool_size=POOL)
         yield from _drive(world, policy, roads, spoil)
         seed += 1
 
 
-def road_of(road_map: RoadMap, task: str) -> RoadFit:
+def road_of(road_map: RoadMap, guided: bool) -> RoadFit:
     """What the robot knows of the road: nothing of the mounting that the look has drawn."""
     rig = CameraRig(DUCKIEBOT_LENS)
-    return MapFit(road_paint(road_map), rig) if task == "navigation" else LaneFit(rig)
+    return MapFit(road_paint(road_map), rig) if guided else LaneFit(rig)
 
 
 def _drive(world: BatchWorld, policy: Any, roads: list[RoadFit], spoil: str) -> Iterator[Eyes]:

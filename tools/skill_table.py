@@ -20,17 +20,10 @@ from typing import Any
 from robot.command_line import OneLineParser, answer
 from robot.errors import ConfigError
 from robot.output import expect_writable
+from sim_pybullet.tasks.spec import find_task
 from trainer.run import RunFolder, atomically
 
 SKILLED = 0.99  # share of a greedy evaluation's episodes that succeed
-PAPER_STEPS: Mapping[tuple[str, str], str] = {  # paper A, sections 4.1 and 4.2
-    ("lane", "ddqn"): "10,000 to a first reward of 1200",
-    ("lane", "dueling"): "within 1,000,000",
-    ("lane", "a2c"): "never for good",
-    ("lane", "ppo"): "550,000",
-    ("navigation", "dueling"): "1,500,000 (96.4 % of 1,000)",
-    ("navigation", "ppo"): "3,000,000 (66 % of 1,000)",
-}
 
 
 def skill_table(runs: Sequence[Path]) -> str:
@@ -104,7 +97,8 @@ def _skill_row(run: Path) -> tuple[str, ...]:
     )
     first = [_number(skilled.get(key)) for key in ("step", "seconds", "cpu_seconds")]
     whole = [_number(metrics.get(key)) for key in ("train_steps", "train_seconds", "cpu_seconds")]
-    paper = PAPER_STEPS.get((config.task, config.algorithm), "-")
+    row = find_task(config.task).paper.get(config.algorithm)
+    paper = row.told if row else "-"
     return (run.name, config.task, config.algorithm, str(config.seed), *first, paper, *whole)
 
 

@@ -22,11 +22,12 @@ from rich.console import Console
 
 from robot.command_line import OneLineParser, answer, whole
 from robot.output import expect_writable, write_json
+from trainer.algorithms import Making, find_algorithm
 from trainer.config import RunConfig
 from trainer.envs import ScaledReward, make_env
-from trainer.learners.algorithms import build_model
 from trainer.learners.true_path import WithTruePath
 from trainer.presets import preset
+from trainer.run import RunFolder
 
 ALGORITHMS = ("dueling", "ppo")
 _MOST = 2.0  # times the untranslated step: what is due
@@ -71,7 +72,9 @@ def measure(
             env = make_env(chosen, robots, chosen.seed)
             told = WithTruePath(env) if chosen.true_path else env
             scaled = ScaledReward(told, chosen.reward_scale)
-            learners.append(build_model(chosen, scaled, Path(folder) / str(k)))
+            place, console = RunFolder(Path(folder) / str(k)), Console(quiet=True)
+            making = Making(chosen, scaled, place, make_env, console)
+            learners.append(find_algorithm(chosen.algorithm).build(making))
         times = np.empty((turns + 1, 2))
         for row in times:
             for k, learner in enumerate(learners):

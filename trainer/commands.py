@@ -200,7 +200,9 @@ def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = 
     Args:
         preset_name: paper, fast or debug.
     """
-    from trainer.config import ALGORITHMS, TASKS, choose
+    from sim_pybullet.tasks.spec import learned_tasks
+    from trainer.algorithms import algorithm_names
+    from trainer.config import choose
     from trainer.presets import PRESETS, preset
 
     choose("preset", preset_name, PRESETS)
@@ -208,7 +210,7 @@ def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = 
 
     columns = ("task", "algorithm", "picture", "parameters", "driving", "MMAC")
     table = Table(*columns, title=preset_name)
-    every = list(itertools.product(TASKS, ALGORITHMS))
+    every = list(itertools.product([spec.name for spec in learned_tasks()], algorithm_names()))
     for task, name in track(every, "building policies", console=Console(stderr=True)):
         row = summarise(preset(task, name, preset_name))
         figures = f"{row.parameters:,}", f"{row.driving:,}", f"{row.macs / 1e6:.2f}"

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
-from robot.contract import ACTION_WHEELS, PATH_POINTS, ActionTable, ImageSpec
+from robot.contract import ImageSpec
 from robot.errors import ConfigError, expect_between, nearest
-from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS
+from robot.typed_config import from_plain, read_yaml
 from sim_pybullet.randomise import is_reality
-from sim_pybullet.tasks.lane_keeping import LANES
-from sim_pybullet.tasks.track_racing import STYLES
+from sim_pybullet.tasks.spec import find_task
+from trainer.algorithms import LearnConfig, algorithm_names, find_algorithm
 
 T = TypeVar("T")
 
@@ -19,30 +20,6 @@ LARGEST_SEED = 2**31 - 1
 MOST_STEPS = 10**12
 
 WHOLE_FRAME = ImageSpec()
-WHEELED: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
-
-TASKS = {"lane": "loop", "navigation": "arena", "track": "forest"}  # and where it is learned
-TESTS = {
-    **TASKS,
-    "four_laps": "loop",
-    "manoeuvres": "arena",
-}  # what can be evaluated, and where by default
-
-
-@dataclass(frozen=True)
-class TaskShape:
-    """What a task's policy sees and may choose."""
-
-    actions: ActionTable = WHEELED
-    path_points: int = 0
-    frames: int = 1  # stacked pictures
-
-
-SHAPES: Mapping[str, TaskShape] = {
-    "lane": TaskShape(),
-    "navigation": TaskShape(path_points=PATH_POINTS),
-    "track": TaskShape(RACING_ACTIONS, frames=FRAMES),
-}
 
 
 @dataclass(frozen=True)
@@ -56,104 +33,6 @@ class NetConfig:
     # Whether pixels become -1..1 instead of 0..1. Of four stacked pictures the brightness that all
     # share is else most of each gradient, and first convolutions die of it.
     centred: bool = False
-
-
-@dataclass(frozen=True)
-class QConfig:
-    """Double DQN (van Hasselt et al. 2016), plain or dueling (Wang et al. 2016)."""
-
-    robots: int = 16
-    learning_rate: float = 5e-4
-    gamma: float = 0.95
-    n_step: int = 3
-    batch: int = 128
-    gradient_steps: int = 1  # per step of all robots
-    buffer: int = 40_000  # transitions
-    warm_up: int = 500  # random steps before the first update
-    target_tau: float = 0.01  # the target network follows by this share each step of all robots
-    epsilon_final: float = 0.02
-    epsilon_steps: int = 4_000  # from 1 to final
-    max_grad_norm: float = 10.0
-    action_gap: float = 0.0  # advantage learning, see `trainer.learners.dqn`: 0 none, below 1
-
-
-@dataclass(frozen=True)
-class PpoConfig:
-    """Proximal policy optimisation (Schulman et al. 2017)."""
-
-    robots: int = 32
-    learning_rate: float = 5e-4
-    gamma: float = 0.95
-    rollout: int = 64  # steps of each robot between updates
-    minibatch: int = 256
-    epochs: int = 3
-    gae_lambda: float = 0.9
-    clip: float = 0.2
-    entropy: float = 0.01
-    value: float = 0.5
-    max_grad_norm: float = 0.5
-
-
-@dataclass(frozen=True)
-class A2cConfig:
-    """Advantage actor-critic (Mnih et al. 2016, without the asynchrony)."""
-
-    robots: int = 32
-    learning_rate: float = 1e-3
-    gamma: float = 0.95
-    a2c_rollout: int = 8
-    gae_lambda: float = 0.9
-    entropy: float = 0.01
-    value: float = 0.5
-    max_grad_norm: float = 0.5
-
-
-@dataclass(frozen=True)
-class DaggerConfig:
-    """Imitation of an expert on the learner's own states (Ross et al. 2011)."""
-
-    robots: int = 16
-    learning_rate: float = 5e-4
-    batch: int = 128
-    dagger_every: int = 4  # steps of all robots between updates
-    gradient_steps: int = 2
-    buffer: int = 40_000
-    warm_up: int = 500
-    expert_steps: int = 2_000  # over which the expert's share of the driving falls from 1 to 0
-    random_share: float = 0.08  # of the actions, so that recoveries are seen
-    coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
-    max_grad_norm: float = 10.0
-
-
-@dataclass(frozen=True)
-class A3cConfig:
-    """Asynchronous advantage actor-critic (Mnih et al. 2016)."""
-
-    workers: int = 12
-    robots: int = 1  # of each worker
-    learning_rate: float = 7e-4
-    gamma: float = 0.95
-    a3c_rollout: int = 20
-    rms_decay: float = 0.99
-    rms_epsilon: float = 1e-8  # under the root; gradients' squares here are some 1e-7
-    warm_up: int = 0  # decisions, of all, while the learning rate rises from nothing
-    normalised: bool = False  # advantages to mean 0 and deviation 1 in each rollout, as in PPO
-    entropy: float = 0.01
-    value: float = 0.5
-    max_grad_norm: float = 0.5
-
-
-AlgorithmConfig = QConfig | PpoConfig | A2cConfig | DaggerConfig | A3cConfig
-
-ALGORITHMS: Mapping[str, AlgorithmConfig] = {
-    "ddqn": QConfig(),
-    "dueling": QConfig(),
-    "a2c": A2cConfig(),
-    "a3c": A3cConfig(),
-    "ppo": PpoConfig(),
-    "dagger": DaggerConfig(),
-    "coached": DaggerConfig(coach_steps=200_000),
-}
 
 
 @dataclass(frozen=True)
@@ -176,7 +55,7 @@ class RunConfig:
     task: str
     algorithm: str
     preset: str
-    learn: AlgorithmConfig
+    learn: LearnConfig  # that of the algorithm
     maps: tuple[str, ...] = ("loop",)  # files, or names of shipped maps
     seed: int = 0
     steps: int = 200_000  # decisions of all robots together
@@ -189,7 +68,7 @@ class RunConfig:
     without: tuple[str, ...] = ()  # groups and fields of the look that stay nominal
     pose_error: str | None = None  # none or arena, in place of the look's own
     translate: str | None = None  # an ONNX translator that every picture passes through
-    lane: str = "outer"  # of a ring, in the task lane: driven the one way, the other, or both
+    lane: str = "outer"  # of a ring of road: driven the one way, the other, or both
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
     start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
     relit: bool = False  # whether episodes are seen under lights of their own in training
@@ -200,10 +79,10 @@ class RunConfig:
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
 
     def __post_init__(self) -> None:
-        choose("task", self.task, TASKS)
-        choose("algorithm", self.algorithm, ALGORITHMS)
-        choose("style", self.style, STYLES)
-        choose("lane", self.lane, dict.fromkeys(LANES))
+        task = find_task(self.task, to_learn=True)
+        choose("algorithm", self.algorithm, dict.fromkeys(algorithm_names()))
+        choose("style", self.style, dict.fromkeys(task.styles or ("race",)))
+        choose("lane", self.lane, dict.fromkeys(task.lanes or ("outer",)))
         for use, look in (("train", self.look), ("choose", self.evaluation.look)):
             if is_reality(look):
                 raise ConfigError(
@@ -231,6 +110,20 @@ class RunConfig:
                 raise ConfigError(
                     f"{name}: expected a share from 0 to 1, got {getattr(self, name)}"
                 )
+
+
+def load_run(path: Path) -> RunConfig:
+    """The configuration of a training, ``config.yaml`` of its folder.
+
+    Raises:
+        ConfigError: it is absent or wrong, or of an unknown task or algorithm.
+    """
+    plain = read_yaml(path)
+    if not (isinstance(plain, dict) and isinstance(plain.get("algorithm"), str)):
+        raise ConfigError(f"{path}: expected the configuration of a training, got another file")
+    usual = find_algorithm(plain["algorithm"]).learn
+    learn = from_plain(type(usual), plain.pop("learn", {}), f"{path}.learn")
+    return replace(from_plain(RunConfig, {**plain, "learn": {}}, str(path)), learn=learn)
 
 
 def judged(config: RunConfig) -> RunConfig:

@@ -19,9 +19,10 @@ from torch import nn
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.output import write_json
-from trainer.config import SHAPES, RunConfig
-from trainer.learners.algorithms import build_policy
+from sim_pybullet.tasks.spec import find_task
+from trainer.config import RunConfig
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.run import RunFolder, atomically
 from trainer.training.checkpoint import load_policy, read_state
 from trainer.training.greedy import collect_observations
@@ -99,14 +100,15 @@ def export_checkpoint(checkpoint: Path, out: Path) -> None:
 
 
 def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
+    spec = find_task(config.task)
     best = read_state(folder.checkpoint).best if folder.checkpoint.exists() else None
     return PolicyContract(
         task=config.task,
         algorithm=config.algorithm,
         image=config.image,
-        path_points=SHAPES[config.task].path_points,
-        actions=SHAPES[config.task].actions,
-        frames=SHAPES[config.task].frames,
+        path_points=spec.path_points,
+        actions=spec.actions,
+        frames=spec.frames,
         run=folder.name,
         trained_steps=best.step if best else 0,
         score=best.success_rate if best else float("nan"),

@@ -5,7 +5,7 @@ To read it, as help does, takes none of what they need: that is imported where i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,7 +16,6 @@ from robot.errors import ConfigError, expect_between
 
 if TYPE_CHECKING:
     from robot.contract import ImageSpec
-    from sim_pybullet.scenery.place import Place
     from trainer.config import RunConfig
 
 MOST_EPISODES = 10_000_000
@@ -75,9 +74,10 @@ class TrainOptions:
             DuckpilotError: an unknown name.
         """
         from sim_pybullet.randomise import load_look_sampler
+        from sim_pybullet.tasks.spec import find_task
         from trainer.config import LARGEST_SEED
         from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
-        from trainer.presets import cruising, preset
+        from trainer.presets import preset, styled
 
         expect_between("seed", self.seed, 0, LARGEST_SEED)
         config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
@@ -90,9 +90,9 @@ class TrainOptions:
             config = replace(config, image=_seen_through(self.translate, config.image))
         load_look_sampler(self.look, self.pose_error, self.without)
         refuse_judging_look(self.look)
-        refuse_judging_maps(check_places(self.task, config.maps))
-        refuse_judging_maps(check_places(self.task, judged_on), "choose")
-        config = cruising(config) if self.style == "cruise" else replace(config, style=self.style)
+        refuse_judging_maps(list(map(find_task(self.task).load, config.maps)))
+        refuse_judging_maps(list(map(find_task(self.task).load, judged_on)), "choose")
+        config = styled(config, self.style)
         judging = replace(config.evaluation, maps=judged_on, look=self.judge_look)
         if self.judge_look:
             refuse_judging_look(self.judge_look, "choose")
@@ -141,7 +141,7 @@ class EvaluateOptions:
             DuckpilotError: they do not.
         """
         from sim_pybullet.randomise import load_look_sampler
-        from sim_pybullet.tasks.lane_keeping import LANES
+        from sim_pybullet.tasks.spec import find_task
         from trainer.config import LARGEST_SEED, choose
         from trainer.division import maps_named
 
@@ -149,25 +149,30 @@ class EvaluateOptions:
             raise ConfigError("model: expected a policy, .onnx, got none")
         expect_between("episodes", self.episodes, 1, MOST_EPISODES)
         expect_between("seed", self.seed, 0, LARGEST_SEED - MOST_EPISODES)
-        if self.lane is not None:
-            choose("lane", self.lane, dict.fromkeys(LANES))
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
         load_look_sampler(self.look, self.pose_error, self.without)
-        check_places(self.task, maps_named(self.map))
+        task = self.task
+        if task is None and Path(self.model).exists():
+            task = task_of(Path(self.model))
+        if task is not None:
+            spec = find_task(task)
+            if self.lane is not None and spec.lanes:
+                choose("lane", self.lane, dict.fromkeys(spec.lanes))
+            for name in maps_named(self.map):
+                spec.load(name)
 
 
-def check_places(task: str | None, names: Sequence[str]) -> list[Place]:
-    """Load these maps; or tracks, if the task is or may be to race.
+def task_of(model: Path) -> str:
+    """What the policy in a file was trained for; ContractError if it is none."""
+    import json
 
-    Raises:
-        DuckpilotError: they are none.
-    """
-    from robot.navigation.road_map import load_map
-    from sim_pybullet.racing.track import is_track, load_track
+    from robot.contract import PolicyContract
+    from robot.inference.network_file import read_metadata
+    from robot.inference.policy_file import REMEDY
 
-    races = [task == "track" or (task is None and is_track(name)) for name in names]
-    return [(load_track if r else load_map)(name) for r, name in zip(races, names, strict=True)]
+    metadata = read_metadata(model, PolicyContract.METADATA_KEY, REMEDY)
+    return str(json.loads(metadata).get("task"))
 
 
 def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:

@@ -15,7 +15,7 @@ import yaml
 from robot.errors import ConfigError
 from robot.output import atomically, expect_folder, write_text
 from robot.typed_config import load_yaml, to_plain
-from trainer.config import RunConfig
+from trainer.config import RunConfig, load_run
 
 CONFIG = "config.yaml"  # of every kind of run: what it was begun with
 _TAIL_BYTES = 2_048  # of progress.csv: about fifty lines
@@ -86,9 +86,14 @@ def read_run(kind: type[Config], folder: Path) -> Config:
     Raises:
         ConfigError: no run lies here.
     """
+    expect_run(folder)
+    return load_yaml(kind, folder / CONFIG)
+
+
+def expect_run(folder: Path) -> None:
+    """ConfigError unless a run lies in a folder."""
     if not (folder / CONFIG).exists():
         raise ConfigError(f"{folder}: expected the folder of a run, found no {CONFIG}")
-    return load_yaml(kind, folder / CONFIG)
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,8 @@ class RunFolder:
 
     def load_config(self) -> RunConfig:
         """The configuration that this run was begun with; ConfigError if there is none."""
-        return read_run(RunConfig, self.path)
+        expect_run(self.path)
+        return load_run(self.config)
 
     def episodes(self) -> list[Episode]:
         """All of ``progress.csv``."""

@@ -1,1 +1,10 @@
-"""What robots are asked to do: each task is one small file that keeps ``base.Task``."""
+"""What robots are asked to do: a task is one file here, found by lying here.
+
+It keeps `sim_pybullet.tasks.base.Task` and registers a `sim_pybullet.tasks.spec.TaskSpec`.
+"""
+
+import importlib
+import pkgutil
+
+for _found in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_found.name}")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from robot.navigation.path_batch import PathBatch
-from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.following import Course
 from sim_pybullet.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from sim_pybullet.scenery.place import Place
 
 
 class Starts(NamedTuple):

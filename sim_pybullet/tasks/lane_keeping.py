@@ -18,9 +18,12 @@ from sim_pybullet.tasks.following import (
     following_terms,
 )
 from sim_pybullet.tasks.path_task import PathTask
+from sim_pybullet.tasks.spec import Choices, PaperRow, TaskSpec, register
 from sim_pybullet.vehicle import WheeledRobots
 
 LANES = ("outer", "inner", "both")
+LAPS = 2.0
+_PRACTICE_LAPS = 0.5  # more places, looks and bends for as many decisions
 
 
 class LaneKeeping(PathTask):
@@ -56,7 +59,7 @@ class LaneKeeping(PathTask):
         road_maps: Sequence[RoadMap],
         n_robots: int,
         lane: str = "outer",
-        laps: float = 2.0,
+        laps: float = LAPS,
         start_spread: float = 1.0,
     ) -> None:
         if not road_maps or n_robots < 1 or laps <= 0.0:
@@ -96,3 +99,52 @@ class LaneKeeping(PathTask):
         terms = following_terms(course, half_lane_m)
         truncated = ~terminated & (success | late)
         return TaskStep(terms, laps[None], terminated, truncated, success)
+
+
+def _make(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> LaneKeeping:
+    usual = LAPS if chosen.start_spread == 1.0 else _PRACTICE_LAPS
+    laps = usual if chosen.laps is None else chosen.laps
+    return LaneKeeping(maps, robots, chosen.lane or LANES[0], laps, chosen.start_spread)
+
+
+def _make_four_laps(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> LaneKeeping:
+    return LaneKeeping(maps, robots, chosen.lane or LANES[0], laps=4.0)
+
+
+_ON = "drives on until stopped"
+register(
+    TaskSpec(
+        name="lane",
+        title="Lane keeping",
+        purpose="Lane keeping: follows its lane by its picture alone, with no pose.",
+        kind=LaneKeeping,
+        map="loop",
+        make=_make,
+        lanes=LANES,
+        counts_laps=True,
+        presets={"paper": {"net": {"image_fc": 512}}},
+        paper={
+            "ddqn": PaperRow("about 10,000", "2 M", _ON),
+            "dueling": PaperRow("within 1 M", "2 M", _ON),
+            "a2c": PaperRow("never steadily", "longer than the others", "unsteady"),
+            "ppo": PaperRow("250,000 (steady from 550,000)", "not given", _ON),
+        },
+        environments={
+            "LaneKeeping-v0": {},
+            "LaneKeepingInner-v0": {"lane": "inner"},
+            "LaneKeepingRandomised-v0": {"look": "randomised"},
+        },
+    )
+)
+register(
+    TaskSpec(
+        name="four_laps",
+        title="Four laps",
+        purpose="Lane keeping for four laps (paper A, section 4.4).",
+        kind=LaneKeeping,
+        map="loop",
+        make=_make_four_laps,
+        lanes=LANES,
+        learned=False,
+    )
+)

@@ -14,6 +14,7 @@ from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.navigation import Navigation
+from sim_pybullet.tasks.spec import TaskSpec, register
 
 ROUNDS = 8  # episodes in a row that a robot drives before its manoeuvres begin anew
 _STRAIGHT_RAD = math.radians(30.0)
@@ -109,3 +110,16 @@ def _name(road_map: RoadMap, graph: LaneGraph, lane: int) -> str | None:
         way = "straight on" if abs(turn_rad) < _STRAIGHT_RAD else side
         return f"junction, {way}"
     return None
+
+
+register(
+    TaskSpec(
+        name="manoeuvres",
+        title="Manoeuvres",
+        purpose="Every bend and every way over a junction, once each (paper A, section 4.4).",
+        kind=Manoeuvres,
+        map="arena",
+        make=lambda maps, robots, _: Manoeuvres(maps, robots),
+        learned=False,
+    )
+)

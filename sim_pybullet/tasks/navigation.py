@@ -21,6 +21,7 @@ from sim_pybullet.tasks.following import (
     following_terms,
 )
 from sim_pybullet.tasks.path_task import PathTask
+from sim_pybullet.tasks.spec import PaperRow, TaskSpec, register
 from sim_pybullet.vehicle import WheeledRobots
 
 SHORTEST_TILES = 3.0  # from start to destination, along the path
@@ -136,3 +137,41 @@ class RandomRoutes:
             f"{road_map.name}: expected two places {SHORTEST_TILES:g} tiles of road apart, found "
             f"none; use a map with more road, such as the shipped map arena"
         )
+
+
+register(
+    TaskSpec(
+        name="navigation",
+        title="Navigation",
+        purpose=(
+            "Navigation: drives along a planned path (`path_input`), late and drifting as its pose "
+            "may be, by its picture.\nNothing tells it of other robots or of things on the road."
+        ),
+        kind=Navigation,
+        map="arena",
+        painted=144,
+        # A run uses all its steps, the last ones to settle: few failures are left to learn from.
+        presets={
+            "fast": {
+                "steps": 24_000,
+                "start_spread": 4.0,
+                "rate_left": 0.03,
+                "evaluation": {
+                    "episodes": 60,
+                    "rounds": 3,
+                    "every_steps": 8_000,
+                    "every_share": 0.25,
+                    "stop_after_perfect": 0,
+                },
+            }
+        },
+        paper={
+            "dueling": PaperRow("not given", "1.5 M", "96.4 % of 1000"),
+            "ppo": PaperRow("not given", "3 M", "66 % of 1000"),
+        },
+        environments={
+            "Navigation-v0": {"pose_error": "none"},
+            "NavigationArenaPose-v0": {"pose_error": "arena"},
+        },
+    )
+)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot.navigation.path import Path
 from robot.navigation.path_batch import PathBatch
-from sim_pybullet.scenery.place import Place
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.following import (
     MAX_HEADING_ERROR_RAD,
@@ -19,6 +19,9 @@ from sim_pybullet.tasks.following import (
     PathFollower,
 )
 from sim_pybullet.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from sim_pybullet.scenery.place import Place
 
 
 class PathTask(ABC):

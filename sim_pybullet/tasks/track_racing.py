@@ -7,18 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot.contract import CONTROL_DT_S
+from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.path import Path
-from sim_pybullet.racing.racing_cars import FRAMES, TOP_SPEED_MPS, RacingCars
-from sim_pybullet.racing.track import SCALE, Track, centre_line
+from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS, TOP_SPEED_MPS, RacingCars
+from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
+from sim_pybullet.randomise import load_looks
 from sim_pybullet.tasks.base import Starts, TaskStep
 from sim_pybullet.tasks.path_task import PathTask
+from sim_pybullet.tasks.spec import Choices, TaskSpec, register
 
 BETA = 0.006  # paper B, equation 4: reward per m/s and per metre
 GAMMA = -0.025  # paper B, equation 4: reward of a collision
 SLOWEST_MPS = 4.0  # a mean speed below this takes too long,
 PATIENCE_S = 10.0  # once so much time has passed
+_PRACTICE_LAPS = 0.08  # in practice, where all of a track and its mirror image is seen
 _STRAY_M = 0.5  # beyond the wall, where there is none
 
 
@@ -134,3 +137,61 @@ class TrackRacing(PathTask):
         )
         facts = np.stack((laps, speed_mps))
         return TaskStep(terms, facts, terminated, ~terminated & (success | late), success)
+
+
+def _make(tracks: Sequence[Track], robots: int, chosen: Choices) -> TrackRacing:
+    practice = chosen.start_spread > 1.0
+    if practice:
+        tracks = [*tracks, *map(mirrored, tracks)]
+    usual = _PRACTICE_LAPS if practice else 1.0
+    laps = usual if chosen.laps is None else chosen.laps
+    style = STYLES[chosen.style or "race"]
+    return TrackRacing(tracks, robots, laps, style, chosen.start_spread)
+
+
+register(
+    TaskSpec(
+        name="track",
+        title="Race tracks",
+        purpose=(
+            "Racing on tracks: for the simulator's cars, `python -m trainer evaluate`. A robot "
+            "refuses it, it was trained for another vehicle."
+        ),
+        kind=TrackRacing,
+        map="forest",
+        make=_make,
+        load=load_track,
+        looks=load_looks,  # the looks themselves, if fixed: a track's walls never change
+        actions=RACING_ACTIONS,
+        styles=tuple(STYLES),
+        counts_laps=True,
+        painted=12,
+        scale=SCALE,
+        presets={
+            # Pictures reach up to the horizon, where a fast car looks; a reward is what it is.
+            "fast": {
+                "image": ImageSpec(48, 36, crop_top_px=4),
+                "net": {"channels": (16, 32), "centred": True},
+                "reward_scale": 1.0,
+                "steps": 400_000,
+                "evaluation": {"episodes": 8, "every_steps": 10_000},
+                "rate_left": 0.1,
+                # Who begins at rest finds brakes bad. With a small bonus for entropy they are given
+                # up before there is speed to need them for; so it begins large, and falls away.
+                "entropy_left": 0.0,
+                # 18 kB a stack of pictures, kept twice: 0.7 GB
+                "learn": {"gamma": 0.98, "buffer": 20_000},
+            },
+            "paper": {"net": {"channels": (32, 64, 64, 64), "centred": True}},
+            # What a turn is worth shows at once, and choices stay open. With a farther view or less
+            # entropy a driver weaves, for which it hardly pays: learned from the true road ahead,
+            # it held the wheels straight 16 % of the time instead of 50 %. People are not always
+            # near the middle of the road: cars begin anywhere on it, and under any light.
+            "cruise": {"start_spread": 4.0, "relit": True},
+        },
+        environments={
+            "TrackRacing-v0": {"pool_size": 10},
+            "TrackRacingLooks-v0": {"pool_size": 10, "look": "tracks"},
+        },
+    )
+)

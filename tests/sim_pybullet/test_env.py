@@ -12,7 +12,6 @@ from gymnasium.utils.env_checker import check_env as check_gymnasium
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
-import sim_pybullet
 from robot.contract import ACTION_TWISTS, Action, ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.navigator import ARRIVAL_M
@@ -22,20 +21,21 @@ from sim_pybullet.env import DriveEnv
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.spec import TASKS
 from sim_pybullet.tasks.track_racing import TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from sim_pybullet.vehicle import ACTION_TABLE
 
 SMALL = ImageSpec(40, 30, 10)
 LAPS = 0.25  # two take too long for a test
-IDS = sorted(sim_pybullet.ENVIRONMENTS)
+IDS = sorted(f"duckpilot/{name}" for spec in TASKS.values() for name in spec.environments)
 
 
 @pytest.fixture(scope="module", params=IDS)
 def env(request: pytest.FixtureRequest) -> Iterator[DriveEnv]:
     short: dict[str, Any] = {} if "Navigation" in request.param else {"laps": LAPS}
     if "Track" in request.param:
-        short["track"] = "karting"
+        short["road_map"] = "karting"
     made = gymnasium.make(request.param, image=SMALL, pool_size=2, render_mode="rgb_array", **short)
     yield made.unwrapped
     made.close()

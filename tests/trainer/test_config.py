@@ -4,8 +4,11 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
-from trainer.config import ALGORITHMS, TASKS, PpoConfig, judged
-from trainer.learners.algorithms import build_policy
+from sim_pybullet.tasks.spec import learned_tasks
+from trainer.algorithms import NAMES
+from trainer.algorithms.ppo import PpoConfig
+from trainer.config import judged
+from trainer.learners.policies import build_policy
 from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.run import RunFolder
@@ -13,9 +16,9 @@ from trainer.run import RunFolder
 PRESETS = ("paper", "fast", "debug")
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", [spec.name for spec in learned_tasks()])
 @pytest.mark.parametrize("name", PRESETS)
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", NAMES)
 def test_every_preset_builds_and_survives_its_file(
     algorithm: str, name: str, task: str, tmp_path: Path
 ) -> None:

@@ -12,10 +12,11 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer import export
-from trainer.config import ALGORITHMS, RunConfig
+from trainer.algorithms import NAMES
+from trainer.config import RunConfig
 from trainer.export import check_equal, export_network, export_run, quantise
-from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.presets import preset
 from trainer.run import RunFolder
 
@@ -31,7 +32,7 @@ def observations(config: RunConfig, count: int) -> dict[str, np.ndarray]:
     return {"image": rng.integers(0, 256, (count, *config.image.shape), dtype=np.uint8)}
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", NAMES)
 def test_onnx_answers_as_torch_does(algorithm: str, tmp_path: Path) -> None:
     config = preset("lane", algorithm, "fast")
     network, contract = network_and_contract(config)
@@ -81,12 +82,13 @@ def test_int8_loads_where_fp32_does_and_chooses_alike(tmp_path: Path) -> None:
 def test_both_inputs_are_exported(tmp_path: Path) -> None:
     from gymnasium import spaces
 
-    from trainer.learners.algorithms import observation_space, policy_arguments, policy_class
+    from trainer.algorithms import find_algorithm
+    from trainer.learners.policies import observation_space, policy_arguments
 
     config = preset("lane", "dueling", "debug")
     path_space = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
     both = spaces.Dict({"image": observation_space(config), "path": path_space})
-    policy = policy_class(config)(
+    policy = find_algorithm(config.algorithm).policy(
         both, spaces.Discrete(5), lambda _: 1e-3, **policy_arguments(config)
     )
     network = GreedyNetwork(policy)

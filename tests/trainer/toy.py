@@ -12,19 +12,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 from rich.console import Console
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from robot.contract import PATH_POINTS, ImageSpec
-from trainer.config import (
-    A2cConfig,
-    A3cConfig,
-    DaggerConfig,
-    EvaluationConfig,
-    NetConfig,
-    PpoConfig,
-    QConfig,
-    RunConfig,
-)
+from trainer.algorithms import Making, find_algorithm
+from trainer.config import EvaluationConfig, NetConfig, RunConfig
 from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.train import train
@@ -84,22 +76,29 @@ def make_toy(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
     return env
 
 
+def build_model(config: RunConfig, env: VecEnv, folder: Path) -> Any:
+    making = Making(config, env, RunFolder(folder), make_toy, Console(quiet=True))
+    return find_algorithm(config.algorithm).build(making)
+
+
+_Q = {"robots": 8, "batch": 32, "buffer": 4_000, "warm_up": 200, "gamma": 0.5}
+_Q |= {"epsilon_steps": 1_500, "learning_rate": 1e-3, "target_tau": 0.05}
+_DAGGER = {"robots": 8, "batch": 32, "buffer": 4_000, "warm_up": 64, "expert_steps": 400}
+QUICK: dict[str, dict[str, Any]] = {
+    "ddqn": _Q,
+    "dueling": _Q,
+    "dagger": _DAGGER,
+    "coached": _DAGGER,
+    "ppo": {"robots": 8, "rollout": 32, "minibatch": 64, "gamma": 0.5, "learning_rate": 1e-3},
+    "a2c": {"robots": 8, "gamma": 0.5},
+    "a3c": {"workers": 2, "robots": 4, "gamma": 0.5, "a3c_rollout": 8, "learning_rate": 1e-3},
+}
+
+
 def toy_config(algorithm: str, steps: int, seed: int = 0) -> RunConfig:
     """Small and quick; evaluated once at the end unless solved before."""
     learn = preset("lane", algorithm, "fast").learn
-    if isinstance(learn, QConfig):
-        learn = replace(
-            learn, robots=8, batch=32, buffer=4_000, warm_up=200, gamma=0.5, epsilon_steps=1_500
-        )
-        learn = replace(learn, learning_rate=1e-3, target_tau=0.05)
-    elif isinstance(learn, DaggerConfig):
-        learn = replace(learn, robots=8, batch=32, buffer=4_000, warm_up=64, expert_steps=400)
-    elif isinstance(learn, PpoConfig):
-        learn = replace(learn, robots=8, rollout=32, minibatch=64, gamma=0.5, learning_rate=1e-3)
-    elif isinstance(learn, A2cConfig):
-        learn = replace(learn, robots=8, gamma=0.5)
-    elif isinstance(learn, A3cConfig):
-        learn = replace(learn, workers=2, robots=4, gamma=0.5, a3c_rollout=8, learning_rate=1e-3)
+    learn = replace(learn, **QUICK[algorithm])
     return replace(
         preset("lane", algorithm, "fast"),
         learn=learn,

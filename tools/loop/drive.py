@@ -113,10 +113,11 @@ def _bench_options(options: argparse.Namespace, site: Site, driven: int) -> Benc
 
 def expect_navigator(model: Path) -> None:
     """ContractError unless this is a policy that follows missions."""
-    task = read_contract(model).task
-    if task != "navigation":
+    contract = read_contract(model)
+    if not contract.path_points:
         raise ContractError(
-            f"{model}: expected a navigation policy, to follow missions, got a {task} policy; "
+            f"{model}: expected a navigation policy, to follow missions, got a {contract.task} "
+            "policy; "
             "give such as robot/models/nav_dueling.onnx"
         )
 

@@ -11,6 +11,7 @@ from statistics import mean, median, stdev
 
 from rich.table import Table as RichTable
 
+from trainer.algorithms import find_algorithm
 from trainer.experiments.six_models import (
     ALGORITHMS,
     VARIANTS,
@@ -21,7 +22,6 @@ from trainer.experiments.six_models import (
     of_kind,
 )
 from trainer.report.curves import draw_panels
-from trainer.report.paper import NAMES
 from trainer.run import RunFolder
 from trainer.training.checkpoint import read_state
 
@@ -100,7 +100,7 @@ def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
         rows.append(
             (
                 VARIANTS[row.variant].title,
-                NAMES[row.algorithm],
+                find_algorithm(row.algorithm).title,
                 _each(row.laps),
                 _each(row.paths),
                 row.verdict,
@@ -131,7 +131,7 @@ def draw_transfer_curves(out: Path, options: SixModelsOptions, path: Path) -> No
             ]
             if runs:
                 records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
-                panels.append((f"{NAMES[algorithm]}, transfer by {title}", records))
+                panels.append((f"{find_algorithm(algorithm).title}, transfer by {title}", records))
     draw_panels(panels, path)
 
 

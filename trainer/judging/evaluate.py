@@ -6,7 +6,6 @@ share of episodes that succeeded.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,21 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ConfigError
-from robot.inference.network_file import read_metadata
 from robot.inference.policy import OnnxPolicy
-from robot.inference.policy_file import REMEDY
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
-from sim_pybullet.racing.racing_cars import RACING_ACTIONS
-from sim_pybullet.racing.track import SCALE
 from sim_pybullet.scenery.place import Place
-from trainer.envs import RINGED, build_task
+from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.judging.drive_log import DriveLog, Tracer
+from trainer.options import task_of
 
 ROBOTS = 20  # at once
 _FIRST_WORLD = 1_000_000_007  # seed of all worlds, away from those that runs are trained with
@@ -103,20 +98,20 @@ class Evaluation:
 
 
 def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
-    """The policy in a file, for robots or for race cars; ``task``: what it shall do, if known.
+    """The policy in a file; ``task``: what it shall do, else what it was trained for.
 
     Raises:
         ContractError: see ``OnnxPolicy``.
-        ConfigError: a robot's policy shall race, or a race car's policy drive a robot.
+        ConfigError: an unknown task, or one of another vehicle than the policy's.
     """
-    trained_for = json.loads(read_metadata(model, PolicyContract.METADATA_KEY, REMEDY)).get("task")
-    races = trained_for == "track"
-    if task is not None and (task == "track") != races:
+    trained_for = task_of(model)
+    actions = find_task(trained_for).actions
+    if task is not None and find_task(task).actions != actions:
         raise ConfigError(
             f"{model}: expected a policy for {task}, got one for {trained_for}; "
-            "race tracks and Duckietown roads are driven by different vehicles"
+            "these are driven by different vehicles"
         )
-    return OnnxPolicy(model, actions=RACING_ACTIONS if races else FIVE_ACTIONS)
+    return OnnxPolicy(model, actions=actions)
 
 
 def evaluate(
@@ -145,7 +140,10 @@ def evaluate(
         return []
     robots = min(ROBOTS, len(seeds))
     world = BatchWorld(
-        build_task(task, road_maps, robots, lane), looks, seed=_FIRST_WORLD, numbers=seeds
+        find_task(task).build(road_maps, robots, Choices(lane)),
+        looks,
+        seed=_FIRST_WORLD,
+        numbers=seeds,
     )
     tracer = None if log is None else Tracer(world, log)
     drives: list[Drive] = []
@@ -169,7 +167,7 @@ def summarise(
     metrics = [drive.metrics for drive in drives]
     successes = sum(drive.success for drive in drives)
     time_s = sum(m.survival_time_s for m in metrics)
-    scale = SCALE if inputs.task == "track" else 1.0
+    scale = find_task(inputs.task).scale
     laps = [drive.laps for drive in drives if drive.laps is not None]
     return Evaluation(
         inputs=inputs,
@@ -214,9 +212,10 @@ def _by_map(drives: Sequence[Drive], parts: Mapping[str, str | None]) -> tuple[O
 
 def _lane(task: str, lane: str | None, turn: int) -> str | None:
     """Which lane of its ring an episode is on: of both they take turns."""
-    if task not in RINGED:
+    lanes = find_task(task).lanes
+    if not lanes:
         return None
-    return ("outer", "inner")[turn % 2] if lane == "both" else lane or "outer"
+    return lanes[turn % 2] if lane == "both" else lane or lanes[0]
 
 
 def _drive(

@@ -8,8 +8,8 @@ import torch
 from torch import nn
 
 from trainer.config import RunConfig
-from trainer.learners.algorithms import build_policy, observation_space
 from trainer.learners.networks import GreedyNetwork, observation_shapes
+from trainer.learners.policies import build_policy, observation_space
 
 
 @dataclass(frozen=True)

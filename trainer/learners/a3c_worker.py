@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -26,10 +26,14 @@ from torch.nn.functional import log_softmax, mse_loss
 from torch.nn.utils import clip_grad_norm_, parameters_to_vector, vector_to_parameters
 
 from sim_pybullet.randomise import looks_of
-from trainer.config import A3cConfig, RunConfig
+from trainer.config import RunConfig
 from trainer.envs import ScaledReward
-from trainer.learners.algorithms import build_policy, entropies, learning_rates
+from trainer.learners.actor_critic import entropies
+from trainer.learners.policies import build_policy, learning_rates
 from trainer.learners.shared_weights import Shared
+
+if TYPE_CHECKING:
+    from trainer.algorithms.a3c import A3cConfig
 
 EnvMaker = Callable[[RunConfig, int, int], VecEnv]
 Tensors = dict[str, torch.Tensor]
@@ -60,8 +64,8 @@ class Worker:
 
     def __init__(self, orders: Orders) -> None:
         config, number = orders.config, orders.number
-        assert isinstance(config.learn, A3cConfig)
-        self._config, self._learn, self._shared = config, config.learn, orders.shared
+        self._config, self._shared = config, orders.shared
+        self._learn = cast("A3cConfig", config.learn)
         self._number, self._first_step = number, orders.first_step
         self._rates, self._entropies = learning_rates(config), entropies(config)
         env = orders.make_env(_own_look(config, number), config.learn.robots, orders.seed)
@@ -195,9 +199,8 @@ def run_worker(orders: Orders, pipe: Connection) -> None:
 
 def _own_look(config: RunConfig, number: int) -> RunConfig:
     """Of a folder of looks each worker takes one, where there are enough workers for all."""
-    assert isinstance(config.learn, A3cConfig)
     looks: list[Path] = looks_of(config.look)
-    if not 1 < len(looks) <= config.learn.workers:
+    if not 1 < len(looks) <= cast("A3cConfig", config.learn).workers:
         return config
     return replace(config, look=str(looks[number % len(looks)]))
 

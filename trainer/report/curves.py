@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
-from trainer.report.paper import NAMES
 from trainer.run import Episode, RunFolder, atomically
 from trainer.training.checkpoint import Evaluated, read_state
 
@@ -35,7 +35,8 @@ def running_mean(values: np.ndarray, window: int = MEAN_EPISODES) -> np.ndarray:
 def draw_curve(folder: RunFolder, config: RunConfig) -> None:
     """Write ``curve.png`` of one run."""
     evaluations = read_state(folder.checkpoint).evaluations if folder.checkpoint.exists() else []
-    title = f"{config.task}, {NAMES[config.algorithm]} ({config.preset}, seed {config.seed})"
+    name = find_algorithm(config.algorithm).title
+    title = f"{config.task}, {name} ({config.preset}, seed {config.seed})"
     draw_panels([(title, [(folder.episodes(), evaluations)])], folder.curve)
 
 

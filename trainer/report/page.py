@@ -13,11 +13,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot.errors import MapError
 from robot.navigation.road_map import load_map
-from trainer.config import ALGORITHMS, TASKS
+from sim_pybullet.tasks.spec import TaskSpec, learned_tasks
+from trainer.algorithms import algorithm_names, find_algorithm
 from trainer.judging.drive_log import WORST
 from trainer.report.curves import draw_curve, draw_panels
 from trainer.report.drives import draw_drives, draw_strips, strip_seconds
-from trainer.report.paper import NAMES, TASK_TITLES, paper_algorithms
 from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
 from trainer.report.tables import DrivingRow, describe, driving_rows, learning_row
 from trainer.run import atomically
@@ -62,7 +62,7 @@ def write_report(paths: Sequence[Path], out: Path) -> Path:
         if run.episodes:
             draw_curve(run.folder, run.config)
     pictures = Pictures(
-        tuple(_curves(task, groups, out) for task in TASKS if _of(task, groups)),
+        tuple(_curves(task, groups, out) for task in learned_tasks() if _of(task, groups)),
         tuple(_drives(rows, out, problems)),
         tuple(_worst(rows, out)),
     )
@@ -86,11 +86,11 @@ def _render(
         runs=runs,
         tasks=[
             (
-                title,
+                task.title,
                 [learning_row(group) for group in _of(task, groups)],
-                [row for row in rows if row.group.config.task == task],
+                [row for row in rows if row.group.config.task == task.name],
             )
-            for task, title in TASK_TITLES.items()
+            for task in learned_tasks()
             if _of(task, groups)
         ],
         pictures=pictures,
@@ -98,22 +98,21 @@ def _render(
     )
 
 
-def _of(task: str, groups: Sequence[Group]) -> list[Group]:
-    return [group for group in groups if group.config.task == task]
+def _of(task: TaskSpec, groups: Sequence[Group]) -> list[Group]:
+    return [group for group in groups if group.config.task == task.name]
 
 
-def _curves(task: str, groups: Sequence[Group], out: Path) -> Picture:
+def _curves(task: TaskSpec, groups: Sequence[Group], out: Path) -> Picture:
     """The paper's panels in the paper's order, empty where there is no run, then all others."""
     panels = []
-    order = paper_algorithms(task)
-    for algorithm in [*order, *(name for name in ALGORITHMS if name not in order)]:
+    for algorithm in dict.fromkeys((*task.paper, *algorithm_names())):
         found = [g for g in _of(task, groups) if g.config.algorithm == algorithm]
         for group in found:
             records = [(run.episodes, run.state.evaluations) for run in group.runs]
             panels.append((describe(group), records))
-        if not found and algorithm in order:
-            panels.append((NAMES[algorithm], []))
-    path = out / f"curves_{task}.png"
+        if not found and algorithm in task.paper:
+            panels.append((find_algorithm(algorithm).title, []))
+    path = out / f"curves_{task.name}.png"
     draw_panels(panels, path)
     caption = (
         "Reward of each training episode (pink) and its 50-episode mean (dark red), exploration "
@@ -121,7 +120,7 @@ def _curves(task: str, groups: Sequence[Group], out: Path) -> Picture:
         "band reaches from the lowest to the highest, as far as all of them trained. Dots: greedy "
         "evaluations, filled where no episode failed."
     )
-    return Picture(f"{TASK_TITLES[task]}: learning curves", caption, path)
+    return Picture(f"{task.title}: learning curves", caption, path)
 
 
 def _drives(rows: Sequence[DrivingRow], out: Path, problems: list[str]) -> list[Picture]:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from robot.errors import ConfigError
 from robot.typed_config import from_plain
-from trainer.config import ALGORITHMS, TASKS, RunConfig
+from sim_pybullet.tasks.spec import TASKS
+from trainer.algorithms import algorithm_names
+from trainer.config import RunConfig
 from trainer.judging.drive_log import DriveLog, drives_beside, load_drives
 from trainer.judging.evaluate import Evaluation
 from trainer.run import Episode, RunFolder
@@ -98,11 +100,11 @@ def read_run(path: Path, problems: list[str]) -> Run:
 
 
 def group_runs(runs: Sequence[Run]) -> list[Group]:
-    """By task, then by algorithm, in the order of `trainer.config`."""
+    """By task, then by algorithm."""
     groups: dict[str, list[Run]] = {}
     for run in runs:
         groups.setdefault(repr(replace(run.config, seed=0, seconds=None)), []).append(run)
-    tasks, algorithms = list(TASKS), list(ALGORITHMS)
+    tasks, algorithms = list(TASKS), algorithm_names()
 
     def order(group: Group) -> tuple[int, int]:
         return tasks.index(group.config.task), algorithms.index(group.config.algorithm)

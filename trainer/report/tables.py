@@ -13,9 +13,10 @@ import numpy as np
 from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks.spec import PaperRow, find_task
+from trainer.algorithms import find_algorithm
 from trainer.judging.drive_log import Track
 from trainer.judging.evaluate import Inputs, wilson_low
-from trainer.report.paper import NAMES, NOTHING, PaperRow, paper_row
 from trainer.report.runs import Group, Judgement
 
 NONE = "–"
@@ -59,7 +60,7 @@ class DrivingRow:
         """On which maps, in which looks, with which pose error."""
         asked = self.inputs
         maps = ", ".join(Path(name).stem for name in asked.maps)
-        guided = "" if asked.task == "lane" else f" · {_pose(asked)}"
+        guided = f" · {_pose(asked)}" if find_task(asked.task).path_points else ""
         without = f" · {asked.zero} zeroed" if asked.zero else ""
         model = Path(asked.model).name
         if asked.task != self.group.config.task:
@@ -75,7 +76,7 @@ class DrivingRow:
         """Ours under their conditions: nothing of the paper's is like an input zeroed."""
         asked, config = self.inputs, self.group.config
         like = asked.zero is None and asked.task == config.task
-        return paper_row(asked.task, config.algorithm) if like else NOTHING
+        return find_task(asked.task).paper.get(config.algorithm, PaperRow()) if like else PaperRow()
 
     @property
     def episodes(self) -> int:
@@ -144,7 +145,7 @@ class DrivingRow:
 def describe(group: Group) -> str:
     """Algorithm, preset, and what of maps, look and pose error is not the default."""
     config = group.config
-    parts = [NAMES[config.algorithm], config.preset]
+    parts = [find_algorithm(config.algorithm).title, config.preset]
     maps = [Path(name).stem for name in config.maps]
     parts.append(" + ".join(maps) if len(maps) <= _NAMED_MAPS else f"{len(maps)} maps")
     if config.look != "nominal":
@@ -160,7 +161,7 @@ def learning_row(group: Group) -> LearningRow:
     best = [run.state.best.success_rate for run in group.runs if run.state.best is not None]
     return LearningRow(
         name=describe(group),
-        paper=paper_row(group.config.task, group.config.algorithm),
+        paper=find_task(group.config.task).paper.get(group.config.algorithm, PaperRow()),
         seeds=", ".join(map(str, group.seeds)),
         learned=f"{len(skilled)} of {len(group.runs)}",
         steps=_spread([e.step for e in skilled]),

@@ -16,7 +16,8 @@ from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
 from robot.output import expect_folder, expect_writable
 from robot.typed_config import to_plain
-from trainer.config import TESTS, RunConfig, choose
+from sim_pybullet.tasks.spec import find_task
+from trainer.config import RunConfig
 from trainer.division import maps_named, part_of
 from trainer.envs import find_looks, load_places
 from trainer.judging.drive_log import DriveLog, drives_beside
@@ -171,9 +172,11 @@ class EvaluateJob:
             translator = open_translator(options.translate, policy.contract.image)
             policy = TranslatingPolicy(policy, translator)
         asked = inputs(options, policy.contract.task)
-        if self.drives and asked.task == "track":
-            raise ConfigError("drives: expected a task on maps, got track: no map to draw on")
         maps = load_places(asked.task, asked.maps)
+        if self.drives and not all(isinstance(place, RoadMap) for place in maps):
+            raise ConfigError(
+                f"drives: expected a task on maps, got {asked.task}: no map to draw on"
+            )
         looks = find_looks(asked.task, options.look, options.pose_error, options.without)
         wanted = range(options.seed, options.seed + options.episodes)
         log = DriveLog() if self.drives else None
@@ -244,10 +247,10 @@ def _tell(console: Console, result: Evaluation) -> None:
             from_path = f"{100 * row.mean_path_distance_m:.1f} cm"
             table.add_row(row.map, row.lane or "-", row.part or "nothing", succeeded, from_path)
         console.print(table)
-    if asked.task == "track" and result.laps is not None:
+    if result.laps is not None:
         console.print(
             f"{result.laps:.2f} laps, {result.collisions} collisions, "
-            f"{result.mean_speed_mps:.1f} m/s on average (real track)"
+            f"{result.mean_speed_mps:.1f} m/s on average"
         )
 
 
@@ -257,7 +260,7 @@ def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
     return Inputs(
         options.model,
         task,
-        maps_named(options.map) or (choose("task", task, TESTS),),
+        maps_named(options.map) or (find_task(task).map,),
         options.look,
         options.pose_error,
         options.zero,

@@ -14,13 +14,10 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecEnv
 
-from trainer.config import A3cConfig, DaggerConfig, RunConfig, judged
+from trainer.algorithms import Making, find_algorithm
+from trainer.config import RunConfig, judged
 from trainer.envs import ScaledReward
 from trainer.export import export_run
-from trainer.learners.a3c import A3C
-from trainer.learners.algorithms import build_model
-from trainer.learners.coach import find_coach
-from trainer.learners.dagger import Dagger
 from trainer.learners.replay import MappedReplayBuffer
 from trainer.learners.true_path import WithTruePath
 from trainer.relit import Relit
@@ -103,9 +100,9 @@ class _Session:
         self.config, self.folder = config, folder
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
         self.evaluation_env = make_env(judged(config), drivers, config.seed)
-        asynchronous = isinstance(config.learn, A3cConfig)  # workers have worlds of their own
+        algorithm = find_algorithm(config.algorithm)
         robots = self.evaluation_env
-        if not asynchronous:
+        if not algorithm.own_worlds:
             robots = make_env(config, config.learn.robots, config.seed)
         if config.true_path:
             robots = WithTruePath(robots)
@@ -113,14 +110,8 @@ class _Session:
             robots = Relit(robots, np.random.default_rng(config.seed))
         self.env = ScaledReward(robots, config.reward_scale)
         folder.go_on(config)
-        self.model: BaseAlgorithm = (
-            A3C(config, make_env, self.env)
-            if asynchronous
-            else build_model(config, self.env, folder.replay)
-        )
-        if isinstance(self.model, Dagger) and isinstance(config.learn, DaggerConfig):
-            steps = config.learn.coach_steps
-            self.model.coach = find_coach(folder.coach, config, steps, console) if steps else None
+        making = Making(config, self.env, folder, make_env, console)
+        self.model: BaseAlgorithm = algorithm.build(making)
         self.state = TrainState()
         if folder.checkpoint.exists():
             self.state = load_checkpoint(folder.checkpoint, self.model)

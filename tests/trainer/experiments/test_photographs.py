@@ -27,8 +27,8 @@ from trainer.export import export_network
 from trainer.judging.lane_head import teach_lane_pose
 from trainer.judging.yellow_dashes import DEFAULT, floor_table
 from trainer.judging.yellow_line import NOT_FOUND, YellowLine
-from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.presets import preset
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)

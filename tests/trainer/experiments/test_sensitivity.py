@@ -20,8 +20,8 @@ from trainer.experiments.sensitivity import (
     table_rows,
 )
 from trainer.export import export_network
-from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.presets import preset
 
 OPTIONS = SensitivityOptions(model=("a.onnx", "b.onnx"))

@@ -10,7 +10,7 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
-from trainer.envs import build_task
+from sim_pybullet.tasks.spec import find_task
 from trainer.judging.drive_log import (
     DONE,
     SETTLED,
@@ -80,7 +80,7 @@ def test_what_is_no_file_of_drives_is_refused(tmp_path: Path, content: bytes) ->
 def test_tracks_are_where_the_robots_were() -> None:
     """Robots that spin on the spot: each ends, and its track is that of the world's own poses."""
     robots, asked = 2, [10, 11, 21]
-    task = build_task("lane", [load_map("loop")], robots)
+    task = find_task("lane").build([load_map("loop")], robots)
     world = BatchWorld(task, [NOMINAL], seed=3, numbers=asked)
     log = DriveLog()
     tracer = Tracer(world, log)

@@ -19,8 +19,8 @@ from trainer.cli import main
 from trainer.export import export_network
 from trainer.judging.evaluate import Drive, Inputs, evaluate, summarise, wilson_low
 from trainer.judging.told import Told
-from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.presets import preset
 from trainer.sweeps import jobs
 

@@ -27,8 +27,8 @@ from trainer.judging.explain import (
     sheet,
     write_explained,
 )
-from trainer.learners.algorithms import build_policy
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.mp4 import write_mp4
 from trainer.presets import preset
 from trainer.run import RunFolder

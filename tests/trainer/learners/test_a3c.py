@@ -13,8 +13,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from torch.nn.utils import parameters_to_vector
 
 from tests.trainer.toy import ToyVecEnv, make_toy, toy_config, train_toy
-from trainer.config import A3cConfig, RunConfig
-from trainer.learners.a3c import A3C
+from trainer.algorithms.a3c import A3C, A3cConfig
+from trainer.config import RunConfig
 from trainer.learners.a3c_worker import Orders, Worker, n_step_returns, shared_rmsprop
 from trainer.learners.shared_weights import Shared
 from trainer.presets import preset

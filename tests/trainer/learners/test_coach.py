@@ -11,12 +11,12 @@ from robot.contract import PATH_POINTS
 from robot.navigation.guidance import path_inputs
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.racing.racing_cars import RacingAction
+from tests.trainer.toy import build_model
+from trainer.algorithms.dagger import Dagger
 from trainer.cli import main
 from trainer.config import RunConfig
 from trainer.envs import make_blind_env, make_env
-from trainer.learners.algorithms import build_model
 from trainer.learners.coach import Coach, Told, find_coach
-from trainer.learners.dagger import Dagger
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
 

@@ -14,15 +14,17 @@ from tests.trainer.toy import (
     EPISODE_STEPS,
     BrightColumn,
     ToyVecEnv,
+    build_model,
     make_toy,
     toy_config,
     train_toy,
 )
-from trainer.config import A2cConfig, PpoConfig, RunConfig
+from trainer.algorithms.ddqn import DoubleDQN
+from trainer.config import RunConfig
 from trainer.envs import ScaledReward
-from trainer.learners.algorithms import build_model, build_policy, entropies, learning_rates
-from trainer.learners.dqn import DoubleDQN
+from trainer.learners.actor_critic import ActorCriticConfig, entropies
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy, learning_rates
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
 from trainer.training.greedy import drive_greedily
@@ -148,7 +150,7 @@ def test_chance_is_paid_for_less_and_less_and_not_at_all_in_the_end(
 ) -> None:
     config = replace(toy_config(algorithm, 2_000), entropy_left=0.0)
     weights = [entropies(config)(left) for left in (1.0, 0.7, 0.4, 0.1, 0.0, -0.01)]
-    assert isinstance(config.learn, (PpoConfig, A2cConfig))
+    assert isinstance(config.learn, ActorCriticConfig)
     assert weights[0] == config.learn.entropy
     assert weights[1] == pytest.approx(0.5 * config.learn.entropy)
     assert weights[2:] == pytest.approx([0.0] * 4)

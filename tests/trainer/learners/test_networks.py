@@ -8,9 +8,9 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from robot.contract import ACTION_TWISTS, PATH_POINTS
 from robot.errors import ContractError
-from trainer.config import ALGORITHMS, RunConfig
+from trainer.algorithms import NAMES, find_algorithm
+from trainer.config import RunConfig
 from trainer.judging.summary import summarise
-from trainer.learners.algorithms import observation_space, policy_arguments, policy_class
 from trainer.learners.networks import (
     DrivingFeatures,
     DuelingPolicy,
@@ -18,6 +18,7 @@ from trainer.learners.networks import (
     QPolicy,
     observation_shapes,
 )
+from trainer.learners.policies import observation_space, policy_arguments
 from trainer.presets import preset
 
 ACTIONS = spaces.Discrete(len(ACTION_TWISTS))
@@ -25,7 +26,9 @@ PATH = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
 
 
 def policy_for(config: RunConfig, space: spaces.Space) -> torch.nn.Module:
-    return policy_class(config)(space, ACTIONS, lambda _: 1e-3, **policy_arguments(config))
+    return find_algorithm(config.algorithm).policy(
+        space, ACTIONS, lambda _: 1e-3, **policy_arguments(config)
+    )
 
 
 def pictures(count: int, config: RunConfig) -> torch.Tensor:
@@ -35,7 +38,7 @@ def pictures(count: int, config: RunConfig) -> torch.Tensor:
     )
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", NAMES)
 def test_values_for_a_picture_and_for_picture_and_path(algorithm: str) -> None:
     config = preset("lane", algorithm, "debug")
     image = pictures(3, config)

@@ -9,10 +9,12 @@ from stable_baselines3.common.logger import configure
 
 from robot.contract import PATH_POINTS
 from sim_pybullet.vec_env import DuckpilotVecEnv
+from tests.trainer.toy import build_model
+from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 from trainer.envs import make_env
-from trainer.learners.algorithms import build_model, build_policy, policy_arguments, policy_class
 from trainer.learners.networks import DrivingActorCritic, GreedyNetwork, QPolicy
+from trainer.learners.policies import build_policy, policy_arguments
 from trainer.learners.true_path import TRUE_PATH, WithTruePath
 from trainer.presets import preset
 
@@ -97,7 +99,7 @@ def test_loss_is_none_where_the_head_is_right() -> None:
     env = world("arena")
     arguments = policy_arguments(config)
     space, actions = env.observation_space, spaces.Discrete(5)
-    policy = policy_class(config)(space, actions, lambda _: 1e-3, **arguments)
+    policy = find_algorithm(config.algorithm).policy(space, actions, lambda _: 1e-3, **arguments)
     env.close()
     assert isinstance(policy, QPolicy)
     head = policy.q_net.path_head

@@ -9,12 +9,11 @@ import pytest
 import torch
 from torch.nn.utils import parameters_to_vector
 
-from tests.trainer.toy import make_toy, toy_config
-from trainer.config import QConfig, RunConfig
-from trainer.learners.a3c import A3C
+from tests.trainer.toy import build_model, make_toy, toy_config
+from trainer.algorithms.a3c import A3C
+from trainer.algorithms.ddqn import DoubleDQN, QConfig
+from trainer.config import RunConfig
 from trainer.learners.a3c_worker import Orders, Tensors, Worker, _evaluate, shared_rmsprop
-from trainer.learners.algorithms import _q_arguments, build_model
-from trainer.learners.dqn import DoubleDQN
 from trainer.learners.shared_weights import Shared
 
 
@@ -196,8 +195,7 @@ def test_the_settings_of_a_run_reach_its_learner(tmp_path: Path) -> None:
     assert of(q, "gamma batch_size gradient_steps learning_starts") == [0.91, 33, 2, 17]
     assert (q.buffer_size, q.train_freq.frequency, q.replay_buffer.n_steps) == (808, 1, 2)
     assert of(q, "exploration_final_eps exploration_fraction") == [0.07, 0.25]
-    brief = with_learn("dueling", epsilon_steps=99_999)
-    assert _q_arguments(brief.learn, 1_000, tmp_path)["exploration_fraction"] == 1.0  # type: ignore[arg-type]
+    assert model("ddqn", epsilon_steps=99_999).exploration_fraction == 1.0
 
     several = {"gamma": 0.91, "gae_lambda": 0.83, "value": 0.7, "entropy": 0.03}
     ppo = model("ppo", **several, rollout=16, minibatch=64, epochs=5, clip=0.11)

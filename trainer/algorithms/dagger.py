@@ -7,6 +7,7 @@ the action taken and the action stored.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -15,8 +16,27 @@ from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
 from sim_pybullet.batch import BatchWorld
-from trainer.learners.coach import Coach
-from trainer.learners.dqn import DoubleDQN
+from trainer.algorithms import Algorithm, LearnConfig, Making
+from trainer.algorithms.ddqn import DoubleDQN, replay_arguments
+from trainer.learners.coach import Coach, find_coach
+from trainer.learners.networks import QPolicy
+from trainer.learners.policies import common_arguments
+
+
+@dataclass(frozen=True)
+class DaggerConfig(LearnConfig):
+    """See the module."""
+
+    robots: int = 16
+    max_grad_norm: float = 10.0
+    batch: int = 128
+    dagger_every: int = 4  # steps of all robots between updates
+    gradient_steps: int = 2
+    buffer: int = 40_000
+    warm_up: int = 500
+    expert_steps: int = 2_000  # over which the expert's share of the driving falls from 1 to 0
+    random_share: float = 0.08  # of the actions, so that recoveries are seen
+    coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
 
 
 class HasExpert(Protocol):
@@ -60,3 +80,32 @@ class Dagger(DoubleDQN):
         batch: Any = self.replay_buffer.sample(batch_size)
         logits = self.q_net(batch.observations)
         return self._descend(cross_entropy(logits, batch.actions.flatten().long()))
+
+
+def build(making: Making) -> Dagger:
+    """A model ready to learn; its coach is taught before, if it has one."""
+    learn = cast(DaggerConfig, making.config.learn)
+    model = Dagger(
+        **common_arguments(making),
+        batch_size=learn.batch,
+        gradient_steps=learn.gradient_steps,
+        train_freq=learn.dagger_every,
+        buffer_size=learn.buffer,
+        learning_starts=learn.warm_up,
+        target_update_interval=learn.robots,
+        **replay_arguments(making.folder.replay, n_steps=1, gamma=0.0),
+    )
+    model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
+    if learn.coach_steps:
+        path, steps = making.folder.coach, learn.coach_steps
+        model.coach = find_coach(path, making.config, steps, making.console)
+    return model
+
+
+_SMALL = {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}
+PRESETS: dict[str, dict[str, Any]] = {
+    "track": {"steps": 16_000},
+    "cruise": {"learn": {"learning_rate": 1e-3, "gradient_steps": 4, "random_share": 0.3}},
+    "debug": {"learn": _SMALL},
+}
+ALGORITHM = Algorithm("DAgger", DaggerConfig(), QPolicy, build, PRESETS)

@@ -10,10 +10,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Generator
 from contextlib import closing
+from dataclasses import dataclass
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -24,16 +25,32 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import multiprocessing
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from trainer.config import A3cConfig, RunConfig
+from trainer.algorithms import Algorithm
+from trainer.config import RunConfig
 from trainer.learners.a3c_worker import EnvMaker, EpisodeEnd, Orders, Worker, run_worker
-from trainer.learners.algorithms import build_policy
-from trainer.learners.dqn import ChannelLast
+from trainer.learners.actor_critic import CRUISE, ActorCriticConfig
+from trainer.learners.networks import DrivingActorCritic
+from trainer.learners.policies import ChannelLast, build_policy
 from trainer.learners.shared_weights import Shared
 from trainer.one_thread import one_thread_each
 
 POLL_S = 0.1  # between two looks at what the workers did
 _LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
 _MOST_REPLACED = 100  # more deaths than that are no accidents
+
+
+@dataclass(frozen=True)
+class A3cConfig(ActorCriticConfig):
+    """Asynchronous advantage actor-critic (Mnih et al. 2016)."""
+
+    robots: int = 1  # of each worker
+    learning_rate: float = 7e-4
+    workers: int = 12
+    a3c_rollout: int = 20
+    rms_decay: float = 0.99
+    rms_epsilon: float = 1e-8  # under the root; gradients' squares here are some 1e-7
+    warm_up: int = 0  # decisions, of all, while the learning rate rises from nothing
+    normalised: bool = False  # advantages to mean 0 and deviation 1 in each rollout, as in PPO
 
 
 class A3C(ChannelLast, BaseAlgorithm):
@@ -46,8 +63,8 @@ class A3C(ChannelLast, BaseAlgorithm):
     """
 
     def __init__(self, config: RunConfig, make_env: EnvMaker, env: VecEnv) -> None:
-        assert isinstance(config.learn, A3cConfig)
-        self._config, self._learn, self._make_env = config, config.learn, make_env
+        self._config, self._learn = config, cast(A3cConfig, config.learn)
+        self._make_env = make_env
         self.replaced = 0  # workers that were killed
         self.workers_cpu_s = 0.0  # CPU seconds of processes other than this one
         super().__init__(
@@ -202,3 +219,37 @@ def _receive(pipe: Connection) -> list[EpisodeEnd]:
     except (EOFError, OSError):
         return []
     return news
+
+
+ALGORITHM = Algorithm(
+    title="A3C",
+    learn=A3cConfig(),
+    policy=DrivingActorCritic,
+    build=lambda making: A3C(making.config, making.make_env, making.env),
+    presets={
+        "navigation": {"steps": 60_000},
+        "track": {
+            "learn": {
+                "robots": 4,
+                "learning_rate": 7e-4,
+                "warm_up": 30_000,
+                "entropy": 0.2,
+                "normalised": True,
+            }
+        },
+        "cruise": {**CRUISE, "relit": False},  # workers have worlds of their own
+        "paper": {  # B, section 3.1
+            "learn": {
+                "robots": 1,
+                "learning_rate": 0.01,
+                "rms_decay": 0.9,
+                "rms_epsilon": 0.1,
+                "entropy": 0.02,
+                "normalised": False,
+                "warm_up": 0,
+            }
+        },
+        "debug": {"learn": {"robots": 1, "workers": 2}},
+    },
+    own_worlds=True,
+)

@@ -1,4 +1,4 @@
-"""Double DQN on stable-baselines3's DQN: the double target and, where wanted, advantage learning.
+"""Double DQN (van Hasselt et al. 2016) on stable-baselines3's DQN, with advantage learning.
 
 stable-baselines3 has plain DQN only. Its loop, schedules, n-step buffer and soft target update
 are used as they are; plain or dueling is the policy's affair (`trainer.learners.networks`).
@@ -11,26 +11,37 @@ every 0.1 s one wrong action costs next to nothing, so that without it noise cho
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import torch
 from stable_baselines3 import DQN
-from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import smooth_l1_loss
 
+from trainer.algorithms import Algorithm, LearnConfig, Making
 from trainer.learners.networks import QPolicy
+from trainer.learners.policies import ChannelLast, common_arguments
+from trainer.learners.replay import MappedReplayBuffer
 
 
-class ChannelLast:
-    """Leaves pictures as (H, W, 3), where stable-baselines3 would copy them to (3, H, W)."""
+@dataclass(frozen=True)
+class QConfig(LearnConfig):
+    """Of Double DQN, plain or dueling."""
 
-    @staticmethod
-    def _wrap_env(env: GymEnv, *_: Any, **__: Any) -> VecEnv:
-        if not isinstance(env, VecEnv):
-            raise TypeError(f"expected a stable-baselines3 VecEnv, got {type(env).__name__}")
-        return env
+    robots: int = 16
+    max_grad_norm: float = 10.0
+    gamma: float = 0.95
+    n_step: int = 3
+    batch: int = 128
+    gradient_steps: int = 1  # per step of all robots
+    buffer: int = 40_000  # transitions
+    warm_up: int = 500  # random steps before the first update
+    target_tau: float = 0.01  # the target network follows by this share each step of all robots
+    epsilon_final: float = 0.02
+    epsilon_steps: int = 4_000  # from 1 to final
+    action_gap: float = 0.0  # advantage learning: 0 none, below 1
 
 
 class DoubleDQN(ChannelLast, DQN):
@@ -71,3 +82,42 @@ class DoubleDQN(ChannelLast, DQN):
         torch.nn.utils.clip_grad_norm_(self.q_net.parameters(), self.max_grad_norm)
         self.policy.optimizer.step()
         return loss.item()
+
+
+def build(making: Making) -> DoubleDQN:
+    """A model ready to learn, or to go on with the replay buffer in its folder."""
+    config, learn = making.config, cast(QConfig, making.config.learn)
+    model = DoubleDQN(
+        **common_arguments(making),
+        gamma=learn.gamma,
+        batch_size=learn.batch,
+        gradient_steps=learn.gradient_steps,
+        train_freq=1,
+        buffer_size=learn.buffer,
+        learning_starts=learn.warm_up,
+        tau=learn.target_tau,
+        target_update_interval=learn.robots,  # that is, every step of all robots
+        exploration_fraction=min(1.0, learn.epsilon_steps / config.steps),
+        exploration_final_eps=learn.epsilon_final,
+        **replay_arguments(making.folder.replay, learn.n_step, learn.gamma),
+    )
+    model.action_gap = learn.action_gap
+    return model
+
+
+def replay_arguments(folder: Path, n_steps: int, gamma: float) -> dict[str, Any]:
+    """What stable-baselines3 is told of a buffer in files."""
+    return {
+        "replay_buffer_class": MappedReplayBuffer,
+        "replay_buffer_kwargs": {"folder": folder, "n_steps": n_steps, "gamma": gamma},
+    }
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "navigation": {
+        "true_path": 1.0,
+        "learn": {"gamma": 0.9, "action_gap": 0.8, "epsilon_steps": 10_000},
+    },
+    "debug": {"learn": {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}},
+}
+ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS)

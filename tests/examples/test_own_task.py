@@ -1,0 +1,95 @@
+"""A task in one short file does all that the project's own tasks do."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robot.contract import PolicyContract
+from robot.inference.network_file import read_metadata
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "examples" / "own_task.py"
+
+
+def own_task(*words: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_task_is_one_file_of_at_most_80_lines() -> None:
+    assert len(SCRIPT.read_text().splitlines()) <= 80
+    packages = ("sim_pybullet", "trainer", "robot", "tools")
+    files = [file for package in packages for file in (ROOT / package).rglob("*.py")]
+    assert not [file for file in files if "keep_right" in file.read_text(encoding="utf-8")]
+
+
+@pytest.mark.slow
+def test_trains_evaluates_exports_and_reports(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    own_task(
+        *("train", "--task", "keep_right", "--algo", "ppo", "--preset", "debug"),
+        *("--out", str(run)),
+    )
+    figures, drives = run / "evaluation.json", run / "evaluation.npz"
+    own_task(
+        *("evaluate", "--model", str(run / "model.onnx"), "--episodes", "2"),
+        *("--json", str(figures), "--drives"),
+    )
+    judged = json.loads(figures.read_text())
+    assert judged["inputs"]["task"] == "keep_right"
+    assert judged["inputs"]["maps"] == ["loop"]
+    assert drives.exists()
+    own_task("export", str(run))
+    metadata = json.loads(read_metadata(run / "model_int8.onnx", PolicyContract.METADATA_KEY, ""))
+    assert metadata["task"] == "keep_right"
+    own_task("report", str(run), "--out", str(tmp_path / "report"))
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "Keep right: learning curves" in page
+    assert (tmp_path / "report" / "drives_1.png").exists()
+
+
+def test_its_reward_is_best_beside_the_middle_and_gymnasium_knows_it() -> None:
+    program = """
+import sys; sys.path.insert(0, "examples")
+import gymnasium, numpy as np, own_task
+env = gymnasium.make("duckpilot/KeepRight-v0", pool_size=1)
+env.reset(seed=1)
+*_, info = env.step(2)
+task = env.unwrapped.world.task
+offset = task.course.offset_m[0]
+expected = -5.0 * abs(offset + 0.03) / task.half_lane_m[0]
+assert abs(info["terms"]["offset"] - expected) < 1e-9, (info, expected)
+assert abs(info["terms"]["offset"] + 5.0 * abs(offset) / task.half_lane_m[0]) > 0.1
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("--task", "keep_rihgt"), "did you mean 'keep_right'?"),
+        (("--task", "lane", "--algo", "dualing"), "did you mean 'dueling'?"),
+    ],
+)
+def test_an_unknown_name_is_told_the_nearest(
+    words: tuple[str, ...], hint: str, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), "train", *words, "--out", str(tmp_path / "run")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert hint in done.stderr

@@ -1,0 +1,92 @@
+"""The algorithms: each is one file here, named as it is asked for, with its ``ALGORITHM``.
+
+Its configuration, its presets, how a model of it is built and what that logs. A file is imported
+when somebody asks for the algorithm: to read their names takes no torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from robot.errors import ConfigError, nearest
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.policies import BasePolicy
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from trainer.config import RunConfig
+    from trainer.run import RunFolder
+
+NAMES = tuple(found.name for found in pkgutil.iter_modules(__path__))
+
+
+@dataclass(frozen=True)
+class LearnConfig:
+    """What every algorithm's own configuration holds, among other things."""
+
+    robots: int = 32  # that learn at once
+    learning_rate: float = 5e-4
+    max_grad_norm: float = 0.5
+
+
+@dataclass(frozen=True)
+class Making:
+    """What a model is built from."""
+
+    config: RunConfig
+    env: VecEnv
+    folder: RunFolder
+    make_env: Callable[[RunConfig, int, int], VecEnv]
+    console: Console
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """All that the rest of the trainer must know of an algorithm."""
+
+    title: str  # in tables
+    learn: LearnConfig
+    policy: type[BasePolicy]
+    build: Callable[[Making], BaseAlgorithm]
+    # By task, preset or style, see `trainer.presets`.
+    presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    own_worlds: bool = False  # whether it makes its training environments itself
+
+
+_added: dict[str, Algorithm] = {}
+
+
+def add_algorithm(name: str, algorithm: Algorithm) -> None:
+    """Make an algorithm known that is no file here.
+
+    Raises:
+        ConfigError: the name is another one's.
+    """
+    if name in algorithm_names():
+        raise ConfigError(f"algorithm: expected a name of its own, got {name!r} again")
+    _added[name] = algorithm
+
+
+def algorithm_names() -> tuple[str, ...]:
+    """Of all."""
+    return (*NAMES, *_added)
+
+
+def find_algorithm(name: str) -> Algorithm:
+    """The algorithm of that name.
+
+    Raises:
+        ConfigError: there is none; it names the nearest.
+    """
+    if name in _added:
+        return _added[name]
+    if name not in NAMES:
+        raise ConfigError(f"algorithm: unknown {name!r}; {nearest(name, algorithm_names())}")
+    found: Algorithm = importlib.import_module(f"{__name__}.{name}").ALGORITHM
+    return found

@@ -1,0 +1,13 @@
+"""DAgger whose expert is taught first, by reinforcement that is told the true path."""
+
+from trainer.algorithms import Algorithm
+from trainer.algorithms.dagger import PRESETS, DaggerConfig, build
+from trainer.learners.networks import QPolicy
+
+ALGORITHM = Algorithm(
+    "DAgger after a PPO coach",
+    DaggerConfig(coach_steps=200_000),
+    QPolicy,
+    build,
+    {**PRESETS, "debug": {"learn": {**PRESETS["debug"]["learn"], "coach_steps": 4_096}}},
+)

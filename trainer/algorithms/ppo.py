@@ -1,0 +1,73 @@
+"""PPO: proximal policy optimisation (Schulman et al. 2017), stable-baselines3's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+from stable_baselines3 import PPO
+
+from trainer.algorithms import Algorithm, Making
+from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, entropies
+from trainer.learners.networks import DrivingActorCritic
+from trainer.learners.policies import common_arguments
+
+
+@dataclass(frozen=True)
+class PpoConfig(ActorCriticConfig):
+    """See the module."""
+
+    rollout: int = 64  # steps of each robot between updates
+    minibatch: int = 256
+    epochs: int = 3
+    gae_lambda: float = 0.9
+    clip: float = 0.2
+
+
+class DrivingPPO(FallingEntropy, PPO):
+    """With pictures as they are and a falling weight of the entropy."""
+
+
+def build(making: Making) -> DrivingPPO:
+    """A model ready to learn."""
+    learn = cast(PpoConfig, making.config.learn)
+    model = DrivingPPO(
+        **common_arguments(making),
+        gamma=learn.gamma,
+        n_steps=learn.rollout,
+        batch_size=learn.minibatch,
+        n_epochs=learn.epochs,
+        gae_lambda=learn.gae_lambda,
+        clip_range=learn.clip,
+        ent_coef=learn.entropy,
+        vf_coef=learn.value,
+    )
+    model.entropies = entropies(making.config)
+    return model
+
+
+ALGORITHM = Algorithm(
+    title="PPO",
+    learn=PpoConfig(),
+    policy=DrivingActorCritic,
+    build=build,
+    presets={
+        "navigation": {"steps": 60_000, "true_path": 1.0},
+        "track": {
+            "steps": 160_000,
+            "learn": {
+                "rollout": 32,
+                "epochs": 4,
+                "learning_rate": 2e-3,
+                "gae_lambda": 0.95,
+                "entropy": 0.05,
+            },
+        },
+        "cruise": {
+            **CRUISE,
+            "learn": {**CRUISE["learn"], "learning_rate": 1e-3, "rollout": 64},
+            "true_path": 1.0,
+        },
+        "debug": {"learn": {"robots": 4, "rollout": 16, "minibatch": 32}},
+    },
+)

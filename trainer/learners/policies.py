@@ -1,0 +1,91 @@
+"""From a `RunConfig` to the policy that is trained, and what all algorithms are built with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+from sim_pybullet.tasks.spec import find_task
+from trainer.algorithms import Making, find_algorithm
+from trainer.config import RunConfig
+from trainer.learners.networks import DrivingFeatures
+
+Schedule = Callable[[float], float]
+
+
+class ChannelLast:
+    """Leaves pictures as (H, W, 3), where stable-baselines3 would copy them to (3, H, W)."""
+
+    @staticmethod
+    def _wrap_env(env: GymEnv, *_: Any, **__: Any) -> VecEnv:
+        if not isinstance(env, VecEnv):
+            raise TypeError(f"expected a stable-baselines3 VecEnv, got {type(env).__name__}")
+        return env
+
+
+def common_arguments(making: Making) -> dict[str, Any]:
+    """What stable-baselines3 is told of every algorithm."""
+    config = making.config
+    return {
+        "policy": find_algorithm(config.algorithm).policy,
+        "env": making.env,
+        "policy_kwargs": policy_arguments(config),
+        "learning_rate": learning_rates(config),
+        "max_grad_norm": config.learn.max_grad_norm,
+        "seed": config.seed,
+        "device": config.device,
+    }
+
+
+def learning_rates(config: RunConfig) -> Schedule:
+    """From the share of the run that is left, 1 to 0, to the learning rate."""
+    return falling(config.learn.learning_rate, config.rate_left)
+
+
+def falling(first: float, least: float) -> Schedule:
+    """From the share of the run that is left, 1 to 0: evenly from ``first`` to its share."""
+    return lambda left: first * (least + (1.0 - least) * max(left, 0.0))  # the last step overshoots
+
+
+def build_policy(config: RunConfig) -> BasePolicy:
+    """The policy alone, untrained and without an environment, as export and summary need it."""
+    arguments = policy_arguments(config)
+    actions = spaces.Discrete(len(find_task(config.task).actions))
+    arguments["lr_schedule"] = lambda _: config.learn.learning_rate
+    policy = find_algorithm(config.algorithm).policy
+    return policy(observation_space(config), actions, **arguments)
+
+
+def policy_arguments(config: RunConfig) -> dict[str, Any]:
+    """What stable-baselines3 calls ``policy_kwargs``."""
+    head = [config.net.head_fc]
+    actor_critic = issubclass(find_algorithm(config.algorithm).policy, ActorCriticPolicy)
+    # in an actor-critic's loss it is multiplied by the weight of the entropy
+    share = getattr(config.learn, "entropy", 1.0)
+    return {
+        "true_path": config.true_path / share if config.true_path else 0.0,
+        "features_extractor_class": DrivingFeatures,
+        "features_extractor_kwargs": {"net": config.net},
+        "net_arch": {"pi": head, "vf": head} if actor_critic else head,
+        "activation_fn": nn.ReLU,
+        "normalize_images": False,  # the network divides by 255 itself
+        "optimizer_kwargs": {"fused": True, "eps": 1e-5 if actor_critic else 1e-8},
+    }
+
+
+def observation_space(config: RunConfig) -> spaces.Space:
+    """What the policy of this run sees."""
+    height, width, channels = config.image.shape
+    spec = find_task(config.task)
+    image = spaces.Box(0, 255, (height, width, channels * spec.frames), np.uint8)
+    if not spec.path_points:
+        return image
+    path = spaces.Box(-1.0, 1.0, (spec.path_points,), np.float32)
+    return spaces.Dict({"image": image, "path": path})
