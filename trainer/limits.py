@@ -18,7 +18,6 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "steps": (1, 10**12),
     "ppo_steps": (1, 10**12),
     "lane_steps": (1, 10**12),
-    "taught_steps": (1, 10**12),
     "translator_steps": (1, 10**12),
     "episodes": (1, 10_000_000),
     "lap_drives": (1, 1_000_000),

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.table import Table as RichTable
 
 from trainer.experiments.options import Figure5Options, SensitivityOptions, SixModelsOptions
 from trainer.sweeps.sweep import WorkerOptions, run_sweep
 
-if TYPE_CHECKING:
-    from trainer.experiments.table1 import Table
-
-
 # A name and a file each time that the option is given.
 Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
 
-PARTS = ("attention", "agreement", "lane_pose", "steering")  # of real-photographs
+PARTS = ("attention", "agreement")  # of real-photographs
 _SIX = SixModelsOptions()
 _FIGURE5 = Figure5Options()
 _SENSITIVITY = SensitivityOptions()
@@ -31,11 +26,9 @@ def table1_command(
     data: Path,
     out: Path,
     policy: Policies = (),
-    taught: Policies = (),
     rate_hz: float = 20.0,
     seeds: int = 3,
     steps: int = 400,
-    taught_steps: int = 1000,
 ) -> int:
     """Foretell left, straight or right on a person's recorded drive: paper B, Table 1.
 
@@ -47,19 +40,15 @@ def table1_command(
         out: folder for table1.json, table1.png and the networks.
         policy: name=model.onnx: ours=... (trained in translated pictures), b-rl=... (trained in
             the simulator's own), or any other name; a name again is another seed.
-        taught: LOOK, LOOK+translator.onnx or LOOK+parser.pt (both worlds as its classes): networks
-            that learn on simulated tracks of that look to turn as the road does, by no reward.
         rate_hz: pictures of the drive in a second; policies see some that are 0.1 s apart.
-        seeds: how many networks of each kind.
-        steps: updates of each supervised one.
-        taught_steps: updates of each that is taught in simulation.
+        seeds: how many supervised networks of each kind.
+        steps: updates of each.
     """
     import torch
 
-    from trainer.experiments.foretelling import foretell, words
     from trainer.experiments.racing_policy import named_policies
     from trainer.experiments.records import load_drive
-    from trainer.experiments.table1 import draw_table
+    from trainer.experiments.table1 import as_table, draw_table, foretell
     from trainer.run import write_json
 
     torch.set_num_threads(1)
@@ -67,11 +56,14 @@ def table1_command(
     policies = named_policies(policy)
     load_drive(data)  # refused before anything is written
     out.mkdir(parents=True, exist_ok=True)
-    table = foretell(data, out, policies, taught, rate_hz, seeds, steps, taught_steps, console)
+    table = foretell(data, out, policies, rate_hz, seeds, steps, console)
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
-    _show(table, console)
-    console.print(words(table.turning))
+    console.print(as_table(table))
+    console.print(
+        f"angles and pictures agree with a correlation of {table.turning.correlation:.2f}, "
+        f"{table.turning.late_frames} pictures after the angle"
+    )
     return 0
 
 
@@ -92,16 +84,18 @@ def six_models_command(
         workers: processes at once, or a Ray cluster.
     """
     from robot.inference.translator import OnnxTranslator
-    from trainer.experiments.photographs.tables import markdown
-    from trainer.experiments.six_models import drives, models, trainings
-    from trainer.experiments.transfer_attention import draw_attention
-    from trainer.experiments.transfer_tables import (
-        as_table,
+    from robot.output import write_text
+    from trainer.experiments.six_models import (
+        draw_attention,
         draw_transfer_curves,
+        drives,
         gather,
+        models,
         table_rows,
+        trainings,
     )
-    from trainer.run import atomically, write_json
+    from trainer.experiments.tables import markdown
+    from trainer.run import write_json
 
     console = Console(soft_wrap=True)
     if options.translator:
@@ -118,9 +112,8 @@ def six_models_command(
         draw_transfer_curves(out, done, out / "six_models.png")
         draw_attention(out, done, out / "attention.png")
         head, *rows = table_rows(transfer)
-        with atomically(out / "six_models.md") as temporary:
-            temporary.write_text(markdown(head, rows), encoding="utf-8")
-        console.print(as_table(transfer))
+        write_text(out / "six_models.md", markdown(head, rows))
+        console.print(markdown(head, rows), markup=False)
     return 0
 
 
@@ -138,10 +131,10 @@ def sensitivity_command(
         options: which policies, which fields and values.
         workers: processes at once, or a Ray cluster.
     """
-    from trainer.experiments.photographs.tables import markdown
+    from robot.output import write_text
     from trainer.experiments.sensitivity import drives, points, table_rows
+    from trainer.experiments.tables import markdown
     from trainer.judging.evaluate import open_policy
-    from trainer.run import atomically
 
     console = Console(soft_wrap=True)
     points(options)  # its fields and values, too
@@ -151,8 +144,7 @@ def sensitivity_command(
     if status != 0:
         return status
     head, *rows = table_rows(out, options)
-    with atomically(out / "sensitivity.md") as temporary:
-        temporary.write_text(markdown(head, rows), encoding="utf-8")
+    write_text(out / "sensitivity.md", markdown(head, rows))
     console.print(markdown(head, rows), markup=False)
     return 0
 
@@ -174,8 +166,7 @@ def figure5_command(
     """
     import torch
 
-    from trainer.experiments.figure5 import trainings, translator
-    from trainer.experiments.figure5_chart import as_table, draw_figure, gather
+    from trainer.experiments.figure5 import as_table, draw_figure, gather, trainings, translator
     from trainer.run import write_json
 
     torch.set_num_threads(1)
@@ -195,12 +186,9 @@ def real_photographs_command(
     data: Path,
     out: Path,
     policy: tuple[str, ...],
-    frames: int = 4000,
     only: tuple[str, ...] = PARTS,
-    seeds: int = 3,
-    steps: int = 400,
 ) -> int:
-    """What policies make of photographs that people annotated: attention, lines, pose, steering.
+    """What policies look at on photographs that people annotated, and whether lines are found.
 
     Called again, it goes on where it was cut off. The pictures that it draws show photographs:
     mind their licences before you pass them on.
@@ -208,34 +196,13 @@ def real_photographs_command(
     Args:
         data: a folder with the sites' folders (duckietown_dtcore_sites, duckietown_udem,
             donkeycar_dashed_track).
-        out: folder for the figures, tables.md, the lane-pose heads, and sheets of attention and
-            poses.
+        out: folder for the figures, tables.md, and a sheet of attention.
         policy: name=model.onnx of policies for robots.
-        frames: simulated frames that the lane-pose heads learn from.
-        only: some of attention, agreement, lane_pose and steering.
-        seeds: how many supervised networks the steering is compared with.
-        steps: updates of each.
+        only: attention or agreement.
     """
     from trainer.experiments.photographs.run import Photographs, look_at_photographs, named
 
     console = Console(soft_wrap=True)
-    asked = Photographs(data, out, named(policy), frames, seeds, steps, only)
-    console.print(look_at_photographs(asked, console), markup=False)
+    asked = Photographs(data, out, named(policy), only)
+    console.print(look_at_photographs(asked), markup=False)
     return 0
-
-
-def _show(table: Table, console: Console) -> None:
-    from trainer.experiments.table1 import PAPER
-
-    left, straight, right = table.shares
-    title = (
-        f"{table.test_frames} test frames: {left:.0%} left, {straight:.0%} straight, "
-        f"{right:.0%} right"
-    )
-    columns = ("driver", "seed", "accuracy", "95 % interval", "mean of recalls", "paper B")
-    shown = RichTable(*columns, title=title)
-    for row in table.rows:
-        paper = f"{PAPER[row.driver]:.1%}" if row.driver in PAPER else ""
-        figures = f"{row.accuracy:.1%}", f"{row.low:.1%} to {row.high:.1%}", f"{row.balanced:.1%}"
-        shown.add_row(row.driver, str(row.seed), *figures, paper)
-    console.print(shown)

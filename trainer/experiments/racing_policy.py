@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from robot.contract import ImageSpec, PolicyContract
+from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.inference.network_file import Tensor, open_network, read_metadata
+from robot.inference.network_file import read_metadata
+from robot.inference.policy import OnnxPolicy
+from robot.inference.policy_file import REMEDY
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import open_translator
-from robot.typed_config import from_plain
-from trainer.experiments.driving_pictures import STACK
+from sim_pybullet.racing.racing_cars import RACING_ACTIONS
+from sim_pybullet.tasks.spec import find_task
+from trainer.experiments.drive_pictures import STACK
 from trainer.experiments.records import FULL_LOCK_DEG, Turn, turns
 
-REMEDY = "export a policy with python -m trainer export"
 _AT_ONCE = 256
 _OF_WORTH = ("ddqn", "dueling")  # algorithms whose values are no logits
 
@@ -41,34 +42,31 @@ class SteeringPolicy:
     """
 
     def __init__(self, path: Path, translator: str = "") -> None:
-        plain = json.loads(read_metadata(path, PolicyContract.METADATA_KEY, REMEDY))
-        self.image: ImageSpec = from_plain(ImageSpec, plain.get("image", {}), str(path))
-        actions = np.array(plain.get("actions", ()), dtype=float).reshape(-1, 2)
+        contract = PolicyContract.from_json(
+            read_metadata(path, PolicyContract.METADATA_KEY, REMEDY)
+        )
+        self._policy = OnnxPolicy(path, actions=contract.actions)
+        self.image, self.frames = contract.image, contract.frames
         self.translator = translator
         self._translator = (
             open_translator(translator, self.image, "real-to-sim") if translator else None
         )
+        actions = np.array(contract.actions)
+        drives_a_car = find_task(contract.task).actions == RACING_ACTIONS
         # people's angles are positive to the right, steering of race cars to the left; a robot
         # goes right where its left wheel is the faster
-        right = -actions[:, 0] if plain.get("task") == "track" else actions[:, 0] - actions[:, 1]
+        right = -actions[:, 0] if drives_a_car else actions[:, 0] - actions[:, 1]
         self._steering_deg = FULL_LOCK_DEG * right / np.abs(right).max(initial=1e-9)
         if set(turns(self._steering_deg).tolist()) != set(Turn):
             raise ContractError(
                 f"{path}: expected a policy that can go left, straight and right, got actions "
-                f"{plain.get('actions')}; {REMEDY}"
+                f"{actions.tolist()}; {REMEDY}"
             )
-        self.frames, self._points = int(plain.get("frames", 1)), int(plain.get("path_points", 0))
         if not 1 <= self.frames <= STACK:
             raise ContractError(
                 f"{path}: expected at most {STACK} stacked pictures, got {self.frames}"
             )
-        shape = (None, *self.image.shape[:2], 3 * self.frames)
-        inputs = [Tensor("image", "tensor(uint8)", shape)]
-        if self._points:
-            inputs.append(Tensor("path", "tensor(float)", (None, self._points)))
-        outputs = [Tensor("values", "tensor(float)", (None, len(actions)))]
-        self._worth = plain.get("algorithm") in _OF_WORTH
-        self._session = open_network(path, inputs, outputs, 1, REMEDY)
+        self._worth = contract.algorithm in _OF_WORTH
 
     def see(self, frames: np.ndarray) -> np.ndarray:
         """Frames (N, 120, 160, 3) of reality -> the policy's pictures (N, H, W, 3), uint8."""
@@ -86,10 +84,9 @@ class SteeringPolicy:
         return turns(shares @ self._steering_deg / shares.sum(1))
 
     def _values(self, pictures: np.ndarray) -> np.ndarray:
-        feeds = {"image": pictures}
-        if self._points:
-            feeds["path"] = np.zeros((len(pictures), self._points), np.float32)
-        return np.asarray(self._session.run(["values"], feeds)[0])
+        points = self._policy.contract.path_points
+        path = np.zeros((len(pictures), points), np.float32) if points else None
+        return self._policy.values(pictures, path)
 
 
 def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]]:

@@ -6,7 +6,6 @@ What policies make of that no mean over a distribution of looks tells.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +14,12 @@ import numpy as np
 import yaml
 
 from robot.errors import ConfigError
+from robot.output import write_text
 from robot.typed_config import read_yaml, to_plain
 from sim_pybullet.randomise import load_look_sampler, look_sampler, looks_of
 from trainer.experiments.options import SensitivityOptions
 from trainer.options import EvaluateOptions
-from trainer.run import atomically
+from trainer.run import read_json
 from trainer.sweeps.jobs import EvaluateJob
 
 UNCHANGED = "unchanged"
@@ -102,7 +102,7 @@ def table_rows(out: Path, options: SensitivityOptions) -> list[tuple[str, ...]]:
     for point in points(options):
         cells = []
         for model in options.model:
-            found = json.loads(_figures(out, model, point).read_text(encoding="utf-8"))
+            found = read_json(_figures(out, model, point))
             successes = found["episodes"] - len(found["failures"])
             cells.append(f"{successes} ({100 * found['mean_path_distance_m']:.1f} cm)")
         value = "" if point.field == UNCHANGED else _text(point.value) + "*" * beyond(point)
@@ -137,8 +137,7 @@ def _keep(path: Path, data: dict[str, Any]) -> None:
             raise ConfigError(f"{path}: expected the look asked for, got another; choose --out")
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomically(path) as temporary:
-        temporary.write_text(yaml.safe_dump(data), encoding="utf-8")
+    write_text(path, yaml.safe_dump(data))
 
 
 def _text(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Paper A's comparison of ways from simulation to reality (section 4.4): Tables 4 and 5.
+"""Paper A's comparison of ways from simulation to reality: Tables 4 and 5, Figures 36 to 40.
 
 Every algorithm is trained in the nominal look, under domain randomisation, through a CycleGAN, and
 through both, with the same number of steps, maps and pose error. All are judged in looks that no
@@ -8,17 +8,36 @@ training saw: four laps of lane keeping, each of a map's manoeuvres once, and ra
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import mean, median
 from typing import NamedTuple
 
+import numpy as np
+
+from robot.navigation.road_map import load_map
+from robot.output import write_png
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.pool import LookPool
+from sim_pybullet.randomise import load_look_sampler, looks_of
+from trainer.algorithms import find_algorithm
 from trainer.experiments.options import SixModelsOptions
+from trainer.experiments.photographs.attention import LabelledFrame, attention_sheet
+from trainer.experiments.tables import half_interval
 from trainer.options import EvaluateOptions, TrainOptions
-from trainer.run import RunFolder
+from trainer.report.curves import draw_panels
+from trainer.run import RunFolder, read_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
+from trainer.training.checkpoint import read_state
+from trainer.translation.collect import snapshots
 
 ALGORITHMS = ("dueling", "ppo")
 PATHS, MISSIONS = 32, 50  # of each navigator
 FIRST_SEED = 160 * 32  # whole worlds of 160 episodes: 32 paths are then each path once
+# Of 32 paths and of 50 missions; the models that are not named failed (fewer than 10 paths).
+PAPER = {("dueling", "cyclegan"): (27, 31), ("ppo", "cyclegan"): (24, 26)}
+SUCCESS_ABOVE, FAILURE_BELOW = 20, 10  # paths
+_ATTENTION_SEED = 40
 
 
 class Variant(NamedTuple):
@@ -121,3 +140,141 @@ def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list
 def of_kind(all_models: Sequence[Model], algorithm: str, variant: str) -> list[Model]:
     """The models that differ by their seeds only."""
     return [m for m in all_models if (m.algorithm, m.variant) == (algorithm, variant)]
+
+
+@dataclass(frozen=True)
+class TransferRow:
+    """Models that differ by their seeds only, in the order of the seeds."""
+
+    algorithm: str
+    variant: str
+    laps: tuple[int, ...]  # drives of four laps without leaving the lane
+    paths: tuple[int, ...]
+    tasks: tuple[int, ...]
+
+    @property
+    def verdict(self) -> str:
+        """The paper's, on the median model: more than 20 of 32 paths, or fewer than 10."""
+        paths = median(self.paths)
+        if paths > SUCCESS_ABOVE:
+            return "success"
+        return "failure" if paths < FAILURE_BELOW else "neither"
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """What the experiment writes as JSON."""
+
+    options: SixModelsOptions
+    episodes: dict[str, int]
+    rows: tuple[TransferRow, ...]
+    schema: int = 1
+
+
+def gather(out: Path, options: SixModelsOptions) -> Transfer:
+    """The figures of all tests; they must have been run."""
+    everyone = models(options)
+    rows = []
+    for variant in VARIANTS:
+        for algorithm in ALGORITHMS:
+            kind = of_kind(everyone, algorithm, variant)
+            if kind:
+                counts = [
+                    tuple(_successes(m, out, test) for m in kind) for test in episodes(options)
+                ]
+                rows.append(TransferRow(algorithm, variant, *counts))
+    return Transfer(options, episodes(options), tuple(rows))
+
+
+def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
+    """Both of the paper's tables in one, its figures beside ours; the first row says what is what.
+
+    Ours are each seed's, with the 95 % interval of their mean.
+    """
+    laps, paths, tasks = (f"of {count}" for count in transfer.episodes.values())
+    rows: list[tuple[str, ...]] = [
+        (
+            "transfer",
+            "algorithm",
+            f"four laps {laps}",
+            f"paths {paths}",
+            "verdict",
+            "paper",
+            f"missions {tasks}",
+            "paper",
+        )
+    ]
+    for row in transfer.rows:
+        theirs = PAPER.get((row.algorithm, row.variant))
+        rows.append(
+            (
+                VARIANTS[row.variant].title,
+                find_algorithm(row.algorithm).title,
+                _each(row.laps),
+                _each(row.paths),
+                row.verdict,
+                str(theirs[0]) if theirs else _paper_verdict(row),
+                _each(row.tasks),
+                str(theirs[1]) if theirs else "–",
+            )
+        )
+    return rows
+
+
+def draw_transfer_curves(out: Path, options: SixModelsOptions, path: Path) -> None:
+    """A panel for each kind of navigator, mean and band over its seeds."""
+    everyone, panels = models(options), []
+    for variant, (title, _, _) in VARIANTS.items():
+        for algorithm in ALGORITHMS:
+            runs = [
+                RunFolder(m.run(out, "navigation")) for m in of_kind(everyone, algorithm, variant)
+            ]
+            if runs:
+                records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
+                panels.append((f"{find_algorithm(algorithm).title}, transfer by {title}", records))
+    draw_panels(panels, path)
+
+
+def _successes(model: Model, out: Path, test: str) -> int:
+    found = read_json(model.judged(out, test))
+    return int(found["episodes"]) - len(found["failures"])
+
+
+def _each(counts: tuple[int, ...]) -> str:
+    seeds = ", ".join(map(str, counts))
+    if len(counts) < 2:
+        return seeds
+    return f"{seeds} ({mean(counts):.1f} ± {half_interval(np.array(counts)):.1f})"
+
+
+def _paper_verdict(row: TransferRow) -> str:
+    return "failure" if row.variant in ("none", "dr") else "–"
+
+
+def judged_frames(options: SixModelsOptions, of_look: int = 1) -> list[LabelledFrame]:
+    """Pictures of the map and looks that models are judged in, so many of each look.
+
+    Raises:
+        DuckpilotError: no such look or map.
+    """
+    road_maps = [load_map(options.test_map)]
+    found = []
+    for file in looks_of(options.look):
+        rng = np.random.default_rng(_ATTENTION_SEED)
+        pool = LookPool(road_maps, load_look_sampler(file), rng, of_look)
+        seen = snapshots(road_maps, pool, of_look, rng)
+        for frame, label in zip(seen.frames, seen.labels, strict=True):
+            lines = (label == SemanticClass.WHITE_LINE, label == SemanticClass.YELLOW_LINE)
+            found.append(LabelledFrame(file.stem, frame, *lines))
+    return found
+
+
+def draw_attention(out: Path, options: SixModelsOptions, path: Path) -> None:
+    """A PNG with a row for each look and a column for each navigator of the first seed."""
+    navigators = [
+        (f"{m.algorithm}, {m.variant}", RunFolder(m.run(out, "navigation")).onnx)
+        for m in models(options)
+        if m.seed == 0
+    ]
+    sheet = attention_sheet(navigators, judged_frames(options))
+    write_png(path, sheet)

@@ -10,7 +10,7 @@ from gymnasium import spaces
 from rich.console import Console
 from torch import nn
 
-from trainer.experiments.driving_pictures import STACK, Stacks
+from trainer.experiments.drive_pictures import STACK, Stacks
 from trainer.experiments.records import Turn
 from trainer.learners.networks import DrivingFeatures
 from trainer.presets import preset
@@ -20,15 +20,12 @@ from trainer.resumable import Loop, Stateful
 BATCH = 32
 LEARNING_RATE = 1e-3
 WEIGHT_DECAY = 1e-3
-CHANNELS = (16, 32, 32, 32)
-KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (3, 1))
-HIDDEN = 128
 MIRRORED = np.array([Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT])
 _AT_ONCE = 256
 
 
 class TurnNetwork(nn.Module):
-    """Four convolutions and two fully connected layers: stacks -> logits of `Turn`.
+    """Convolutions and widths of the policies of the task ``track``: stacks -> logits of `Turn`.
 
     Takes (N, H, W, 3 * STACK) uint8.
     """
@@ -36,37 +33,6 @@ class TurnNetwork(nn.Module):
     def __init__(self, shape: tuple[int, int, int]) -> None:
         """``shape``: (H, W, 3) of one picture."""
         super().__init__()
-        layers: list[nn.Module] = []
-        inputs = 3 * STACK
-        for outputs, (kernel, stride) in zip(CHANNELS, KERNELS_AND_STRIDES, strict=True):
-            layers += [nn.Conv2d(inputs, outputs, kernel, stride, kernel // 4), nn.ReLU()]
-            inputs = outputs
-        self.convolutions: nn.Module = nn.Sequential(*layers)
-        with torch.no_grad():
-            flat = self.convolutions(torch.zeros(1, 3 * STACK, *shape[:2])).numel()
-        self.head = nn.Sequential(
-            nn.Linear(flat, HIDDEN), nn.ReLU(), nn.Dropout(), nn.Linear(HIDDEN, len(Turn))
-        )
-
-    def forward(self, stacks: torch.Tensor) -> torch.Tensor:
-        """See the class."""
-        x = stacks.permute(0, 3, 1, 2).float() / 127.5 - 1.0
-        return self.head(self.convolutions(x).flatten(1))
-
-    @torch.no_grad()
-    def turns(self, stacks: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3 * STACK) uint8 -> (N,) the likeliest turns."""
-        self.eval()
-        parts = np.array_split(stacks, -(-len(stacks) // _AT_ONCE))
-        return np.concatenate([self(torch.from_numpy(p)).argmax(1).numpy() for p in parts])
-
-
-class LikePolicies(TurnNetwork):
-    """The same with the convolutions and widths of the policies of the task ``track``."""
-
-    def __init__(self, shape: tuple[int, int, int]) -> None:
-        """``shape``: (H, W, 3) of one picture."""
-        nn.Module.__init__(self)
         net = preset("track", "ppo", "fast").net
         height, width, colours = shape
         stacks = spaces.Box(0, 255, (height, width, colours * STACK), np.uint8)
@@ -83,18 +49,20 @@ class LikePolicies(TurnNetwork):
         """See the class."""
         return self.head(self.convolutions(stacks))
 
+    @torch.no_grad()
+    def turns(self, stacks: np.ndarray) -> np.ndarray:
+        """(N, H, W, 3 * STACK) uint8 -> (N,) the likeliest turns."""
+        self.eval()
+        parts = np.array_split(stacks, -(-len(stacks) // _AT_ONCE))
+        return np.concatenate([self(torch.from_numpy(p)).argmax(1).numpy() for p in parts])
+
 
 def teach_turns(
-    training: Stacks,
-    steps: int,
-    seed: int,
-    checkpoint: Path,
-    console: Console,
-    kind: type[TurnNetwork] = TurnNetwork,
+    training: Stacks, steps: int, seed: int, checkpoint: Path, console: Console
 ) -> TurnNetwork:
     """Train on what the person did, from where ``checkpoint`` left off."""
     torch.manual_seed(seed)
-    network = kind(training.pictures.shape[1:])
+    network = TurnNetwork(training.pictures.shape[1:])
     optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     loss_of = nn.CrossEntropyLoss()

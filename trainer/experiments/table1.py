@@ -1,22 +1,41 @@
-"""Table 1 of paper B: how often a driver foretells what a person did on real frames."""
+"""Table 1 of paper B: who foretells what a person did on a recorded drive."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table as RichTable
 
-from trainer.experiments.records import Turn
-from trainer.experiments.turning import Turning
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from trainer.experiments.drive_pictures import (
+    See,
+    Stacks,
+    Turning,
+    goes_on_turning,
+    load_stacks,
+    shifts_px,
+    split_by_time,
+    turning,
+)
+from trainer.experiments.racing_policy import SteeringPolicy
+from trainer.experiments.records import Drive, Turn, load_drive
+from trainer.experiments.supervised import teach_turns
+from trainer.presets import preset
 from trainer.run import atomically
 
 # Paper B, Table 1, on Sully Chen's frames.
 PAPER = {"ours": 0.4340, "b-rl": 0.2833, "supervised": 0.5360}
 RESAMPLES = 2000
 BLOCK_FRAMES = 20  # neighbours are alike: whole stretches are drawn together
+DECISION_S = 0.1  # between a policy's pictures
+Named = tuple[str, int, SteeringPolicy]
 
 
 @dataclass(frozen=True)
@@ -44,6 +63,105 @@ class Table:
     shares: tuple[float, float, float]  # likewise, of the test frames
     turning: Turning  # how the angles go with what the pictures show
     rows: tuple[Accuracy, ...]
+
+
+def foretell(
+    data: Path,
+    out: Path,
+    policies: Sequence[Named],
+    rate_hz: float,
+    seeds: int,
+    steps: int,
+    console: Console,
+) -> Table:
+    """Everyone's accuracy on the test part of a drive.
+
+    Args:
+        data: the drive, see `trainer.experiments.records`.
+        out: a folder that exists, for the supervised networks.
+        policies: names, seeds and policies.
+        rate_hz: pictures of the drive in a second.
+        seeds: how many supervised networks of each kind.
+        steps: updates of each.
+        console: hears of progress.
+
+    Raises:
+        ConfigError: the drive cannot be read, or is none to learn or to test on.
+    """
+    drive = load_drive(data)
+    if drive.skipped:
+        console.print(f"{data}: skipped {drive.skipped} broken records", markup=False)
+    every = pictures_apart(rate_hz)
+    image = preset("track", "ppo", "fast").image
+    training, test = split_by_time(load_stacks(drive, image, every))
+    for part, name in ((training, "first 60 %"), (test, "rest")):
+        _refuse_one_turn(part, name, drive)
+    moved_px = shifts_px(drive)
+    of_angles = turning(drive.steering_deg, moved_px)
+    rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
+    rows += _going_on(drive, moved_px, training, test)
+    for name, seed, policy in policies:
+        seen = split_by_time(load_stacks(drive, policy.image, every, policy.see))[1].stacked()
+        rows.append(compare(name, seed, test.turns, policy.turns(seen)))
+    for kind, (pictures, how) in _supervised(policies, image).items():
+        part, rest = split_by_time(load_stacks(drive, pictures, every, how))
+        for seed in range(seeds):
+            checkpoint = out / f"{_stem(kind)}_{seed}_{steps}.pt"
+            network = teach_turns(part, steps, seed, checkpoint, console)
+            rows.append(compare(kind, seed, rest.turns, network.turns(rest.stacked())))
+    counts = len(training.last), len(test.last)
+    parts = shares(training.turns), shares(test.turns)
+    return Table(str(data), *counts, *parts, of_angles, tuple(rows))
+
+
+def _supervised(
+    policies: Sequence[Named], image: ImageSpec
+) -> dict[str, tuple[ImageSpec, See | None]]:
+    """What supervised networks see: the task's pictures; and for each translator that a policy sees
+    the drive through, pictures of that size, and what it makes of them."""
+    kinds: dict[str, tuple[ImageSpec, See | None]] = {"supervised": (image, None)}
+    through: dict[str, str] = {}  # the first policy of each translator
+    for name, _, policy in policies:
+        if policy.translator and through.setdefault(policy.translator, name) == name:
+            kinds.setdefault(f"supervised, size of {name}", (policy.image, None))
+            kinds.setdefault(f"supervised, as {name} sees", (policy.image, policy.see))
+    return kinds
+
+
+def pictures_apart(rate_hz: float) -> int:
+    """Of how many pictures one is taken, so that a stack's are a decision apart.
+
+    Raises:
+        ConfigError: no such rate.
+    """
+    if not rate_hz > 0.0:
+        raise ConfigError(f"rate: expected pictures in a second, above 0, got {rate_hz}")
+    return max(1, round(DECISION_S * rate_hz))
+
+
+def _stem(look: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", look)
+
+
+def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
+    done = {Turn(turn).name.lower() for turn in part.turns.tolist()}
+    if len(done) < 2:
+        low, high = drive.steering_deg.min(), drive.steering_deg.max()
+        raise ConfigError(
+            f"drive: expected turns of two kinds at least in its {name}, got only "
+            f"{', '.join(done)}; the angles go from {low:.3g} to {high:.3g} degrees: another part "
+            "of the drive, or other units?"
+        )
+
+
+def _going_on(drive: Drive, moved_px: np.ndarray, training: Stacks, test: Stacks) -> list[Accuracy]:
+    """Who goes on turning as the pictures turn, the scale of it from the training part."""
+    end = int(training.last[-1])
+    scale = turning(drive.steering_deg[: end + 1], moved_px[:end])
+    if scale.px_per_deg <= 0.0:
+        return []
+    guessed = goes_on_turning(moved_px, scale.px_per_deg, test.reach)[test.last]
+    return [compare("goes on turning", 0, test.turns, guessed)]
 
 
 def compare(driver: str, seed: int, wanted: np.ndarray, guessed: np.ndarray) -> Accuracy:
@@ -126,3 +244,19 @@ def draw_table(table: Table, path: Path) -> None:
 def mean(rows: Sequence[Accuracy]) -> float:
     """The mean accuracy of one driver's seeds."""
     return float(np.mean([row.accuracy for row in rows]))
+
+
+def as_table(table: Table) -> RichTable:
+    """For the terminal."""
+    left, straight, right = table.shares
+    title = (
+        f"{table.test_frames} test frames: {left:.0%} left, {straight:.0%} straight, "
+        f"{right:.0%} right"
+    )
+    columns = ("driver", "seed", "accuracy", "95 % interval", "mean of recalls", "paper B")
+    shown = RichTable(*columns, title=title)
+    for row in table.rows:
+        paper = f"{PAPER[row.driver]:.1%}" if row.driver in PAPER else ""
+        figures = f"{row.accuracy:.1%}", f"{row.low:.1%} to {row.high:.1%}", f"{row.balanced:.1%}"
+        shown.add_row(row.driver, str(row.seed), *figures, paper)
+    return shown

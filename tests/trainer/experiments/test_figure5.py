@@ -10,14 +10,16 @@ import pytest
 from sim_pybullet.randomise import looks_of
 from trainer.cli import main
 from trainer.config import RunConfig, judged
-from trainer.experiments.figure5 import VARIANTS, Figure5Options, trainings
-from trainer.experiments.figure5_chart import (
+from trainer.experiments.figure5 import (
+    VARIANTS,
     Curve,
     Figure5,
+    Figure5Options,
     as_table,
-    half_interval,
     on_common_steps,
+    trainings,
 )
+from trainer.experiments.tables import half_interval
 
 OPTIONS = Figure5Options(seeds=2)
 TRANSLATOR = Path("translator.onnx")

@@ -10,7 +10,7 @@ import torch
 from robot.errors import ContractError
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from trainer.cli import main
-from trainer.experiments.driving_pictures import STACK
+from trainer.experiments.drive_pictures import STACK
 from trainer.experiments.racing_policy import SteeringPolicy, named_policies
 from trainer.experiments.records import Turn
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from trainer.experiments.driving_pictures import STACK, load_stacks, split_by_time
+from trainer.experiments.drive_pictures import STACK, load_stacks, split_by_time
 from trainer.experiments.records import FULL_LOCK_DEG, Drive, Turn, load_drive, turns
 
 ANGLES = (-0.5, 0.0, 0.2, 0.9)

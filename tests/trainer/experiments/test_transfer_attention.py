@@ -5,8 +5,12 @@ from shutil import copyfile
 import cv2
 import numpy as np
 
-from trainer.experiments.six_models import SixModelsOptions, models
-from trainer.experiments.transfer_attention import draw_attention, judged_frames
+from trainer.experiments.six_models import (
+    SixModelsOptions,
+    draw_attention,
+    judged_frames,
+    models,
+)
 from trainer.run import RunFolder
 
 OPTIONS = SixModelsOptions(seeds=2)

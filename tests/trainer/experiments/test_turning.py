@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError
+from trainer.experiments.drive_pictures import goes_on_turning, shifts_px, turning
 from trainer.experiments.records import Drive, Turn
-from trainer.experiments.turning import goes_on_turning, shifts_px, turning
 
 LATE = 4
 PX_PER_DEG = 0.2

@@ -1,1 +1,1 @@
-"""Real photographs: what policies look at, whether lines are found, and what people would do."""
+"""Real photographs: what policies look at, and whether lines are found."""
