@@ -6,6 +6,7 @@ import itertools
 import os
 import re
 from collections.abc import Sequence
+from concurrent import futures
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -86,8 +87,15 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
         return 0
     workers = _workers(many)
     board = Board(waiting, console)
+    outcomes: list[Outcome] = []
     try:
-        outcomes = _work(waiting, workers, board)
+        left = {workers.submit(job, board.begin) for job in waiting}
+        while left:
+            done, left = futures.wait(left, PERIOD_S, futures.FIRST_COMPLETED)
+            for each in done:
+                outcomes.append(each.result())
+                board.end(outcomes[-1])
+            board.look()
     except KeyboardInterrupt:
         workers.stop()
         console.print("interrupted; the same command goes on")
@@ -114,6 +122,7 @@ class Board:
             TimeElapsedColumn(),
             console=console,
         )
+        self._running: set[Job] = set()
         add = self._bar.add_task
         self._rows: dict[Job, TaskID] = {
             job: add(job.title, start=False, visible=False, text="") for job in jobs
@@ -122,12 +131,13 @@ class Board:
 
     def begin(self, job: Job) -> None:
         """Show its line."""
+        self._running.add(job)
         self._bar.start_task(self._rows[job])
         self._bar.update(self._rows[job], visible=True, total=None)
 
-    def look(self, jobs: Sequence[Job]) -> None:
-        """Read how jobs are doing."""
-        for job in jobs:
+    def look(self) -> None:
+        """Read how the jobs that run are doing."""
+        for job in list(self._running):
             done, total, text = job.progress()
             if total:
                 text = f"{done:,.0f}/{total:,.0f} · {text}"
@@ -135,6 +145,7 @@ class Board:
 
     def end(self, outcome: Outcome) -> None:
         """Its line gives way to what it said last."""
+        self._running.discard(outcome.job)
         self._bar.update(self._rows[outcome.job], visible=False)
         if outcome.status == 0:
             self._bar.console.print(outcome.said, markup=False)
@@ -142,22 +153,6 @@ class Board:
     def stop(self) -> None:
         """Give the terminal back."""
         self._bar.stop()
-
-
-def _work(waiting: list[Job], workers: Workers, board: Board) -> list[Outcome]:
-    outcomes: list[Outcome] = []
-    running: list[Job] = []
-    while waiting or workers.busy:
-        while waiting and workers.room:
-            running.append(waiting.pop(0))
-            workers.start(running[-1])
-            board.begin(running[-1])
-        for outcome in workers.ended(PERIOD_S):
-            outcomes.append(outcome)
-            running.remove(outcome.job)
-            board.end(outcome)
-        board.look(running)
-    return outcomes
 
 
 def _workers(many: WorkerOptions) -> Workers:

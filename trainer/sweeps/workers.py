@@ -9,7 +9,10 @@ import signal
 import socket
 import sys
 import threading
-from multiprocessing.connection import wait
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from concurrent import futures
+from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -21,6 +24,7 @@ from trainer.one_thread import ONE_THREAD, one_thread_each
 
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 STOPPING_S = 60.0  # for a run to write its checkpoint
+_MOST_AT_ONCE = 1_000  # jobs that are awaited on a cluster
 
 
 class Progressed(NamedTuple):
@@ -64,83 +68,74 @@ class Outcome(NamedTuple):
     said: str  # one line
 
 
-class Workers(Protocol):
-    """Processes that do jobs."""
+class Workers(ABC):
+    """Threads that each await a job in a process elsewhere."""
 
-    @property
-    def busy(self) -> bool:
-        """Whether any job has not ended."""
+    def __init__(self, at_once: int) -> None:
+        self._threads = ThreadPoolExecutor(at_once)
+        self._futures: list[Future[Outcome]] = []
 
-    @property
-    def room(self) -> bool:
-        """Whether another job may be started."""
-
-    def start(self, job: Job) -> None:
-        """Begin one."""
-
-    def ended(self, timeout_s: float) -> list[Outcome]:
-        """Those that have ended since the last call; waits for the first of them."""
+    def submit(self, job: Job, begun: Callable[[Job], None] = lambda _: None) -> Future[Outcome]:
+        """Do a job when there is room; ``begun`` hears when that is."""
+        self._futures.append(self._threads.submit(self._await, job, begun))
+        return self._futures[-1]
 
     def stop(self) -> None:
-        """Ask all to stop with a checkpoint."""
+        """Ask all to stop with a checkpoint, and begin none of the rest."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        self._ask_to_stop()
+        futures.wait(self._futures, STOPPING_S)
 
     def close(self) -> None:
         """Let go of the processes."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        self._let_go()
+
+    def _await(self, job: Job, begun: Callable[[Job], None]) -> Outcome:
+        begun(job)
+        return self._do(job)
+
+    @abstractmethod
+    def _do(self, job: Job) -> Outcome: ...
+
+    @abstractmethod
+    def _ask_to_stop(self) -> None: ...
+
+    @abstractmethod
+    def _let_go(self) -> None: ...
 
 
-class LocalWorkers:
-    """Up to ``count`` processes on this machine."""
+class LocalWorkers(Workers):
+    """Up to ``count`` processes on this machine; one that does not stop is killed."""
 
     def __init__(self, count: int) -> None:
-        self._count = count
+        super().__init__(count)
         self._context = multiprocessing.get_context("spawn")
-        self._running: dict[BaseProcess, Job] = {}
+        self._starting = threading.Lock()  # the environment is the same for all
+        self._running: set[BaseProcess] = set()
 
-    @property
-    def busy(self) -> bool:
-        """As of `Workers`."""
-        return bool(self._running)
-
-    @property
-    def room(self) -> bool:
-        """As of `Workers`."""
-        return len(self._running) < self._count
-
-    def start(self, job: Job) -> None:
-        """As of `Workers`."""
+    def _do(self, job: Job) -> Outcome:
         process = self._context.Process(target=_live, args=(job, os.getcwd()), name=job.title)
-        with one_thread_each():
+        with self._starting, one_thread_each():
             process.start()
-        self._running[process] = job
+        self._running.add(process)
+        process.join()
+        self._running.discard(process)
+        status, said = process.exitcode or 0, _last_line(job.log)
+        if status < 0:
+            said = f"killed by {signal.Signals(-status).name}; the same command goes on with it"
+        return Outcome(job, status, said)
 
-    def ended(self, timeout_s: float) -> list[Outcome]:
-        """As of `Workers`."""
-        wait([process.sentinel for process in self._running], timeout_s)
-        outcomes = []
-        for process in [p for p in self._running if p.exitcode is not None]:
-            job, status = self._running.pop(process), process.exitcode or 0
-            said = _last_line(job.log)
-            if status < 0:
-                said = f"killed by {signal.Signals(-status).name}; the same command goes on with it"
-            outcomes.append(Outcome(job, status, said))
-            process.close()
-        return outcomes
-
-    def stop(self) -> None:
-        """As of `Workers`."""
-        for process in self._running:
+    def _ask_to_stop(self) -> None:
+        for process in list(self._running):
             process.terminate()
-        for process in self._running:
-            process.join(STOPPING_S)
 
-    def close(self) -> None:
-        """As of `Workers`; a process that did not stop is killed."""
-        for process in self._running:
+    def _let_go(self) -> None:
+        for process in list(self._running):
             process.kill()
-            process.join()
 
 
-class RayWorkers:
+class RayWorkers(Workers):
     """The workers of a Ray cluster, one core for each job; Ray queues what has no room yet.
 
     A job whose worker or node dies is begun again elsewhere, up to `RETRIES` times.
@@ -169,46 +164,27 @@ class RayWorkers:
                 f"ray {address!r}: expected the address of a running cluster (ray start --head), "
                 f"got: {error}"
             ) from error
+        super().__init__(_MOST_AT_ONCE)
         # one process for each job, so that none inherits another's threads and open files
-        self._do = ray.remote(num_cpus=1, max_retries=RETRIES, max_calls=1)(perform)
-        self._running: dict[Any, Job] = {}
+        self._perform = ray.remote(num_cpus=1, max_retries=RETRIES, max_calls=1)(perform)
+        self._running: set[Any] = set()
 
-    @property
-    def busy(self) -> bool:
-        """As of `Workers`."""
-        return bool(self._running)
+    def _do(self, job: Job) -> Outcome:
+        reference = self._perform.remote(job, os.getcwd())
+        self._running.add(reference)
+        try:
+            return Outcome(job, int(self._ray.get(reference)), _last_line(job.log))
+        except self._ray.exceptions.RayError as error:
+            return Outcome(job, 1, str(error).strip().splitlines()[-1])
+        finally:
+            self._running.discard(reference)
 
-    @property
-    def room(self) -> bool:
-        """As of `Workers`."""
-        return True
-
-    def start(self, job: Job) -> None:
-        """As of `Workers`."""
-        self._running[self._do.remote(job, os.getcwd())] = job
-
-    def ended(self, timeout_s: float) -> list[Outcome]:
-        """As of `Workers`."""
-        ready, _ = self._ray.wait(list(self._running), timeout=timeout_s)
-        outcomes = []
-        for reference in ready:
-            job = self._running.pop(reference)
-            try:
-                status = int(self._ray.get(reference))
-                outcomes.append(Outcome(job, status, _last_line(job.log)))
-            except self._ray.exceptions.RayError as error:
-                outcomes.append(Outcome(job, 1, str(error).strip().splitlines()[-1]))
-        return outcomes
-
-    def stop(self) -> None:
-        """As of `Workers`."""
-        for reference in self._running:
+    def _ask_to_stop(self) -> None:
+        for reference in list(self._running):
             self._ray.cancel(reference)
-        self._ray.wait(list(self._running), num_returns=len(self._running), timeout=STOPPING_S)
 
-    def close(self) -> None:
-        """As of `Workers`; the cluster goes on."""
-        self._ray.shutdown()
+    def _let_go(self) -> None:
+        self._ray.shutdown()  # the cluster goes on
 
 
 def perform(job: Job, folder: str) -> int:

@@ -13,7 +13,7 @@ from robot.errors import ConfigError
 from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import toy_config
 from trainer.run import RunFolder
-from trainer.sweeps.workers import Outcome, RayWorkers
+from trainer.sweeps.workers import RayWorkers
 
 ray = pytest.importorskip("ray")
 
@@ -31,13 +31,6 @@ def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     cluster.shutdown()
 
 
-def finish(workers: RayWorkers) -> list[Outcome]:
-    outcomes: list[Outcome] = []
-    while workers.busy:
-        outcomes += workers.ended(0.5)
-    return outcomes
-
-
 def wait_for(path: Path) -> None:
     deadline = time.monotonic() + 120.0
     while not path.exists():
@@ -52,13 +45,13 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
     run = RunFolder(training.out)
     workers = RayWorkers(address)
     try:
-        for job in (training, Chore(tmp_path / "a"), Chore(tmp_path / "b", "refuse")):
-            workers.start(job)
+        jobs = (training, Chore(tmp_path / "a"), Chore(tmp_path / "b", "refuse"))
+        asked = [workers.submit(job) for job in jobs]
         wait_for(run.checkpoint)
         killed = int((training.out / "pid").read_text())
         os.kill(killed, signal.SIGKILL)
         reached = int(torch.load(run.checkpoint, weights_only=True)["counters"]["num_timesteps"])
-        outcomes = {outcome.job.title: outcome for outcome in finish(workers)}
+        outcomes = {each.result().job.title: each.result() for each in asked}
     finally:
         workers.close()
     assert {title: outcome.status for title, outcome in outcomes.items()} == {
