@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 import onnx
 from onnxruntime import InferenceSession, SessionOptions
-from tqdm import tqdm
+from rich.console import Console
+from rich.progress import track
 
 from robot.camera.replay import PICTURES, VIDEOS, open_reel, picture_files, read_picture
 from robot.camera.source import fit_to_frame
@@ -27,9 +28,10 @@ from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy_file import read_contract
 from robot.inference.preprocess import preprocess
+from robot.output import write_png
 from trainer.export import export_checkpoint
 from trainer.mp4 import write_mp4
-from trainer.run import RunFolder, atomically
+from trainer.run import RunFolder
 
 ATTENTION_SHARE = 0.55  # of the overlay's colour that comes from the colour map
 SHEET = 16  # pictures on a sheet
@@ -190,11 +192,12 @@ def write_explained(policy: Path, source: Path, out: Path) -> int:
     frames = pictures(source)
     first = next(frames)  # nothing is written where there is none
     out.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True)
     video, kept, count = source.suffix.lower() in VIDEOS, [], 0
 
     def shown() -> Iterator[tuple[str, np.ndarray]]:
         nonlocal count
-        for name, frame in tqdm(itertools.chain([first], frames), "explain", unit=" pictures"):
+        for name, frame in track(itertools.chain([first], frames), "explain", console=console):
             picture = explain(explainer, frame)
             if not video or count % _SHEET_EVERY == 0:
                 kept.append(picture)
@@ -206,8 +209,8 @@ def write_explained(policy: Path, source: Path, out: Path) -> int:
         write_mp4(out / f"{source.stem}_explained.mp4", explained, VIDEO_FPS)
     else:
         for name, picture in shown():
-            _write_png(out / f"{name}_explained.png", picture)
-    _write_png(out / "sheet.png", sheet(kept))
+            write_png(out / f"{name}_explained.png", picture)
+    write_png(out / "sheet.png", sheet(kept))
     return count
 
 
@@ -231,11 +234,6 @@ def as_onnx(policy: Path) -> Iterator[Path]:
         path = Path(temporary) / "policy.onnx"
         export_checkpoint(policy, path)
         yield path
-
-
-def _write_png(path: Path, picture: np.ndarray) -> None:
-    with atomically(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
 
 
 def _enlarge(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
