@@ -29,6 +29,7 @@ TESTS = {
         "tests/sim_pybullet/test_track_racing.py",
     ],
     "sim_pybullet/sensing": ["tests/sim_pybullet/sensing"],
+    "trainer/algorithms": ["tests/trainer/learners", "tests/trainer/test_algorithms.py"],
     "trainer/learners": ["tests/trainer/learners"],
     "trainer/translation": ["tests/trainer/translation"],
     "trainer/parsing": ["tests/trainer/parsing"],
