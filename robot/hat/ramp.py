@@ -95,10 +95,7 @@ class WheelRamp:
 
     def freeze(self, time_s: float) -> None:
         """Stand still from ``time_s`` on, without a ramp."""
-        position, _ = self.at(time_s)
-        self._note_rest(time_s)
-        self.target = 0.0
-        self._pieces = self._plan(self.limits, time_s, position, 0.0, 0.0)
+        self.stand(time_s, self.at(time_s)[0])
 
     def stand(self, time_s: float, position: float) -> None:
         """The rotor has stood still at ``position`` for some time, whatever was planned."""

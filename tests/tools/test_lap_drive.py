@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from robot.contract import Action, ImageSpec, PolicyContract
+from robot.contract import FIVE_ACTIONS, Action, ImageSpec, PolicyContract
 from robot.geometry import Pose
 from robot.inference.translator import TranslatorContract
 from robot.navigation.road_map import load_map
@@ -44,6 +44,18 @@ class StubbornPolicy(ExpertPolicy):
         return np.eye(5, dtype=np.float32)[[Action.LEFT]]
 
 
+class StoppingPolicy(ExpertPolicy):
+    """The expert with two actions more, of which it takes the stop in every other second."""
+
+    actions = (*FIVE_ACTIONS, (0.0, 0.0), (-0.1, -0.1))
+    contract = PolicyContract("lane", "expert", ImageSpec(80, 60, 20), actions=actions)
+
+    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
+        assert self.drive is not None
+        values = np.pad(super().values(images, path), ((0, 0), (0, 2)))
+        return np.eye(7, dtype=np.float32)[[5]] if self.drive.clock.now() % 2.0 < 1.0 else values
+
+
 class BrokenPolicy(ExpertPolicy):
     def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
         assert self.drive is not None
@@ -69,6 +81,19 @@ def test_an_expert_drives_a_third_of_a_lap_and_loses_no_step() -> None:
     assert np.max(np.abs(record.offsets_m)) < 0.06
     assert drive.runtime.safety.verdict.state is State.DISARMED
     assert not drive.driver.energised
+
+
+def test_a_policy_with_seven_actions_stops_and_goes_on_by_itself() -> None:
+    ticks: list[Tick] = []
+    drive = lap_drive(StoppingPolicy())
+    record = drive.drive(0.1, lambda tick, pose, record: ticks.append(tick))
+    drive.close()
+    assert record.laps >= 0.1
+    stopped = [tick for tick in ticks if tick.action == 5 and tick.drive is not None]
+    assert len(stopped) > 10
+    assert all(tick.verdict.state is State.AUTO for tick in stopped)
+    assert all(tuple(tick.wheels) == (0.0, 0.0) for tick in stopped)
+    assert record.lost_steps == (0, 0)
 
 
 def test_the_odometry_of_the_steps_stays_near_the_truth() -> None:
