@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 
 from sim_pybullet.look import Rgb
-from sim_pybullet.quiet import stderr_muted
 from sim_pybullet.rendering.pinhole_cover import PinholeView
 from sim_pybullet.rendering.solid_mesh import Mesh
 from sim_pybullet.scene import Solid
+from sim_pybullet.stderr import stderr_muted
 
 with stderr_muted():  # it announces its build time
     import pybullet

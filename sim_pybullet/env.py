@@ -11,7 +11,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.faces import action_space, newest_picture, observation_space, one_of, step_infos
+from sim_pybullet.spaces import action_space, newest_picture, observation_space, one_of, step_infos
 from sim_pybullet.tasks.spec import Choices, find_task
 
 _SEEDS = 2**31

@@ -17,7 +17,7 @@ from robot.output import expect_writable
 from sim_pybullet.randomise import Sampler, load_look_sampler
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import build_scene
-from sim_pybullet.sensing.feed import CameraFeed
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.show_cameras import lane_poses, write_picture
 
 COLUMNS = 6

@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.faces import (
+from sim_pybullet.spaces import (
     action_space,
     as_space_member,
     newest_picture,

@@ -19,7 +19,7 @@ from sim_pybullet.look import Look
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.objects import build_scene
-from sim_pybullet.sensing.feed import CameraFeed
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat

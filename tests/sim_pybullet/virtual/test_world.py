@@ -15,7 +15,7 @@ from sim_pybullet.look import NOMINAL, DriveLook, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S as TRAINING_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.sensing.feed import CameraFeed
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
 from sim_pybullet.vehicle import WheeledRobots
 from sim_pybullet.virtual.robot_body import RolledWheels

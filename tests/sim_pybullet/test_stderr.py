@@ -3,7 +3,7 @@ import sys
 
 MUTED = """
 import os
-from sim_pybullet.quiet import stderr_muted
+from sim_pybullet.stderr import stderr_muted
 os.write(2, b"before ")
 with stderr_muted():
     os.write(2, b"noise ")

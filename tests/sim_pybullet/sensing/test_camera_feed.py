@@ -11,7 +11,7 @@ from sim_pybullet.look import NOMINAL, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene
-from sim_pybullet.sensing.feed import CameraFeed
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from tests.sim_pybullet.flat_camera import PoseCamera, shown_poses
 
 FLOOR = np.zeros((8, 8), np.uint8)
