@@ -111,7 +111,7 @@ def clean_environment(folder: Path, wheel: Path, extras: str) -> Path:
     """The Python of an environment with the wheel and what it asks for, by links."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
     python = folder / "bin" / "python"
-    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
+    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "-qq"]
     subprocess.run([*command, "--no-deps", "--no-index", str(wheel)], check=True)
     (site,) = folder.glob("lib/python*/site-packages")
     (own,) = importlib.metadata.distributions(name="duckpilot", path=[str(site)])
@@ -146,7 +146,7 @@ def asked_for(requirements: list[str], extras: set[str]) -> set[str]:
 def installed_by_pip(folder: Path, wheel: Path, python: str) -> Path:
     """The Python of an environment that pip filled from nothing."""
     subprocess.run([python, "-m", "venv", str(folder)], check=True)
-    command = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", str(wheel)]
+    command = [str(folder / "bin" / "python"), "-m", "pip", "install", "-qq", str(wheel)]
     if python != sys.executable:
         command += ["--constraint", str(ROOT / "constraints-nano.txt")]
     subprocess.run(command, check=True)
@@ -181,10 +181,9 @@ def use(python: Path, calls: tuple[tuple[str, int, str], ...]) -> None:
 
 
 def serve(python: Path) -> None:
-    """The monitor's page and its files come from the wheel."""
-    here, port = python.parent.parent / "used", free_ports(1)
-    (here / "link.yaml").write_text("plaintext: true\n")
-    command = [str(python.with_name("duckpilot")), "monitor", "--link", "link.yaml"]
+    """The monitor's page, its files and its simulated robot come from the wheel."""
+    here, port = python.parent.parent / "used", free_ports(6)
+    command = [str(python.with_name("duckpilot")), "monitor", "--demo"]
     server = subprocess.Popen(
         [*command, "--port", str(port)],
         cwd=here,
