@@ -13,6 +13,7 @@ import contextlib
 import importlib.metadata
 import os
 import re
+import signal
 import subprocess
 import sys
 import tarfile
@@ -198,7 +199,7 @@ def serve(python: Path) -> None:
                 assert page.status == 200
         print("package: monitor: duckpilot monitor serves its page")
     finally:
-        server.terminate()
+        server.send_signal(signal.SIGINT)
         server.wait(timeout=20)
 
 
