@@ -141,14 +141,22 @@ class BatchWorld:
         task = self.task
         return task.vehicle.expert(task.paths, self._town.poses, task.course.arc_m)
 
-    def reset(self) -> Observation:
-        """Begin an episode of every robot."""
-        begun = self._begin(np.arange(self.n_robots))
+    def reset(self, poses: np.ndarray | None = None) -> Observation:
+        """Begin an episode of every robot, at these poses (N, 3) if any are given.
+
+        Raises:
+            DuckpilotError: an episode cannot begin there.
+        """
+        begun = self._begin(np.arange(self.n_robots), poses)
         first = self._observe(begun)
         return first if len(begun) == self.n_robots else _spread(first, begun, self.n_robots)
 
     def step(self, actions: np.ndarray) -> BatchStep:
         """Let every robot carry out its action for `robot.contract.CONTROL_DT_S`.
+
+        Args:
+            actions: (N,) numbers of the vehicle's actions, or (N, 2) from -1 to 1: any pair of
+                speeds, see the vehicle's ``step``.
 
         Raises:
             ContractError: not one action of the vehicle per robot.
@@ -183,12 +191,16 @@ class BatchWorld:
             collided |= self._town.collided
         return collided
 
-    def _begin(self, wanting: np.ndarray) -> np.ndarray:
+    def _begin(self, wanting: np.ndarray, poses: np.ndarray | None = None) -> np.ndarray:
         """The next episode of these robots (M,); those for whom there is one."""
         robots = self._episodes.begin(wanting)
         if not len(robots):
             return robots
-        starts, looks = self._episodes.starts(self.task, robots), []
+        if poses is None:
+            starts = self._episodes.starts(self.task, robots)
+        else:
+            starts = self.task.reset_at(robots, poses, self._episodes.rng("task"))
+        looks = []
         for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
             world, painted, look = self._episodes.setting(i, int(road_map))
             self._town.furnish(world, painted.scene.solids)
@@ -225,6 +237,12 @@ class BatchWorld:
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
     actions = np.asarray(actions)
+    if actions.ndim == 2:
+        if actions.shape != (n_robots, 2) or not (np.abs(actions) <= 1.0).all():  # nor a NaN
+            raise ContractError(
+                f"actions: expected ({n_robots}, 2) numbers from -1 to 1, got {actions!r}"
+            )
+        return actions
     valid = actions.shape == (n_robots,) and np.issubdtype(actions.dtype, np.integer)
     if not valid or not np.all((actions >= 0) & (actions < choices)):
         raise ContractError(

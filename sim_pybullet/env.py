@@ -9,12 +9,21 @@ import gymnasium
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, ImageSpec
-from robot.errors import ConfigError
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.spaces import action_space, newest_picture, observation_space, one_of, step_infos
+from sim_pybullet.spaces import (
+    action_space,
+    newest_picture,
+    observation_space,
+    one_of,
+    start_poses,
+    step_infos,
+)
 from sim_pybullet.tasks.spec import Choices, find_task
+from sim_pybullet.vector_env import DriveVectorEnv
+from sim_pybullet.window import Window
 
 _SEEDS = 2**31
+RenderMode = Literal["human", "rgb_array"]
 
 
 class DriveEnv(gymnasium.Env[Any, Any]):
@@ -41,6 +50,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     `robot.contract.ImageSpec` is asked for. A task that guides gives a Dict of ``image`` and
     ``path``, ten angles in [-1, 1] (`robot.navigation.guidance`).
 
+    ``continuous=True``: Box(-1, 1, (2,)), left and right wheel speed as shares of
+    `robot.contract.MAX_WHEEL_MPS`; of a race car, steering and throttle.
+
     Reward: -5 |dE| + 5 dot, the second part earned by driving: up to 5 a step. See
     `sim_pybullet.tasks.following.following_terms`.
 
@@ -61,19 +73,24 @@ class DriveEnv(gymnasium.Env[Any, Any]):
 
     Args:
         world: of one robot; it ends with the environment.
-        render_mode: ``rgb_array`` lets ``render`` give the picture that the robot saw last.
+        render_mode: ``rgb_array`` lets ``render`` give the picture that the robot saw last;
+            ``human`` shows it in a window after every step, ten a second.
+        continuous: actions are any two speeds, Box(-1, 1, (2,)).
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class has it)
-        "render_modes": ["rgb_array"],
+        "render_modes": ["human", "rgb_array"],
         "render_fps": round(1.0 / CONTROL_DT_S),
     }
 
-    def __init__(self, world: BatchWorld, render_mode: Literal["rgb_array"] | None = None) -> None:
+    def __init__(
+        self, world: BatchWorld, render_mode: RenderMode | None = None, continuous: bool = False
+    ) -> None:
         self.world = world
         self.render_mode = render_mode
         self.observation_space = observation_space(world)
-        self.action_space = action_space(world)
+        self.action_space = action_space(world, continuous)
+        self._window = Window() if render_mode == "human" else None
         self._seen = np.zeros((*world.image_shape[:2], 3), np.uint8)
 
     def reset(
@@ -81,19 +98,22 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; the same seed begins the same ones.
 
+        Args:
+            seed: of everything random in the episodes that follow.
+            options: ``pose``, (x [m], y [m], heading [rad]): where the robot begins.
+
         Raises:
-            ConfigError: there are no options.
+            DuckpilotError: other options, or a pose from which no episode can begin.
         """
-        if options:
-            raise ConfigError(f"DriveEnv: expected no options of reset, got {options!r}")
+        poses = start_poses(options, 1)
         super().reset(seed=seed)
         if seed is not None:
             self.world.seed(int(self.np_random.integers(_SEEDS)))
-        return self._show(self.world.reset(), 0), {}
+        return self._show(self.world.reset(poses), 0), {}
 
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Carry out one action for 0.1 s."""
-        step = self.world.step(np.array([action]))
+        step = self.world.step(np.asarray(action)[None])
         ended = len(step.finished.robots) > 0
         observation = self._show(step.finished.observation if ended else step.observation, 0)
         return (
@@ -105,33 +125,56 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         )
 
     def render(self) -> np.ndarray | None:
-        """The picture (H, W, 3) uint8 that the robot saw last; None without a render mode."""
+        """The picture (H, W, 3) uint8 that the robot saw last; None unless ``rgb_array``."""
         return self._seen.copy() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Free the world."""
+        """Free the world, close the window."""
         self.world.close()
+        if self._window is not None:
+            self._window.close()
 
     def _show(self, observation: Observation, i: int) -> Any:
         self._seen = newest_picture(observation.image[i])
+        if self._window is not None:
+            self._window.show(self._seen, CONTROL_DT_S)
         return one_of(observation, i)
 
 
 def make(
+    task: str, render_mode: RenderMode | None = None, continuous: bool = False, **world: Any
+) -> DriveEnv:
+    """The environment of a task, as the registered ids make it; ``world`` as of `make_world`."""
+    return DriveEnv(make_world(task, 1, **world), render_mode, continuous)
+
+
+def make_vector(
     task: str,
+    num_envs: int = 1,
+    render_mode: str | None = None,
+    continuous: bool = False,
+    **world: Any,
+) -> DriveVectorEnv:
+    """The vector environment of a task, as `gymnasium.make_vec` makes it of a registered id."""
+    return DriveVectorEnv(make_world(task, num_envs, **world), render_mode, continuous)
+
+
+def make_world(
+    task: str,
+    robots: int = 1,
     road_map: str | Sequence[str] = (),
     look: str = "nominal",
     pose_error: str | None = None,
     image: ImageSpec | None = None,
     world_seed: int = 0,
     pool_size: int = 16,
-    render_mode: Literal["rgb_array"] | None = None,
     **choices: Any,
-) -> DriveEnv:
-    """The environment of a task, as the registered ids make it.
+) -> BatchWorld:
+    """The world of a task, for any face of it.
 
     Args:
         task: its name.
+        robots: how many.
         road_map: one or more files, or names of shipped maps or tracks, each episode on one of
             them; else the task's own.
         look: a file, or the name of a shipped look or distribution of looks.
@@ -139,7 +182,6 @@ def make(
         image: the picture of the policy.
         world_seed: of the painted worlds; episodes follow the seed of ``reset``.
         pool_size: how many worlds are painted of each map.
-        render_mode: see ``DriveEnv``.
         choices: ``lane``, ``style``, ``laps`` or ``start_spread``, as of
             `sim_pybullet.tasks.spec.Choices`.
 
@@ -149,6 +191,5 @@ def make(
     """
     spec = find_task(task)
     names = [road_map] if isinstance(road_map, str) else road_map or [spec.map]
-    built = spec.build([spec.load(name) for name in names], 1, Choices(**choices))
-    looks = spec.looks(look, pose_error)
-    return DriveEnv(BatchWorld(built, looks, image, world_seed, pool_size), render_mode)
+    built = spec.build([spec.load(name) for name in names], robots, Choices(**choices))
+    return BatchWorld(built, spec.looks(look, pose_error), image, world_seed, pool_size)

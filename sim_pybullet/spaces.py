@@ -8,11 +8,14 @@ import numpy as np
 from gymnasium import spaces
 
 from robot.contract import PATH_POINTS
+from robot.errors import ConfigError
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 
 
-def action_space(world: BatchWorld) -> spaces.Discrete:
-    """One number per action of the task's vehicle."""
+def action_space(world: BatchWorld, continuous: bool = False) -> spaces.Space[Any]:
+    """One number per action of the task's vehicle; or any pair of its two speeds, -1 to 1."""
+    if continuous:
+        return spaces.Box(-1.0, 1.0, (2,), np.float32)
     return spaces.Discrete(len(world.task.vehicle.actions))
 
 
@@ -23,6 +26,28 @@ def observation_space(world: BatchWorld) -> spaces.Space[Any]:
         return image
     path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
     return spaces.Dict({"image": image, "path": path})
+
+
+def start_poses(options: dict[str, Any] | None, n_robots: int) -> np.ndarray | None:
+    """The poses (N, 3) of ``reset(options={"pose": ...})``, one for all or one each.
+
+    Raises:
+        ConfigError: other options, or no poses.
+    """
+    if not options:
+        return None
+    if set(options) != {"pose"}:
+        raise ConfigError(f"expected no options of reset but 'pose', got {options!r}")
+    try:
+        poses = np.broadcast_to(np.asarray(options["pose"], dtype=float), (n_robots, 3))
+    except (TypeError, ValueError):
+        poses = np.full((n_robots, 3), np.nan)
+    if not np.isfinite(poses).all():
+        raise ConfigError(
+            "pose: expected x [m], y [m] and heading [rad], one for all or one for each of "
+            f"{n_robots} robots, got {options['pose']!r}"
+        )
+    return poses.copy()
 
 
 def as_space_member(observation: Observation) -> Any:

@@ -29,14 +29,16 @@ class DuckpilotVecEnv(VecEnv):
 
     Args:
         world: ends with the environment.
+        continuous: see `sim_pybullet.env.DriveEnv`.
     """
 
-    def __init__(self, world: BatchWorld) -> None:
+    def __init__(self, world: BatchWorld, continuous: bool = False) -> None:
         self.world = world
         self._actions = np.zeros(world.n_robots, dtype=int)
         self._seen = np.zeros((world.n_robots, *world.image_shape[:2], 3), np.uint8)
         self.render_mode = "rgb_array"
-        super().__init__(world.n_robots, observation_space(world), action_space(world))
+        actions = action_space(world, continuous)
+        super().__init__(world.n_robots, observation_space(world), actions)
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, ActionTable
+from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS, ActionTable
 from robot.navigation.path_batch import PathBatch
 from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import DriveLook
@@ -30,7 +30,7 @@ class Vehicle(Protocol):
         """Vehicle ``i`` stands still and drives after ``look``."""
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Advance by one physics step under actions (N,).
+        """Advance by one physics step under actions (N,), or any pairs (N, 2) from -1 to 1.
 
         Returns:
             (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.
@@ -61,8 +61,12 @@ class WheeledRobots:
         self._motors.reset(i, look)
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Advance by one physics step; (N, 2) forward speed [m/s] and turn rate [rad/s]."""
-        return self._motors.step(ACTION_TABLE[actions], rng)
+        """Advance by one physics step; (N, 2) forward speed [m/s] and turn rate [rad/s].
+
+        Pairs are left and right rim speed as shares of the greatest in the table.
+        """
+        speeds = ACTION_TABLE[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
+        return self._motors.step(speeds, rng)
 
     def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
         """(N,) see `sim_pybullet.expert`."""

@@ -106,8 +106,11 @@ class RacingCars:
         self._commands.reset(i, look.delay_s / PHYSICS_DT_S, np.zeros(2))
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Advance by one physics step; (N, 2) forward speed and turn rate at the world's scale."""
-        self._commands.push(self._table[actions])
+        """Advance by one physics step; (N, 2) forward speed and turn rate at the world's scale.
+
+        Pairs are steering, positive to the left, and throttle.
+        """
+        self._commands.push(self._table[actions] if actions.ndim == 1 else actions)
         steer, throttle = self._commands.read().T
         self._steer += self._follow * (steer - self._steer)
         self._speed = np.maximum(0.0, self._speed + PHYSICS_DT_S * self._push(throttle))

@@ -74,5 +74,8 @@ class Task(Protocol):
         With a number, what could be drawn among several (map, lane, manoeuvre) is taken in turn.
         """
 
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+        """Begin an episode for these robots (M,) at these poses (M, 3) of the only map."""
+
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Judge one decision by the poses (N, 3) that it led to; ``collided`` is (N,) bool."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot.errors import ConfigError
+from robot.geometry import Pose
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.base import TaskStep
@@ -88,6 +89,10 @@ class LaneKeeping(PathTask):
         loops = self._loops[road_map]
         loop = loops[int(rng.integers(len(loops))) if turn is None else turn % len(loops)]
         return loop, rng.uniform(0.0, loop.length_m)
+
+    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
+        loops = self._loops[0]
+        return min(loops, key=lambda loop: abs(loop.project(pose.x_m, pose.y_m).offset_m))
 
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Reward and end of the decision that led to poses (N, 3)."""

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot.errors import ConfigError, MapError, PlanError
+from robot.geometry import Pose, bezier_points
 from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
-from robot.navigation.planner import LaneGraph, route_between
+from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import (
@@ -87,6 +88,9 @@ class Navigation(PathTask):
     ) -> tuple[Path, float]:
         return self._routes[road_map].draw(rng), 0.0
 
+    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:
+        return self._routes[0].draw(rng, pose)
+
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Reward and end of the decision that led to poses (N, 3)."""
         course, lost = self._follow(poses)
@@ -116,17 +120,23 @@ class RandomRoutes:
         shares = np.array([1.0 / lanes_of[tile] for tile in tiles])
         self._likely = np.cumsum(shares / shares.sum())
 
-    def draw(self, rng: np.random.Generator) -> Path:
-        """A path of at least `SHORTEST_TILES`.
+    def draw(self, rng: np.random.Generator, begin: Pose | None = None) -> Path:
+        """A path of at least `SHORTEST_TILES`, from a place on the road if one is given.
 
         Raises:
             MapError: none was found.
+            PlanError: that place is off the road.
         """
+        if begin is not None:  # says what is wrong with it
+            plan_route(self._graph, begin, (begin.x_m, begin.y_m))
         for _ in range(_DRAWS):
             start, goal = np.searchsorted(self._likely, rng.random(2)).tolist()
             start_t, goal_t = rng.random(2).tolist()
             try:
-                route = route_between(self._graph, start, start_t, goal, goal_t)
+                if begin is None:
+                    route = route_between(self._graph, start, start_t, goal, goal_t)
+                else:
+                    route = plan_route(self._graph, begin, self._place(goal, goal_t))
             except PlanError:
                 continue
             path = Path.from_beziers(route.curves_m)
@@ -137,6 +147,10 @@ class RandomRoutes:
             f"{road_map.name}: expected two places {SHORTEST_TILES:g} tiles of road apart, found "
             f"none; use a map with more road, such as the shipped map arena"
         )
+
+    def _place(self, lane: int, t: float) -> tuple[float, float]:
+        point = bezier_points(self._graph.lanes[lane].control_points_m, np.array([t]))[0]
+        return float(point[0]), float(point[1])
 
 
 register(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot.errors import ConfigError
+from robot.geometry import Pose, wrap_angle
 from robot.navigation.path import Path
 from robot.navigation.path_batch import PathBatch
 from sim_pybullet.tasks.base import Starts, TaskStep
@@ -93,6 +95,35 @@ class PathTask(ABC):
             self._lengths_m[i] = path.length_m
         self._maps[robots], self._steps[robots] = maps, 0
         return Starts(poses, maps)
+
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+        """Begin an episode for these robots (M,) at these poses (M, 3) of the only map.
+
+        Raises:
+            ConfigError: there are several maps, or a pose is off the road or turned away from it.
+        """
+        if len(self.road_maps) > 1:
+            raise ConfigError(f"pose: expected to drive on one map, got {len(self.road_maps)}")
+        for i, pose in zip(robots.tolist(), poses.tolist(), strict=True):
+            path = self._path_from(Pose(*pose), rng)
+            at = path.project(pose[0], pose[1])
+            turned_rad = float(wrap_angle(pose[2] - at.heading_rad))
+            most_m, most_rad = float(self._half_widths_m[0]), MAX_HEADING_ERROR_RAD
+            if abs(at.offset_m) > most_m or abs(turned_rad) > most_rad:
+                near = path.pose_at(at.arc_m)
+                raise ConfigError(
+                    f"pose: expected one within {most_m:.2f} m and {most_rad:.2f} rad of the lane, "
+                    f"such as ({near.x_m:.2f}, {near.y_m:.2f}, {near.heading_rad:.2f}), got "
+                    f"({pose[0]:.2f}, {pose[1]:.2f}, {pose[2]:.2f})"
+                )
+            self._follower.start(i, path, at.arc_m, at.offset_m, turned_rad)
+            self._lengths_m[i] = path.length_m
+        self._maps[robots], self._steps[robots] = 0, 0
+        return Starts(poses, np.zeros(len(robots), dtype=int))
+
+    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
+        """The path of an episode that begins at a pose of the first map."""
+        return self._mission(0, 0, rng, None)[0]
 
     @abstractmethod
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:

@@ -121,6 +121,7 @@ def register(spec: TaskSpec) -> TaskSpec:
             gymnasium.register(
                 f"duckpilot/{name}",
                 "sim_pybullet.env:make",
+                vector_entry_point="sim_pybullet.env:make_vector",
                 kwargs={"task": spec.name, **arguments},
             )
     return spec

@@ -104,6 +104,11 @@ class TrackRacing(PathTask):
         self._poses[robots] = starts.poses
         return starts
 
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+        """Begin an episode for these robots (M,) at these poses (M, 3), at rest."""
+        self.vehicle.starts_mps[robots], self._poses[robots] = 0.0, poses
+        return super().reset_at(robots, poses, rng)
+
     def _mission(
         self,
         robot: int,  # noqa: ARG002
