@@ -146,11 +146,11 @@ def asked_for(requirements: list[str], extras: set[str]) -> set[str]:
 
 def installed_by_pip(folder: Path, wheel: Path, python: str) -> Path:
     """The Python of an environment that pip filled from nothing."""
-    subprocess.run([python, "-m", "venv", str(folder)], check=True)
+    subprocess.run([python, "-m", "venv", str(folder)], env=environment(), check=True)
     command = [str(folder / "bin" / "python"), "-m", "pip", "install", "-qq", str(wheel)]
     if python != sys.executable:
         command += ["--constraint", str(ROOT / "constraints-nano.txt")]
-    subprocess.run(command, check=True)
+    subprocess.run(command, env=environment(), check=True)
     return folder / "bin" / "python"
 
 
