@@ -65,7 +65,8 @@ def _changes(node: ast.AST, prefix: str) -> Iterator[tuple[str, ast.expr | ast.s
         return
     if isinstance(node, ast.expr | ast.stmt):
         for after in _replacements(node):
-            yield prefix, node, after
+            if after != ast.unparse(node):  # two equal arguments are the same the other way round
+                yield prefix, node, after
     inner = prefix
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         inside = ".<locals>." if isinstance(node, ast.FunctionDef) else "."

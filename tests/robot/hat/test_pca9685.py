@@ -75,6 +75,18 @@ def test_initialise_silences_a_chip_left_running_and_sets_the_fastest_pwm() -> N
     assert [registers.outputs.duty(c) for c in (3, 4, 5)] == [0.5, 1.0, 0.0]
 
 
+def test_a_chip_is_off_until_any_output_is_set() -> None:
+    clock, bus = VirtualClock(), VirtualI2cBus()
+    bus.attach(Pca9685Registers(0x6F, clock))
+    chip = Pca9685(bus, 0x6F, clock)
+    chip.initialise()
+    for channel in range(16):
+        chip.all_off()
+        assert chip.is_off()
+        chip.set_channels(channel, [0.01])
+        assert not chip.is_off()
+
+
 @given(st.floats(0.0, 1.0))
 def test_channel_bytes_give_the_duty_and_never_equal_counts(level: float) -> None:
     output = Output.from_registers(channel_bytes(level), inverted=False)
