@@ -88,16 +88,22 @@ class DifferentialDrive:
 
 
 def bezier_points(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Cubic Bezier: control points (4, D), parameters (M,) in [0, 1] -> points (M, D)."""
+    """Cubic Bezier: control points (4, D), parameters (M,) in [0, 1] -> points (M, D).
+
+    Control points (M, 4, D) are one curve for each parameter, (C, 1, 4, D) give points (C, M, D).
+    """
     t = np.asarray(t, dtype=float)[:, None]
     u = 1.0 - t
-    p = np.asarray(control_points, dtype=float)
+    p = np.moveaxis(np.asarray(control_points, dtype=float), -2, 0)
     return u**3 * p[0] + 3 * u**2 * t * p[1] + 3 * u * t**2 * p[2] + t**3 * p[3]
 
 
 def bezier_tangents(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Derivative of the cubic Bezier by t: control points (4, D), (M,) -> (M, D), not unit."""
+    """Derivative of the cubic Bezier by t: control points (4, D), (M,) -> (M, D), not unit.
+
+    Control points as of ``bezier_points``.
+    """
     t = np.asarray(t, dtype=float)[:, None]
     u = 1.0 - t
-    d = np.diff(np.asarray(control_points, dtype=float), axis=0)
+    d = np.moveaxis(np.diff(np.asarray(control_points, dtype=float), axis=-2), -2, 0)
     return 3 * u**2 * d[0] + 6 * u * t * d[1] + 3 * t**2 * d[2]

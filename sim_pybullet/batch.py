@@ -211,9 +211,8 @@ class BatchWorld:
             looks.append(look.pose)
         if self._guidance is not None:
             hints = self.task.paths.index_at(self.task.course.arc_m)
-            for k, i in enumerate(robots.tolist()):
-                rng, one = self._episodes.own("pose", i), slice(k, k + 1)
-                self._guidance.begin(robots[one], looks[one], self._town.poses, hints, rng)
+            rngs = [self._episodes.own("pose", i) for i in robots.tolist()]
+            self._guidance.begin(robots, looks, self._town.poses, hints, rngs)
         self._recorder.begin(robots)
         return robots
 

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -138,13 +139,21 @@ def _find(source: str | Path) -> Path:
 
 
 def look_sampler(data: Any, where: str = "look") -> Sampler:
-    """A sampler from plain data; draws once to refuse what does not fit now, not mid-training."""
+    """A sampler from plain data; what does not fit is refused now, not in mid-training.
 
-    def sample(rng: np.random.Generator) -> Look:
-        return look_from_plain(_draw(data, rng, where))
-
-    sample(np.random.default_rng(0))
-    return sample
+    Raises:
+        ConfigError: an unknown key, a distribution that cannot be drawn, or one whose extremes are
+            no Look.
+    """
+    draws = {
+        (group, leaf): _prepared(node, f"{where}.{group}.{leaf}")
+        for group, leaves in (data.items() if isinstance(data, dict) else ())
+        for leaf, node in (leaves.items() if isinstance(leaves, dict) else ())
+        if isinstance(node, dict) and len(node) == 1 and next(iter(node)) in _DRAWS
+    }
+    turns = max((len(draw.extremes) for draw in draws.values()), default=1)
+    looks = [look_from_plain(_extreme(data, draws, turn)) for turn in range(turns)]
+    return partial(_sample, looks[0], _by_group(looks[0], draws))
 
 
 def fixed(look: Look) -> Sampler:
@@ -152,56 +161,107 @@ def fixed(look: Look) -> Sampler:
     return lambda _: look
 
 
-def _draw(node: Any, rng: np.random.Generator, where: str) -> Any:
-    if not isinstance(node, dict):
-        return node
-    if len(node) == 1:
-        (name, arguments), *_ = node.items()
-        if name in _DRAWS:
-            try:
-                return _DRAWS[name](rng, arguments)
-            except (TypeError, ValueError, IndexError, KeyError) as error:
-                raise ConfigError(f"{where}: cannot draw {name}: {arguments!r}: {error}") from error
-    return {key: _draw(value, rng, f"{where}.{key}") for key, value in node.items()}
+class _Draw(NamedTuple):
+    """A distribution: how to draw from it, and the values between or among which it draws."""
+
+    draw: Callable[[np.random.Generator], Any]
+    extremes: Sequence[Any]
 
 
-def _uniform(rng: np.random.Generator, arguments: Any) -> Any:
-    low, high = np.asarray(arguments[0], dtype=float), np.asarray(arguments[1], dtype=float)
-    if len(arguments) != 2 or np.any(high < low):
+Groups = dict[str, dict[str, Callable[[np.random.Generator], Any]]]
+
+
+def _sample(look: Look, groups: Groups, rng: np.random.Generator) -> Look:
+    """The look with every leaf drawn that is drawn, in the order of the file."""
+    drawn = {
+        name: replace(getattr(look, name), **{leaf: draw(rng) for leaf, draw in leaves.items()})
+        for name, leaves in groups.items()
+    }
+    return replace(look, **drawn)
+
+
+def _by_group(look: Look, draws: dict[tuple[str, str], _Draw]) -> Groups:
+    """What to draw from, group by group, with values of the kinds that a Look has."""
+    groups: Groups = {}
+    for (group, leaf), (draw, _) in draws.items():
+        kind = type(getattr(getattr(look, group), leaf))
+        groups.setdefault(group, {})[leaf] = partial(_drawn_as, kind, draw)
+    return groups
+
+
+def _drawn_as(kind: type, draw: Callable[..., Any], rng: np.random.Generator) -> Any:
+    value = draw(rng)
+    return tuple(map(float, value)) if kind is tuple else kind(value)
+
+
+def _extreme(data: Any, draws: dict[tuple[str, str], _Draw], turn: int) -> Any:
+    """The data with one of its extremes in the place of every distribution."""
+    plain = {k: dict(v) if isinstance(v, dict) else v for k, v in data.items()}
+    for (group, leaf), (_, extremes) in draws.items():
+        plain[group][leaf] = extremes[turn % len(extremes)]
+    return plain
+
+
+def _prepared(node: dict[str, Any], where: str) -> _Draw:
+    ((name, arguments),) = node.items()
+    try:
+        return _DRAWS[name](arguments)
+    except (TypeError, ValueError, IndexError, KeyError) as error:
+        raise ConfigError(f"{where}: cannot draw {name}: {arguments!r}: {error}") from error
+
+
+def _uniform(arguments: Any) -> _Draw:
+    low, high = (np.asarray(end, dtype=float) for end in arguments)
+    if np.any(high < low):
         raise ValueError("expected [low, high]")
-    return np.asarray(rng.uniform(low, high)).tolist()
+    if low.ndim or high.ndim:
+        return _Draw(lambda rng: rng.uniform(low, high).tolist(), (low.tolist(), high.tolist()))
+    least, most = float(low), float(high)
+    return _Draw(lambda rng: rng.uniform(least, most), (least, most))
 
 
-def _log_uniform(rng: np.random.Generator, arguments: Any) -> Any:
-    low, high = np.asarray(arguments[0], dtype=float), np.asarray(arguments[1], dtype=float)
-    if len(arguments) != 2 or np.any(low <= 0) or np.any(high < low):
+def _log_uniform(arguments: Any) -> _Draw:
+    low, high = (np.asarray(end, dtype=float) for end in arguments)
+    if np.any(low <= 0) or np.any(high < low):
         raise ValueError("expected [low, high], both positive")
-    return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high)))).tolist()
+    draw, _ = _uniform((np.log(low), np.log(high)))
+    return _Draw(lambda rng: np.exp(draw(rng)).tolist(), (low.tolist(), high.tolist()))
 
 
-def _normal(rng: np.random.Generator, arguments: Any) -> float:
+def _normal(arguments: Any) -> _Draw:
     mean, sd = (float(v) for v in arguments)
-    return mean + sd * float(np.clip(rng.standard_normal(), -3.0, 3.0))
+    return _Draw(
+        lambda rng: mean + sd * min(max(rng.standard_normal(), -3.0), 3.0),
+        (mean - 3.0 * sd, mean + 3.0 * sd),
+    )
 
 
-def _choice(rng: np.random.Generator, arguments: Any) -> Any:
+def _choice(arguments: Any) -> _Draw:
     if not arguments:
         raise ValueError("expected at least one value")
-    return arguments[int(rng.integers(len(arguments)))]
+    return _Draw(lambda rng: arguments[int(rng.integers(len(arguments)))], arguments)
 
 
-def _integer(rng: np.random.Generator, arguments: Any) -> int:
+def _integer(arguments: Any) -> _Draw:
     low, high = (int(v) for v in arguments)
-    return int(rng.integers(low, high + 1))
+    if high < low:
+        raise ValueError("expected [low, high]")
+    return _Draw(lambda rng: int(rng.integers(low, high + 1)), (low, high))
 
 
-def _grey(rng: np.random.Generator, arguments: Any) -> list[float]:
+def _grey(arguments: Any) -> _Draw:
     low, high, tint = (float(v) for v in arguments)
-    channels = rng.uniform(low, high) + rng.uniform(-tint, tint, 3)
-    return np.clip(channels, 0.0, 255.0).tolist()
+    if high < low or tint < 0.0:
+        raise ValueError("expected [low, high, tint]")
+
+    def draw(rng: np.random.Generator) -> list[float]:
+        channels = rng.uniform(low, high) + rng.uniform(-tint, tint, 3)
+        return np.clip(channels, 0.0, 255.0).tolist()
+
+    return _Draw(draw, ([min(max(low, 0.0), 255.0)] * 3, [min(max(high, 0.0), 255.0)] * 3))
 
 
-_DRAWS: dict[str, Callable[[np.random.Generator, Any], Any]] = {
+_DRAWS: dict[str, Callable[[Any], _Draw]] = {
     "uniform": _uniform,
     "log_uniform": _log_uniform,
     "normal": _normal,

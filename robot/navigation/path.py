@@ -11,7 +11,7 @@ import numpy as np
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents
 from robot.navigation.lanes import Lane, border_point
-from robot.navigation.path_batch import NO_HINT, PathBatch
+from robot.navigation.path_batch import NO_HINT, PathBatch, segments_of
 from robot.navigation.road_map import RoadMap
 
 SPACING_M = 0.02
@@ -54,22 +54,19 @@ class Path:
         Raises:
             PlanError: no curves, or a gap of more than `MAX_GAP_M` between two of them.
         """
-        _check_chain(curves, closed)
+        control = _chain(curves, closed)
         t = np.linspace(0.0, 1.0, _SAMPLES + 1)
-        dense = np.array([bezier_points(curve, t) for curve in curves])
+        dense = bezier_points(control[:, None], t)
         chords = np.hypot(*np.moveaxis(np.diff(dense, axis=1), -1, 0)).ravel()
         arc = np.concatenate(([0.0], np.cumsum(chords)))
         length_m = float(arc[-1])
         segments = max(int(np.ceil(length_m / spacing_m - 1e-6)), 3 if closed else 1)
         arc_m = np.arange(segments if closed else segments + 1) * (length_m / segments)
         along = np.interp(arc_m, arc, np.arange(len(arc)) / _SAMPLES)
-        curve_of = np.minimum(along.astype(int), len(curves) - 1)
-        points, headings = np.zeros((len(along), 2)), np.zeros(len(along))
-        for i, curve in enumerate(curves):
-            here = curve_of == i
-            points[here] = bezier_points(curve, along[here] - i)
-            tangents = bezier_tangents(curve, along[here] - i)
-            headings[here] = np.arctan2(tangents[:, 1], tangents[:, 0])
+        curve_of = np.minimum(along.astype(int), len(control) - 1)
+        points = bezier_points(control[curve_of], along - curve_of)
+        tangents = bezier_tangents(control[curve_of], along - curve_of)
+        headings = np.arctan2(tangents[:, 1], tangents[:, 0])
         return cls(points, headings, arc_m, closed, length_m)
 
     def project(self, x_m: float, y_m: float, hint: Optional[int] = None) -> PathPosition:
@@ -100,6 +97,11 @@ class Path:
         x_m, y_m = self.point_at(np.array(arc_m))
         heading = self.batch.headings_at(np.array([[arc_m]]))[0, 0]
         return Pose(float(x_m), float(y_m), float(heading))
+
+    @cached_property
+    def segments(self) -> np.ndarray:
+        """What a `PathBatch` keeps of it."""
+        return segments_of(self)
 
     @cached_property
     def batch(self) -> PathBatch:
@@ -156,14 +158,16 @@ def _tiles(loop: Sequence[Lane]) -> FrozenSet[Tuple[int, int]]:
     return frozenset((lane.tile_row, lane.tile_column) for lane in loop)
 
 
-def _check_chain(curves: Sequence[np.ndarray], closed: bool) -> None:
+def _chain(curves: Sequence[np.ndarray], closed: bool) -> np.ndarray:
+    """The control points (C, 4, 2) of curves that follow one another."""
     if not len(curves):
         raise PlanError("expected at least one Bezier to make a path of, got none")
-    pairs = list(zip(curves, [*curves[1:], curves[0]] if closed else curves[1:]))
-    for i, (one, other) in enumerate(pairs):
-        gap_m = float(np.hypot(*(np.asarray(other)[0] - np.asarray(one)[3])))
-        if gap_m > MAX_GAP_M:
-            raise PlanError(
-                f"expected Beziers that follow one another, got a gap of {gap_m:.3f} m after "
-                f"number {i}; order them along the path"
-            )
+    control = np.array(curves, dtype=float)
+    gaps_m = np.hypot(*(np.roll(control[:, 0], -1, axis=0) - control[:, 3]).T)
+    far = np.flatnonzero((gaps_m if closed else gaps_m[:-1]) > MAX_GAP_M)
+    if len(far):
+        raise PlanError(
+            "expected Beziers that follow one another, got a gap of "
+            f"{gaps_m[far[0]]:.3f} m after number {far[0]}; order them along the path"
+        )
+    return control

@@ -50,7 +50,7 @@ class PathBatch:
 
     def replace(self, path_index: int, path: Path) -> None:
         """Put another path in the place of one, as when a robot gets a new destination."""
-        segments = _segments(path)
+        segments = path.segments
         count, room = len(segments), self._segments.shape[1]
         if count > room:
             self._segments = np.pad(self._segments, ((0, 0), (0, count - room), (0, 0)))
@@ -180,7 +180,7 @@ class PathBatch:
         return np.asarray(wrap_angle(segment[..., _HEADING] + fraction * segment[..., _TURN]))
 
 
-def _segments(path: Path) -> np.ndarray:
+def segments_of(path: Path) -> np.ndarray:
     """The segments (S, _WIDTH) between a path's points; a closed one returns to its first."""
     ends = np.arange(1, len(path.points_m) + (1 if path.closed else 0)) % len(path.points_m)
     starts = np.arange(len(ends))

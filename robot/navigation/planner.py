@@ -83,6 +83,7 @@ class LaneGraph:
             edges[start].append((end, lane))
         self._edges = [tuple(leaving) for leaving in edges]
         self._bounds: Dict[int, List[float]] = {}
+        self._plans: Dict[Tuple[int, int], Plan] = {}
 
     @property
     def nodes(self) -> int:
@@ -94,11 +95,17 @@ class LaneGraph:
         return self._edges[node]
 
     def plan(self, start: int, goal: int) -> Plan:
-        """The cheapest way from node to node, by A* with a consistent lower bound.
+        """The cheapest way from node to node; kept, since simulated robots ask for it often.
 
         Raises:
             PlanError: no way.
         """
+        if (start, goal) not in self._plans:
+            self._plans[start, goal] = self._search(start, goal)
+        return self._plans[start, goal]
+
+    def _search(self, start: int, goal: int) -> Plan:
+        """A* with a consistent lower bound."""
         bounds = self._bounds_to(goal)
         reached: Dict[int, float] = {start: 0.0}
         came: Dict[int, Tuple[int, int]] = {}
@@ -240,9 +247,12 @@ def _part(control: np.ndarray, t0: float, t1: float) -> np.ndarray:
     arguments = ((t0, t0, t0), (t0, t0, t1), (t0, t1, t1), (t1, t1, t1))
     points = []
     for triple in arguments:
-        level = control
+        level = control.tolist()
         for t in triple:
-            level = (1.0 - t) * level[:-1] + t * level[1:]
+            level = [
+                [(1.0 - t) * a + t * b for a, b in zip(one, other)]
+                for one, other in zip(level, level[1:])
+            ]
         points.append(level[0])
     return np.array(points)
 

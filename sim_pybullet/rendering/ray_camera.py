@@ -12,8 +12,8 @@ from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
 from sim_pybullet.rendering.mip_texture import mip_texture
-from sim_pybullet.rendering.ray_tables import RigTables, SolidRows, gather_solids
-from sim_pybullet.rendering.rays import LEVELS, floor_shade, pixel_rays
+from sim_pybullet.rendering.ray_tables import RigTables, SolidRows
+from sim_pybullet.rendering.rays import LEVELS, floor_shade
 from sim_pybullet.rendering.sky import background
 from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
 from sim_pybullet.rendering.solid_table import light_row
@@ -42,7 +42,7 @@ class RayCamera:
         self._eyes = np.zeros((n_robots, 3))
         self._lights = np.zeros((n_robots, 5))
         self._tables = RigTables(n_robots, image)
-        self._solids: SolidRows | None = None
+        self._solids = SolidRows(n_robots)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -54,9 +54,8 @@ class RayCamera:
         ground, light = scene.ground, scene.light
         texture = mip_texture(ground, floor_shade(light))
         self._scenes[i] = scene
-        self._solids = None
-        sky, self._sky_kinds[i] = background(pixel_rays(rig, self._image), scene)
-        self._skies[i] = sky.ravel()
+        self._solids.put(i, scene)
+        self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
         self._addresses[i] = texture.texels.ctypes.data
         self._levels[i] = texture.levels
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
@@ -115,8 +114,6 @@ class RayCamera:
         return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
     def _solid_views(self, poses: np.ndarray, robots: np.ndarray) -> SolidViews:
-        if self._solids is None:
-            self._solids = gather_solids([scene for scene in self._scenes if scene is not None])
         tables = self._tables
         return SolidViews(
             poses,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -71,30 +70,37 @@ class RigTables:
         return slot
 
 
-class SolidRows(NamedTuple):
-    """The rows of all scenes' solids, each scene once; robot i sees rows first[i]..last[i]."""
-
-    rows: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-
-
 _ROWS: WeakCache[np.ndarray] = WeakCache()
 
 
-def gather_solids(scenes: list[Scene]) -> SolidRows:
-    """The solids of every robot's scene; the rows of each scene are kept as long as it lives."""
-    spans: dict[int, tuple[int, int]] = {}
-    tables: list[np.ndarray] = [np.empty((0, 13))]
-    total = 0
-    for scene in scenes:
-        if id(scene) not in spans:
-            spans[id(scene)] = (total, total + len(scene.solids))
-            total += len(scene.solids)
-            tables.append(_ROWS.get(scene, None, partial(solid_rows, scene.solids)))
-    first = np.array([spans[id(scene)][0] for scene in scenes])
-    last = np.array([spans[id(scene)][1] for scene in scenes])
-    return SolidRows(np.concatenate(tables), first, last)
+class SolidRows:
+    """The rows of the solids that N robots see: robot i sees rows first[i]..last[i]."""
+
+    def __init__(self, n_robots: int) -> None:
+        self._rows = np.zeros((n_robots, 0, 13))
+        self._counts = np.zeros(n_robots, np.int64)
+
+    def put(self, i: int, scene: Scene) -> None:
+        """Robot ``i`` is in this scene, whose rows are kept as long as it lives."""
+        rows = _ROWS.get(scene, None, partial(solid_rows, scene.solids))
+        if len(rows) > self._rows.shape[1]:
+            self._rows = _grown(self._rows, 1, len(rows))
+        self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(K, 13), see `sim_pybullet.rendering.solid_table.solid_rows`."""
+        return self._rows.reshape(-1, 13)
+
+    @property
+    def first(self) -> np.ndarray:
+        """(N,) where the rows of each robot begin."""
+        return np.arange(len(self._rows)) * self._rows.shape[1]
+
+    @property
+    def last(self) -> np.ndarray:
+        """(N,) where they end."""
+        return self.first + self._counts
 
 
 def _grown(array: np.ndarray, axis: int, length: int) -> np.ndarray:

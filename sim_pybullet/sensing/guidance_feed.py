@@ -33,7 +33,7 @@ class GuidanceFeed:
         self._errors, self._fusion = PoseError(n_robots), PoseFusion(n_robots)
         self._driven = np.zeros((n_robots, 2))  # [m] and [rad] since the last decision
         self._hints = np.zeros(n_robots, dtype=int)
-        self._decisions = 0
+        self._decisions = self._moved = 0  # so far, and when the filter moved last
         self._move()
 
     def begin(
@@ -42,7 +42,7 @@ class GuidanceFeed:
         looks: Sequence[PoseLook],
         poses: np.ndarray,
         hints: np.ndarray,
-        rng: np.random.Generator,
+        rngs: Sequence[np.random.Generator],
     ) -> None:
         """These robots (M,) begin an episode where they have stood long enough to know it.
 
@@ -52,15 +52,18 @@ class GuidanceFeed:
             poses: (N, 3) true ones of all robots.
             hints: (N,) where all robots are on their paths,
                 `robot.navigation.path_batch.PathBatch.index_at`.
-            rng: draws the errors.
+            rngs: draw the errors, one for each of them.
         """
-        for i, look in zip(robots.tolist(), looks, strict=True):
+        for i, look, rng in zip(robots.tolist(), looks, rngs, strict=True):
             self._exact[i] = _is_exact(look)
             self._errors.reset(i, look, rng)
-        told = np.full_like(poses, np.nan)
-        told[robots] = self._errors.of_standing(poses)[robots]
-        self._fusion.reset(robots)
-        self._fusion.measure(told, np.full(len(poses), self._now_s))
+        if not self._exact[robots].all():
+            if self._moved < self._decisions:
+                self._move()
+            told = np.full_like(poses, np.nan)
+            told[robots] = self._errors.of_standing(poses)[robots]
+            self._fusion.reset(robots)
+            self._fusion.measure(told, np.full(len(poses), self._now_s))
         self._hints[robots] = hints[robots]
         self._driven[robots] = 0.0
         self._believe(poses)
@@ -72,8 +75,10 @@ class GuidanceFeed:
     def update(self, poses: np.ndarray, rng: np.random.Generator) -> None:
         """A decision led to these true poses (N, 3)."""
         self._decisions += 1
-        self._move()
-        if not self._exact.all():
+        if self._exact.all():
+            self._driven[:] = 0.0  # nobody needs the filter
+        else:
+            self._move()
             self._fusion.measure(*self._errors.observe(poses, self._now_s, rng))
         self._believe(poses)
 
@@ -90,6 +95,7 @@ class GuidanceFeed:
     def _move(self) -> None:
         forward_m, turn_rad = self._driven.T.copy()
         self._fusion.move(forward_m, turn_rad, self._now_s)
+        self._moved = self._decisions
         self._driven[:] = 0.0
 
     def _believe(self, poses: np.ndarray) -> None:

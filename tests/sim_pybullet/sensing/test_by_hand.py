@@ -237,7 +237,7 @@ def test_what_odometry_counted_before_an_episode_is_forgotten() -> None:
     look = PoseLook(position_m=1e-6, dropout_per_s=10.0, dropout_s=1e6)
     for place in (1.0, 2.0):
         pose = np.array([[place, place, 0.0]])
-        feed.begin(everyone, [look], pose, np.zeros(1, dtype=int), rng())
+        feed.begin(everyone, [look], pose, np.zeros(1, dtype=int), [rng()])
         np.testing.assert_allclose(feed.poses, pose, atol=1e-4)
         feed.update(pose, rng())
         np.testing.assert_allclose(feed.poses, pose, atol=1e-4)
@@ -251,7 +251,7 @@ def test_a_robot_knows_how_far_its_wheels_turned_it() -> None:
     feed = GuidanceFeed(1)
     pose = np.array([[1.0, 2.0, 0.5]])
     look = PoseLook(position_m=1e-6, dropout_per_s=10.0, dropout_s=1e6)
-    feed.begin(np.array([0]), [look], pose, np.zeros(1, dtype=int), rng())
+    feed.begin(np.array([0]), [look], pose, np.zeros(1, dtype=int), [rng()])
     for _ in range(3):
         feed.record(np.array([[0.0, 3.0]]))
     feed.update(pose, rng())

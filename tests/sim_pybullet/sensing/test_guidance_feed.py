@@ -116,11 +116,11 @@ def test_who_begins_anew_has_driven_nothing() -> None:
     feed, rng, robots = GuidanceFeed(2), np.random.default_rng(0), np.arange(2)
     looks = [PoseLook(position_m=1e-6)] * 2
     start = np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]])
-    feed.begin(robots, looks, start, np.zeros(2, int), rng)
+    feed.begin(robots, looks, start, np.zeros(2, int), [rng] * len(robots))
     for _ in range(7):
         feed.record(np.array([[0.3, 0.0], [0.3, 0.0]]))
     there = np.array([[0.2, 2.0, 1.5], [2.0 + 0.3 * 7 / 30, 1.0, 0.0]])
-    feed.begin(np.array([0]), looks[:1], there, np.zeros(2, int), rng)
+    feed.begin(np.array([0]), looks[:1], there, np.zeros(2, int), [rng])
     np.testing.assert_allclose(feed.poses[0], there[0], atol=1e-3)
     feed.update(there, rng)
     np.testing.assert_allclose(feed.poses, there, atol=5e-3)
