@@ -10,6 +10,8 @@ from pathlib import Path
 import cv2
 import pytest
 
+from trainer.one_thread import ONE_THREAD
+
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 LEAST = {  # of what an example does in full in some ten seconds
@@ -45,7 +47,7 @@ def test_it_runs_in_seconds_and_leaves_a_picture(example: Path, tmp_path: Path) 
     began = cpu_seconds()
     done = subprocess.run(
         [sys.executable, str(example), str(tmp_path), *LEAST.get(example.name, [])],
-        env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"},
+        env={**os.environ, **ONE_THREAD, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"},
         capture_output=True,
         text=True,
         timeout=580,
