@@ -18,8 +18,8 @@ from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.wheels import GUIDES, Guide, Values
 from robot.bringup.yaml_edit import edit_yaml
 from robot.camera.replay import read_picture
-from robot.cli.ending import interrupt, on_ending
 from robot.command_line import number
+from robot.computer.systemd import interrupt, on_ending
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.hat.clock import Clock, MonotonicClock

@@ -10,8 +10,7 @@ import threading
 from pathlib import Path
 from typing import Callable, Iterable, List, Optional
 
-from robot.cli.ending import on_ending
-from robot.computer.systemd import Heartbeat, notify_socket
+from robot.computer.systemd import Heartbeat, notify_socket, on_ending
 from robot.config import RobotConfig
 from robot.errors import nearest
 from robot.parts import Ask, Tick

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import List, NamedTuple, Optional, Union
 
 from robot.errors import ConfigError, HardwareError
-from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, SmbusBus
+from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, open_bus
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.pca9685 import Pca9685
 
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
         buses = [options.bus]
     addresses = options.address or addresses
     buses = buses or [USUAL_BUSES[0]]
-    told = [switch_off(_open(each), addresses, MonotonicClock()) for each in buses]
+    told = [switch_off(open_bus(each), addresses, MonotonicClock()) for each in buses]
     for line in filter(None, told):
         print(line, flush=True)
     if wrong is not None:
@@ -102,14 +102,6 @@ def configured(path: Path) -> Place:
             f"{path}: expected a robot's YAML file with its hat, got: {told}"
         ) from error
     return Place(bus, addresses)
-
-
-def _open(bus: Union[int, str]) -> I2cBus:
-    if isinstance(bus, int):
-        return SmbusBus(bus)
-    from robot.hat.socket_bus import SocketBus
-
-    return SocketBus(bus)
 
 
 def switch_off(bus: I2cBus, addresses: List[int], clock: Clock) -> str:

@@ -13,7 +13,7 @@ from typing import ContextManager
 from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.selftest import run_selftest
-from robot.cli.ending import interrupt, on_ending
+from robot.computer.systemd import interrupt, on_ending
 from robot.config import RobotConfig
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig

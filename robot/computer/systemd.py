@@ -1,11 +1,13 @@
-"""What systemd is told: that the robot is ready, that its loop turns, and in which state it is.
+"""What ends this program from outside, and what systemd is told of it.
 
-One datagram each to the socket that systemd names (man 3 sd_notify); no library is needed.
+That it is ready, that its loop turns, and in which state it is: one datagram each to the socket
+that systemd names (man 3 sd_notify); no library is needed.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 from typing import Callable, Mapping, Optional
 
@@ -59,3 +61,19 @@ class Heartbeat:
         if tick.verdict != self._told:
             self._told = tick.verdict
             self._send(f"STATUS={tick.verdict.state.value}: {tick.verdict.sentence}")
+
+
+def on_ending(act: Callable[[], None]) -> None:
+    """Let ``act`` happen on systemd's SIGTERM, and on SIGHUP when a terminal goes away.
+
+    By default either kills a program at once, with the coils on. A hang-up that nohup wants ignored
+    stays so.
+    """
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: act())
+
+
+def interrupt() -> None:
+    """As Ctrl-C: ``with`` blocks are left in order."""
+    raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""An I2C bus: what the driver asks of one, and the real one under Linux.
+"""An I2C bus: what the driver asks of one, the real one under Linux, and a virtual one.
 
 Implementations raise OSError as the kernel does (errno 121 when nobody acknowledges); the chip's
 driver turns that into a HardwareError that says what to check.
@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import errno
 import glob
-from typing import Protocol
+import os
+import struct
+from typing import Protocol, Union
 
+from robot.computer.local_socket import connect_local, receive_exactly
 from robot.errors import HardwareError
 
 USUAL_BUSES = (1, 7)  # pins 3 and 5: of a Jetson Nano, of an Orin Nano
@@ -89,3 +92,60 @@ class SmbusBus:
             f"{self.name}: expected an I2C bus, got: {error.strerror or error}; "
             f"present: {present}; pins 3 and 5 are bus 1 on a Jetson Nano, bus 7 on an Orin Nano"
         )
+
+
+REQUEST = struct.Struct("!cBBH")  # kind, address, register, number of bytes
+ANSWER = struct.Struct("!HH")  # errno, number of bytes
+WRITE, READ = b"w", b"r"
+SILENCE_S = 1.0  # as long as Linux's adapters wait for a bus that is held low
+
+
+class SocketBus:
+    """The bus of virtual hardware in another process, which listens at ``path``.
+
+    One transaction is one request and one answer. A request is its kind (``w`` or ``r``), the
+    address, the register (``r``), a count, and the data (``w``); an answer is an errno, 0 for done,
+    and data.
+
+    Raises:
+        HardwareError: nobody listens there.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._socket = connect_local(path, "a virtual I2C bus", SILENCE_S)
+
+    @property
+    def name(self) -> str:
+        """The socket's path."""
+        return self._path
+
+    def write(self, address: int, data: bytes) -> None:
+        """One write message; OSError as the other side tells it."""
+        self._socket.sendall(REQUEST.pack(WRITE, address, 0, len(data)) + data)
+        self._answer()
+
+    def read(self, address: int, register: int, count: int) -> bytes:
+        """One write and one read message, joined by a repeated START."""
+        self._socket.sendall(REQUEST.pack(READ, address, register, count))
+        return self._answer()
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+    def _answer(self) -> bytes:
+        code, count = ANSWER.unpack(receive_exactly(self._socket, ANSWER.size))
+        data = receive_exactly(self._socket, count)
+        if code:
+            raise OSError(code, os.strerror(code))
+        return data
+
+
+def open_bus(where: Union[int, str]) -> Union[SmbusBus, SocketBus]:
+    """``/dev/i2c-<where>``, or the virtual bus that listens at a path.
+
+    Raises:
+        HardwareError: there is no such bus, or this user may not use it.
+    """
+    return SmbusBus(where) if isinstance(where, int) else SocketBus(where)

@@ -16,22 +16,12 @@ from typing import Iterator, Optional, Union
 from robot.computer.threads import Alarm, Silence, Worker
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.bus import I2cBus, SmbusBus
+from robot.hat.bus import I2cBus, SmbusBus, SocketBus, open_bus
 from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
-from robot.hat.socket_bus import SocketBus
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import Steps
-
-
-def open_bus(config: HatConfig) -> Union[SmbusBus, SocketBus]:
-    """The configured I2C bus.
-
-    Raises:
-        HardwareError: there is no such bus, or this user may not use it.
-    """
-    return SocketBus(config.socket) if config.socket else SmbusBus(config.bus)
 
 
 @contextmanager
@@ -42,7 +32,7 @@ def own_bus(config: HatConfig) -> Iterator[Union[SmbusBus, SocketBus]]:
         HardwareError: there is no such bus, this user may not use it, or another program drives it.
     """
     with ExitStack() as stack:
-        bus = open_bus(config)
+        bus = open_bus(config.socket or config.bus)
         stack.callback(bus.close)
         # A device is locked itself, so that nothing is left behind; a socket cannot be opened.
         path = f"{bus.name}.lock" if config.socket else bus.name

@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 from robot.camera.streams import SocketStream
 from robot.errors import ContractError, HardwareError, PlanError
 from robot.geometry import Pose
+from robot.hat.bus import SocketBus
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
-from robot.hat.socket_bus import SocketBus
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map

@@ -1,4 +1,4 @@
-"""The virtual hardware's side of the sockets that `robot.hat.socket_bus` and cameras use."""
+"""The virtual hardware's side of the sockets that `robot.hat.bus` and cameras use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from robot.camera.streams import HEADER, MAGIC, NEXT
 from robot.computer.local_socket import receive_exactly
-from robot.hat.socket_bus import ANSWER, REQUEST, WRITE
+from robot.hat.bus import ANSWER, REQUEST, WRITE
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 
 SILENCE_S = 5.0  # who does not read for so long is dropped

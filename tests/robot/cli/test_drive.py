@@ -14,7 +14,7 @@ from typing import Any, Iterator, List
 import pytest
 
 from robot.cli import drive, main
-from robot.cli.ending import on_ending
+from robot.computer.systemd import on_ending
 from robot.geometry import Pose
 from robot.runtime.assemble import open_robot
 from robot.runtime.loop import Runtime

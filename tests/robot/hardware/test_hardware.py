@@ -15,10 +15,11 @@ import pytest
 from robot.camera.source import Camera, Frame
 from robot.config import RobotConfig
 from robot.geometry import WheelSpeeds
+from robot.hat.bus import open_bus
 from robot.hat.clock import MonotonicClock
 from robot.hat.driver import WAKE_S
 from robot.hat.pca9685 import FULL, Pca9685, channel_register
-from robot.hat.thread import MotorThread, open_bus, real_motors
+from robot.hat.thread import MotorThread, real_motors
 from robot.inference.preprocess import FRAME_SHAPE, check_frame
 from robot.runtime.assemble import open_camera
 from tools.hat_timing import hat_update_ms
@@ -39,7 +40,7 @@ def motors(robot: RobotConfig) -> Iterator[MotorThread]:
 
 def outputs_off(robot: RobotConfig) -> bool:
     """Whether the chip itself says that no channel is on."""
-    bus = open_bus(robot.hat)
+    bus = open_bus(robot.hat.socket or robot.hat.bus)
     chip = Pca9685.probe(bus, robot.hat.addresses, MonotonicClock())
     tops = [bus.read(chip.address, channel_register(channel) + 3, 1)[0] for channel in range(16)]
     return all(top & FULL for top in tops)
@@ -89,7 +90,9 @@ def test_released_motors_have_every_output_off(robot: RobotConfig, motors: Motor
 
 
 def test_an_update_of_both_motors_leaves_time_for_others(robot: RobotConfig) -> None:
-    times = hat_update_ms(open_bus(robot.hat), robot.hat, MonotonicClock(), count=50)
+    times = hat_update_ms(
+        open_bus(robot.hat.socket or robot.hat.bus), robot.hat, MonotonicClock(), count=50
+    )
     rate_hz = robot.hat.max_speed_mps / min(robot.hat.wheel_steps_m)
     assert times.host_ms * 1e-3 * rate_hz < 0.8
     assert outputs_off(robot)
