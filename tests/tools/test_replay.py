@@ -40,7 +40,7 @@ def refusal(path: Path, capsys: pytest.CaptureFixture[str], *more: str) -> str:
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.count("\n") == 1
-    assert told.err.startswith(f"replay: {path}: ")
+    assert told.err.startswith(f"tools.replay: {path}: ")
     return told.err
 
 

@@ -98,7 +98,7 @@ def test_an_unreadable_configuration_is_told_after_the_usual_places_were_switche
     rig = make_rig()
     rig.driver.open()
     rig.drive(0.2, 0.2, 1.0)
-    monkeypatch.setattr(off, "_open", lambda bus: rig.bus)
+    monkeypatch.setattr(off, "open_bus", lambda bus: rig.bus)
     config = tmp_path / "robot.yaml"
     if text is not None:
         config.write_text(text)
