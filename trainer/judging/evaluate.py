@@ -14,15 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robot.contract import MAX_WHEEL_MPS
 from robot.errors import ConfigError
 from robot.inference.policy import OnnxPolicy
+from robot.inference.policy_file import TOLERANCE
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.place import Place
-from sim_pybullet.tasks.spec import Choices, find_task
+from sim_pybullet.tasks.spec import WHEELED, Choices, find_task
 from trainer.judging.drive_log import DriveLog, Tracer
 from trainer.options import task_of
 
@@ -100,6 +102,8 @@ class Evaluation:
 def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
     """The policy in a file; ``task``: what it shall do, else what it was trained for.
 
+    For robots it may have any actions that their wheels can do.
+
     Raises:
         ContractError: see ``OnnxPolicy``.
         ConfigError: an unknown task, or one of another vehicle than the policy's.
@@ -111,7 +115,7 @@ def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
             f"{model}: expected a policy for {task}, got one for {trained_for}; "
             "these are driven by different vehicles"
         )
-    return OnnxPolicy(model, actions=actions)
+    return OnnxPolicy(model, actions=None if actions == WHEELED else actions)
 
 
 def evaluate(
@@ -224,13 +228,14 @@ def _drive(
     """The episodes of a world, as each ends."""
     observation = world.reset()
     names, places = world.task.fact_names, world.task.road_maps
+    speeds = _own_speeds(policy, world)
     while world.active.any():
         if tracer is not None:
             tracer.see(observation)
         numbers, maps, active = world.numbers, world.maps, np.flatnonzero(world.active)
-        actions = np.zeros(world.n_robots, dtype=int)
-        actions[active] = _choose(policy, _of(observation, active), zero)
-        step = world.step(actions)
+        choices = np.zeros(world.n_robots, dtype=int)
+        choices[active] = _choose(policy, _of(observation, active), zero)
+        step = world.step(choices if speeds is None else speeds[choices])
         if tracer is not None:
             tracer.end(step, numbers)
         observation = step.observation
@@ -248,6 +253,13 @@ def _drive(
                 failed and bool(step.collided[robot]),
                 places[maps[robot]].name,
             )
+
+
+def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:
+    """(A, 2) shares of the greatest wheel speed, of a policy with other actions than the task's."""
+    own, usual = np.array(policy.contract.actions), np.array(world.task.vehicle.actions)
+    same = own.shape == usual.shape and np.allclose(own, usual, 0.0, TOLERANCE)
+    return None if same else np.clip(own / MAX_WHEEL_MPS, -1.0, 1.0)
 
 
 def _of(observation: Observation, robots: np.ndarray) -> Observation:

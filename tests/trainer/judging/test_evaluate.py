@@ -1,10 +1,12 @@
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from rich.console import Console
 
 from robot.contract import ImageSpec, PolicyContract
@@ -17,7 +19,7 @@ from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from trainer.cli import main
 from trainer.export import export_network
-from trainer.judging.evaluate import Drive, Inputs, evaluate, summarise, wilson_low
+from trainer.judging.evaluate import Drive, Inputs, evaluate, open_policy, summarise, wilson_low
 from trainer.judging.told import Told
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
@@ -69,6 +71,37 @@ def test_an_episode_is_the_same_alone_and_in_company(model: Path, look: str) -> 
     rings = ("loop", "pretzel")
     assert [d.map for d in together] == [rings[s % 2] for s in range(1018, 1043)]
     assert [d.lane for d in together] == [("outer", "inner")[s // 2 % 2] for s in range(1018, 1043)]
+
+
+def test_a_policy_drives_by_its_own_table_of_actions(tmp_path: Path) -> None:
+    """Another order of the same actions, and a stop that is never chosen, change no drive."""
+    config = preset("lane", "ddqn", "debug")
+    policy = build_policy(config)
+    contract = PolicyContract("lane", "ddqn", config.image)
+    export_network(GreedyNetwork(policy), contract, tmp_path / "usual.onnx")
+    network = GreedyNetwork(policy)
+    network.head = torch.nn.Sequential(network.head, _Reversed())
+    own = replace(contract, actions=(*contract.actions[::-1], (0.0, 0.0)))
+    export_network(network, own, tmp_path / "own.onnx")
+    usual, other = (
+        evaluate(
+            open_policy(tmp_path / name), "lane", [load_map("loop")], [NOMINAL], range(3), _deaf
+        )
+        for name in ("usual.onnx", "own.onnx")
+    )
+    assert_same(usual, other)
+
+
+class _Reversed(torch.nn.Module):
+    """Values (N, A) in the opposite order, and one more that is worth less than all."""
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        least = values.min(dim=1, keepdim=True).values - 1.0
+        return torch.cat((values.flip(1), least), 1)
+
+
+def _deaf(_: Drive) -> None:
+    pass
 
 
 def test_missions_are_the_same_alone_and_by_drifting_poses(navigator: Path) -> None:
