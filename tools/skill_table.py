@@ -19,9 +19,7 @@ from typing import Any
 
 from robot.command_line import OneLineParser, answer
 from robot.errors import ConfigError
-from robot.output import expect_writable
-from sim_pybullet.tasks.spec import find_task
-from trainer.run import RunFolder, atomically
+from robot.output import expect_writable, write_text
 
 SKILLED = 0.99  # share of a greedy evaluation's episodes that succeed
 
@@ -91,6 +89,9 @@ def _policy(result: Mapping[str, Any]) -> str:
 
 
 def _skill_row(run: Path) -> tuple[str, ...]:
+    from sim_pybullet.tasks.spec import find_task
+    from trainer.run import RunFolder
+
     config, metrics = RunFolder(run).load_config(), _read(run / "metrics.json")
     skilled: dict[str, Any] = next(
         (e for e in metrics["evaluations"] if e["success_rate"] >= SKILLED), {}
@@ -145,8 +146,7 @@ def put(text: str, file: Path, block: str) -> None:
     _, found_end, after = rest.partition(end)
     if not (found and found_end):
         raise ConfigError(f"{file}: expected a line {begin.strip()} and later {end}, found none")
-    with atomically(file) as temporary:
-        temporary.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+    write_text(file, f"{before}{begin}\n{text}\n{end}{after}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,19 +15,13 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-
-import numpy as np
-import torch
-from rich.console import Console
+from typing import TYPE_CHECKING
 
 from robot.command_line import OneLineParser, answer, whole
 from robot.output import expect_writable, write_json
-from trainer.algorithms import Making, find_algorithm
-from trainer.config import RunConfig
-from trainer.envs import ScaledReward, make_env
-from trainer.learners.true_path import WithTruePath
-from trainer.presets import preset
-from trainer.run import RunFolder
+
+if TYPE_CHECKING:
+    from trainer.config import RunConfig
 
 ALGORITHMS = ("dueling", "ppo")
 _MOST = 2.0  # times the untranslated step: what is due
@@ -64,6 +58,14 @@ def measure(
     Raises:
         ContractError: the translator is for other pictures.
     """
+    import numpy as np
+    from rich.console import Console
+
+    from trainer.algorithms import Making, find_algorithm
+    from trainer.envs import ScaledReward, make_env
+    from trainer.learners.true_path import WithTruePath
+    from trainer.run import RunFolder
+
     robots = config.learn.robots
     with tempfile.TemporaryDirectory() as folder:
         learners = []
@@ -103,6 +105,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 def compare(asked: argparse.Namespace) -> int:
     """Measure each algorithm; the exit status."""
+    import torch
+    from rich.console import Console
+
+    from trainer.presets import preset
+
     expect_writable(asked.json, inputs=[Path(asked.translator)])
     torch.set_num_threads(1)
     console = Console(soft_wrap=True)

@@ -35,8 +35,8 @@ class Command:
 
 
 Group = Mapping[str, Command]
-_RUN, _SEE = "trainer.commands", "trainer.translation.cli"
-_PARSE, _TRY = "trainer.parsing.cli", "trainer.experiments.cli"
+_RUN, _SEE = "trainer.commands", "trainer.transfer.cli"
+_PARSE, _TRY = "trainer.transfer.parse_cli", "trainer.experiments.cli"
 COMMANDS: Mapping[str, Command | Group] = {
     "train": Command(f"{_RUN}:train_command", "train a policy"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
@@ -59,7 +59,7 @@ COMMANDS: Mapping[str, Command | Group] = {
         "choose": Command(f"{_PARSE}:choose_command", "how much to favour rare classes in use"),
         "evaluate": Command(f"{_PARSE}:evaluate_command", "score a parser on held-out frames"),
         "export": Command(f"{_PARSE}:export_command", "write a parser as a translator, ONNX"),
-        "translate": Command(f"{_PARSE}:translate_command", "virtual to parsing to real"),
+        "translate": Command(f"{_PARSE}:through_command", "virtual to parsing to real"),
     },
     "experiment": {
         "six-models": Command(f"{_TRY}:six_models_command", "ways to reality: paper A, 4.4"),

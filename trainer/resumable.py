@@ -7,7 +7,7 @@ the same as one that was not.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -80,6 +80,20 @@ class Loop:
                     saved = self.clock()
         if first < self.steps:
             self.save(self.steps)
+
+
+def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
+    """One step of an optimiser down this loss."""
+    optimiser.zero_grad()
+    loss.backward()
+    optimiser.step()
+
+
+def set_rate(optimisers: Iterable[torch.optim.Optimizer], rate: float) -> None:
+    """What they learn by from now on."""
+    for optimiser in optimisers:
+        for group in optimiser.param_groups:
+            group["lr"] = rate
 
 
 def step_rng(seed: int, step: int) -> np.random.Generator:

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -94,6 +95,20 @@ def expect_run(folder: Path) -> None:
     """ConfigError unless a run lies in a folder."""
     if not (folder / CONFIG).exists():
         raise ConfigError(f"{folder}: expected the folder of a run, found no {CONFIG}")
+
+
+def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], Config]) -> Config:
+    """The configuration of a run to resume, or that of one that is begun here.
+
+    Raises:
+        ConfigError: a run lies here and it is not to be resumed.
+    """
+    if resume and (folder / CONFIG).exists():
+        return read_run(kind, folder)
+    refuse_run(folder)
+    config = fresh()
+    begin_run(folder, config)
+    return config
 
 
 @dataclass(frozen=True)

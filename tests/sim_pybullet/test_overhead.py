@@ -16,7 +16,8 @@ from sim_pybullet.overhead import (
     robot_sheets,
 )
 from sim_pybullet.scene import Ground
-from tools.overhead_drive import HANGING_FRAMES, ROBOTS, Score, arena, drive
+from tools.overhead_arena import HANGING_FRAMES, ROBOTS, Score, arena, drive
+from tools.overhead_drive import KINDS
 
 CLEAN = OverheadLook(blur_px=0.0, noise=0.0)
 
@@ -105,6 +106,10 @@ def test_light_falls_off_to_one_side_and_into_shadow():
     picture = shaded.render([], np.random.default_rng(0)).mean(axis=2)
     spot = shaded.to_pixels(np.array([0.5, 0.5, 0.0])).astype(int)
     assert picture[spot[1], spot[0]] == pytest.approx(50, abs=2)
+
+
+def test_every_crowd_can_be_asked_for() -> None:
+    assert set(KINDS) == set(ROBOTS)
 
 
 @pytest.mark.parametrize("kind", ROBOTS)

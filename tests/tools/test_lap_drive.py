@@ -19,7 +19,7 @@ from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import NOMINAL
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
-from trainer.translation.export import export_translator
+from trainer.transfer.export import export_translator
 
 
 class ExpertPolicy:

@@ -9,7 +9,7 @@ from robot.contract import ImageSpec
 from robot.inference.translator import TranslatorContract
 from tools.translation_cost import ALGORITHMS, main, measure
 from trainer.presets import preset
-from trainer.translation.export import export_translator
+from trainer.transfer.export import export_translator
 
 
 def translator(path: Path, image: ImageSpec) -> str:

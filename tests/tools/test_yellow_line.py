@@ -14,10 +14,10 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import build_scene
-from tools.yellow_line import main, measure
+from tools.yellow_line import main
 from tools.yellow_line_sheet import BORDERS, COLUMNS, TILE
 from tools.yellow_line_sheet import main as sheet_main
-from tools.yellow_truth import yellow_middle
+from tools.yellow_truth import measure, yellow_middle
 
 
 def test_the_truth_runs_through_the_paint() -> None:

@@ -31,8 +31,7 @@ TESTS = {
     "sim_pybullet/sensing": ["tests/sim_pybullet/sensing"],
     "trainer/algorithms": ["tests/trainer/learners", "tests/trainer/test_algorithms.py"],
     "trainer/learners": ["tests/trainer/learners"],
-    "trainer/translation": ["tests/trainer/translation"],
-    "trainer/parsing": ["tests/trainer/parsing"],
+    "trainer/transfer": ["tests/trainer/transfer"],
     "trainer/judging": ["tests/trainer/judging"],
 }  # the tests that belong to each package
 _TESTS_S = 60.0  # of tests for one mutant at most, the likeliest first

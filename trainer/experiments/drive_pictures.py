@@ -20,7 +20,7 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
 from trainer.experiments.records import Drive, turns
-from trainer.parsing.labelled import read_rgb
+from trainer.transfer.pictures import read_rgb
 
 See = Callable[[np.ndarray], np.ndarray]  # frames (N, 120, 160, 3) -> pictures (N, H, W, 3), uint8
 STACK = 4  # paper B: four consecutive frames

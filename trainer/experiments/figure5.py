@@ -53,8 +53,10 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     Raises:
         DuckpilotError: a track or look that does not exist.
     """
-    from trainer.parsing.translation_run import TranslationRun, begin, finish
-    from trainer.translation.collect import Source, collect_simulator
+    from trainer.run import take_up
+    from trainer.transfer.collect import Source, collect_simulator
+    from trainer.transfer.options import ThroughOptions
+    from trainer.transfer.through_parsing import translate_through
 
     path = out / "translator"
     halves = {
@@ -71,18 +73,16 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
             collect_simulator(out / name, places, looks, source, lambda _: None)
     if (path / "sim_to_real.onnx").exists():
         return path / "sim_to_real.onnx"
-    wanted = TranslationRun(
+    wanted = ThroughOptions(
         sim=str(out / "frames"),
         real=str(out / "test_frames"),
-        parser="",
         preset=options.preset,
-        net="small",
         steps=options.translator_steps,
-        seed=0,
         task="track",
         labels="track",
     )
-    return finish(path, begin(path, wanted, resume=True), console)
+    run = take_up(ThroughOptions, path, resume=True, fresh=lambda: wanted)
+    return translate_through(path, run, console)
 
 
 def run_folder(out: Path, variant: str, seed: int) -> RunFolder:

@@ -29,7 +29,7 @@ from trainer.report.curves import draw_panels
 from trainer.run import RunFolder, read_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 from trainer.training.checkpoint import read_state
-from trainer.translation.collect import snapshots
+from trainer.transfer.collect import snapshots
 
 ALGORITHMS = ("dueling", "ppo")
 PATHS, MISSIONS = 32, 50  # of each navigator

@@ -17,12 +17,11 @@ from trainer.config import judged
 from trainer.envs import make_env
 from trainer.experiments.racing_policy import named_policies
 from trainer.options import TrainOptions
-from trainer.parsing.classes import ROAD
-from trainer.parsing.export import export_parser
-from trainer.parsing.segnet import SegNet
-from trainer.parsing.through_parsing import FRAME
-from trainer.parsing.train import ParseConfig, Parser
 from trainer.presets import preset
+from trainer.transfer.classes import ROAD
+from trainer.transfer.export import export_parser
+from trainer.transfer.parser import ParseConfig, Parser
+from trainer.transfer.through_parsing import FRAME
 
 
 @pytest.fixture
@@ -65,7 +64,8 @@ def test_trains_and_evaluates_through_a_translator(tmp_path: Path, negative: Pat
 @pytest.fixture
 def parser_file(tmp_path: Path) -> Path:
     torch.manual_seed(0)
-    parser = Parser(ParseConfig("road", height_px=30, width_px=40), SegNet(len(ROAD.classes)))
+    config = ParseConfig("road", height_px=30, width_px=40)
+    parser = Parser(config, config.network())
     export_parser(parser, "untaught", tmp_path / "parser.onnx")
     return tmp_path / "parser.onnx"
 

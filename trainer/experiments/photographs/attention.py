@@ -13,8 +13,8 @@ import numpy as np
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
 from robot.inference.preprocess import preprocess
 from trainer.judging.explain import Explainer, overlay, share_on
-from trainer.parsing.annotations import load_annotated, load_annotations
-from trainer.parsing.classes import RoadClass
+from trainer.transfer.annotations import load_annotated, load_annotations
+from trainer.transfer.classes import RoadClass
 
 SETS = {  # shipped annotations, and the folders of their photographs
     "duckietown": ("duckietown_dtcore_sites", "duckietown_udem"),

@@ -1,0 +1,29 @@
+"""A small collection from the simulator, and photographs that are none."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robot.navigation.road_map import load_map
+from sim_pybullet.look import NOMINAL
+from trainer.transfer.collect import Source, collect_simulator
+
+
+@pytest.fixture(scope="session")
+def sim(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("sim") / "frames"
+    source = Source("simulator", ("loop",), 6, "nominal", seed=3)
+    collect_simulator(out, [load_map("loop")], [NOMINAL], source, lambda _: None)
+    return out
+
+
+@pytest.fixture(scope="session")
+def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("real")
+    rng = np.random.default_rng(0)
+    for k in range(5):
+        picture = rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{k}.png"), cv2.GaussianBlur(picture, (0, 0), 3.0))
+    return folder

@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.errors import ConfigError
+from sim_pybullet.classes import SemanticClass
+from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet, label_set
+from trainer.transfer.metrics import confusion, score
+
+SETS = pytest.mark.parametrize("labels", LABEL_SETS.values(), ids=str)
+
+
+@SETS
+def test_every_class_of_the_simulator_has_a_place(labels: LabelSet) -> None:
+    everything = np.arange(len(SemanticClass), dtype=np.uint8)
+    assert labels.from_simulator(everything).max() < len(labels.classes)
+    assert len(labels.colours) == len(set(labels.colours)) == len(labels.classes)
+
+
+@SETS
+def test_a_painted_picture_reads_back_even_when_its_colours_are_a_little_off(
+    labels: LabelSet,
+) -> None:
+    classes = np.arange(len(labels.classes), dtype=np.uint8).reshape(1, -1)
+    noise = np.random.default_rng(0).integers(-10, 11, (20, *classes.shape, 3))
+    picture = np.clip(labels.paint(classes) + noise, 0, 255).astype(np.uint8)
+    assert np.array_equal(labels.read(picture), np.repeat(classes[None], 20, 0))
+
+
+def test_an_unknown_set_is_refused_with_the_nearest() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'camvid'"):
+        label_set("camvit")
+
+
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 5)), min_size=1, max_size=60))
+def test_scores_are_those_of_the_definition(pairs: list[tuple[int, int]]) -> None:
+    truth = np.array([VOID if t == 6 else t for t, _ in pairs], np.uint8)
+    guess = np.array([g for _, g in pairs], np.uint8)
+    if (truth == VOID).all():
+        return
+    labels = LABEL_SETS["road"]
+    result = score(confusion(truth, guess, 6), labels, 1)
+    counted = truth != VOID
+    assert result.pixel_accuracy == pytest.approx((truth == guess)[counted].mean())
+    for k, row in enumerate(result.classes):
+        union = ((truth == k) | (guess == k)) & counted
+        both = (truth == k) & (guess == k)
+        if (truth == k).any():
+            assert row.iou == pytest.approx(both.sum() / union.sum())
+        else:
+            assert np.isnan(row.iou)

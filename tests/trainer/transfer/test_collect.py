@@ -1,0 +1,120 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.navigation.path_batch import PathBatch
+from robot.navigation.road_map import load_map
+from robot.recording.reader import read_frames
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.racing.track import centre_line, load_track
+from trainer.cli import main
+from trainer.transfer.collect import (
+    LANE_LINES,
+    Source,
+    collect_pictures,
+    collect_simulator,
+    lane_positions,
+    pictures_at,
+    positions,
+)
+from trainer.transfer.pictures import load_paint, load_pictures
+
+
+def read(path: Path) -> np.ndarray:
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+
+
+def test_frames_labels_and_lanes_belong_together(sim: Path) -> None:
+    names = sorted(path.name for path in (sim / "image").iterdir())
+    assert len(names) == 6
+    lines = 0
+    for name in names:
+        frame, label, lane = (read(sim / part / name) for part in ("image", "label", "lane"))
+        assert frame.shape == (120, 160, 3)
+        np.testing.assert_array_equal(lane > 0, np.isin(label, LANE_LINES))
+        lines += int((lane > 0).sum())
+        white, road = (frame[label == k] for k in (SemanticClass.WHITE_LINE, SemanticClass.ROAD))
+        if len(white) > 50:
+            assert np.median(white) > np.median(road) + 60
+    assert lines > 500
+    assert "seed: 3" in (sim / "collection.yaml").read_text()
+
+
+def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
+    source = Source("simulator", ("loop",), 6, "nominal", seed=3)
+    collect_simulator(tmp_path / "a", [load_map("loop")], [NOMINAL], source, lambda _: None)
+    for part in ("image", "label"):
+        ours, again = (read(folder / part / "000004.png") for folder in (sim, tmp_path / "a"))
+        np.testing.assert_array_equal(ours, again)
+
+
+def test_frames_of_a_track_show_its_road_from_everywhere_along_it() -> None:
+    track = load_track("karting")
+    poses = positions(track, 200, np.random.default_rng(0))
+    line = centre_line(track)
+    at = PathBatch([line.path] * 200).project(poses[:, :2])
+    assert np.abs(at.offset_m).mean() < line.half_width_m
+    counts, _ = np.histogram(at.arc_m, bins=8, range=(0.0, line.path.length_m))
+    assert counts.min() > 8
+
+
+def test_takes_every_nth_picture(real: Path, tmp_path: Path) -> None:
+    source = Source("pictures", (str(real),), 10, every=2)
+    taken = collect_pictures(tmp_path / "out", pictures_at(real, 2), source, lambda _: None)
+    assert taken == 3
+    pictures = load_pictures([tmp_path / "out"], ImageSpec())
+    assert pictures.images.shape == (3, 120, 160, 3)
+    with pytest.raises(ConfigError, match="expected the labels of 000000"):
+        load_paint(pictures, ImageSpec())
+
+
+def test_a_failure_leaves_no_folder(tmp_path: Path) -> None:
+    def stop(_: int) -> None:
+        raise KeyboardInterrupt
+
+    source = Source("simulator", ("loop",), 40, "nominal")
+    with pytest.raises(KeyboardInterrupt):
+        collect_simulator(tmp_path / "out", [load_map("loop")], [NOMINAL], source, stop)
+    assert not list(tmp_path.iterdir())
+
+
+def test_wrong_input_is_one_line_and_status_2(
+    sim: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["collect", "--out", str(sim), "--pictures", str(sim)]) == 2
+    assert "expected no such folder yet" in capsys.readouterr().err
+    new = str(tmp_path / "new")
+    assert main(["collect", "--out", new, "--look", "randomized"]) == 2
+    assert "did you mean 'randomised'" in capsys.readouterr().err
+
+
+def test_robots_stand_near_their_lane() -> None:
+    town = load_map("town")
+    poses = lane_positions(town, 200, np.random.default_rng(0))
+    assert np.mean([town.on_road(x, y) for x, y, _ in poses]) > 0.98
+
+
+def test_paint_is_where_the_pictures_show_it(sim: Path) -> None:
+    image = ImageSpec(80, 60, 20)
+    pictures = load_pictures([sim], image)
+    paint = load_paint(pictures, image)
+    assert paint.shape == (6, 4, 40, 80)
+    white = paint[:, 0] > 250
+    road = paint[:, 3] > 250
+    brightness = pictures.images.mean(-1)
+    assert brightness[white].mean() > brightness[road].mean() + 80
+
+
+def test_a_robots_recording_gives_its_frames(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    out, recording = tmp_path / "out", Path(__file__).parents[2] / "data" / "golden_drive.mcap"
+    frames = [frame for _, frame in read_frames(recording)]
+    words = ["collect", "--out", str(out), "--pictures", str(recording), "--every", "10"]
+    assert main([*words, "--frames", "3"]) == 0
+    images = load_pictures([out], ImageSpec()).images
+    np.testing.assert_array_equal(images, np.stack(frames[:21:10]))

@@ -1,0 +1,159 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.inference.translator import OnnxTranslator
+from trainer.cli import main
+from trainer.presets import preset
+from trainer.transfer.classes import ROAD, RoadClass
+from trainer.transfer.networks import SEGNETS, as_bytes, as_floats
+from trainer.transfer.options import NETS, ThroughOptions
+from trainer.transfer.parser import ParseConfig, Parser, save_parser
+from trainer.transfer.pix2pix import (
+    PAPER,
+    PIX2PIX,
+    SMALL,
+    Pairs,
+    Pix2Pix,
+    Pix2PixConfig,
+    fitted,
+)
+from trainer.transfer.through_parsing import ThroughParsing
+
+
+def generator(config: Pix2PixConfig) -> torch.nn.Module:
+    return Pix2Pix(config, 0).generator
+
+
+TINY = Pix2PixConfig(16, 32, 8, 2, 2, batch=4, learning_rate=1e-3)
+
+
+def test_the_papers_network_is_as_it_says() -> None:
+    network = Pix2Pix(PAPER, 0).generator
+    convolutions = [m for m in network.modules() if isinstance(m, torch.nn.Conv2d)]
+    enlargements = [m for m in network.modules() if isinstance(m, torch.nn.ConvTranspose2d)]
+    assert (len(convolutions), len(enlargements)) == (8, 8)
+    for layer in (*convolutions, *enlargements):
+        assert (layer.kernel_size, layer.stride) == ((4, 4), (2, 2))
+    leaks = [m.negative_slope for m in network.modules() if isinstance(m, torch.nn.LeakyReLU)]
+    assert leaks == [0.2] * 8
+    assert (PAPER.learning_rate, PAPER.momentum, PAPER.batch) == (2e-4, 0.5, 16)
+    assert (PAPER.height_px, PAPER.width_px) == (256, 256)
+
+
+def test_a_patch_of_the_papers_critic_is_70_pixels_wide() -> None:
+    model = Pix2Pix(PAPER, 0)
+    model.critic.eval()
+    given = torch.zeros(1, 3, 256, 256, requires_grad=True)
+    scores = model.judged(given, torch.zeros(1, 3, 256, 256))
+    scores[0, 0, scores.shape[2] // 2, scores.shape[3] // 2].backward()
+    assert given.grad is not None
+    seen = given.grad[0].abs().sum(0).nonzero()
+    assert (seen.max(0).values - seen.min(0).values + 1).tolist() == [70, 70]
+
+
+@pytest.mark.parametrize("config", [SMALL, TINY], ids=["small", "tiny"])
+def test_a_translation_is_as_large_as_the_picture(config: Pix2PixConfig) -> None:
+    network = generator(config)
+    for size in ((40, 80), (24, 36)):
+        made = network(torch.zeros(2, 3, *size))
+        assert made.shape == (2, 3, *size)
+        assert made.abs().max() <= 1.0
+
+
+def stripes(count: int, rng: np.random.Generator) -> Pairs:
+    """A grey road with a bright stripe; what it should become: its classes, painted."""
+    truth = np.full((count, 16, 32), RoadClass.ROAD, np.uint8)
+    for k, column in enumerate(rng.integers(2, 26, count)):
+        truth[k, :, column : column + 4] = RoadClass.YELLOW_LINE
+    given = np.where(truth[..., None] == RoadClass.ROAD, (60, 60, 64), (180, 150, 60))
+    return Pairs(given.astype(np.uint8), ROAD.paint(truth))
+
+
+def test_a_stripe_is_parsed_where_it_is() -> None:
+    rng = np.random.default_rng(0)
+    model, training, test = Pix2Pix(TINY, 0), stripes(32, rng), stripes(8, rng)
+    for _ in range(80):
+        model.step(*training.draw(TINY.batch, rng))
+    network = ThroughParsing(model.generator.eval(), generator(TINY).eval())
+    with torch.no_grad():
+        found = network.parsed(torch.from_numpy(test.given)).permute(0, 2, 3, 1).numpy()
+    painted = ((found + 1.0) * 127.5).round().astype(np.uint8)
+    assert set(np.unique(ROAD.read(painted))) <= set(range(len(ROAD.classes)))
+    assert np.mean(ROAD.read(painted) == ROAD.read(test.wanted)) > 0.97
+
+
+def test_small_networks_take_the_pictures_size_and_the_papers_do_not() -> None:
+    for image in (ImageSpec(48, 36, 4), ImageSpec(80, 60, 20)):
+        config = fitted(SMALL, image)
+        assert (config.height_px, config.width_px) == image.shape[:2]
+    odd = ImageSpec(50, 36, 1)
+    assert fitted(SMALL, odd) == SMALL
+    assert fitted(PAPER, odd) == PAPER
+
+
+def test_between_the_networks_each_pixel_is_the_nearest_classes_colour() -> None:
+    torch.manual_seed(0)
+    network = ThroughParsing(generator(TINY).eval(), generator(TINY).eval())
+    pictures = torch.randint(0, 256, (3, 16, 32, 3), dtype=torch.uint8)
+    with torch.no_grad():
+        seen = as_bytes(network.to_parsing(as_floats(pictures))).numpy()
+        read = as_bytes(network.parsed(pictures)).numpy()
+    assert np.mean(ROAD.paint(ROAD.read(seen)) == read) > 0.999  # bytes are rounded
+
+
+def write_inputs(folder: Path, size: tuple[int, int]) -> list[str]:
+    """A collection, photographs and a parser that has learned nothing."""
+    rng = np.random.default_rng(0)
+    for part, name in (("sim/image", "000000"), ("sim/image", "000001"), ("real", "a")):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+        picture = rng.integers(0, 256, (120, 160, 3), np.uint8)
+        cv2.imwrite(str(folder / part / f"{name}.png"), picture)
+    (folder / "sim" / "label").mkdir()
+    for name in ("000000", "000001"):
+        labels = rng.integers(0, 12, (120, 160), np.uint8)
+        cv2.imwrite(str(folder / "sim" / "label" / f"{name}.png"), labels)
+    (folder / "sim" / "collection.yaml").write_text("kind: simulator\n")
+    config = ParseConfig("road", height_px=size[0], width_px=size[1])
+    save_parser(Parser(config, config.network()), folder / "parser.pt")
+    names = {"--sim": "sim", "--real": "real", "--parser": "parser.pt"}
+    return [text for flag, name in names.items() for text in (flag, str(folder / name))]
+
+
+@pytest.mark.parametrize(
+    ("size", "virtual_labels"),
+    [((60, 80), "true"), ((90, 120), "parser")],
+    ids=["the policy's", "larger"],
+)
+def test_the_command_leaves_a_translator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int], virtual_labels: str
+) -> None:
+    image = preset("lane", "dueling", "fast").image
+    inputs, out = write_inputs(tmp_path, size), tmp_path / "run"
+    command = ["parse", "translate", "--out", str(out), *inputs, "--steps", "1"]
+    command += ["--virtual-labels", virtual_labels]
+    assert main(command) == 0
+    translator = OnnxTranslator(out / "sim_to_real.onnx")
+    assert (translator.contract.method, translator.image) == ("pix2pix", image)
+    made = translator(np.zeros((3, *image.shape), np.uint8))
+    assert made.shape == (3, *image.shape)
+    assert (out / "sheet.png").exists()
+    capsys.readouterr()
+    assert main(command) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert main([*command, "--resume"]) == 0
+
+
+def test_an_unknown_net_is_refused() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'small'"):
+        ThroughOptions("a", "b", "c", "fast", "smal", 1, 0)
+    assert set(PIX2PIX) == set(SEGNETS) == set(NETS)
+    with pytest.raises(ConfigError, match="expected road"):
+        ThroughOptions("a", "b", "c", "fast", "small", 1, 0, labels="track")
+    with pytest.raises(ConfigError, match="expected one of true, parser"):
+        ThroughOptions("a", "b", "c", "fast", "small", 1, 0, virtual_labels="parse")

@@ -1,0 +1,123 @@
+"""The commands from collections to a judged translator, with networks that learn nothing."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.inference.translator import DIRECTIONS, open_translator
+from trainer.cli import main
+from trainer.presets import preset
+from trainer.transfer.lanes import load_lane_finder
+from trainer.transfer.metrics import any_line, bright_lines, overlap
+from trainer.transfer.pictures import load_paint, load_pictures
+from trainer.transfer.unpaired import onnx_file
+
+FAST = preset("lane", "dueling", "fast").image
+
+
+@pytest.fixture(scope="module")
+def run(sim: Path, real: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("run") / "debug"
+    words = ["translate", "train", "--out", str(out), "--preset", "debug", "--steps", "2"]
+    assert main([*words, "--sim", str(sim), "--real", str(real)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def lanes(sim: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("lanes") / "lanes.pt"
+    words = ["translate", "lanes", "--out", str(path), "--sim", str(sim), "--test", str(sim)]
+    assert main([*words, "--steps", "20"]) == 0
+    return path
+
+
+def test_leaves_translators_of_both_directions(run: Path) -> None:
+    pictures = np.random.default_rng(0).integers(0, 256, (4, *FAST.shape), dtype=np.uint8)
+    for direction in DIRECTIONS:
+        translator = open_translator(onnx_file(run, direction), FAST, direction)
+        assert translator.contract.trained_steps == 2
+        translation = translator(pictures)
+        assert translation.shape == pictures.shape
+        np.testing.assert_array_equal(translator(pictures[:1])[0], translation[0])
+
+
+def test_goes_on_where_it_was_killed(
+    run: Path, sim: Path, real: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun = run / "config.yaml"
+    config = begun.read_text()
+    try:
+        begun.write_text(config.replace("steps: 2", "steps: 3"))
+        assert main(["translate", "train", "--out", str(run), "--resume"]) == 0
+        assert torch.load(run / "checkpoint.pt", weights_only=True)["step"] == 3
+        assert main(["translate", "train", "--out", str(run), "--sim", "a", "--real", "b"]) == 2
+        assert "add --resume" in capsys.readouterr().err
+    finally:
+        begun.write_text(config)
+    assert list((run / "tensorboard").iterdir())
+
+
+def test_judges_and_draws(
+    run: Path,
+    lanes: Path,
+    sim: Path,
+    real: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    report, sheet = tmp_path / "judged.json", tmp_path / "sheet.png"
+    onnx, places = run / "sim_to_real.onnx", ["--sim", str(sim), "--real", str(real)]
+    words = ["--model", str(onnx), "--lanes", str(lanes), "--json", str(report)]
+    assert main(["translate", "judge", *words, *places]) == 0
+    judged = json.loads(report.read_text())
+    assert judged["lanes_kept"] > 0.85  # two steps from the identity nothing has moved
+    assert judged["after"]["kid"] == pytest.approx(judged["before"]["kid"], rel=0.2)
+    assert main(["translate", "sheet", str(run), "--out", str(sheet), "--rows", "2", *places]) == 0
+    with_photographs = cv2.imread(str(sheet)).shape
+    assert capsys.readouterr().out.count(str(real)) == 2  # the nearest one of each row
+    assert (
+        main(["translate", "sheet", str(run), "--out", str(sheet), "--rows", "2", *places[:2]]) == 0
+    )
+    assert cv2.imread(str(sheet)).shape[1] * 4 == with_photographs[1] * 3
+
+
+def test_a_lane_finder_is_for_its_pictures(lanes: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="got one for"):
+        load_lane_finder(lanes, ImageSpec())
+    with pytest.raises(ConfigError, match="translate lanes"):
+        load_lane_finder(tmp_path / "none.pt", FAST)
+
+
+def test_overlap_is_that_of_all_line_pixels() -> None:
+    line = np.array([[[0, 1, 1, 2]]])
+    assert overlap(line, line) == 1.0
+    assert overlap(np.array([[[0, 2, 1, 1]]]), line) == 1.0  # the colour does not count
+    assert overlap(np.array([[[1, 1, 0, 0]]]), line) == 0.25
+    assert overlap(np.zeros((1, 1, 4)), np.zeros((1, 1, 4))) == 1.0
+
+
+def test_training_without_folders_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["translate", "train", "--out", str(tmp_path / "new")]) == 2
+    assert "expected --sim and --real folders" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_lines_are_found_by_brightness_where_they_are_painted(sim: Path) -> None:
+    pictures = load_pictures([sim], FAST)
+    paint = load_paint(pictures, FAST)
+    truth = any_line(paint)
+    found = bright_lines(pictures.images, paint)
+    assert overlap(found, truth) > 0.6  # at the edges pixels are half paint
+    dim = (pictures.images * (0.7, 0.6, 0.3)).astype(np.uint8)
+    assert overlap(bright_lines(dim, paint), found) > 0.9
+    moved = np.roll(pictures.images, 3, axis=2)
+    assert overlap(bright_lines(moved, paint), found) < 0.7
+    assert not bright_lines(np.full_like(dim, 90), paint).any()

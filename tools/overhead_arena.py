@@ -1,0 +1,225 @@
+"""Robots that wander over the drawn arena under a camera: what `tools.overhead_drive` drives."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
+from localizer_node.calibration import Board, Calibration, Marker
+from localizer_node.camera_fit import Freedom
+from localizer_node.node import Localizer
+from localizer_node.rectify import map_outline
+from localizer_node.track import RobotPose
+from robot.contract import ACTION_TWISTS, CONTROL_DT_S
+from robot.geometry import Pose
+from robot.navigation.road_map import RoadMap, load_map
+from robot.output import expect_writable, write_text
+from sim_pybullet.look import GroundLook
+from sim_pybullet.overhead import (
+    Hanging,
+    OverheadCamera,
+    OverheadLook,
+    Sheet,
+    board_rgb,
+    coloured,
+    robot_sheets,
+)
+from sim_pybullet.painting.ground import paint_ground
+from sim_pybullet.scene import Ground
+
+FPS = 30
+HANGING_FRAMES = 200  # until the camera is hung anew
+APART_M = 0.24
+WRONG_M = 0.10  # a pose farther off than this is another robot's, or nobody's
+
+
+ROBOTS: dict[str, tuple[Marker, ...]] = {
+    "two_colour": (Marker("a"), Marker("b", front="magenta"), Marker("c", front="orange")),
+    "tag": tuple(Marker(name, "tag", tag=tag) for name, tag in (("a", 3), ("b", 8), ("c", 14))),
+    "plain": (Marker("a", "plain", board=Board(0.18, 0.11)),),
+}
+
+
+@lru_cache(maxsize=1)
+def arena() -> tuple[RoadMap, Ground]:
+    """The arena's map, and its floor painted."""
+    road_map = load_map("arena")
+    return road_map, paint_ground(road_map, GroundLook())
+
+
+def random_look(rng: np.random.Generator) -> OverheadLook:
+    """Lamps on one side, shadows of people, warm or cold light, a camera that is no good."""
+    shadows = tuple(
+        (rng.uniform(0, 2.2), rng.uniform(0, 2.6), rng.uniform(0.2, 0.6), rng.uniform(0.2, 0.5))
+        for _ in range(2)
+    )
+    return OverheadLook(
+        brightness=rng.uniform(0.75, 1.15),
+        gradient=rng.uniform(0.0, 0.5),
+        gradient_rad=rng.uniform(-math.pi, math.pi),
+        shadows=shadows,
+        white_balance=(rng.uniform(0.93, 1.07), 1.0, rng.uniform(0.93, 1.07)),
+        blur_px=rng.uniform(0.4, 1.0),
+        noise=rng.uniform(1.0, 5.0),
+    )
+
+
+def random_camera(rng: np.random.Generator) -> OverheadCamera:
+    """A camera hung by hand, a few centimetres and degrees off."""
+    place = (1.1 + rng.normal(0, 0.03), 1.32 + rng.normal(0, 0.03), 2.5 + rng.normal(0, 0.02))
+    tilt = (rng.normal(0, 0.02), rng.normal(0, 0.02))
+    yaw = rng.choice([0.5, -0.5]) * math.pi + rng.normal(0, 0.03)
+    return OverheadCamera(arena()[1], Hanging(place, yaw, tilt), look=random_look(rng))
+
+
+def clicked(
+    camera: OverheadCamera, robots: tuple[Marker, ...], rng: np.random.Generator
+) -> Calibration:
+    """What a person gets: corners and middles of the edges clicked, the height measured."""
+    road_map = arena()[0]
+    size = (road_map.width_m, road_map.height_m)
+    edge = map_outline(size, points_per_side=2)
+    pixels = camera.to_pixels(np.column_stack((edge, np.zeros(len(edge)))))
+    pixels += rng.normal(0.0, 0.5, pixels.shape)
+    points = [KnownPoint(*map(float, (*p, *q))) for p, q in zip(pixels, edge, strict=True)]
+    height = camera.hanging.position_m[2] + rng.normal(0.0, 0.01)
+    lens = guess_lens("fisheye", camera.lens.width_px, camera.lens.height_px)
+    return calibrate(points, lens, Freedom(True, 1, height), size, robots).calibration
+
+
+def clutter(rng: np.random.Generator) -> list[Sheet]:
+    """Blue things: two on the arena, of no board's size, and two boards' worth beside it."""
+    x, y, turn = rng.uniform(0.3, 1.9), rng.uniform(0.3, 2.3), rng.uniform(-3.0, 3.0)
+    return [
+        coloured("blue", x, y, turn, (0.05, 0.04, 0.0)),
+        coloured("blue", 2.2 - x, 2.6 - y, turn, (0.45, 0.03, 0.0)),
+        coloured("blue", -0.25, y, turn, (0.16, 0.14, 0.0)),
+        coloured("blue", x, 2.95, turn, (0.3, 0.25, 0.2)),
+    ]
+
+
+@dataclass
+class Wanderer:
+    """Takes random actions, and turns on the spot rather than meet a wall or another robot."""
+
+    pose: Pose
+    action: int = 2
+    left: int = 0
+
+    def step(self, others: list[Pose], rng: np.random.Generator) -> None:
+        """Move on by one picture."""
+        if self.left == 0:
+            self.action, self.left = int(rng.integers(5)), round(CONTROL_DT_S * FPS)
+        self.left -= 1
+        forward, turn = ACTION_TWISTS[self.action]
+        moved = self.pose.moved(forward / FPS, turn / FPS)
+        ahead = self.pose.moved(forward / FPS + 0.05, turn / FPS)
+        free = all(math.dist(ahead[:2], other[:2]) > APART_M for other in others)
+        if free and 0.12 < ahead.x_m < 2.08 and 0.12 < ahead.y_m < 2.52:
+            self.pose = moved
+        else:
+            self.pose = self.pose.moved(0.0, 2.4 / FPS)
+
+
+@dataclass
+class Score:
+    """Errors of every pose told."""
+
+    position_m: list[float] = field(default_factory=list)
+    heading_rad: list[float] = field(default_factory=list)
+    told: int = 0
+    expected: int = 0
+    wrong: int = 0
+    seconds: list[float] = field(
+        default_factory=list
+    )  # of processor time to locate, of each picture
+
+    def add(self, told: Iterable[RobotPose], poses: dict[str, Pose]) -> None:
+        """Compare the poses told of one picture with the true ones."""
+        self.expected += len(poses)
+        for one in told:
+            true = poses[one.robot]
+            error = math.hypot(one.x_m - true.x_m, one.y_m - true.y_m)
+            self.told += 1
+            self.wrong += error > WRONG_M
+            self.position_m.append(error)
+            if one.heading_rad is not None:
+                turn = (one.heading_rad - true.heading_rad + math.pi) % (2 * math.pi) - math.pi
+                self.heading_rad.append(abs(turn))
+
+    @property
+    def position_rms_mm(self) -> float:
+        """[mm]"""
+        return 1000.0 * float(np.sqrt(np.mean(np.square(self.position_m))))
+
+    @property
+    def heading_rms_deg(self) -> float:
+        """[degrees]"""
+        return math.degrees(float(np.sqrt(np.mean(np.square(self.heading_rad)))))
+
+    def summary(self) -> dict[str, float]:
+        """The figures, by name."""
+        return {
+            "poses": self.told,
+            "seen_share": self.told / max(self.expected, 1),
+            "wrong": self.wrong,
+            "position_rms_mm": self.position_rms_mm,
+            "position_max_mm": 1000.0 * max(self.position_m),
+            "heading_rms_deg": self.heading_rms_deg,
+            "heading_max_deg": math.degrees(max(self.heading_rad)),
+            "heading_share": len(self.heading_rad) / max(self.told, 1),
+            "locate_p50_ms": 1000.0 * float(np.percentile(self.seconds, 50)),
+            "locate_p99_ms": 1000.0 * float(np.percentile(self.seconds, 99)),
+        }
+
+
+def drive(
+    robots: tuple[Marker, ...], frames: int, seed: int, score: Score, blue_things: bool = True
+) -> None:
+    """One camera, newly hung and calibrated, and its robots for some frames; adds to ``score``."""
+    rng = np.random.default_rng(seed)
+    camera = random_camera(rng)
+    localizer = Localizer(clicked(camera, robots, rng))
+    crowd = {
+        m.robot: Wanderer(Pose(0.5 + 0.55 * i, 0.7 + 0.5 * i, rng.uniform(-3.0, 3.0)))
+        for i, m in enumerate(robots)
+    }
+    boards = {m.robot: board_rgb(m) for m in robots}
+    things = clutter(rng) if blue_things else []
+    for i in range(frames):
+        for name, wanderer in crowd.items():
+            wanderer.step([w.pose for n, w in crowd.items() if n != name], rng)
+        sheets = [s for m in robots for s in robot_sheets(m, crowd[m.robot].pose, boards[m.robot])]
+        picture = camera.render([*things, *sheets], rng)
+        began_s = time.process_time()
+        told = localizer.feed(picture, i / FPS)
+        score.seconds.append(time.process_time() - began_s)
+        score.add(told, {n: w.pose for n, w in crowd.items()})
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Drive as asked; ConfigError where the figures cannot be written."""
+    expect_writable(options.json)
+    cv2.setNumThreads(1)
+    score = Score()
+    runs = math.ceil(options.frames / HANGING_FRAMES)
+    for run in track(range(runs), "driving", console=Console(stderr=True)):
+        frames = min(HANGING_FRAMES, options.frames - run * HANGING_FRAMES)
+        kind = options.kind
+        drive(ROBOTS[kind], frames, options.seed + run, score, blue_things=kind != "plain")
+    figures = {"kind": options.kind, "frames": options.frames, **score.summary()}
+    text = json.dumps(figures, indent=1)
+    if options.json:
+        write_text(options.json, text + "\n")
+    print(text)

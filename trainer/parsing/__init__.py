@@ -1,1 +1,0 @@
-"""Scene parsing (paper B): classes of the road, SegNet, labelled real and simulated frames."""

@@ -1,0 +1,211 @@
+"""CycleGAN (Zhu et al. 2017): its configuration, one step, what it remembers between steps."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from trainer.config import choose
+from trainer.presets import preset
+from trainer.resumable import descend, set_rate
+from trainer.transfer.networks import PatchCritic, narrow_unet, residual
+from trainer.transfer.structure import structure
+
+GENERATORS = {"unet": narrow_unet, "resnet": residual}
+AVERAGED_STEPS = 200  # over which the weights that are kept are averaged
+
+
+@dataclass(frozen=True)
+class TranslationConfig:
+    """CycleGAN (Zhu et al. 2017); ``config.yaml`` of a run's folder.
+
+    The preset ``paper`` has its weights and learning rate; ``fast`` is in more of a hurry.
+    """
+
+    sim: tuple[str, ...]  # folders of simulated frames with labels
+    real: tuple[str, ...]  # folders of photographs
+    image: ImageSpec
+    generator: str = "unet"
+    width: int = 12  # channels of the first layer
+    blocks: int = 1  # residual blocks at the narrowest place
+    critic_width: int = 16
+    critic_layers: int = 2  # that halve; with 2 a patch is 34 px wide, with 3 it is 70
+    steps: int = 2_000
+    batch: int = 2
+    learning_rate: float = 6e-4
+    decay_from: float = 0.5  # share of the steps after which the rate falls linearly to 0
+    cycle: float = 10.0  # weights of the losses
+    identity: float = 1.0
+    structure: float = 5.0  # that painted lines stay where they are
+    pool: int = 50  # translations that the critics may see again (Shrivastava et al. 2017)
+    seed: int = 0
+    threads: int = 1
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        choose("generator", self.generator, GENERATORS)
+        if min(self.steps, self.batch) < 1:
+            got = f"{self.steps}, {self.batch}"
+            raise ConfigError(f"translation: expected steps and batch from 1, got {got}")
+
+
+def translation_preset(name: str, sim: tuple[str, ...], real: tuple[str, ...]) -> TranslationConfig:
+    """The named starting point; pictures are those of the policies of the same preset.
+
+    Raises:
+        ConfigError: an unknown name, with the nearest known one.
+    """
+    fast = TranslationConfig(sim, real, preset("lane", "dueling", name).image)
+    paper: dict[str, Any] = {
+        "generator": "resnet", "width": 32, "blocks": 6, "critic_width": 64, "critic_layers": 3,
+        "steps": 100_000, "batch": 1, "learning_rate": 2e-4, "identity": 5.0, "device": "auto",
+    }  # fmt: skip
+    debug = {"width": 8, "critic_width": 8, "steps": 8, "pool": 4}
+    changes = choose("preset", name, {"fast": {}, "paper": paper, "debug": debug})
+    return replace(fast, **changes)
+
+
+class Batch(NamedTuple):
+    """Unpaired pictures (N, 3, H, W) in [-1, 1]; of the simulated ones the paint (N, 4, H, W)."""
+
+    sim: torch.Tensor
+    real: torch.Tensor
+    paint: torch.Tensor
+
+
+def adversarial(scores: torch.Tensor, real: bool) -> torch.Tensor:
+    """Least squares (Mao et al. 2017)."""
+    return functional.mse_loss(scores, torch.full_like(scores, float(real)))
+
+
+class ImagePool:
+    """Earlier translations that a critic sees again, lest it forgets them."""
+
+    def __init__(self, size: int, rng: np.random.Generator) -> None:
+        self._size, self._rng = size, rng
+        self.pictures: list[torch.Tensor] = []
+
+    def exchanged(self, made: torch.Tensor) -> torch.Tensor:
+        """The translations, half of them exchanged for earlier ones."""
+        given = []
+        for picture in made.detach():
+            if len(self.pictures) < self._size:
+                self.pictures.append(picture)
+            elif self._rng.random() < 0.5:
+                k = int(self._rng.integers(self._size))
+                self.pictures[k], picture = picture, self.pictures[k]
+            given.append(picture)
+        return torch.stack(given)
+
+
+class CycleGan:
+    """Two generators, two critics, their optimisers and pools.
+
+    ``kept_to_real`` and ``kept_to_sim`` are the generators to use: running means of the weights.
+    Generators and critics chase each other; a mean stands still (Yazici et al. 2019).
+    """
+
+    def __init__(self, config: TranslationConfig, device: torch.device) -> None:
+        torch.manual_seed(config.seed)
+        self.config, self.device = config, device
+        made = [GENERATORS[config.generator](config.width, config.blocks) for _ in range(2)]
+        critics = [PatchCritic(config.critic_width, config.critic_layers) for _ in range(2)]
+        self._pair = nn.ModuleList(made).to(device)
+        self._kept = copy.deepcopy(self._pair).requires_grad_(False)
+        self._judges = nn.ModuleList(critics).to(device)
+        self.to_real, self.to_sim = self._pair
+        self.kept_to_real, self.kept_to_sim = self._kept
+        self.real_critic, self.sim_critic = self._judges
+        self.generators, self.critics = (
+            torch.optim.Adam(part.parameters(), config.learning_rate, (0.5, 0.999), fused=True)
+            for part in (self._pair, self._judges)
+        )
+        self.rng = np.random.default_rng(config.seed)
+        self.real_pool, self.sim_pool = (ImagePool(config.pool, self.rng) for _ in range(2))
+        self.steps = 0
+
+    def step(self, batch: Batch) -> dict[str, float]:
+        """One update of all four networks; the losses by name, unweighted."""
+        set_rate((self.generators, self.critics), self._rate())
+        made_real, made_sim, losses = self._generate(batch)
+        losses["critic_real"] = self._judge(self.real_critic, batch.real, made_real, self.real_pool)
+        losses["critic_sim"] = self._judge(self.sim_critic, batch.sim, made_sim, self.sim_pool)
+        descend(self.critics, losses["critic_real"] + losses["critic_sim"])
+        self.steps += 1
+        self._average()
+        return {name: float(loss.detach()) for name, loss in losses.items()}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that the next step depends on."""
+        return {
+            "parts": [part.state_dict() for part in self._parts()],
+            "pools": [self.real_pool.pictures, self.sim_pool.pictures],
+            "rng": self.rng.bit_generator.state,
+            "steps": self.steps,
+        }
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
+        """Go on from what ``state_dict`` gave."""
+        for part, state in zip(self._parts(), state_dict["parts"], strict=True):
+            part.load_state_dict(state)
+        for pool, seen in zip((self.real_pool, self.sim_pool), state_dict["pools"], strict=True):
+            pool.pictures = [picture.to(self.device) for picture in seen]
+        self.rng.bit_generator.state = state_dict["rng"]
+        self.steps = state_dict["steps"]
+
+    def _generate(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
+        config = self.config
+        self._judges.requires_grad_(False)
+        made_real, made_sim = self.to_real(batch.sim), self.to_sim(batch.real)
+        losses = {
+            "fool_real": adversarial(self.real_critic(made_real), True),
+            "fool_sim": adversarial(self.sim_critic(made_sim), True),
+            "cycle": functional.l1_loss(self.to_sim(made_real), batch.sim)
+            + functional.l1_loss(self.to_real(made_sim), batch.real),
+            "structure": structure(made_real, batch.paint),
+        }
+        total = losses["fool_real"] + losses["fool_sim"] + config.cycle * losses["cycle"]
+        if config.identity:
+            losses["identity"] = self._identity(batch)
+            total = total + config.identity * losses["identity"]
+        if config.structure:
+            total = total + config.structure * losses["structure"]
+        descend(self.generators, total)
+        self._judges.requires_grad_(True)
+        return made_real.detach(), made_sim.detach(), losses
+
+    def _identity(self, batch: Batch) -> torch.Tensor:
+        """Both directions in turns, each counted twice: the same on average for half the work."""
+        if self.steps % 2:
+            return 2.0 * functional.l1_loss(self.to_real(batch.real), batch.real)
+        return 2.0 * functional.l1_loss(self.to_sim(batch.sim), batch.sim)
+
+    def _judge(
+        self, critic: nn.Module, real: torch.Tensor, made: torch.Tensor, pool: ImagePool
+    ) -> torch.Tensor:
+        earlier = pool.exchanged(made)
+        return 0.5 * (adversarial(critic(real), True) + adversarial(critic(earlier), False))
+
+    @torch.no_grad()
+    def _average(self) -> None:
+        share = 1.0 / min(self.steps, AVERAGED_STEPS)
+        with_newest = zip(self._kept.parameters(), self._pair.parameters(), strict=True)
+        for kept, newest in with_newest:
+            kept.lerp_(newest, share)
+
+    def _rate(self) -> float:
+        begin = self.config.decay_from * self.config.steps
+        left = 1.0 - max(0.0, self.steps - begin) / max(1.0, self.config.steps - begin)
+        return self.config.learning_rate * left
+
+    def _parts(self) -> tuple[Any, ...]:
+        """What has a state of its own."""
+        return (*self._pair, *self._judges, *self._kept, self.generators, self.critics)

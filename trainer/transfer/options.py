@@ -1,0 +1,80 @@
+"""What the trainings of parsers and of translations through parsing can be asked for.
+
+Each is part of a run's ``config.yaml``, too. Imports nothing heavy: ``--help`` needs these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from robot.errors import ConfigError, nearest
+
+NETS = ("paper", "small")  # of SegNet and of pix2pix
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where labelled frames come from."""
+
+    pairs: tuple[str, ...] = ()
+    """Folders with image/ and label/: CamVid's, or collections from the simulator."""
+    annotations: str = ""
+    """A file of labels drawn on photographs, or the name of a shipped one."""
+    photos: str = ""
+    """The folder of these photographs."""
+
+
+@dataclass(frozen=True)
+class ThroughOptions:
+    """How a translation through parsing is taught."""
+
+    sim: str
+    """A collection from the simulator."""
+    real: str
+    """A folder of photographs, or a collection of another look that stands for them."""
+    parser: str = ""
+    """What labels photographs (python -m trainer parse train --labels road), .pt."""
+    preset: str = "fast"
+    """The pictures are those of the policies of this preset."""
+    net: str = "small"
+    """small or paper."""
+    steps: int = 2000
+    """Updates of each of the two networks."""
+    seed: int = 0
+    """Of everything random."""
+    task: str = "lane"
+    """Of the policies whose pictures these are."""
+    labels: str = "road"
+    """road, or track for race tracks: kerbs, grass, walls and sky are told apart."""
+    virtual_labels: str = "true"
+    """true (the simulator's own, as paper B) or parser (what the photographs' parser sees in the
+    simulator: of the kind that the second network learns from)."""
+
+    def __post_init__(self) -> None:
+        known_net(self.net)
+        if bool(self.parser) == is_collection(Path(self.real)):
+            raise ConfigError(
+                f"parser: expected one for photographs and none for a collection, got "
+                f"{self.parser or 'none'} for {self.real}"
+            )
+        if self.parser and self.labels != "road":
+            raise ConfigError(
+                f"labels: expected road, which parsers see in photographs, got {self.labels!r}"
+            )
+        wanted = ("true", "parser") if self.parser else ("true",)
+        if self.virtual_labels not in wanted:
+            raise ConfigError(
+                f"virtual_labels: expected one of {', '.join(wanted)}, got {self.virtual_labels!r}"
+            )
+
+
+def known_net(name: str) -> None:
+    """Refuse the name of a network that there is not."""
+    if name not in NETS:
+        raise ConfigError(f"net: unknown {name!r}; {nearest(name, NETS)}")
+
+
+def is_collection(folder: Path) -> bool:
+    """Whether the simulator's frames and labels lie there (``python -m trainer collect``)."""
+    return (folder / "collection.yaml").exists() and (folder / "label").is_dir()

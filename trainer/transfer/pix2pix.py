@@ -1,0 +1,136 @@
+"""pix2pix (Isola et al. 2017) as paper B states it, and a small variant, taught on pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import nn
+from torch.nn import functional
+
+from robot.contract import ImageSpec
+from trainer.resumable import Loop, Stateful, descend, set_rate
+from trainer.transfer.networks import PatchCritic, as_floats, pix2pix_unet, resized
+
+
+@dataclass(frozen=True)
+class Pix2PixConfig:
+    """Networks and weights of one translation."""
+
+    height_px: int = 256  # inside the networks: a multiple of 2 ** halvings
+    width_px: int = 256
+    channels: int = 64  # of the first layer; doubled until `MOST_WIDENING`
+    halvings: int = 8
+    critic_layers: int = 3  # halvings of the PatchGAN; with 3 a patch is 70 px wide
+    batch: int = 16
+    learning_rate: float = 2e-4
+    momentum: float = 0.5  # Adam's first
+    l1: float = 100.0
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) inside the networks [px]."""
+        return (self.height_px, self.width_px)
+
+
+PAPER = Pix2PixConfig()
+SMALL = Pix2PixConfig(40, 80, 16, 3, 2, batch=8, learning_rate=1e-3)
+PIX2PIX = {"paper": PAPER, "small": SMALL}
+
+
+def fitted(config: Pix2PixConfig, image: ImageSpec) -> Pix2PixConfig:
+    """The small networks at the pictures' own size, where they can be halved so often.
+
+    Enlarging 40 rows to 48 blurs edges and leaves stripes. The paper's size stays the paper's.
+    """
+    height, width, _ = image.shape
+    divisible = height % 2**config.halvings == width % 2**config.halvings == 0
+    if config is PAPER or not divisible:
+        return config
+    return replace(config, height_px=height, width_px=width)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pictures to translate and what they should become, both (N, H, W, 3) uint8."""
+
+    given: np.ndarray
+    wanted: np.ndarray
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """``count`` pairs (N, 3, H, W) in [-1, 1], half of them in the mirror."""
+        chosen = rng.integers(len(self.given), size=count)
+        mirrored = (rng.random(count) < 0.5)[:, None, None, None]
+        given, wanted = (
+            as_floats(torch.from_numpy(np.where(mirrored, some[:, :, ::-1], some)))
+            for some in (self.given[chosen], self.wanted[chosen])
+        )
+        return given, wanted
+
+
+class Pix2Pix:
+    """Generator, critic and their optimisers: one step at a time."""
+
+    def __init__(self, config: Pix2PixConfig, seed: int) -> None:
+        torch.manual_seed(seed)
+        self.config = config
+        generator = pix2pix_unet(config.size, config.channels, config.halvings)
+        self.generator = generator.apply(_normal)
+        critic = PatchCritic(config.channels, config.critic_layers, 6, nn.BatchNorm2d)
+        self.critic = critic.apply(_normal)
+        self.of_generator, self.of_critic = (
+            torch.optim.Adam(net.parameters(), config.learning_rate, (config.momentum, 0.999))
+            for net in (self.generator, self.critic)
+        )
+
+    def judged(self, given: torch.Tensor, translation: torch.Tensor) -> torch.Tensor:
+        """Logits (N, 1, h, w) that patches of a translation belong to the picture given."""
+        pair = [resized(each, self.config.size, "bilinear") for each in (given, translation)]
+        logits: torch.Tensor = self.critic(torch.cat(pair, 1))
+        return logits
+
+    def step(self, given: torch.Tensor, wanted: torch.Tensor) -> float:
+        """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1]."""
+        made = self.generator.train()(given)
+        real, fake = self.judged(given, wanted), self.judged(given, made.detach())
+        descend(self.of_critic, 0.5 * (_belongs(real, 1.0) + _belongs(fake, 0.0)))
+        distance = functional.l1_loss(made, wanted)
+        fooled = _belongs(self.judged(given, made), 1.0)
+        descend(self.of_generator, fooled + self.config.l1 * distance)
+        return float(distance.detach())
+
+
+def teach_pairs(
+    model: Pix2Pix, pairs: Pairs, steps: int, seed: int, checkpoint: Path, console: Console
+) -> nn.Module:
+    """Train one translation, from where ``checkpoint`` left off; its generator.
+
+    The rate is constant for half of the steps and then falls linearly to nothing, as in Isola et
+    al. 2017: the last updates would else leave their own texture on even surfaces.
+    """
+    names = ("generator", "critic", "of_generator", "of_critic")
+    parts: dict[str, Stateful] = {name: getattr(model, name) for name in names}
+    optimisers = (model.of_generator, model.of_critic)
+
+    def step(rng: np.random.Generator, k: int) -> str:
+        set_rate(optimisers, model.config.learning_rate * min(1.0, 2.0 - 2.0 * k / steps))
+        return f"L1 {model.step(*pairs.draw(model.config.batch, rng)):.3f}"
+
+    Loop(checkpoint, parts, steps, seed).run(step, checkpoint.stem, console)
+    return model.generator.eval()
+
+
+def _belongs(logits: torch.Tensor, truth: float) -> torch.Tensor:
+    target = torch.full_like(logits, truth)
+    return functional.binary_cross_entropy_with_logits(logits, target)
+
+
+def _normal(module: nn.Module) -> None:
+    """Isola et al.: weights from N(0, 0.02)."""
+    if isinstance(module, (nn.Conv2d, nn.ConvTranspose2d)):
+        nn.init.normal_(module.weight, 0.0, 0.02)
+    elif isinstance(module, nn.BatchNorm2d):
+        nn.init.normal_(module.weight, 1.0, 0.02)

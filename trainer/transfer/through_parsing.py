@@ -1,0 +1,161 @@
+"""Paper B's realistic translation network: virtual -> parsing -> real, two pix2pix in a row.
+
+The first learns from the simulator's frames and labels, the second from photographs and what a
+parser sees in them; or from the frames and labels of another simulated world, which then stands
+for the real one (paper B, section 3.2). Between the two the picture is read: each pixel becomes the
+nearest class's colour, as the second network learned to take it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from rich.console import Console
+from torch import nn
+from torch.nn import functional
+
+from robot.camera.replay import picture_files, read_picture
+from robot.camera.source import fit_to_frame
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.inference.preprocess import preprocess, preprocess_batch
+from robot.inference.translator import DIRECTIONS, TranslatorContract
+from trainer.presets import preset
+from trainer.transfer.classes import ROAD, LabelSet, label_set
+from trainer.transfer.export import export_translator
+from trainer.transfer.labelled import load_pairs
+from trainer.transfer.metrics import through
+from trainer.transfer.networks import as_bytes, as_floats, painted
+from trainer.transfer.options import ThroughOptions
+from trainer.transfer.parser import ROWS, Parser, load_parser
+from trainer.transfer.pictures import spread
+from trainer.transfer.pix2pix import PIX2PIX, Pairs, Pix2Pix, fitted, teach_pairs
+from trainer.transfer.sheet import draw_sheet
+
+FRAME = (120, 160)  # height, width [px]
+
+
+def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
+    """Do what is left of a run; the translator's path.
+
+    Args:
+        out: the run's folder, which holds its configuration.
+        run: that configuration.
+        console: where progress is shown.
+
+    Raises:
+        ConfigError: the simulator's frames, the photographs or the parser do not fit.
+        ContractError: torch and ONNX disagree.
+    """
+    image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
+    net = fitted(PIX2PIX[run.net], image)
+    parser = load_parser(Path(run.parser)) if run.parser else None
+    sees = parser if run.virtual_labels == "parser" else None
+    virtual = virtual_pairs(Path(run.sim), image, labels, sees)
+    if parser is not None:
+        real = real_pairs(Path(run.real), parser, image)
+    else:
+        other = virtual_pairs(Path(run.real), image, labels)
+        real = Pairs(other.wanted, other.given)
+
+    def taught(name: str, pairs: Pairs) -> nn.Module:
+        model = Pix2Pix(net, run.seed)
+        return teach_pairs(model, pairs, run.steps, run.seed, out / f"{name}.pt", console)
+
+    to_parsing = taught("virtual_to_parsing", virtual)
+    network = ThroughParsing(to_parsing, taught("parsing_to_real", real), labels)
+    contract = TranslatorContract(
+        "pix2pix", DIRECTIONS[0], image, out.resolve().name, run.steps, notes=("through parsing",)
+    )
+    path = out / "sim_to_real.onnx"
+    export_translator(network, contract, path)
+    chosen = spread(len(virtual.given), ROWS)
+    given, wanted = virtual.given[chosen], virtual.wanted[chosen]
+    columns = {
+        "input": given,
+        "classes found": through(lambda some: as_bytes(network.parsed(some)), given),
+        "true classes": wanted,
+        "translation": through(network, given),
+        "a photograph": real.wanted[spread(len(real.wanted), ROWS)],
+    }
+    draw_sheet(out / "sheet.png", columns)
+    return path
+
+
+def virtual_pairs(
+    collection: Path, image: ImageSpec, labels: LabelSet = ROAD, parser: Parser | None = None
+) -> Pairs:
+    """A simulator's frames and their labels painted, as a policy's pictures.
+
+    Args:
+        collection: its folder.
+        image: the policy's picture.
+        labels: of the pictures painted.
+        parser: says what is seen, in place of the simulator's own labels.
+
+    Raises:
+        ConfigError: not a collection.
+    """
+    data = load_pairs(collection, labels, FRAME)
+    given = np.stack([preprocess(frame, image) for frame in data.frames])
+    if parser is not None:
+        seen = class_pictures(data.frames, parser, image)
+    else:
+        # labels are made small as frames are, so that a thin line does not come and go
+        seen = np.stack([preprocess(labels.paint(truth), image) for truth in data.truth])
+    return Pairs(given, labels.paint(labels.read(seen)))
+
+
+def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
+    """What a parser sees in photographs, painted, and the photographs, as a policy's pictures.
+
+    Raises:
+        ConfigError: no photographs, or a parser with other labels.
+    """
+    frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
+    seen = class_pictures(frames, parser, image)
+    return Pairs(ROAD.paint(ROAD.read(seen)), preprocess_batch(frames, image))
+
+
+def class_pictures(frames: np.ndarray, parser: Parser, image: ImageSpec) -> np.ndarray:
+    """What a parser sees in frames (N, 120, 160, 3), painted, as a policy's pictures.
+
+    The parser may look at larger pictures than the policy: what it sees is then made smaller, and
+    edges blend.
+
+    Raises:
+        ConfigError: a parser with other labels.
+    """
+    if parser.labels is not ROAD:
+        raise ConfigError(f"parser: expected one of labels 'road', got {parser.labels.name!r}")
+    seen = ROAD.paint(parser(preprocess_batch(frames, parser.config.image)))
+    whole = (cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen)
+    return np.stack([preprocess(np.asarray(one), image) for one in whole])
+
+
+class ThroughParsing(nn.Module):
+    """Both networks as one: (N, H, W, 3) uint8 RGB -> the same; what is exported."""
+
+    colours: torch.Tensor  # (C, 3) in [-1, 1]
+    offsets: torch.Tensor  # (C,) their squared lengths
+
+    def __init__(self, to_parsing: nn.Module, to_real: nn.Module, labels: LabelSet = ROAD) -> None:
+        super().__init__()
+        self.to_parsing, self.to_real = to_parsing, to_real
+        colours = torch.tensor(labels.colours, dtype=torch.float32)
+        self.register_buffer("colours", colours / 127.5 - 1.0)
+        self.register_buffer("offsets", self.colours.square().sum(1))
+
+    def parsed(self, pictures: torch.Tensor) -> torch.Tensor:
+        """(N, H, W, 3) uint8 -> (N, 3, H, W), each pixel one class's colour in [-1, 1]."""
+        seen = self.to_parsing(as_floats(pictures))
+        # |p|^2 less |p - c|^2
+        nearness = functional.conv2d(seen, 2.0 * self.colours[:, :, None, None], -self.offsets)
+        return painted(nearness, self.colours)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        return as_bytes(self.to_real(self.parsed(image)))

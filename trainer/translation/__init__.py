@@ -1,1 +1,0 @@
-"""Simulated pictures made to look real, and real ones simulated: CycleGAN on unpaired folders."""
