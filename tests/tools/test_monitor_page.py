@@ -138,6 +138,11 @@ def test_a_person_drives_stops_and_sees_silence(browser: Browser, programs: Prog
     assert browser.problems == []
 
 
+def chosen(browser: Browser) -> list[float]:
+    """The destination that the page names."""
+    return [float(v) for v in re.findall(r"-?[0-9.]+", text(browser, "#choice-text"))[:2]]
+
+
 PROBLEM = "document.querySelector('#problem')"
 
 
@@ -161,12 +166,13 @@ def test_a_place_off_the_road_is_told_beside_the_map_and_arms_nobody(
 
     click_map(browser, *off_road(road_map, 1.05), programs.map)
     browser.until(f"!{PROBLEM}.hidden")
-    assert "off the road" in text(browser, "#problem")
+    assert "more than a tile from any lane" in text(browser, "#problem")
+    expect_problem_at(browser, *on_screen(browser, programs.map, *off_road(road_map, 1.05)))
     assert browser.evaluate("document.querySelector('#choice').hidden")
 
     click_map(browser, *off_road(road_map, 0.9), programs.map)  # within a tile: snapped to a lane
     browser.until(f"{PROBLEM}.hidden && !document.querySelector('#choice').hidden")
-    x_m, y_m = (float(v) for v in re.findall(r"-?[0-9.]+", text(browser, "#choice-text"))[:2])
+    x_m, y_m = chosen(browser)
     assert road_map.lane_index.near(x_m, y_m).distance_m.min() < 0.01
 
     far = start.moved(0.6, 0.0)
@@ -174,10 +180,104 @@ def test_a_place_off_the_road_is_told_beside_the_map_and_arms_nobody(
     browser.click_on("#go")
     browser.until(f"!{PROBLEM}.hidden")
     assert re.search(r"it is 0\.[56]\d m from there", text(browser, "#problem"))
+    expect_problem_at(browser, *on_screen(browser, programs.map, *start.moved(0.9, 0.0)[:2]))
     assert text(browser, "#state") == "DISARMED"
     assert "READY" not in text(browser, "#log"), "nothing was armed on the way"
     browser.click_on("#forget")
     browser.until(f"{PROBLEM}.hidden")
+    assert browser.problems == []
+
+
+def expect_problem_at(browser: Browser, x: float, y: float) -> None:
+    """Above or below a place on the screen, and within the map."""
+    left, top, right, bottom = box(browser, "#problem")
+    outer = box(browser, "#map")
+    assert outer[0] <= left <= x <= right <= outer[2]
+    assert outer[1] <= top < bottom <= outer[3]
+    assert min(abs(y - bottom), abs(y - top)) < 30
+
+
+def box(browser: Browser, selector: str) -> list[float]:
+    """Left, top, right and bottom of an element [px of CSS]."""
+    found: list[float] = browser.evaluate(
+        f"(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect();"
+        "return [b.left, b.top, b.right, b.bottom]; })()"
+    )
+    return found
+
+
+SNAPPED = """
+(async () => {
+  const { sampled, snap } = await import("/static/geometry.js");
+  const { lanes, tile_size_m } = await (await fetch("/api/map")).json();
+  const lines = lanes.map((lane) => sampled(lane, 12));
+  return PLACES.map((place) => {
+    const found = snap(place, lines, tile_size_m);
+    return [found, found && snap(found, lines, tile_size_m)];
+  });
+})()
+"""
+
+
+@pytest.mark.parametrize("programs", ["town"], indirect=True)
+def test_a_place_snaps_to_the_nearest_lane_within_a_tile(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs)
+    road_map = load_map(programs.map)
+    size = (road_map.width_m, road_map.height_m)
+    places = np.random.default_rng(0).uniform((-1.0, -1.0), np.add(size, 1.0), (200, 2))
+    snapped = browser.evaluate(SNAPPED.replace("PLACES", json.dumps(places.tolist())))
+    assert any(found is None for found, _ in snapped)
+    for place, (found, again) in zip(places, snapped, strict=True):
+        least_m = road_map.lane_index.near(*place).distance_m.min()
+        if found is None:
+            assert least_m > road_map.tile_size_m - 0.003
+            continue
+        assert np.hypot(*(place - found)) == pytest.approx(least_m, abs=0.003)
+        assert road_map.lane_index.near(*found).distance_m.min() < 0.003
+        assert again == pytest.approx(found, abs=1e-6), "a place on a lane stays"
+
+
+def test_zooming_keeps_the_place_under_the_pointer_and_following_the_robot_in_the_middle(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs)
+    ahead = start_pose(load_map("loop")).moved(0.5, 0.0)
+    x, y = on_screen(browser, "loop", *ahead[:2])
+    browser.click(x, y)
+    before = chosen(browser)
+    browser.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-700)
+    browser.click(x, y)
+    assert chosen(browser) == pytest.approx(before, abs=0.011)
+
+    browser.click_on("#follow")
+    browser.click_on("#go")
+    browser.until("document.querySelector('#mission-phase').textContent === 'arrived'")
+    left, top, right, bottom = box(browser, "#map")
+    browser.click((left + right) / 2, top + 18 + (bottom - top - 88) / 2)
+    assert chosen(browser) == pytest.approx(ahead[:2], abs=0.25), (
+        "the middle of the map is the robot"
+    )
+    assert browser.problems == []
+
+
+def test_the_last_minute_is_drawn_and_the_theme_turns(browser: Browser, programs: Programs) -> None:
+    opened(browser, programs)
+    click_map(browser, *start_pose(load_map("loop")).moved(0.8, 0.0)[:2])
+    browser.click_on("#go")
+    browser.until(f"{STATE} === 'AUTO'")
+    curves = "[...document.querySelectorAll('.plot .curve')].map((p) => p.getAttribute('d'))"
+    browser.until(f"{curves}.every((d) => (d.match(/L/g) ?? []).length >= 5)")
+    values = "[...document.querySelectorAll('.plot b')].map((b) => b.textContent)"
+    assert all(re.search(r"[0-9.]+ (cm|ms)", value) for value in browser.evaluate(values))
+    browser.theme("light")
+    page = "getComputedStyle(document.body).backgroundColor"
+    light = browser.evaluate(page)
+    browser.click_on("#theme")
+    assert browser.evaluate(page) != light
+    browser.click_on("#theme")
+    assert browser.evaluate(page) == light
     assert browser.problems == []
 
 

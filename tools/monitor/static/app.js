@@ -2,9 +2,10 @@
 
 import { Hand } from "./hand.js";
 import { MapView } from "./map.js";
+import { Minute } from "./minute.js";
 import {
-  $, Picture, addLog, makeActions, showAction, showAges, showHealth, showMission, showRates,
-  showState, toast,
+  $, Picture, addLog, makeActions, pressed, showAction, showAges, showHealth, showMission,
+  showRates, showState, toast,
 } from "./panels.js";
 import { Replay } from "./replay.js";
 
@@ -21,9 +22,10 @@ let asking = false; // about a mission: the answer is shown on the map
 
 const map = new MapView($("map"), choose);
 const picture = new Picture();
+const minute = new Minute($("plots"));
 const hand = new Hand((text) => { if (socket?.readyState === WebSocket.OPEN) socket.send(text); });
 const replay = new Replay({
-  show: (report) => showRobot(report, true, true),
+  show: (report, reports) => { minute.show(reports, report.t_s); showRobot(report, true, true); },
   look: (blob) => picture.take(blob),
   opened: () => map.clearTrail(),
   closed: () => { map.clearTrail(); picture.take(null); if (state) showLive(); },
@@ -52,7 +54,8 @@ function take({ state: newest, log }) {
   if (state.drives !== drives) { drives = state.drives; replay.list(); }
   showState(state, 0);
   showAges($("heard"), state.heard);
-  if (!replay.on) showLive();
+  minute.add(state.robot);
+  if (!replay.on) { minute.showLive(); showLive(); }
 }
 
 function age(name) {
@@ -89,8 +92,8 @@ function showRobot(robot, fresh, recorded, pictureAge = null) {
 function choose(chosen) {
   if (chosen.off) {
     forget();
-    tell(`That ${chosen.off} is off the road, more than a tile from any lane. Choose a place on `
-      + "the road.");
+    tell(`This ${chosen.off} is more than a tile from any lane. Choose a place on the road.`,
+      chosen.clicked);
     return;
   }
   map.setChosen(chosen);
@@ -108,10 +111,9 @@ function forget() {
   $("choice").hidden = true;
 }
 
-// Why the robot does not go there, beside the place that was chosen.
-function tell(problem) {
-  $("problem").textContent = problem;
-  $("problem").hidden = !problem;
+// Why the robot does not go there, beside the place that was clicked.
+function tell(problem, place = null) {
+  map.refuse(place, problem);
   $("hint").hidden ||= !!problem;
 }
 
@@ -153,7 +155,7 @@ async function go() {
   $("go").disabled = asking = false;
   $("toast").hidden = true;
   if (problem) {
-    tell(problem);
+    tell(problem, destination);
     return;
   }
   map.clearTrail();
@@ -166,6 +168,19 @@ function tab(name) {
     $(`tab-${other}`).setAttribute("aria-selected", other === name);
   }
   if (name === "drives") replay.list();
+}
+
+function follow(on) {
+  map.follow(on);
+  for (const [name, chosen] of [["follow", on], ["whole", !on]]) pressed($(name), chosen);
+}
+
+// Dark by day or light by night, against what the computer says.
+function theme() {
+  const { style } = document.documentElement;
+  const system = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  style.colorScheme = (style.colorScheme || system) === "dark" ? "light" : "dark";
+  map.redraw();
 }
 
 makeActions((action) => hand.press(action));
@@ -183,6 +198,10 @@ for (const kind of ["arm", "disarm", "clear"]) {
 }
 $("go").addEventListener("click", go);
 $("forget").addEventListener("click", forget);
+$("follow").addEventListener("click", () => follow(true));
+$("whole").addEventListener("click", () => follow(false));
+$("theme").addEventListener("click", theme);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => map.redraw());
 $("tab-log").addEventListener("click", () => tab("log"));
 $("tab-drives").addEventListener("click", () => tab("drives"));
 setInterval(() => {

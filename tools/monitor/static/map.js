@@ -1,21 +1,25 @@
 // The map: roads, objects, planned path, trail and robot on a canvas; clicks become places.
 // World frame: x east, y north, metres; the canvas has y down.
 
+import { sampled, snap, splitAt } from "./geometry.js";
+import { drawGround } from "./ground.js";
+import { $ } from "./panels.js";
+
 const MARGIN_PX = 18;
 const BELOW_PX = 70; // room for the bar with the choice
-const LANE_WIDTH = 0.42; // of a tile
-const EDGE_M = 0.024;
-const DASH_M = [0.06, 0.04];
-const SEAM_M = 0.008;
 const ROBOT_M = { length: 0.2, width: 0.15 };
 const DRAG_PX = 10;
 const TRAIL_POINTS = 400;
 const CARRIED_M = 0.3; // farther at once and it was not driven
 const GLIDE_MS = 110; // between two reports
+const MOST_ZOOM = 8;
+const FOLLOW_ZOOM = 2.5;
+const BUBBLE_PX = 150; // half the width of a refusal
 
 export class MapView {
-  // choose({start, destination, off}) is called with world places [x, y]; start is null for a
-  // click. off names the one that is farther than a tile from any lane, and null, too.
+  // choose({start, destination, off, clicked}) is called with world places [x, y]; start is null
+  // for a click. off names the one that is farther than a tile from any lane, and null, too;
+  // clicked is where that was.
   constructor(canvas, choose) {
     this.canvas = canvas;
     this.choose = choose;
@@ -26,18 +30,45 @@ export class MapView {
     this.pose = null;
     this.from = null;
     this.press = null;
+    this.hover = null; // where a click would lead
+    this.refused = null; // {place, why}
+    this.ground = null;
+    this.zoom = 1; // 1 shows all of the map
+    this.following = false;
+    this.fingers = new Map();
     new ResizeObserver(() => this.redraw()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
-    canvas.addEventListener("pointerdown", (event) => this.#down(event));
-    canvas.addEventListener("pointermove", (event) => this.#move(event));
-    canvas.addEventListener("pointerup", (event) => this.#up(event));
-    canvas.addEventListener("pointercancel", () => { this.press = null; });
+    const on = (name, what) => canvas.addEventListener(name, what, { passive: false });
+    on("pointerdown", (event) => this.#down(event));
+    on("pointermove", (event) => this.#move(event));
+    on("pointerup", (event) => this.#up(event));
+    on("pointerleave", (event) => this.#lift(event));
+    on("pointercancel", (event) => { this.press = null; this.#lift(event); });
+    on("wheel", (event) => {
+      event.preventDefault();
+      this.#zoomAt(event, this.zoom * 1.0015 ** -event.deltaY);
+    });
   }
 
   setMap(drawing) {
     this.drawing = drawing;
-    this.lanePoints = drawing.lanes.flatMap((lane) => sampled(lane, 12));
+    this.lanes = drawing.lanes.map((lane) => sampled(lane, 12));
+    this.centre = [drawing.width_m / 2, drawing.height_m / 2];
     this.redraw();
+  }
+
+  // Keep the robot in the middle, or show all of the map.
+  follow(on) {
+    this.following = on;
+    this.zoom = on ? Math.max(this.zoom, FOLLOW_ZOOM) : 1;
+    this.#aim();
+  }
+
+  // Say beside a place why the robot does not go there; nothing without a reason.
+  refuse(place, why) {
+    this.refused = why ? { place, why } : null;
+    $("problem").textContent = why;
+    $("problem").hidden = !why;
+    this.#paint();
   }
 
   // view: {pose, path, destination, progress, overhead, silent}
@@ -71,16 +102,37 @@ export class MapView {
     const ratio = window.devicePixelRatio || 1;
     this.canvas.width = Math.round(this.canvas.clientWidth * ratio);
     this.canvas.height = Math.round(this.canvas.clientHeight * ratio);
-    const { width_m, height_m } = this.drawing;
-    const w = this.canvas.width - 2 * MARGIN_PX * ratio;
-    const h = this.canvas.height - (MARGIN_PX + BELOW_PX) * ratio;
-    this.scale = Math.min(w / width_m, h / height_m);
-    this.left = (this.canvas.width - width_m * this.scale) / 2;
-    this.bottom = MARGIN_PX * ratio + (h + height_m * this.scale) / 2;
     this.ratio = ratio;
     const style = getComputedStyle(this.canvas);
-    this.colour = (name) => style.getPropertyValue(`--${name}`).trim();
-    this.ground = this.#ground();
+    const colours = {};
+    this.colour = (name) => {
+      if (!colours[name]) {
+        this.canvas.style.color = `var(--${name})`; // resolved for the theme
+        colours[name] = style.color;
+      }
+      return colours[name];
+    };
+    this.#aim();
+  }
+
+  // From world to canvas, and the ground as it is seen so.
+  #aim() {
+    if (!this.colour) return;
+    const { width_m, height_m } = this.drawing;
+    const w = this.canvas.width - 2 * MARGIN_PX * this.ratio;
+    const h = this.canvas.height - (MARGIN_PX + BELOW_PX) * this.ratio;
+    this.scale = this.zoom * Math.min(w / width_m, h / height_m);
+    const pose = this.following && this.#shownPose(performance.now());
+    if (pose) this.centre = pose.slice(0, 2);
+    // No farther than the edge of the map, and in the middle where all of it is in sight.
+    const kept = (centre, size_m, seen) => {
+      const most = Math.max(0, (size_m - seen / this.scale) / 2);
+      return Math.min(Math.max(centre, size_m / 2 - most), size_m / 2 + most);
+    };
+    this.centre = [kept(this.centre[0], width_m, w), kept(this.centre[1], height_m, h)];
+    this.left = this.canvas.width / 2 - this.centre[0] * this.scale;
+    this.bottom = MARGIN_PX * this.ratio + h / 2 + this.centre[1] * this.scale;
+    this.ground = drawGround(this);
     this.#paint();
   }
 
@@ -93,47 +145,91 @@ export class MapView {
 
   // The nearest point of a lane within a tile; null farther from the road.
   snapped(place) {
-    let best = null;
-    let least = this.drawing.tile_size_m;
-    for (const point of this.lanePoints) {
-      const distance = Math.hypot(point[0] - place[0], point[1] - place[1]);
-      if (distance <= least) [best, least] = [point, distance];
-    }
-    return best;
+    return snap(place, this.lanes, this.drawing.tile_size_m);
+  }
+
+  // The place under the pointer stays under it.
+  #zoomAt(event, zoom) {
+    const [x, y] = this.place(event);
+    const before = this.scale;
+    this.zoom = Math.min(MOST_ZOOM, Math.max(1, zoom));
+    this.#aim();
+    const [nowX, nowY] = this.place(event);
+    if (this.scale === before || this.following) return;
+    this.centre = [this.centre[0] + x - nowX, this.centre[1] + y - nowY];
+    this.#aim();
   }
 
   #down(event) {
     if (event.button !== 0 || !this.drawing) return;
-    this.press = { x: event.clientX, y: event.clientY, place: this.place(event), drag: false };
+    this.fingers.set(event.pointerId, event);
+    const alone = this.fingers.size === 1;
+    this.press = alone
+      ? { x: event.clientX, y: event.clientY, place: this.place(event), drag: false } : null;
   }
 
   #move(event) {
-    if (!this.press || event.pointerType === "touch") return;
+    if (this.fingers.size === 2 && this.fingers.has(event.pointerId)) return this.#pinch(event);
+    const touch = event.pointerType === "touch";
+    if (!this.press) {
+      this.hover = touch || !this.drawing ? null : this.snapped(this.place(event));
+      return this.#paint();
+    }
     const { x, y } = this.press;
-    this.press.drag ||= Math.hypot(event.clientX - x, event.clientY - y) > DRAG_PX;
+    const far = Math.hypot(event.clientX - x, event.clientY - y) > DRAG_PX;
+    if (touch) { if (far) this.press = null; return; } // the page is being scrolled
+    this.press.drag ||= far;
     if (this.press.drag) this.setChosen(this.#choice(event));
   }
 
+  // Two fingers: what is between them stays between them.
+  #pinch(event) {
+    const apart = () => {
+      const [a, b] = [...this.fingers.values()];
+      return { clientX: (a.clientX + b.clientX) / 2, clientY: (a.clientY + b.clientY) / 2,
+        size: Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY) || 1 };
+    };
+    const before = apart();
+    const held = this.place(before);
+    this.fingers.set(event.pointerId, event);
+    const after = apart();
+    this.zoom = Math.min(MOST_ZOOM, Math.max(1, this.zoom * after.size / before.size));
+    this.#aim();
+    const now = this.place(after);
+    this.centre = this.centre.map((middle, i) => middle + held[i] - now[i]);
+    this.#aim();
+  }
+
+  #lift(event) {
+    this.fingers.delete(event.pointerId);
+    this.hover = null;
+    this.#paint();
+  }
+
   #up(event) {
+    this.fingers.delete(event.pointerId);
     if (!this.press) return;
     const choice = this.#choice(event);
     this.press = null;
+    this.hover = null;
     this.choose(choice);
   }
 
   // Start and destination, or which of them lies off the road.
   #choice(event) {
-    const start = this.press.drag ? this.snapped(this.press.place) : null;
-    const destination = this.snapped(this.place(event));
-    const off = this.press.drag && !start ? "start" : destination ? null : "destination";
-    return { start, destination, off };
+    const places = { start: this.press.drag ? this.press.place : null, destination: this.place(event) };
+    const start = places.start && this.snapped(places.start);
+    const destination = this.snapped(places.destination);
+    const off = places.start && !start ? "start" : destination ? null : "destination";
+    return { start, destination, off, clicked: places[off] };
   }
 
   #animate() {
     if (this.animating) return;
     this.animating = true;
     const step = (now) => {
-      this.#paint(now);
+      if (this.following) this.#aim();
+      else this.#paint(now);
       this.animating = now - this.since < GLIDE_MS;
       if (this.animating) requestAnimationFrame(step);
     };
@@ -151,77 +247,12 @@ export class MapView {
       .concat(this.from[2] + share * turn);
   }
 
-  #x(x) { return this.left + x * this.scale; }
-  #y(y) { return this.bottom - y * this.scale; }
+  x(x) { return this.left + x * this.scale; }
+  y(y) { return this.bottom - y * this.scale; }
 
   #trace(pen, points) {
     pen.beginPath();
-    points.forEach(([x, y], i) => pen[i ? "lineTo" : "moveTo"](this.#x(x), this.#y(y)));
-  }
-
-  // A Bezier, begun and ended a little beyond its tile so that no seam shows.
-  #curve(pen, c) {
-    const beyond = (x, y, fromX, fromY) => {
-      const share = SEAM_M / Math.max(Math.hypot(x - fromX, y - fromY), SEAM_M);
-      return [this.#x(x + share * (x - fromX)), this.#y(y + share * (y - fromY))];
-    };
-    pen.beginPath();
-    pen.moveTo(...beyond(c[0], c[1], c[2], c[3]));
-    pen.lineTo(this.#x(c[0]), this.#y(c[1]));
-    pen.bezierCurveTo(this.#x(c[2]), this.#y(c[3]), this.#x(c[4]), this.#y(c[5]),
-      this.#x(c[6]), this.#y(c[7]));
-    pen.lineTo(...beyond(c[6], c[7], c[4], c[5]));
-  }
-
-  #ground() {
-    const layer = document.createElement("canvas");
-    layer.width = this.canvas.width;
-    layer.height = this.canvas.height;
-    const pen = layer.getContext("2d");
-    const { tile_size_m: tile, floor, lanes, centre_lines, objects } = this.drawing;
-    const green = floor.some(({ kind }) => kind === "grass");
-    pen.fillStyle = this.colour(green ? "grass" : "floor");
-    pen.fillRect(0, 0, layer.width, layer.height);
-    pen.lineCap = "butt";
-    const road = LANE_WIDTH * tile;
-    for (const [colour, width] of [["edge", road + 2 * EDGE_M], ["road", road]]) {
-      pen.strokeStyle = this.colour(colour);
-      pen.lineWidth = width * this.scale;
-      for (const lane of [...lanes, ...centre_lines]) { this.#curve(pen, lane); pen.stroke(); }
-    }
-    pen.strokeStyle = this.colour("dash");
-    pen.lineWidth = EDGE_M * this.scale;
-    pen.setLineDash(DASH_M.map((m) => m * this.scale));
-    for (const line of centre_lines) { this.#curve(pen, line); pen.stroke(); }
-    pen.setLineDash([]);
-    for (const object of objects) this.#object(pen, object);
-    return layer;
-  }
-
-  #object(pen, { kind, x_m, y_m, heading_rad, height_m }) {
-    const [x, y, s] = [this.#x(x_m), this.#y(y_m), this.scale];
-    const disc = (radius_m, colour) => {
-      pen.fillStyle = this.colour(colour);
-      pen.beginPath();
-      pen.arc(x, y, Math.max(radius_m * s, 2.5 * this.ratio), 0, 2 * Math.PI);
-      pen.fill();
-    };
-    if (kind === "tree") disc(0.45 * height_m, "tree");
-    else if (kind === "duckie") disc(0.03, "duck");
-    else if (kind === "cone" || kind === "barrier") disc(0.025, "warn");
-    else if (/^(sign|traffic)/.test(kind)) disc(0.02, "quiet");
-    else {
-      const side = (/^(bus|truck|duckiebot)$/.test(kind) ? [0.7, 0.35] : [0.9, 0.9])
-        .map((share) => share * Math.max(height_m, 0.12) * s);
-      pen.save();
-      pen.translate(x, y);
-      pen.rotate(-heading_rad);
-      pen.fillStyle = this.colour("solid");
-      pen.beginPath();
-      pen.roundRect(-side[0] / 2, -side[1] / 2, side[0], side[1], 0.02 * s);
-      pen.fill();
-      pen.restore();
-    }
+    points.forEach(([x, y], i) => pen[i ? "lineTo" : "moveTo"](this.x(x), this.y(y)));
   }
 
   #paint(now = performance.now()) {
@@ -248,6 +279,8 @@ export class MapView {
       }
       if (to) this.#pin(pen, to, "text", true);
     }
+    if (this.hover) this.#pin(pen, this.hover, "quiet", false);
+    if (this.refused) this.#cross(pen, this.refused.place);
     if (overhead) this.#ring(pen, overhead);
     const pose = this.#shownPose(now);
     if (pose) this.#robot(pen, pose, silent);
@@ -266,7 +299,7 @@ export class MapView {
   #pin(pen, [x, y], colour, filled) {
     const radius = 7 * this.ratio;
     pen.beginPath();
-    pen.arc(this.#x(x), this.#y(y), radius, 0, 2 * Math.PI);
+    pen.arc(this.x(x), this.y(y), radius, 0, 2 * Math.PI);
     pen.fillStyle = filled ? this.colour(colour) : this.colour("card");
     pen.strokeStyle = filled ? this.colour("card") : this.colour(colour);
     pen.lineWidth = 2.5 * this.ratio;
@@ -274,11 +307,30 @@ export class MapView {
     pen.stroke();
   }
 
+  // A place that was refused, with the reason above it or, near the upper edge, below it.
+  #cross(pen, [x, y]) {
+    const [px, py, arm] = [this.x(x), this.y(y), 8 * this.ratio];
+    pen.strokeStyle = this.colour("bad");
+    pen.lineWidth = 4 * this.ratio;
+    pen.beginPath();
+    for (const side of [-1, 1]) {
+      pen.moveTo(px - arm, py - side * arm);
+      pen.lineTo(px + arm, py + side * arm);
+    }
+    pen.stroke();
+    const { style } = $("problem");
+    const half = Math.min(BUBBLE_PX, this.canvas.clientWidth / 2 - 12);
+    const middle = Math.min(Math.max(px / this.ratio, half), this.canvas.clientWidth - half);
+    const below = py / this.ratio < 110;
+    Object.assign(style, { left: `${middle}px`, top: `${py / this.ratio + (below ? 16 : -16)}px`,
+      maxWidth: `${2 * half}px`, transform: `translate(-50%, ${below ? 0 : -100}%)` });
+  }
+
   // Where the overhead camera sees the robot.
   #ring(pen, { x_m, y_m }) {
     pen.beginPath();
     const radius = Math.max(19 * this.ratio, 0.8 * ROBOT_M.length * this.scale);
-    pen.arc(this.#x(x_m), this.#y(y_m), radius, 0, 2 * Math.PI);
+    pen.arc(this.x(x_m), this.y(y_m), radius, 0, 2 * Math.PI);
     pen.fillStyle = "rgb(255 255 255 / 0.16)";
     pen.strokeStyle = "rgb(255 255 255 / 0.75)";
     pen.lineWidth = 1.25 * this.ratio;
@@ -290,7 +342,7 @@ export class MapView {
     const size = Math.max(this.scale, (16 * this.ratio) / ROBOT_M.length);
     const [length, width] = [ROBOT_M.length * size, ROBOT_M.width * size];
     pen.save();
-    pen.translate(this.#x(x), this.#y(y));
+    pen.translate(this.x(x), this.y(y));
     pen.rotate(-heading);
     pen.beginPath();
     pen.moveTo(0.6 * length, 0);
@@ -305,24 +357,4 @@ export class MapView {
     pen.fill();
     pen.restore();
   }
-}
-
-// A polyline in two, at a share of its length.
-function splitAt(path, share) {
-  const gaps = path.slice(1).map(([x, y], i) => Math.hypot(x - path[i][0], y - path[i][1]));
-  let left = share * gaps.reduce((sum, gap) => sum + gap, 0);
-  const i = gaps.findIndex((gap) => (left -= gap) < 0);
-  if (i < 0) return [path, []];
-  const back = -left / gaps[i];
-  const cut = [0, 1].map((k) => path[i + 1][k] + back * (path[i][k] - path[i + 1][k]));
-  return [[...path.slice(0, i + 1), cut], [cut, ...path.slice(i + 1)]];
-}
-
-function sampled(c, count) {
-  return Array.from({ length: count + 1 }, (_, i) => {
-    const [t, u] = [i / count, 1 - i / count];
-    const at = (k) => u ** 3 * c[k] + 3 * u * u * t * c[k + 2]
-      + 3 * u * t * t * c[k + 4] + t ** 3 * c[k + 6];
-    return [at(0), at(1)];
-  });
 }

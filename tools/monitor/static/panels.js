@@ -20,6 +20,10 @@ function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+export function pressed(button, on) {
+  button.setAttribute("aria-pressed", on);
+}
+
 export function seconds(s) {
   if (s === null || s === undefined) return "never";
   if (s < 1) return `${Math.round(1000 * s)} ms`;
@@ -58,7 +62,7 @@ export function showMission(robot) {
   const where = `to (${x.toFixed(2)}, ${y.toFixed(2)}) m`;
   setText($("mission-text"), mission.phase === "driving"
     ? `${where} · ${mission.remaining_m.toFixed(1)} m left · `
-      + `${Math.round(100 * Math.abs(mission.offset_m))} cm off the path`
+      + `${Math.round(100 * Math.abs(mission.offset_m))} cm off path`
     : `${where}${mission.reason ? ` · ${mission.reason}` : ""}`);
 }
 
@@ -126,7 +130,8 @@ function fillActions(places, robot, fresh) {
 }
 
 export function showRates(robot) {
-  const parts = robot ? [`${robot.fps.toFixed(1)} decisions/s`, `${seconds(robot.lag_s)} lag`] : [];
+  const parts = robot
+    ? [`${robot.fps.toFixed(1)} decisions/s`, `${seconds(robot.lag_s)} lag`] : [];
   if (robot?.model) parts.push(robot.model);
   setText($("rates"), parts.join(" · "));
 }

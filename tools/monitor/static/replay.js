@@ -6,7 +6,7 @@ const TICK_MS = 100;
 const PICTURE_EVERY_S = 0.08;
 
 export class Replay {
-  // show(report) draws a recorded report, look(blob or null) its picture; opened() and closed()
+  // show(report, reports) draws a recorded report, look(blob or null) its picture; opened() and closed()
   // clear what was drawn.
   constructor({ show, look, opened, closed }) {
     Object.assign(this, { show, look, opened, closed });
@@ -98,7 +98,7 @@ export class Replay {
     const action = report.action === null ? "" : ` · ${actionName(report.actions, report.action)}`;
     $("replay-time").value = t;
     $("replay-text").textContent = `${this.name} · ${seconds(report.t_s)} · ${report.state}${action}`;
-    this.show(report);
+    this.show(report, this.reports);
     this.#picture();
   }
 
