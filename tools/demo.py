@@ -41,14 +41,14 @@ class Stage:
 
 
 def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
-    """The five stages of the demo, writing into ``out``."""
+    """The six stages of the demo, writing into ``out``."""
     run, model = out / "lane", out / "lane" / "model.onnx"
-    evaluation, navigation = out / "evaluation.json", out / "navigation.json"
+    evaluation, navigation = run / "evaluation.json", out / "navigation.json"
     train = f"train --task lane --algo dueling --preset fast --map {' '.join(LEARNED_ON)}"
     train += " --lane both --start-spread 2.5 --true-path 1 --steps 15000 --judgings 3"
     train += f" --seed {seed} --resume"
     evaluate = f"evaluate --task lane --map {JUDGED_ON} --lane both --episodes {EPISODES}"
-    evaluate += " --seed 1000"
+    evaluate += " --seed 1000 --drives"
     town = f"evaluate --task navigation --map {TOWNS} --look randomised --pose-error arena"
     town += f" --episodes {MISSIONS}"
     drive = f"--map loop --model {model} --laps {LAPS} --video {out}/drive.mp4"
@@ -75,6 +75,11 @@ def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
             ("trainer", *town.split(), "--model", str(NAVIGATOR), "--json", str(navigation)),
             navigation,
         ),
+        Stage(
+            "Write the page with the curves, the film of the drive and the figures",
+            ("trainer", "report", str(out), "--out", str(out / "report")),
+            out / "report" / "report.html",
+        ),
     )
 
 
@@ -97,7 +102,10 @@ def read(path: Path) -> dict:
 
 def summarise(out: Path, total_s: float) -> dict:
     """The demo's metrics from the files of its stages."""
-    training, evaluation = read(out / "lane" / "metrics.json"), read(out / "evaluation.json")
+    training, evaluation = (
+        read(out / "lane" / "metrics.json"),
+        read(out / "lane" / "evaluation.json"),
+    )
     loop, navigation = read(out / "loop.json"), read(out / "navigation.json")
     return {
         "schema": 1,
@@ -121,7 +129,7 @@ def summarise(out: Path, total_s: float) -> dict:
 
 
 def show(metrics: dict, out: Path, console: Console) -> None:
-    """A short table, and where to look."""
+    """A short table, and the page to open."""
     table = Table(title="duckpilot demo", show_header=False)
     table.add_row(
         "trained for", f"{metrics['train_seconds']:.0f} s, {metrics['train_steps']} steps"
@@ -133,14 +141,9 @@ def show(metrics: dict, out: Path, console: Console) -> None:
     table.add_row("laps through the virtual HAT", f"{metrics['loop_laps']:.2f}")
     table.add_row(f"missions in {TOWNS}", f"{metrics['missions_arrived']} of {MISSIONS} arrived")
     table.add_row("all of it took", f"{metrics['total_seconds']:.0f} s")
-    for name, path in (
-        ("learning curve", out / "lane" / "curve.png"),
-        ("video", out / "drive.mp4"),
-        ("policy", out / "lane" / "model.onnx"),
-        ("figures", out / "metrics.json"),
-    ):
-        table.add_row(name, str(path))
     console.print(table)
+    page = (out / "report" / "report.html").resolve()
+    console.print(f"Open {page}", markup=False, soft_wrap=True)
 
 
 def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo") -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -161,21 +162,34 @@ def export_command(
 
 
 def report_command(
-    runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("runs/report")
+    runs: tyro.conf.Positional[tuple[Path, ...]],
+    out: Path = Path("runs/report"),
+    live: bool = False,
+    port: int = 8701,
 ) -> int:
-    """Write report.html and its pictures: curves, tables, drive maps and worst episodes of runs.
+    """Write report.html: summary, films, curves, tables and maps of runs.
 
-    Runs that differ in nothing but the seed are shown together. Draws curve.png of each run again.
+    Runs that differ in nothing but the seed are shown together.
 
     Args:
         runs: run folders, or folders of run folders.
         out: the report's folder.
+        live: serve the page on this computer, too, and draw it anew while the runs go on.
+        port: of the live page.
     """
     if not runs:
         raise ConfigError("report: expected one run folder or more, got none")
+    console = Console(soft_wrap=True)
+    if live:
+        from trainer.report.live import LiveReport
+
+        with LiveReport(runs, out, port) as server, suppress(KeyboardInterrupt):
+            console.print(f"Open {server.address} (Ctrl-C ends it)", markup=False)
+            server.serve_forever()
+        return 0
     from trainer.report.page import write_report
 
-    Console(soft_wrap=True).print(str(write_report(runs, out)), markup=False)
+    console.print(str(write_report(runs, out)), markup=False)
     return 0
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Generator, Iterable
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 SETTINGS = ["-preset", "veryfast"]  # half the time of ffmpeg's default, files a tenth larger
@@ -59,3 +60,9 @@ def write_mp4(path: Path, frames: Iterable[np.ndarray], frames_per_s: float) -> 
     for frame in frames:
         video.add(frame)
     video.close()
+
+
+def enlarged(frame: np.ndarray, width_px: int = 480) -> np.ndarray:
+    """A small picture (H, W, 3) uint8 at a width that can be watched, with even sides."""
+    height_px = 2 * round(width_px * frame.shape[0] / frame.shape[1] / 2)
+    return np.asarray(cv2.resize(frame, (width_px, height_px), interpolation=cv2.INTER_CUBIC))

@@ -135,6 +135,7 @@ class RunFolder:
         self.replay = path / "replay"
         self.progress = path / "progress.csv"
         self.curve = path / "curve.png"
+        self.film = path / "evaluation.mp4"  # what a robot of the latest evaluation saw
         self.onnx = path / "model.onnx"
         self.onnx_int8 = path / "model_int8.onnx"
         self.exported = path / "export.json"

@@ -23,7 +23,8 @@ def options(arguments: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 def test_it_is_judged_on_a_ring_with_bends_to_the_right_that_it_never_saw(tmp_path: Path) -> None:
-    train, _, judge, _, missions = (options(s.arguments) for s in stages(tmp_path, 0, 75.0))
+    every = stages(tmp_path, 0, 75.0)
+    train, _, judge, _, missions, _ = (options(s.arguments) for s in every)
     assert {part_of(load_map(name)) for name in train["--map"]} == {"training"}
     assert judge["--lane"] == ["both"]
     (ring,) = map(load_map, judge["--map"])
@@ -32,6 +33,7 @@ def test_it_is_judged_on_a_ring_with_bends_to_the_right_that_it_never_saw(tmp_pa
         bends = np.diff(np.unwrap(lane_loop(ring, outer).headings_rad))
         assert bends[bends < -0.02].sum() < -1.4
     assert {part_of(load_map(n)) for n in maps_named(missions["--map"])} == {"judging"}
+    assert every[-1].arguments[:3] == ("trainer", "report", str(tmp_path)), "all on one page"
     titles = [stage.title for stage in stages(tmp_path, 0, 75.0)]
     assert all(name in titles[0] for name in train["--map"])
     assert judge["--map"][0] in titles[2]
@@ -41,7 +43,7 @@ def test_its_figures_say_where_and_keep_their_keys(tmp_path: Path) -> None:
     (tmp_path / "lane").mkdir()
     for name, content in {
         "lane/metrics.json": {"train_seconds": 60.0, "train_steps": 9000},
-        "evaluation.json": {"success_rate": 0.95, "mean_path_distance_m": 0.01},
+        "lane/evaluation.json": {"success_rate": 0.95, "mean_path_distance_m": 0.01},
         "loop.json": {"laps": 2.01},
         "navigation.json": {"success_rate": 0.99},
     }.items():

@@ -87,11 +87,11 @@ def on_screen(browser: Browser, name: str, x_m: float, y_m: float) -> tuple[floa
         "(() => { const b = document.querySelector('#map').getBoundingClientRect();"
         "return [b.x, b.y, b.width, b.height]; })()"
     )
-    margin_px, below_px = 18, 70
-    free_px = height - margin_px - below_px
+    margin_px, above_px, below_px = 18, 50, 70
+    free_px = height - above_px - below_px
     scale = min((width - 2 * margin_px) / road_map.width_m, free_px / road_map.height_m)
     left = x + (width - road_map.width_m * scale) / 2
-    bottom = y + margin_px + (free_px + road_map.height_m * scale) / 2
+    bottom = y + above_px + (free_px + road_map.height_m * scale) / 2
     return left + x_m * scale, bottom - y_m * scale
 
 
@@ -253,9 +253,9 @@ def test_zooming_keeps_the_place_under_the_pointer_and_following_the_robot_in_th
 
     browser.click_on("#follow")
     browser.click_on("#go")
-    browser.until("document.querySelector('#mission-phase').textContent === 'arrived'")
+    browser.until("document.querySelector('#mission-phase').textContent === 'arrived'", 30.0)
     left, top, right, bottom = box(browser, "#map")
-    browser.click((left + right) / 2, top + 18 + (bottom - top - 88) / 2)
+    browser.click((left + right) / 2, top + 50 + (bottom - top - 120) / 2)
     assert chosen(browser) == pytest.approx(ahead[:2], abs=0.25), (
         "the middle of the map is the robot"
     )

@@ -49,10 +49,10 @@ def send(stage: Stage, browser: Browser, goal_m: tuple[float, float]) -> None:
         "(() => { const b = document.querySelector('#map').getBoundingClientRect();"
         "return [b.x, b.y, b.width, b.height]; })()"
     )
-    free_px = height - 18 - 70
+    free_px = height - 50 - 70
     scale = min((width - 36) / road_map.width_m, free_px / road_map.height_m)
     left = x + (width - road_map.width_m * scale) / 2
-    bottom = y + 18 + (free_px + road_map.height_m * scale) / 2
+    bottom = y + 50 + (free_px + road_map.height_m * scale) / 2
     browser.click(left + goal_m[0] * scale, bottom - goal_m[1] * scale)
     browser.click_on("#go")
     until(stage, browser, f"{STATE} === 'AUTO'")

@@ -1,9 +1,11 @@
-"""Learning curves: the reward of each episode and its 50-episode mean against steps (paper A)."""
+"""Learning curves against steps: success, distance from the path, and reward as in paper A."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
+from statistics import median
 from textwrap import fill
 
 import numpy as np
@@ -19,6 +21,7 @@ MEAN_EPISODES = 50  # paper A, Figures 30 to 39
 _TITLE_LETTERS = 56  # in a line above a panel
 _MEAN = f"mean of {MEAN_EPISODES}"
 PINK, DARK_RED = "pink", "darkred"
+SKILLED = 0.99  # share of an evaluation's episodes; of twenty all
 GRID_POINTS = 400  # steps at which runs of several seeds are averaged
 
 Record = tuple[Sequence[Episode], Sequence[Evaluated]]  # of one run
@@ -41,61 +44,98 @@ def draw_curve(folder: RunFolder, config: RunConfig) -> None:
 
 
 def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> None:
-    """Write one picture with a titled panel per set of runs, two in a row."""
-    columns = min(2, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(6.4 * columns, 3.6 * rows), layout="constrained")
-    axes = np.asarray(figure.subplots(rows, columns, squeeze=False)).ravel()
-    for axis, (title, records) in zip(axes, panels, strict=False):
-        axis.set(title=fill(title, _TITLE_LETTERS), xlabel="steps", ylabel="reward of an episode")
-        if any(episodes for episodes, _ in records):
-            _draw(axis, records)
-        else:
-            axis.set(xticks=[], yticks=[])
-            said = "no episode yet" if records else "no run"
-            axis.text(0.5, 0.5, said, ha="center", va="center", transform=axis.transAxes)
-    for axis in axes[len(panels) :]:
-        axis.set_visible(False)
+    """Write a picture with a row for each set of runs: success, distance from the path, reward."""
+    measured = any(
+        isfinite(e.mean_distance_m) for _, records in panels for _, es in records for e in es
+    )
+    columns: list[Callable[[Axes, Sequence[Record]], None]] = [_draw_success, _draw_reward]
+    if measured:
+        columns.insert(1, _draw_distance)
+    figure = Figure(figsize=(4.4 * len(columns), 3.1 * len(panels)), layout="constrained")
+    axes = np.asarray(figure.subplots(len(panels), len(columns), squeeze=False))
+    for row, (title, records) in zip(axes, panels, strict=True):
+        row[0].set_title(fill(title, _TITLE_LETTERS), loc="left", fontsize="medium")
+        for axis, draw in zip(row, columns, strict=True):
+            axis.set(xlabel="steps")
+            axis.grid(alpha=0.25)
+            draw(axis, records)
+            if axis.get_legend_handles_labels()[0]:
+                axis.legend(framealpha=0.8, fontsize="x-small")
     with atomically(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
 
 
-def mean_over_runs(runs: Sequence[Sequence[Episode]]) -> tuple[np.ndarray, np.ndarray]:
-    """Running means of several runs at common steps: steps (K,) and means (runs, K).
+def mean_over_runs(
+    runs: Sequence[Sequence[Episode]], values: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Running means of a value of the episodes of several runs at common steps: (K,), (runs, K).
 
     Only from where all of them have ended an episode to where the first of them ends.
     """
     steps = [np.array([e.step for e in run], dtype=float) for run in runs]
-    means = [running_mean(np.array([e.reward for e in run])) for run in runs]
     first, last = max(s[0] for s in steps), min(s[-1] for s in steps)
     grid = np.linspace(first, max(first, last), GRID_POINTS)
-    return grid, np.array([np.interp(grid, s, m) for s, m in zip(steps, means, strict=True)])
+    means = [np.interp(grid, s, running_mean(v)) for s, v in zip(steps, values, strict=True)]
+    return grid, np.array(means)
 
 
-def _draw(axis: Axes, records: Sequence[Record]) -> None:
-    runs = [episodes for episodes, _ in records if episodes]
-    several = len(runs) > 1
-    for k, episodes in enumerate(runs):
-        steps, rewards = [e.step for e in episodes], np.array([e.reward for e in episodes])
+def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
+    axis.set(ylabel="success [%]", ylim=(-4, 104))
+    _draw_means(axis, records, lambda e: 100.0 * e.success)
+    _draw_evaluations(axis, records, lambda e: 100.0 * e.success_rate)
+    learned = [min(e.step for e in good) for _, es in records if (good := _skilled(es))]
+    if learned:
+        axis.axvline(median(learned), color="green", linestyle=":", linewidth=1.4)
+        label = f"learned: {median(learned):,.0f} steps "
+        axis.text(median(learned), 50, label, color="green", rotation=90, ha="right", va="center")
+
+
+def _draw_distance(axis: Axes, records: Sequence[Record]) -> None:
+    _draw_evaluations(axis, records, lambda e: 100.0 * e.mean_distance_m)
+    axis.set(ylabel="distance from the path [cm]")
+    axis.set_ylim(bottom=0.0)
+
+
+def _draw_reward(axis: Axes, records: Sequence[Record]) -> None:
+    axis.set(ylabel="reward of an episode")
+    for k, (episodes, _) in enumerate(records):
+        steps, rewards = [e.step for e in episodes], [e.reward for e in episodes]
         axis.plot(steps, rewards, color=PINK, linewidth=0.7, label=None if k else "episode")
-        width, opacity, label = (0.6, 0.4, None) if several else (1.6, 1.0, _MEAN)
-        mean = running_mean(rewards)
+    _draw_means(axis, records, lambda e: e.reward)
+    _draw_evaluations(axis, records, lambda e: e.mean_reward)
+
+
+def _draw_means(axis: Axes, records: Sequence[Record], value: Callable[[Episode], float]) -> None:
+    """Of 50 episodes while learning, choices by chance among them; a band over several seeds."""
+    runs = [episodes for episodes, _ in records if episodes]
+    values = [np.array([value(e) for e in run], dtype=float) for run in runs]
+    several = len(runs) > 1
+    width, opacity, label = (0.6, 0.4, None) if several else (1.6, 1.0, _MEAN)
+    for run, of_run in zip(runs, values, strict=True):
+        steps, mean = [e.step for e in run], running_mean(of_run)
         axis.plot(steps, mean, color=DARK_RED, linewidth=width, alpha=opacity, label=label)
     if several:
-        grid, means = mean_over_runs(runs)
+        grid, means = mean_over_runs(runs, values)
         band = (means.min(axis=0), means.max(axis=0))
         axis.fill_between(grid, *band, color=DARK_RED, alpha=0.15, linewidth=0)
-        label = f"{_MEAN}, of {len(runs)} seeds"
+        label = f"{_MEAN}, {len(runs)} seeds"
         axis.plot(grid, means.mean(axis=0), color=DARK_RED, linewidth=1.8, label=label)
-    _draw_evaluations(axis, [e for _, evaluations in records for e in evaluations])
-    axis.grid(alpha=0.25)
-    axis.legend(loc="upper left", framealpha=0.8, fontsize="small")
 
 
-def _draw_evaluations(axis: Axes, evaluations: Sequence[Evaluated]) -> None:
-    """What the policy of the moment earns without random actions; filled where none failed."""
-    for perfect, face, label in ((False, "white", "greedy"), (True, "black", "greedy, no failure")):
-        shown = [e for e in evaluations if (e.success_rate == 1.0) == perfect]
-        if shown:
-            x, y = [e.step for e in shown], [e.mean_reward for e in shown]
+def _draw_evaluations(
+    axis: Axes, records: Sequence[Record], value: Callable[[Evaluated], float]
+) -> None:
+    """The policy of the moment, without choices by chance; filled where none failed."""
+    for _, evaluations in records:
+        steps, values = [e.step for e in evaluations], [value(e) for e in evaluations]
+        axis.plot(steps, values, color="black", linewidth=0.8, alpha=0.5)
+    shown = [e for _, evaluations in records for e in evaluations]
+    for perfect, face, label in ((False, "white", "evaluation"), (True, "black", "none failed")):
+        some = [e for e in shown if (e.success_rate == 1.0) == perfect]
+        if some:
+            x, y = [e.step for e in some], [value(e) for e in some]
             axis.plot(x, y, "o", color="black", markerfacecolor=face, markersize=4, label=label)
+
+
+def _skilled(evaluations: Sequence[Evaluated]) -> list[Evaluated]:
+    return [e for e in evaluations if e.success_rate >= SKILLED]

@@ -13,20 +13,28 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot.errors import MapError
 from robot.navigation.road_map import load_map
-from sim_pybullet.tasks.spec import TaskSpec, learned_tasks
-from trainer.algorithms import algorithm_names, find_algorithm
-from trainer.judging.drive_log import WORST
-from trainer.report.curves import draw_curve, draw_panels
+from sim_pybullet.tasks.following import HALF_LANE_TILES
+from sim_pybullet.tasks.spec import PaperRow, TaskSpec, learned_tasks
+from trainer.algorithms import algorithm_names
+from trainer.judging.drive_log import WORST, Track
+from trainer.report.curves import draw_panels
 from trainer.report.drives import draw_drives, draw_strips, strip_seconds
 from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
-from trainer.report.tables import DrivingRow, describe, driving_rows, learning_row
+from trainer.report.tables import (
+    DrivingRow,
+    describe,
+    driving_rows,
+    learning_row,
+    summary_card,
+)
 from trainer.run import atomically
 
 PAGE = "report.html"
+FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
 
 
 class Picture(NamedTuple):
-    """A PNG beside the page, and in it."""
+    """A PNG or an MP4 that is put into the page."""
 
     title: str
     caption: str
@@ -42,13 +50,16 @@ class Picture(NamedTuple):
 class Pictures:
     """All of a report."""
 
+    films: tuple[Picture, ...]
     curves: tuple[Picture, ...]
     drives: tuple[Picture, ...]
     worst: tuple[Picture, ...]
 
 
-def write_report(paths: Sequence[Path], out: Path) -> Path:
+def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     """Write the report of all runs at or below ``paths`` into the folder ``out``; the page.
+
+    With ``live`` the page looks for news of itself, as `trainer.report.live` tells them.
 
     Raises:
         ConfigError: there are no runs, or a run's configuration cannot be read.
@@ -58,15 +69,13 @@ def write_report(paths: Sequence[Path], out: Path) -> Path:
     groups = group_runs(runs)
     rows = driving_rows(groups)
     out.mkdir(parents=True, exist_ok=True)
-    for run in runs:
-        if run.episodes:
-            draw_curve(run.folder, run.config)
     pictures = Pictures(
-        tuple(_curves(task, groups, out) for task in learned_tasks() if _of(task, groups)),
+        tuple(_films(paths, runs, problems)),
+        tuple(picture for task in learned_tasks() if (picture := _curves(task, groups, out))),
         tuple(_drives(rows, out, problems)),
         tuple(_worst(rows, out)),
     )
-    html = _render(runs, groups, rows, pictures, problems + _missing(groups))
+    html = _render(runs, groups, rows, pictures, problems + _missing(groups), live)
     with atomically(out / PAGE) as temporary:
         temporary.write_text(html, encoding="utf-8")
     return out / PAGE
@@ -78,23 +87,29 @@ def _render(
     rows: Sequence[DrivingRow],
     pictures: Pictures,
     missing: Sequence[str],
+    live: bool,
 ) -> str:
     templates = Environment(
-        loader=PackageLoader("trainer.report", "."), autoescape=True, undefined=StrictUndefined
+        loader=PackageLoader("trainer.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    tasks = []
+    for task in learned_tasks():
+        mine = [row for row in rows if row.group.config.task == task.name]
+        learning = [learning_row(group) for group in _of(task, groups)]
+        papers = [row.paper for row in learning] + [row.paper for row in mine]
+        if learning:
+            tasks.append((task.title, learning, mine, any(p != PaperRow() for p in papers)))
     return templates.get_template("page.html").render(
         runs=runs,
-        tasks=[
-            (
-                task.title,
-                [learning_row(group) for group in _of(task, groups)],
-                [row for row in rows if row.group.config.task == task.name],
-            )
-            for task in learned_tasks()
-            if _of(task, groups)
-        ],
+        cards=[summary_card(group, rows) for group in groups],
+        tasks=tasks,
         pictures=pictures,
         missing=missing,
+        live=live,
     )
 
 
@@ -102,25 +117,47 @@ def _of(task: TaskSpec, groups: Sequence[Group]) -> list[Group]:
     return [group for group in groups if group.config.task == task.name]
 
 
-def _curves(task: TaskSpec, groups: Sequence[Group], out: Path) -> Picture:
-    """The paper's panels in the paper's order, empty where there is no run, then all others."""
-    panels = []
-    for algorithm in dict.fromkeys((*task.paper, *algorithm_names())):
-        found = [g for g in _of(task, groups) if g.config.algorithm == algorithm]
-        for group in found:
-            records = [(run.episodes, run.state.evaluations) for run in group.runs]
-            panels.append((describe(group), records))
-        if not found and algorithm in task.paper:
-            panels.append((find_algorithm(algorithm).title, []))
+def _films(paths: Sequence[Path], runs: Sequence[Run], problems: list[str]) -> list[Picture]:
+    """Every MP4 in a run's folder, or in a folder that was named."""
+    found = [
+        file
+        for folder in dict.fromkeys([*paths, *(run.folder.path for run in runs)])
+        for file in sorted(folder.glob("*.mp4"))
+        if not file.name.startswith(".")
+    ]
+    latest = {run.folder.film: f"The latest evaluation of {run.folder.name}" for run in runs}
+    films = []
+    for file in found:
+        if file.stat().st_size > FILM_BYTES:
+            problems.append(f"{file}: too large for this page; open it beside it")
+            continue
+        caption = "What one robot saw." if file in latest else ""
+        films.append(Picture(latest.get(file, file.stem.capitalize()), caption, file))
+    return films
+
+
+def _curves(task: TaskSpec, groups: Sequence[Group], out: Path) -> Picture | None:
+    """A row of panels for each group that has an episode, the paper's algorithms first."""
+    order = [*task.paper, *algorithm_names()]
+    shown = [g for g in _of(task, groups) if any(run.episodes for run in g.runs)]
+    shown.sort(key=lambda group: order.index(group.config.algorithm))
+    if not shown:
+        return None
+    panels = [(describe(g), [(r.episodes, r.state.evaluations) for r in g.runs]) for g in shown]
     path = out / f"curves_{task.name}.png"
     draw_panels(panels, path)
-    caption = (
-        "Reward of each training episode (pink) and its 50-episode mean (dark red), exploration "
-        "included. With several seeds: thin lines are the seeds, the thick line their mean, the "
-        "band reaches from the lowest to the highest, as far as all of them trained. Dots: greedy "
-        "evaluations, filled where no episode failed."
+    several = (
+        " With several seeds, thin lines are the seeds, the thick line is their mean, and the band "
+        "reaches from the lowest to the highest."
+        if any(len(g.runs) > 1 for g in shown)
+        else ""
     )
-    return Picture(f"{task.title}: learning curves", caption, path)
+    caption = (
+        "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean "
+        "of the last 50 training episodes, in which some choices are made by chance; pink: each of "
+        f"them.{several}"
+    )
+    return Picture(task.title, caption, path)
 
 
 def _drives(rows: Sequence[DrivingRow], out: Path, problems: list[str]) -> list[Picture]:
@@ -146,24 +183,26 @@ def _drives(rows: Sequence[DrivingRow], out: Path, problems: list[str]) -> list[
 def _worst(rows: Sequence[DrivingRow], out: Path) -> list[Picture]:
     pictures: list[Picture] = []
     for row in rows:
-        worst = row.worst[:WORST]
+        worst = [track for track in row.worst if _went_wrong(track, row)][:WORST]
         if not worst or row.inputs.zero:
             continue
         path = out / f"worst_{len(pictures) + 1}.png"
         draw_strips(worst, row.inputs.maps, path)
-        failed = sum(not track.success for track in worst)
-        if not failed:
-            what = f"No episode failed; these {len(worst)} strayed farthest from their path."
-        else:
-            what = f"{row.episodes - row.successes} of {row.episodes} episodes failed."
-            what += f" Shown: {failed}" + (
-                f", then the {len(worst) - failed} that strayed farthest."
-                if failed < len(worst)
-                else "."
-            )
+        failed = row.episodes - row.successes
+        what = f"{failed} of {row.episodes} episodes failed"
+        what += "; the others shown left their lane for a while." if failed < len(worst) else "."
         seconds = f"The last {strip_seconds():.1f} s before the worst moment, left to right."
         pictures.append(Picture(row.name, f"{row.where}. {what} {seconds}", path))
     return pictures
+
+
+def _went_wrong(track: Track, row: DrivingRow) -> bool:
+    """Whether it failed, or was once out of its lane."""
+    try:
+        tile_m = load_map(row.inputs.maps[track.map_index]).tile_size_m
+    except MapError:  # its file is gone
+        return True
+    return not track.success or track.deviation_m > HALF_LANE_TILES * tile_m
 
 
 def _missing(groups: Sequence[Group]) -> list[str]:
@@ -176,8 +215,8 @@ def _missing(groups: Sequence[Group]) -> list[str]:
         if not run.judgements:
             command = ["python", "-m", "trainer", "evaluate", "--model", str(model), "--json"]
             command += [str(name / "evaluation.json"), "--drives"]
-            first = "" if model.exists() else "its training has not come to a model yet; then "
-            said.append(f"{name}: not evaluated yet; {first}{shlex.join(command)}")
+            first = "" if model.exists() else "finish its training, then "
+            said.append(f"{name}: not evaluated yet: {first}{shlex.join(command)}")
         for judgement in run.judgements:
             if judgement.drives is None:
                 said.append(

@@ -14,10 +14,9 @@ from trainer.algorithms import algorithm_names
 from trainer.config import RunConfig
 from trainer.judging.drive_log import DriveLog, drives_beside, load_drives
 from trainer.judging.evaluate import Evaluation
+from trainer.report.curves import SKILLED
 from trainer.run import Episode, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState, read_state
-
-SKILLED = 0.99  # share of an evaluation's episodes; of twenty all
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,16 @@ class LearningRow:
     best: str  # success of the kept policies, in the evaluation during training
 
 
+@dataclass(frozen=True)
+class Card:
+    """What a group has come to, in one figure and a few words."""
+
+    name: str
+    figure: str
+    meaning: str
+    facts: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class DrivingRow:
     """How the exported policies of a group drove under the same conditions."""
@@ -170,6 +180,26 @@ def learning_row(group: Group) -> LearningRow:
         used=_spread([run.steps for run in group.runs]),
         best=", ".join(f"{100 * share:.0f} %" for share in best) or NONE,
     )
+
+
+def summary_card(group: Group, rows: Sequence[DrivingRow]) -> Card:
+    """The group's card: its first evaluation, or what its training has reached."""
+    row = learning_row(group)
+    facts = [f"learned after {row.steps} steps, {row.seconds} s"] if row.steps != NONE else []
+    facts.append(f"trained {row.used} steps")
+    steps, running = group.config.steps, sum(not run.state.stopped_by for run in group.runs)
+    if running:
+        facts.append(f"{running} of {len(group.runs)} not finished (of {steps:,} steps)")
+    if len(group.runs) > 1:
+        facts.append(f"seeds {row.seeds}")
+    mine = [one for one in rows if one.group is group and not one.inputs.zero]
+    if mine:
+        first = mine[0]
+        facts.insert(0, f"{first.distance} from the path on average")
+        meaning = f"of {first.episodes} episodes driven to the end, {first.where}"
+        return Card(row.name, _percent(first.successes / first.episodes), meaning, tuple(facts))
+    meaning = "best evaluation during training" if row.best != NONE else "no evaluation yet"
+    return Card(row.name, row.best, meaning, tuple(facts))
 
 
 def driving_rows(groups: Sequence[Group]) -> list[DrivingRow]:

@@ -17,8 +17,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
+from robot.contract import CONTROL_DT_S
 from trainer.config import RunConfig
 from trainer.learners.networks import GreedyNetwork
+from trainer.mp4 import enlarged, write_mp4
 from trainer.run import Episode, EpisodeLog, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint, save_policy
 from trainer.training.greedy import drive_greedily
@@ -27,6 +29,7 @@ Clock = Callable[[], float]
 DISPLAY_PERIOD_S = 0.25
 LOG_PERIOD_S = 2.0
 RECENT_EPISODES = 50  # the paper's running mean
+LONGEST_FILM = 600  # decisions of an evaluation that are filmed: a minute
 
 
 class Stopwatch(BaseCallback):
@@ -124,7 +127,9 @@ class Evaluator(BaseCallback):
         began, cpu_began = self._clock(), time.process_time()
         state, wanted = self._state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
-        result = drive_greedily(GreedyNetwork(self.model.policy), self._env, seed, wanted.rounds)
+        frames: list[np.ndarray] = []
+        network = GreedyNetwork(self.model.policy)
+        result = drive_greedily(network, self._env, seed, wanted.rounds, frames.append)
         took = self._clock() - began
         state.evaluation_seconds += took
         evaluated = Evaluated(
@@ -134,10 +139,13 @@ class Evaluator(BaseCallback):
             float(result.rewards.mean()),
             float(result.steps.mean()),
             state.cpu_seconds + time.process_time() - cpu_began,
+            float(result.distance_m.mean()),
         )
         state.evaluations.append(evaluated)
         if state.best is evaluated:
             save_policy(self._folder.best, self.model.policy)
+        if frames[0].ndim == 3:
+            write_mp4(self._folder.film, map(enlarged, frames[:LONGEST_FILM]), 1 / CONTROL_DT_S)
         self._record(evaluated)
         enough = wanted.stop_after_perfect
         if enough and [e.success_rate for e in state.evaluations[-enough:]] == [1.0] * enough:
@@ -148,6 +156,7 @@ class Evaluator(BaseCallback):
         self.logger.record("evaluation/success", evaluated.success_rate)
         self.logger.record("evaluation/reward", evaluated.mean_reward)
         self.logger.record("evaluation/length", evaluated.mean_steps)
+        self.logger.record("evaluation/distance_m", evaluated.mean_distance_m)
         self.logger.dump(evaluated.step)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,23 +20,39 @@ class GreedyResult:
     rewards: np.ndarray  # (R, N) summed over the episode
     steps: np.ndarray  # (R, N) decisions
     success: np.ndarray  # (R, N) bool
+    distance_m: np.ndarray  # (R, N) from the path, mean of an episode; NaN where nothing tells it
 
 
-def drive_greedily(network: GreedyNetwork, env: VecEnv, seed: int, rounds: int = 1) -> GreedyResult:
-    """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes."""
+def drive_greedily(
+    network: GreedyNetwork,
+    env: VecEnv,
+    seed: int,
+    rounds: int = 1,
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> GreedyResult:
+    """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes.
+
+    ``watch`` is shown what the first robot sees, (H, W, 3) uint8, in its first episode.
+    """
     env.seed(seed)
     observation = env.reset()
     shape = (rounds + 1, env.num_envs)  # one more, for what is driven while others are waited for
     rewards, steps, success = np.zeros(shape), np.zeros(shape, dtype=int), np.zeros(shape, bool)
+    off_m = np.zeros(shape)
     which, robots = np.zeros(env.num_envs, dtype=int), np.arange(env.num_envs)
     while (which < rounds).any():
+        if watch is not None and not which[0]:
+            seen = observation["image"] if isinstance(observation, dict) else observation
+            watch(np.asarray(seen)[0, ..., -3:].copy())
         observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
         rewards[which, robots] += reward
         steps[which, robots] += 1
+        off_m[which, robots] += [abs(info.get("offset_m", np.nan)) for info in infos]
         for robot in np.flatnonzero(done):
             success[which[robot], robot] = bool(infos[robot].get("is_success", False))
         which = np.minimum(which + done, rounds)
-    return GreedyResult(rewards[:rounds], steps[:rounds], success[:rounds])
+    means = off_m[:rounds] / steps[:rounds]
+    return GreedyResult(rewards[:rounds], steps[:rounds], success[:rounds], means)
 
 
 def collect_observations(

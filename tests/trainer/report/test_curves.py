@@ -1,12 +1,18 @@
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tests.trainer.test_run import episode
-from trainer.report.curves import draw_panels, mean_over_runs, running_mean
+from trainer.report.curves import _draw_success, draw_panels, mean_over_runs, running_mean
 from trainer.run import Episode
+from trainer.training.checkpoint import Evaluated
 
 
 def episodes(first: int, count: int) -> list[Episode]:
@@ -21,12 +27,16 @@ def test_running_mean_is_the_mean_of_the_last(values: list[float], window: int) 
 
 
 def test_seeds_are_averaged_only_where_all_of_them_trained() -> None:
-    steps, means = mean_over_runs([episodes(16, 10), episodes(48, 100)])
+    steps, means = averaged([episodes(16, 10), episodes(48, 100)])
     assert (steps[0], steps[-1]) == (48, 160)
     assert means.shape == (2, len(steps))
     assert not np.array_equal(means[0], means[1])
-    alike = mean_over_runs([episodes(16, 30)] * 3)[1]
+    alike = averaged([episodes(16, 30)] * 3)[1]
     np.testing.assert_array_equal(alike[0], alike[2])
+
+
+def averaged(runs: list[list[Episode]]) -> tuple[np.ndarray, np.ndarray]:
+    return mean_over_runs(runs, [np.array([e.reward for e in run]) for run in runs])
 
 
 def test_panels_of_several_seeds_of_one_and_of_none(tmp_path: Path) -> None:
@@ -39,3 +49,27 @@ def test_panels_of_several_seeds_of_one_and_of_none(tmp_path: Path) -> None:
     ]
     draw_panels(panels, tmp_path / "all.png")
     assert (tmp_path / "all.png").read_bytes().startswith(b"\x89PNG")
+
+
+def lines(records: list, draw: Callable[[Axes, list], None]) -> Axes:
+    axis = Figure().subplots()
+    draw(axis, records)
+    return axis
+
+
+def test_the_first_curve_says_learned_where_an_evaluation_had_no_failure() -> None:
+    evaluations = [Evaluated(100 * k, 1.0, share, 5.0, 9.0) for k, share in ((1, 0.5), (2, 1.0))]
+    axis = lines([(episodes(16, 40), evaluations)], _draw_success)
+    assert [text.get_text() for text in axis.texts] == ["learned: 200 steps "]
+    assert not lines([(episodes(16, 40), evaluations[:1])], _draw_success).texts
+    dots = {tuple(line.get_ydata()) for line in axis.lines}
+    assert {(50.0,), (100.0,)} <= dots
+
+
+def test_distances_are_drawn_where_evaluations_have_them(tmp_path: Path) -> None:
+    def width(distance_m: float) -> int:
+        evaluations = [Evaluated(100, 1.0, 1.0, 5.0, 9.0, mean_distance_m=distance_m)]
+        draw_panels([("run", [(episodes(16, 9), evaluations)])], tmp_path / "a.png")
+        return cv2.imread(str(tmp_path / "a.png")).shape[1]
+
+    assert width(0.02) == pytest.approx(1.5 * width(float("nan")), rel=0.02)

@@ -55,8 +55,8 @@ def test_what_is_missing_is_said_with_its_command(tmp_path: Path) -> None:
     page = page_of([tmp_path], tmp_path / "out")
     assert f"evaluate --model {tmp_path / 'a' / 'model.onnx'} --json" in page
     assert f"{tmp_path / 'new'}: no episode has ended yet" in page
-    assert "No policy has been evaluated yet" in page
-    assert "No evaluation has kept its drives" in page
+    assert {"films", "drives", "worst"}.isdisjoint(sections(page))
+    assert page.count("<img") == 1, "of the run that has an episode"
 
 
 def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) -> None:
@@ -64,23 +64,57 @@ def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) 
     path = judge(folder, failures=(8,))
     log = DriveLog([track(7, DONE, 0.01, strip=3), track(8, "collided", 0.2, strip=8)])
     log.save(path.with_suffix(".npz"))
+    folder.film.write_bytes(b"a film")
+    (tmp_path / "drive.mp4").write_bytes(b"another")
     out = tmp_path / "out"
-    page = page_of([folder.path], out)
+    page = page_of([tmp_path], out)
     inside = {base64.b64decode(data) for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", page)}
     beside = {file.name: file.read_bytes() for file in out.glob("*.png")}
     assert set(beside) == {"curves_navigation.png", "drives_1.png", "worst_1.png"}
-    assert inside == set(beside.values())
+    assert inside == {*beside.values(), b"a film", b"another"}
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "96.4 % of 1000" in page
     assert "95.0 % (19 of 20" in page
     assert "1 of 20 episodes failed" in page
-    assert folder.curve.exists()
+    assert "The latest evaluation of a" in page
+    assert sections(page)[0] == "films"
 
 
-def test_where_none_failed_the_farthest_are_shown_and_said_to_be(tmp_path: Path) -> None:
-    path = judge(make_run(tmp_path / "a"))
-    DriveLog([track(k, DONE, 0.01 * k, strip=2) for k in range(3)]).save(path.with_suffix(".npz"))
-    assert "No episode failed; these 3 strayed farthest" in page_of([tmp_path], tmp_path / "out")
+@pytest.mark.parametrize(("farthest_m", "shown"), [(0.09, False), (0.13, True)])
+def test_episodes_are_shown_that_failed_or_left_their_lane(
+    tmp_path: Path, farthest_m: float, shown: bool
+) -> None:
+    path = judge(make_run(tmp_path / "a"))  # on arena: the lane ends 0.111 m from its middle
+    log = DriveLog([track(k, DONE, d, strip=2) for k, d in enumerate((0.01, farthest_m))])
+    log.save(path.with_suffix(".npz"))
+    page = page_of([tmp_path], tmp_path / "out")
+    assert ("worst" in sections(page)) == shown
+    assert ("others shown left their lane" in page) == shown
+
+
+def sections(page: str) -> list[str]:
+    return re.findall(r'<h2 id="(\w+)"', page)
+
+
+def test_a_card_says_first_what_came_of_it(tmp_path: Path) -> None:
+    page = page_of([make_run(tmp_path / "a").path], tmp_path / "out")
+    assert "no evaluation yet" in cards(page)
+    judge(make_run(tmp_path / "b", "dueling"), failures=(8,))
+    page = page_of([tmp_path], tmp_path / "out")
+    assert "<b>95.0 %</b>" in cards(page)
+    assert "2.0 cm from the path on average" in cards(page)
+    assert "not finished" in cards(page)
+
+
+def cards(page: str) -> str:
+    return page[page.index('class="cards"') : page.index("<h2")]
+
+
+def test_the_papers_columns_stand_only_beside_figures_of_the_paper(tmp_path: Path) -> None:
+    make_run(tmp_path / "coach", "coached", task="navigation")
+    assert "paper A" not in page_of([tmp_path], tmp_path / "out")
+    make_run(tmp_path / "ppo", "ppo", task="navigation")
+    assert "paper A" in page_of([tmp_path], tmp_path / "out")
 
 
 def test_an_ablation_has_its_row_but_nothing_of_the_papers(tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ import { drawGround } from "./ground.js";
 import { $ } from "./panels.js";
 
 const MARGIN_PX = 18;
-const BELOW_PX = 70; // room for the bar with the choice
+const ABOVE_PX = 50; // room for the buttons
+const BELOW_PX = 70; // and for the bar with the choice
 const ROBOT_M = { length: 0.2, width: 0.15 };
 const DRAG_PX = 10;
 const TRAIL_POINTS = 400;
@@ -120,7 +121,7 @@ export class MapView {
     if (!this.colour) return;
     const { width_m, height_m } = this.drawing;
     const w = this.canvas.width - 2 * MARGIN_PX * this.ratio;
-    const h = this.canvas.height - (MARGIN_PX + BELOW_PX) * this.ratio;
+    const h = this.canvas.height - (ABOVE_PX + BELOW_PX) * this.ratio;
     this.scale = this.zoom * Math.min(w / width_m, h / height_m);
     const pose = this.following && this.#shownPose(performance.now());
     if (pose) this.centre = pose.slice(0, 2);
@@ -131,7 +132,7 @@ export class MapView {
     };
     this.centre = [kept(this.centre[0], width_m, w), kept(this.centre[1], height_m, h)];
     this.left = this.canvas.width / 2 - this.centre[0] * this.scale;
-    this.bottom = MARGIN_PX * this.ratio + h / 2 + this.centre[1] * this.scale;
+    this.bottom = ABOVE_PX * this.ratio + h / 2 + this.centre[1] * this.scale;
     this.ground = drawGround(this);
     this.#paint();
   }
