@@ -194,7 +194,7 @@ def expect_problem_at(browser: Browser, x: float, y: float) -> None:
     outer = box(browser, "#map")
     assert outer[0] <= left <= x <= right <= outer[2]
     assert outer[1] <= top < bottom <= outer[3]
-    assert min(abs(y - bottom), abs(y - top)) < 30
+    assert min(abs(y - bottom), abs(y - top)) < 45
 
 
 def box(browser: Browser, selector: str) -> list[float]:
