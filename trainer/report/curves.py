@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import isfinite
+from math import nan
 from pathlib import Path
 from statistics import median
 from textwrap import fill
@@ -46,7 +46,7 @@ def draw_curve(folder: RunFolder, config: RunConfig) -> None:
 def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> None:
     """Write a picture with a row for each set of runs: success, distance from the path, reward."""
     measured = any(
-        isfinite(e.mean_distance_m) for _, records in panels for _, es in records for e in es
+        e.mean_distance_m is not None for _, records in panels for _, es in records for e in es
     )
     columns: list[Callable[[Axes, Sequence[Record]], None]] = [_draw_success, _draw_reward]
     if measured:
@@ -91,7 +91,9 @@ def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
 
 
 def _draw_distance(axis: Axes, records: Sequence[Record]) -> None:
-    _draw_evaluations(axis, records, lambda e: 100.0 * e.mean_distance_m)
+    _draw_evaluations(
+        axis, records, lambda e: nan if e.mean_distance_m is None else 100.0 * e.mean_distance_m
+    )
     axis.set(ylabel="distance from the path [cm]")
     axis.set_ylim(bottom=0.0)
 

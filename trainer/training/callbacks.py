@@ -139,7 +139,7 @@ class Evaluator(BaseCallback):
             float(result.rewards.mean()),
             float(result.steps.mean()),
             state.cpu_seconds + time.process_time() - cpu_began,
-            float(result.distance_m.mean()),
+            None if np.isnan(distance_m := result.distance_m.mean()) else float(distance_m),
         )
         state.evaluations.append(evaluated)
         if state.best is evaluated:
@@ -156,7 +156,8 @@ class Evaluator(BaseCallback):
         self.logger.record("evaluation/success", evaluated.success_rate)
         self.logger.record("evaluation/reward", evaluated.mean_reward)
         self.logger.record("evaluation/length", evaluated.mean_steps)
-        self.logger.record("evaluation/distance_m", evaluated.mean_distance_m)
+        if evaluated.mean_distance_m is not None:
+            self.logger.record("evaluation/distance_m", evaluated.mean_distance_m)
         self.logger.dump(evaluated.step)
 
 

@@ -32,7 +32,7 @@ class Evaluated:
     mean_reward: float
     mean_steps: float  # decisions until the end of the episode
     cpu_seconds: float = float("nan")  # of training until then, all threads
-    mean_distance_m: float = float("nan")  # from the path
+    mean_distance_m: float | None = None  # from the path, where the world tells it
 
     @property
     def rank(self) -> tuple[float, float]:

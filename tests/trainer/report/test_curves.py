@@ -67,9 +67,9 @@ def test_the_first_curve_says_learned_where_an_evaluation_had_no_failure() -> No
 
 
 def test_distances_are_drawn_where_evaluations_have_them(tmp_path: Path) -> None:
-    def width(distance_m: float) -> int:
+    def width(distance_m: float | None) -> int:
         evaluations = [Evaluated(100, 1.0, 1.0, 5.0, 9.0, mean_distance_m=distance_m)]
         draw_panels([("run", [(episodes(16, 9), evaluations)])], tmp_path / "a.png")
         return cv2.imread(str(tmp_path / "a.png")).shape[1]
 
-    assert width(0.02) == pytest.approx(1.5 * width(float("nan")), rel=0.02)
+    assert width(0.02) == pytest.approx(1.5 * width(None), rel=0.02)
