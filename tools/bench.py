@@ -22,6 +22,7 @@ from robot.inference.policy_file import SHIPPED_MODELS
 from robot.navigation.road_map import RoadMap, load_map
 from robot.output import expect_writable, write_json
 from tools.timing import in_turn, seconds_per_call
+from tools.training_speed import CASES, in_checkout
 
 ROBOTS = 64
 BATCH = 128
@@ -98,8 +99,9 @@ def step_figures() -> dict[str, float]:
     }
 
 
-def training_figures() -> dict[str, float]:
-    """Samples per second of a Dueling network of preset ``fast``: forward, backward, Adam step."""
+def training_figures() -> dict[str, Any]:
+    """Samples per second of a Dueling network of preset ``fast``: forward, backward, Adam step; and
+    what whole trainings make of a second of processor time."""
     import torch
 
     from trainer.learners.networks import GreedyNetwork
@@ -118,7 +120,9 @@ def training_figures() -> dict[str, float]:
         torch.nn.functional.smooth_l1_loss(network(images), targets).backward()
         optimiser.step()
 
-    return {"samples_per_s": BATCH / seconds_per_call(step)}
+    here = Path(__file__).parents[1]
+    speeds = {case: asdict(in_checkout(case, here)) for case in CASES}
+    return {"samples_per_s": BATCH / seconds_per_call(step), **speeds}
 
 
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:

@@ -74,46 +74,6 @@ def draw_solids(pictures: np.ndarray, views: SolidViews) -> None:
                 _blend(picture, canvas.depth[v], canvas.seen[v])
 
 
-class InSight(NamedTuple):
-    """M solids, each in sight of one of N robots: ``robots`` (M,), ``rows`` (M, 13) as the camera
-    has them, ``boxes`` (M, 4) of pixels, ``colours`` (M, 3) of ``face_colours`` or three times the
-    class, ``lights`` (N, 5) in the robots' axes."""
-
-    robots: np.ndarray
-    rows: np.ndarray
-    boxes: np.ndarray
-    colours: np.ndarray
-    lights: np.ndarray
-
-
-def gather_in_sight(views: SolidViews, labels: bool) -> InSight:
-    """All solids that all robots see, for a renderer that draws them all at once."""
-    return InSight(*_gather(views, labels))
-
-
-@njit(parallel=True, nogil=True, cache=True)
-def _gather(
-    views: SolidViews, labels: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    count = len(views.poses)
-    ends = np.cumsum(views.last - views.first)
-    rows, boxes = np.empty((ends[-1], views.rows.shape[1])), np.empty((ends[-1], 4), np.int64)
-    robots = np.full(ends[-1], -1, np.int64)
-    colours, lights = np.empty((ends[-1], 3), np.uint32), np.empty((count, 5))
-    for i in prange(count):
-        _turn_light(views.lights[i], views.poses[i, 2], lights[i])
-        seen_rows, seen_boxes = _in_sight(views, np.int64(i))
-        start = ends[i] - (views.last[i] - views.first[i])
-        for k in range(len(seen_rows)):
-            rows[start + k], boxes[start + k] = seen_rows[k], seen_boxes[k]
-            robots[start + k] = i
-            face_colours(seen_rows[k], lights[i], colours[start + k])
-            if labels:
-                colours[start + k] = np.uint32(seen_rows[k, _KIND])
-    found = np.flatnonzero(robots >= 0)
-    return robots[found], rows[found], boxes[found], colours[found], lights
-
-
 @njit(cache=True)
 def _in_sight(views: SolidViews, i: np.int64) -> tuple[np.ndarray, np.ndarray]:
     """The solids that a robot's camera sees: rows (k, 13) and pixel boxes (k, 4)."""
