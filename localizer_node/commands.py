@@ -13,7 +13,8 @@ from typing import Any, Dict, List, Optional, Tuple
 from localizer_node.calibration import load_calibration
 from localizer_node.detect import Detection
 from localizer_node.draw import annotated
-from localizer_node.node import Localizer, PosePublisher, Publish, locate_frame
+from localizer_node.node import Localizer, Publish, locate_frame
+from localizer_node.publish import PosePublisher
 from localizer_node.sources import open_source
 from localizer_node.track import RobotPose
 from robot import output

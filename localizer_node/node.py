@@ -13,8 +13,6 @@ from localizer_node.detect import Detection, Detector
 from localizer_node.rectify import Rect
 from localizer_node.track import RobotPose, Tracker
 from robot.errors import ContractError
-from robot.link.config import LinkConfig
-from robot.link.messages import PosesMessage, Sighting
 
 logger = logging.getLogger(__name__)
 Publish = Callable[[Tuple[RobotPose, ...]], None]
@@ -122,33 +120,3 @@ class Localizer:
             self._detector.window_px(x, y, reach + spread)
             for x, y, spread in self._tracker.predicted(t_s).values()
         ]
-
-
-class PosePublisher:
-    """Publishes the poses of each picture; use it as a context, or close it.
-
-    Raises:
-        ConfigError: the link's keys are absent, or the configuration does not fit.
-    """
-
-    def __init__(self, config: LinkConfig) -> None:
-        self._link = config.open()
-        self._publisher = config.publisher(self._link, PosesMessage)
-
-    def __call__(self, poses: Tuple[RobotPose, ...]) -> None:
-        """Send the poses of one picture; with none, only let new listeners in."""
-        self._link.admit()
-        if poses:
-            self._publisher.send(message_of(poses))
-
-    def __enter__(self) -> PosePublisher:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._link.close()
-
-
-def message_of(poses: Tuple[RobotPose, ...]) -> PosesMessage:
-    """The message that tells the poses of one picture, of which there is at least one."""
-    seen = tuple(Sighting(p.robot, p.x_m, p.y_m, p.heading_rad, p.confidence) for p in poses)
-    return PosesMessage(seen, poses[0].t_capture_s)

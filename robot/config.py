@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Optional
 
@@ -12,31 +11,8 @@ from robot.errors import ConfigError, nearest
 from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
+from robot.recording.config import RecordingConfig
 from robot.safety.gates import SafetyLimits
-
-
-@dataclass(frozen=True)
-class RecordingConfig:
-    """Where drives are recorded, and how much of the disk they leave alone.
-
-    Raises:
-        ConfigError: no folder, or a negative size.
-    """
-
-    folder: str
-    keep_free_mb: float = 500.0  # the system needs room for its own logs and updates
-
-    def __post_init__(self) -> None:
-        if not self.folder:
-            raise ConfigError(
-                "recording.folder: expected a folder, got ''; to record nothing, leave the "
-                "recording section out"
-            )
-        if not 0.0 <= self.keep_free_mb < math.inf:
-            raise ConfigError(
-                f"recording.keep_free_mb: expected 0 or more, got {self.keep_free_mb}"
-            )
-
 
 CAMERAS = ("csi", "v4l2", "replay", "socket")
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from robot.command_line import OneLineParser, answer, spoken
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
-from robot.recording.replay import Replayed, replay, why_not
+from robot.recording.contents import why_not
+from robot.recording.replay import Replayed, replay
 
 SHOWN = 20
 

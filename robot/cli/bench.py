@@ -15,9 +15,10 @@ from robot.computer.footprint import measure_footprint
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
 from robot.hat.clock import MonotonicClock
+from robot.inference.policy_timing import time_policy
 from robot.output import expect_writable, write_json
 from robot.parts import Tick
-from robot.runtime.dry_run import dry_runtime, time_policy
+from robot.runtime.dry_run import dry_runtime
 from robot.runtime.timing import RateKeeper
 
 

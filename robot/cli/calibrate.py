@@ -15,7 +15,8 @@ from robot.bringup import chessboard
 from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
 from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
-from robot.bringup.wheels import GUIDES, Guide, Values
+from robot.bringup.wheel_guides import GUIDES, Guide
+from robot.bringup.wheels import Values
 from robot.bringup.yaml_edit import edit_yaml
 from robot.camera.replay import read_picture
 from robot.command_line import number

@@ -9,12 +9,12 @@ from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import Machine
 from robot.errors import ConfigError, DuckpilotError
+from robot.inference.policy_timing import time_decisions
 from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
 from robot.link.roles import BOUND_BY
 from robot.navigation.road_map import load_map
 from robot.runtime.assemble import open_policy
-from robot.runtime.dry_run import time_decisions
 
 OLDEST_PYTHON = (3, 8)
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "PyYAML", "smbus2", "pyzmq", "mcap")

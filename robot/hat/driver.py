@@ -10,8 +10,9 @@ from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.clock import Clock
 from robot.hat.config import HatConfig
+from robot.hat.odometry import StepOdometry
 from robot.hat.stepper_hat import StepperHat
-from robot.hat.stepping import StepOdometry, StepPlanner, Steps
+from robot.hat.stepping import StepPlanner, Steps
 
 STILL = WheelSpeeds(0.0, 0.0)
 PULL_S = 0.25  # with the field half a step beside

@@ -1,10 +1,10 @@
-"""From wheel speeds to the moments of single steps, and from steps to a pose. Pure."""
+"""From wheel speeds to the moments of single steps, for both wheels. Pure: time is an argument."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional
 
-from robot.geometry import DifferentialDrive, Pose, WheelSpeeds
+from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.ramp import RampLimits, WheelRamp
 
@@ -103,28 +103,3 @@ class StepPlanner:
         """Both wheels wait, so that the robot keeps to its path."""
         for wheel in self._wheels:
             wheel.delay(shift_s)
-
-
-class StepOdometry:
-    """Adds up steps, from ``pose`` on (world frame).
-
-    Args:
-        drive: the axle.
-        wheel_steps_m: rim movement of a step, left and right [m].
-        pose: to begin with.
-
-    True as long as no rotor loses a step and no wheel slips.
-    """
-
-    def __init__(
-        self, drive: DifferentialDrive, wheel_steps_m: Tuple[float, float], pose: Pose
-    ) -> None:
-        self._drive = drive
-        self._wheel_steps_m = wheel_steps_m
-        self.pose = pose
-
-    def add(self, steps: Steps) -> None:
-        """Both wheels moved by these steps at the same time."""
-        left_m, right_m = (n * step_m for n, step_m in zip(steps, self._wheel_steps_m))
-        turn_rad = (right_m - left_m) / self._drive.baseline_m
-        self.pose = self.pose.moved(0.5 * (left_m + right_m), turn_rad)

@@ -13,7 +13,8 @@ import threading
 from contextlib import ExitStack, contextmanager
 from typing import Iterator, Optional, Union
 
-from robot.computer.threads import Alarm, Silence, Worker
+from robot.computer.alarm import Alarm
+from robot.computer.threads import Silence, Worker
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.bus import I2cBus, SmbusBus, SocketBus, open_bus

@@ -15,7 +15,8 @@ from typing import Any, Dict, List, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
 from robot.geometry import Pose, wrap_angle
-from robot.navigation.lanes import Lane, LaneIndex, tile_lanes
+from robot.navigation.lane_index import LaneIndex
+from robot.navigation.lanes import Lane, tile_lanes
 from robot.navigation.tiles import Tile, parse_tile
 from robot.typed_config import read_yaml
 

@@ -17,13 +17,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Callable, Deque, Optional, Tuple
 
-from robot.computer.threads import Alarm, Worker
-from robot.config import RecordingConfig
+from robot.computer.alarm import Alarm
+from robot.computer.threads import Worker
 from robot.link.telemetry import Reading
 from robot.parts import Tick
 from robot.recording.about import Subject
+from robot.recording.config import RecordingConfig
 from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile, DriveLog, Heard
-from robot.recording.reader import recover_folder
+from robot.recording.repair import recover_folder
 from robot.safety.state_machine import State
 
 FLUSH_S = 0.5  # what a power cut can take

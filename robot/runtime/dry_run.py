@@ -1,14 +1,12 @@
-"""Measuring a robot on any computer: a decision, and a loop that drives nowhere.
+"""A runtime that drives nowhere: a camera that makes up pictures, motors that do nothing.
 
-Its camera makes up pictures, its motors do nothing.
+For measuring the loop itself, on any computer.
 """
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Union
+from typing import Optional
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from robot.contract import ACTION_WHEELS, PATH_POINTS, Action, PolicyContract
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import Clock, MonotonicClock
 from robot.inference.policy import OnnxPolicy
-from robot.inference.preprocess import FRAME_SHAPE, preprocess
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance, Policy
 from robot.runtime.loop import Runtime
 from robot.safety.gates import SafetyLimits
@@ -81,8 +79,6 @@ def dry_runtime(model: Optional[Path], clock: Optional[Clock] = None) -> Runtime
     """
     import onnxruntime  # noqa: F401  part of the robot's footprint with any policy
 
-    from robot.inference.policy import OnnxPolicy
-
     clock = clock or MonotonicClock()
     policy: Policy = OnnxPolicy(model) if model else _StraightOn()
     safety = Safety(clock.now, PATIENT)
@@ -94,41 +90,3 @@ def dry_runtime(model: Optional[Path], clock: Optional[Clock] = None) -> Runtime
     for command in (Command.ARM, Command.AUTO):
         runtime.ask(command)
     return runtime
-
-
-DECISIONS = 300
-WARM_UP = 20
-
-
-@dataclass(frozen=True)
-class PolicyTiming:
-    """Half of the decisions took at most ``p50_ms``, 99 of 100 at most ``p99_ms`` [ms]."""
-
-    p50_ms: float
-    p99_ms: float
-
-
-def time_policy(
-    model: Union[str, Path], threads: int = 1, decisions: int = DECISIONS
-) -> PolicyTiming:
-    """Time preprocessing and inference of a policy file, one frame at a time.
-
-    Raises:
-        ContractError: the file keeps no contract.
-    """
-    return time_decisions(OnnxPolicy(model, threads), decisions)
-
-
-def time_decisions(policy: Policy, decisions: int = DECISIONS) -> PolicyTiming:
-    """Time preprocessing and inference of an open policy, one frame at a time."""
-    rng = np.random.default_rng(0)
-    frame = rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
-    path = np.zeros((1, policy.contract.path_points), np.float32)
-    times_ms = []
-    for _ in range(WARM_UP + decisions):
-        began_s = time.perf_counter()
-        picture = preprocess(frame, policy.contract.image)
-        policy.values(picture[None], path if path.size else None)
-        times_ms.append(1e3 * (time.perf_counter() - began_s))
-    p50_ms, p99_ms = np.percentile(times_ms[WARM_UP:], (50, 99))
-    return PolicyTiming(float(p50_ms), float(p99_ms))

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from localizer_node.calibrate import KnownPoint, calibrate, guess_lens, map_corners
-from localizer_node.calibrate_command import corner_points, read_points
 from localizer_node.calibration import Board, Marker
 from localizer_node.camera_fit import Freedom
+from localizer_node.points import corner_points, read_points
 from localizer_node.rectify import Rectifier, map_outline
 from robot.errors import ConfigError
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, PINHOLE, SIDE_PX, Rig, grid

@@ -3,7 +3,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from localizer_node.node import PosePublisher, message_of
+from localizer_node.publish import PosePublisher, message_of
 from localizer_node.track import RobotPose
 from robot.errors import ConfigError
 from robot.link.config import LinkConfig

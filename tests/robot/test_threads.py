@@ -17,7 +17,7 @@ import pytest
 
 import robot
 from robot.camera.source import NewestFrame
-from robot.computer.threads import Alarm
+from robot.computer.alarm import Alarm
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.clock import MonotonicClock

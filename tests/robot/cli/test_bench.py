@@ -11,7 +11,7 @@ import pytest
 from robot.cli import main
 from robot.computer.footprint import ROOT, measure_footprint
 from robot.errors import ContractError
-from robot.runtime.dry_run import time_policy
+from robot.inference.policy_timing import time_policy
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.geometry import DifferentialDrive, Pose
-from robot.hat.stepping import StepOdometry, Steps
+from robot.hat.odometry import StepOdometry
+from robot.hat.stepping import Steps
 
 DRIVE = DifferentialDrive()
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract
 from robot.errors import ContractError
-from robot.inference.network_file import MAX_IR_VERSION, MAX_OPSET, read_header
+from robot.inference.network_file import MAX_IR_VERSION, MAX_OPSET
+from robot.inference.onnx_header import read_header
 from robot.inference.policy import OnnxPolicy
 from robot.inference.policy_file import read_contract
 from tests.robot.tiny_onnx import (

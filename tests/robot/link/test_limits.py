@@ -11,11 +11,11 @@ import pytest
 
 from robot.errors import ConfigError, ContractError
 from robot.link.allow_list import AllowList
-from robot.link.command_server import OperatorLock
 from robot.link.commands import Ack, Command, Mission
 from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
+from robot.link.operator_lock import OperatorLock
 from robot.link.sockets import Link, Publisher, Subscriber, limit_bytes, new_session
 from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry, thin_path
 from robot.link.wire import plain, require_length, require_size, tidy_text
