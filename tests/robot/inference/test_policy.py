@@ -90,6 +90,18 @@ def test_a_damaged_file_is_refused_and_never_crashes(tmp_path: Path, cut: int, j
         OnnxPolicy(tmp_path / "bad.onnx")
 
 
+def test_a_header_without_operators_tells_of_none(tmp_path: Path) -> None:
+    (tmp_path / "m.onnx").write_bytes(b"\x08\x09")  # field 1, IR version: 9
+    assert read_header(tmp_path / "m.onnx") == (9, 0, {})
+
+
+@pytest.mark.parametrize("wire", [3, 4, 6, 7])
+def test_a_wire_type_that_no_message_has_is_refused(tmp_path: Path, wire: int) -> None:
+    (tmp_path / "m.onnx").write_bytes(bytes((0x08, 9, 15 << 3 | wire)))
+    with pytest.raises(ContractError, match=f"wire type {wire}"):
+        read_header(tmp_path / "m.onnx")
+
+
 def refusal(path: Path) -> str:
     with pytest.raises(ContractError) as caught:
         OnnxPolicy(path)
