@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from tools.faults.case import Act, Case
-from tools.faults.spoil import BLIND_S, SPOILED, STILL_S, WRONG_S, Moment, Spoil, covered
+from tools.faults.spoil import (
+    BLIND_S,
+    ROLLED_S,
+    SPOILED,
+    STILL_S,
+    WRONG_S,
+    Moment,
+    Spoil,
+    covered,
+)
 from tools.faults.stage import Stage
 
 # One bare colour may be taken for a frozen picture first; where a wrong picture has led the robot
@@ -12,6 +21,7 @@ SAYS = {
     BLIND_S: "lens covered|same picture",
     STILL_S: "has not moved|left its planned path",
     WRONG_S: "road lies|left its planned path",
+    ROLLED_S: "road lies|left its planned path",
 }
 
 

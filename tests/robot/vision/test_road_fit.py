@@ -149,7 +149,7 @@ def told(better: float, turns: int) -> list:
     return [verdict.add(np.array([[0.5, 0.5 + better, 0.2]])) for _ in range(turns)]
 
 
-def test_twenty_turns_must_favour_another_reading_by_half() -> None:
+def test_twenty_turns_must_favour_another_reading_by_its_margin() -> None:
     assert set(told(0.49, 60)) == {""}
     clear = told(0.6, 20)
     assert clear[:16] == [""] * 16  # 16 of 20 turns: 0.48 in the middle
