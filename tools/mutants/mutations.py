@@ -125,10 +125,15 @@ def _replacements(node: ast.expr | ast.stmt) -> Iterator[str]:
             yield from _other_calls(func, args, keywords)
 
 
+_EITHER_WAY = {"min", "max", "minimum", "maximum", "hypot", "dist", "isclose"}
+
+
 def _other_calls(
     func: ast.expr, args: list[ast.expr], keywords: list[ast.keyword]
 ) -> Iterator[str]:
-    if len(args) > 1 and not any(isinstance(each, ast.Starred) for each in args[:2]):
+    name = func.attr if isinstance(func, ast.Attribute) else getattr(func, "id", "")
+    starred = any(isinstance(each, ast.Starred) for each in args[:2])
+    if len(args) > 1 and not starred and name not in _EITHER_WAY:
         yield ast.unparse(ast.Call(func, [args[1], args[0], *args[2:]], keywords))
     if isinstance(func, ast.Name) and func.id in _FUNCTIONS:
         yield ast.unparse(ast.Call(ast.Name(_FUNCTIONS[func.id]), args, keywords))
