@@ -5,7 +5,7 @@ from __future__ import annotations
 from tools.faults.case import Act, Case
 from tools.faults.spoil import (
     BLIND_S,
-    ROLLED_S,
+    LIKE_A_BEND_S,
     SPOILED,
     STILL_S,
     WRONG_S,
@@ -21,7 +21,7 @@ SAYS = {
     BLIND_S: "lens covered|same picture",
     STILL_S: "has not moved|left its planned path",
     WRONG_S: "road lies|left its planned path",
-    ROLLED_S: "road lies|left its planned path",
+    LIKE_A_BEND_S: "road lies|left its planned path",
 }
 
 

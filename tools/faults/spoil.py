@@ -10,7 +10,7 @@ import numpy as np
 
 Spoil = Callable[[np.ndarray], np.ndarray]
 BLIND_S, STILL_S, WRONG_S = 0.5, 1.5, 2.0  # until the robot must doubt such pictures
-ROLLED_S = 6.0  # a small roll is most like a bend
+LIKE_A_BEND_S = 6.0  # what is most like a bend
 RNG = np.random.default_rng(0)
 
 
@@ -104,8 +104,8 @@ SPOILED: dict[str, Spoiled] = {
     "mirrored": Spoiled("left and right exchanged", lambda: _mirrored, WRONG_S),
     "upside down": Spoiled("turned by 180 degrees", lambda: _upside_down, WRONG_S),
     "sheared": Spoiled("each row a pixel farther to the right", lambda: _sheared, WRONG_S),
-    "rolled": Spoiled("turned by 30 degrees: a camera came loose", lambda: _rolled, ROLLED_S),
-    "shifted": Spoiled("a quarter of its width to the right", lambda: _shifted, WRONG_S),
+    "rolled": Spoiled("turned by 30 degrees: a camera came loose", lambda: _rolled, LIKE_A_BEND_S),
+    "shifted": Spoiled("a quarter of its width to the right", lambda: _shifted, LIKE_A_BEND_S),
     "held": Spoiled("the same picture with noise of 6 levels", _Held, STILL_S),
     "half covered": Spoiled("its right half black", lambda: _half, WRONG_S),
 }
