@@ -26,7 +26,7 @@ def test_the_first_good_evaluation_counts(run: Path, capsys: pytest.CaptureFixtu
     row = next(line for line in capsys.readouterr().out.splitlines() if "dueling" in line)
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[:7] == ["some_run", "navigation", "dueling", "0", "2,000", "20", "10"]
-    assert cells[7].startswith("1,500,000")
+    assert cells[7].startswith("1.5 M")
     assert cells[8:] == ["3,000", "31", "-"]
 
 
