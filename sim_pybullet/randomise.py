@@ -196,6 +196,8 @@ def _drawn_as(kind: type, draw: Callable[..., Any], rng: np.random.Generator) ->
 
 def _extreme(data: Any, draws: dict[tuple[str, str], _Draw], turn: int) -> Any:
     """The data with one of its extremes in the place of every distribution."""
+    if not isinstance(data, dict):
+        return data
     plain = {k: dict(v) if isinstance(v, dict) else v for k, v in data.items()}
     for (group, leaf), (_, extremes) in draws.items():
         plain[group][leaf] = extremes[turn % len(extremes)]

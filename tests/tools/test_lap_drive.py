@@ -19,6 +19,8 @@ from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import NOMINAL
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
+from tools.loop.__main__ import main
+from tools.loop.options import parse_laps
 from trainer.transfer.export import export_translator
 
 
@@ -132,16 +134,16 @@ def test_a_network_that_answers_nan_stops_the_robot_and_nothing_restarts_it() ->
 
 
 def test_wrong_input_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert laps.main(["--laps", "1", "--model", str(tmp_path / "none.onnx")]) == 2
+    assert main(["--laps", "1", "--model", str(tmp_path / "none.onnx")]) == 2
     assert "none.onnx" in capsys.readouterr().err
     with pytest.raises(SystemExit) as refusal:
-        laps.main(["--model", "a.onnx", "--laps", "-1"])
+        main(["--model", "a.onnx", "--laps", "-1"])
     assert refusal.value.code == 2
 
 
 def test_the_summary_has_the_promised_keys() -> None:
     record = LapRecord(laps=2.0, offsets_m=[0.01], odometry_errors=[(0.02, 0.01)])
-    figures = laps.summary(record, laps.parse(["--laps", "2", "--model", "a.onnx"]))
+    figures = laps.summary(record, parse_laps(["--laps", "2", "--model", "a.onnx"]))
     promised = {"schema", "inputs", "missions", "arrived", "stops", "position_rms_m"}
     assert promised | {"heading_rms_rad"} <= figures.keys()
     assert figures["arrived"] == 1
@@ -154,5 +156,5 @@ def test_only_a_translator_from_real_to_simulated_pictures_is_for_running(
     translator = tmp_path / "t.onnx"
     contract = TranslatorContract("cyclegan", "sim-to-real", ExpertPolicy.contract.image)
     export_translator(torch.nn.Identity(), contract, translator)
-    assert laps.main(["--laps", "1", "--translator", str(translator)]) == 2
+    assert main(["--laps", "1", "--translator", str(translator)]) == 2
     assert "expected a translator real-to-sim" in capsys.readouterr().err

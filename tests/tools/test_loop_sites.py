@@ -12,6 +12,8 @@ from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop import drive
+from tools.loop.__main__ import main
+from tools.loop.options import parse_missions
 from tools.loop.sites import sites_of
 
 REALITY = {"reality/noon", "reality/night", "reality/rink", "reality/lab", "reality/hall"}
@@ -62,7 +64,7 @@ def test_an_unknown_look_is_refused_before_anything_starts(
 ) -> None:
     with pytest.raises(ConfigError, match="realty"):
         sites_of("realty", 0)
-    assert drive.main(["--look", "realty"]) == 2
+    assert main(["--look", "realty"]) == 2
     assert "reality" in capsys.readouterr().err
 
 
@@ -80,7 +82,7 @@ def test_the_figures_count_arrivals_at_each_site() -> None:
 
 def test_figures_of_rows_without_sites_begin_anew(tmp_path: Path) -> None:
     path = tmp_path / "loop.json"
-    options = drive.parse(["--json", str(path)])
+    options = parse_missions(["--json", str(path)])
     for schema, kept in ((1, 0), (2, 1)):
         figures = {"schema": schema, "inputs": drive.inputs_of(options), "rows": [{"site": "a"}]}
         path.write_text(json.dumps(figures))
