@@ -18,9 +18,12 @@ STOPPED = Outcome("camera", "stops", "", 0.26, 0.2, "FAULT", "frame | old", "", 
 DRIVES = Outcome("network", "late", "", math.nan, 0.0, "AUTO", "", "", True)
 FAILED = Outcome("network", "cut", "", 9.0, 1.0, "AUTO", "", "still moving", True)
 # Poses that drift by 3 cm/s are 8 cm off a quarter of a second later; by 3 degrees a second, 15.
+# A picture that is rolled or shifted a little is most like a bend.
 SLOW_S = {
     **{f"drift {way}": 2.4 for way in ("ahead", "back", "left", "right")},
     "headings turn": 5.0,
+    "rolled": 6.0,
+    "shifted": 6.0,
 }
 
 
