@@ -1,31 +1,18 @@
-"""A task of your own: keep right, 3 cm beside the middle of the lane, at its reward's optimum."""
+"""A task of your own, `own_task.py`: where in the lane does its reward have its optimum?"""
 
 import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from own_task import RIGHT_M, KeepRight
 
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.tasks.base import TaskStep
-from sim_pybullet.tasks.following import following_terms
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-RIGHT_M, ROBOTS = 0.03, 8
-
-
-class KeepRight(LaneKeeping):
-    """Lane keeping whose best place is beside the middle."""
-
-    def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
-        """Reward and end of the decision that led to poses (N, 3)."""
-        judged = super().step(poses, collided)
-        beside = self.course._replace(offset_m=self.course.offset_m + RIGHT_M)
-        return judged._replace(terms=following_terms(beside, self.half_lane_m))
-
+ROBOTS = 8
 
 task = KeepRight([load_map("loop")], ROBOTS)
 world = BatchWorld(task, load_look_sampler("nominal"), pool_size=1)
