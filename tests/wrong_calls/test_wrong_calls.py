@@ -28,29 +28,31 @@ MAINS.update({name: f"{name}.__main__" for name in ("localizer_node", "tools.loo
 MAINS.update({name: f"{name}.__main__" for name in ("tools.faults", "tools.monitor")})
 
 
+TEXTS = {
+    "file": "kept",
+    "empty": "",
+    "list_yaml": "[1, 2]\n",
+    "cut_yaml": "camera: {width: [1, 2",
+    "typo_yaml": "camra: {}\n",
+    "kind_yaml": "hat: {left: 3}\n",
+    "robot_yaml": "model: policy.onnx\n",
+    "deep": "[" * 20_000,
+    "cut_json": '{"inputs": {',
+    "rows_json": '{"outcomes": [{"name": 1}]}',
+    "no_road": yaml.safe_dump({"tiles": [["floor", "grass"]] * 2, "tile_size": 0.585}),
+    "bomb": "\n".join(
+        ["a0: &a0 [x, x, x, x, x, x, x, x]"]
+        + [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 8)}]" for k in range(1, 12)]
+    ),
+}  # by the name that calls.txt has for the file
+
+
 @pytest.fixture(scope="module")
 def names(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     """What the names in braces stand for."""
     here = tmp_path_factory.mktemp("calls")
-    texts = {
-        "file": "kept",
-        "empty": "",
-        "list_yaml": "[1, 2]\n",
-        "cut_yaml": "camera: {width: [1, 2",
-        "typo_yaml": "camra: {}\n",
-        "kind_yaml": "hat: {left: 3}\n",
-        "robot_yaml": "model: policy.onnx\n",
-        "deep": "[" * 20_000,
-        "cut_json": '{"inputs": {',
-        "rows_json": '{"outcomes": [{"name": 1}]}',
-        "no_road": yaml.safe_dump({"tiles": [["floor", "grass"]] * 2, "tile_size": 0.585}),
-        "bomb": "\n".join(
-            ["a0: &a0 [x, x, x, x, x, x, x, x]"]
-            + [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 8)}]" for k in range(1, 12)]
-        ),
-    }
-    found = {name: here / f"{name}.yaml" for name in texts}
-    for name, text in texts.items():
+    found = {name: here / f"{name}.yaml" for name in TEXTS}
+    for name, text in TEXTS.items():
         found[name].write_text(text, encoding="utf-8")
     parts = {
         "cut_onnx": ("cut.onnx", (MODELS / "lane_dueling.onnx").read_bytes()[:5000]),
