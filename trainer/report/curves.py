@@ -11,6 +11,7 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 
 from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
@@ -57,6 +58,7 @@ def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> N
         row[0].set_title(fill(title, _TITLE_LETTERS), loc="left", fontsize="medium")
         for axis, draw in zip(row, columns, strict=True):
             axis.set(xlabel="steps")
+            axis.xaxis.set_major_formatter(EngFormatter(sep=""))
             axis.grid(alpha=0.25)
             draw(axis, records)
             if axis.get_legend_handles_labels()[0]:
