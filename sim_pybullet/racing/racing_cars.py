@@ -52,7 +52,7 @@ _AHEAD_S, _AHEAD_M = 0.5, 4.0  # it steers for the point so far ahead
 _BEND_M = 6.0  # stretch of road over which it measures a bend
 _LOOKS_M = np.arange(0.0, 60.0, _BEND_M)
 _CAREFUL = 0.6  # share of the grip it uses in bends
-# The expert that cruises, as a person does (docs/results-scene-parsing.md):
+# The expert that cruises, as a person does (docs/results.md):
 ALONG_M = 3.3  # it turns as the road does so far ahead of the car's middle,
 ALONG_RAD = 0.25  # from this angle on,
 _FREE_M = 3.0  # and back to the middle only from farther out than this,
