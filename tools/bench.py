@@ -127,10 +127,14 @@ def training_figures() -> dict[str, Any]:
 
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
-    from robot.inference.policy_timing import time_policy
+    from robot.inference.policy import OnnxPolicy, time_decisions
 
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
-    return {kind: asdict(time_policy(path)) for kind, path in files.items() if path.exists()}
+    return {
+        kind: asdict(time_decisions(OnnxPolicy(path)))
+        for kind, path in files.items()
+        if path.exists()
+    }
 
 
 def robot_figures() -> dict[str, float]:

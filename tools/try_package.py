@@ -38,7 +38,7 @@ CALLS: dict[str, tuple[tuple[str, int, str], ...]] = {
     "": (
         ("--help", 0, "calibrate"),
         (
-            "infer --model {model} --images pictures --json out.json --sheet sheet.png",
+            "infer --model {model} --images pictures --json out.json",
             0,
             "STRAIGHT",
         ),

@@ -165,14 +165,9 @@ class EvaluateOptions:
 
 def task_of(model: Path) -> str:
     """What the policy in a file was trained for; ContractError if it is none."""
-    import json
+    from robot.inference.policy_file import read_contract
 
-    from robot.contract import PolicyContract
-    from robot.inference.network_file import read_metadata
-    from robot.inference.policy_file import REMEDY
-
-    metadata = read_metadata(model, PolicyContract.METADATA_KEY, REMEDY)
-    return str(json.loads(metadata).get("task"))
+    return read_contract(model).task
 
 
 def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:

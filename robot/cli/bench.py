@@ -15,7 +15,7 @@ from robot.computer.footprint import measure_footprint
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
 from robot.hat.clock import MonotonicClock
-from robot.inference.policy_timing import time_policy
+from robot.inference.policy import OnnxPolicy, time_decisions
 from robot.output import expect_writable, write_json
 from robot.parts import Tick
 from robot.runtime.dry_run import dry_runtime
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     expect_writable(options.json, inputs=[options.model])
     if not 0.5 <= options.seconds <= 3600.0:
         raise ConfigError(f"--seconds: expected 0.5 to 3600, got {options.seconds:g}")
-    decision = time_policy(options.model)
+    decision = time_decisions(OnnxPolicy(options.model))
     print(f"decision    p50 {decision.p50_ms:.2f} ms, p99 {decision.p99_ms:.2f} ms (one thread)")
     footprint = measure_footprint(options.model)
     print(f"robot       imports {footprint.import_s:.2f} s, resident {footprint.rss_mb:.0f} MB")

@@ -33,9 +33,9 @@ def measure_footprint(model: Optional[Union[str, Path]] = None) -> Footprint:
         ContractError: the model keeps no contract.
     """
     if model is not None:
-        from robot.inference.policy_file import read_contract
+        from robot.inference.policy import OnnxPolicy
 
-        read_contract(model)
+        OnnxPolicy(model)
     command = [
         sys.executable,
         "-m",

@@ -9,7 +9,7 @@ from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import Machine
 from robot.errors import ConfigError, DuckpilotError
-from robot.inference.policy_timing import time_decisions
+from robot.inference.policy import time_decisions
 from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
 from robot.link.roles import BOUND_BY

@@ -1,4 +1,4 @@
-"""An ONNX file before it runs: its versions, its metadata, its inputs and outputs."""
+"""An ONNX file as a network: loaded, its metadata read, its inputs and outputs compared."""
 
 from __future__ import annotations
 
@@ -6,11 +6,6 @@ from pathlib import Path
 from typing import Any, List, NamedTuple, Sequence, Tuple, Union
 
 from robot.errors import ContractError
-from robot.inference.onnx_header import read_header
-
-# onnxruntime 1.19.2, the newest for a Jetson Nano, loads no later file (measured).
-MAX_IR_VERSION = 10
-MAX_OPSET = 21
 
 
 class Tensor(NamedTuple):
@@ -34,49 +29,16 @@ class Tensor(NamedTuple):
         )
 
 
-def read_metadata(path: Union[str, Path], key: str, remedy: str) -> str:
-    """The text under ``key`` of a file whose versions the robot can load.
+def open_network(path: Union[str, Path], remedy: str, threads: int = 1) -> Any:
+    """An onnxruntime session of a file, on the processor.
 
     Args:
         path: the ONNX file.
-        key: of the metadata entry.
         remedy: what a person does about a wrong file, to end the message with.
-
-    Raises:
-        ContractError: the file is absent, no ONNX model, too new, or has no such entry.
-    """
-    header = read_header(path)
-    for name, got, most in (
-        ("IR version", header.ir_version, MAX_IR_VERSION),
-        ("opset", header.opset, MAX_OPSET),
-    ):
-        if not 1 <= got <= most:
-            raise ContractError(
-                f"{path}: expected {name} 1 to {most}, got {got}; the robot's onnxruntime loads no "
-                f"other: {remedy}"
-            )
-    text = header.metadata.get(key)
-    if text is None:
-        raise ContractError(
-            f"{path}: expected metadata under {key!r}, got keys {sorted(header.metadata)}; {remedy}"
-        )
-    return text
-
-
-def open_network(
-    path: Path, inputs: List[Tensor], outputs: List[Tensor], threads: int, remedy: str
-) -> Any:
-    """An onnxruntime session with these inputs and outputs, on the processor.
-
-    Args:
-        path: the ONNX file.
-        inputs: all of them.
-        outputs: all of them.
         threads: of one inference.
-        remedy: what a person does about a wrong file, to end the message with.
 
     Raises:
-        ContractError: onnxruntime cannot load the file, or its inputs or outputs are others.
+        ContractError: the file is absent, damaged, or too new for this onnxruntime.
     """
     import onnxruntime as ort
     from onnxruntime.capi import onnxruntime_pybind11_state as state
@@ -87,29 +49,51 @@ def open_network(
     options.log_severity_level = 3  # its errors come as exceptions; its warnings are not for users
     # onnxruntime's exceptions share no base class of its own; it quotes damaged names as they are.
     damaged = (state.Fail, state.InvalidGraph, state.InvalidProtobuf, state.InvalidArgument)
-    garbled = (UnicodeDecodeError,)
-    unsupported = (state.NotImplemented, state.RuntimeException, state.NoSuchFile)
+    unsupported = (state.NotImplemented, state.RuntimeException)
     try:
-        session = ort.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        return ort.InferenceSession(
+            Path(path).read_bytes(), options, providers=["CPUExecutionProvider"], enable_fallback=0
         )
-    except (*damaged, *garbled, *unsupported) as error:
+    except OSError as error:
+        told = error.strerror
+    except (*damaged, *unsupported, UnicodeDecodeError) as error:
+        told = f"a file that onnxruntime {ort.__version__} does not load ({str(error).strip()})"
+    raise ContractError(f"{path}: expected an ONNX policy, got: {told}; {remedy}")
+
+
+def read_metadata(path: Union[str, Path], network: Any, key: str, remedy: str) -> str:
+    """The text under ``key`` of an open network's file; ContractError when it has no such entry."""
+    try:
+        metadata = network.get_modelmeta().custom_metadata_map
+    except UnicodeDecodeError:
+        metadata = {}
+    if key not in metadata:
         raise ContractError(
-            f"{path}: expected a model that onnxruntime {ort.__version__} loads, got: "
-            f"{str(error).strip()}; {remedy}"
-        ) from error
-    _check_tensors(path, "inputs", inputs, session.get_inputs(), remedy)
-    _check_tensors(path, "outputs", outputs, session.get_outputs(), remedy)
-    return session
+            f"{path}: expected metadata under {key!r}, got keys {sorted(metadata)}; {remedy}"
+        )
+    return str(metadata[key])
 
 
-def _check_tensors(
-    path: Path, role: str, expected: List[Tensor], nodes: Sequence[Any], remedy: str
+def expect_tensors(
+    path: Union[str, Path],
+    network: Any,
+    inputs: List[Tensor],
+    outputs: List[Tensor],
+    remedy: str,
 ) -> None:
-    got = {node.name: Tensor(node.name, node.type, tuple(node.shape)) for node in nodes}
-    same = set(got) == {tensor.name for tensor in expected}
-    if not (same and all(tensor.fits(got[tensor.name]) for tensor in expected)):
-        raise ContractError(
-            f"{path}: expected {role} {'; '.join(map(str, expected))}, "
-            f"got {'; '.join(map(str, got.values())) or 'none'}; {remedy}"
-        )
+    """ContractError unless an open network has these inputs and outputs, and no others."""
+    for role, expected, nodes in (
+        ("inputs", inputs, network.get_inputs()),
+        ("outputs", outputs, network.get_outputs()),
+    ):
+        got = {node.name: Tensor(node.name, node.type, tuple(node.shape)) for node in nodes}
+        same = set(got) == {tensor.name for tensor in expected}
+        if not (same and all(tensor.fits(got[tensor.name]) for tensor in expected)):
+            raise ContractError(
+                f"{path}: expected {role} {_told(expected)}, got {_told(list(got.values()))}; "
+                f"{remedy}"
+            )
+
+
+def _told(tensors: Sequence[Tensor]) -> str:
+    return "; ".join(map(str, tensors)) or "none"

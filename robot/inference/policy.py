@@ -5,6 +5,8 @@ Runtime and replay decide with the same two pure functions.
 
 from __future__ import annotations
 
+import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, Optional, Union
 
@@ -12,8 +14,8 @@ import numpy as np
 
 from robot.contract import ActionTable
 from robot.errors import ContractError
-from robot.inference.policy_file import open_session, read_contract
-from robot.inference.preprocess import preprocess
+from robot.inference.policy_file import open_policy_file
+from robot.inference.preprocess import FRAME_SHAPE, preprocess
 from robot.parts import Policy
 
 
@@ -24,7 +26,7 @@ class OnnxPolicy:
         path: the model; its metadata holds a ``PolicyContract``.
         threads: of one inference. One is as fast as four for these networks, and leaves the
             other cores of a Jetson Nano to the camera and the motors.
-        actions: see ``read_contract``.
+        actions: of another vehicle; see `robot.inference.policy_file.open_policy_file`.
 
     Raises:
         ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
@@ -35,8 +37,7 @@ class OnnxPolicy:
         self, path: Union[str, Path], threads: int = 1, actions: Optional[ActionTable] = None
     ) -> None:
         self.path = Path(path)
-        self.contract = read_contract(self.path, actions)
-        self._session = open_session(self.path, self.contract, threads)
+        self.contract, self._session = open_policy_file(self.path, threads, actions)
         self._warm_up()
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
@@ -50,7 +51,7 @@ class OnnxPolicy:
         Raises:
             ContractError: a wrong shape or kind, or the network answered NaN or infinity.
         """
-        feeds = {"image": self._checked_images(images), **self._checked_path(images, path)}
+        feeds = {"image": self._checked_images(images), **self._checked_path(len(images), path)}
         values = self._session.run(["values"], feeds)[0]
         expected = (len(images), len(self.contract.actions))
         if values.shape != expected:
@@ -77,27 +78,20 @@ class OnnxPolicy:
             )
         return np.ascontiguousarray(images)
 
-    def _checked_path(
-        self, images: np.ndarray, path: Optional[np.ndarray]
-    ) -> Dict[str, np.ndarray]:
+    def _checked_path(self, count: int, path: Optional[np.ndarray]) -> Dict[str, np.ndarray]:
         points = self.contract.path_points
         if points == 0 and path is None:
             return {}
-        expected = f"({len(images)}, {points}) float32 in [-1, 1]" if points else "no path"
-        if path is None or points == 0:
-            got = "none" if path is None else f"{np.shape(path)}"
-            raise ContractError(
-                f"path: expected {expected}, got {got}; "
-                f"{self.path.name} is a {self.contract.task} policy"
-            )
-        path = np.ascontiguousarray(path, dtype=np.float32)
-        # A NaN fails the comparison too.
-        if path.shape != (len(images), points) or not (np.abs(path) <= 1.0).all():
-            raise ContractError(
-                f"path: expected {expected}, got {path.shape} {path.tolist()}; "
-                "make it with path_input"
-            )
-        return {"path": path}
+        if path is not None and points:
+            path = np.ascontiguousarray(path, dtype=np.float32)
+            if path.shape == (count, points) and (np.abs(path) <= 1.0).all():  # no NaN either
+                return {"path": path}
+        expected = f"({count}, {points}) float32 in [-1, 1], of path_input" if points else "no path"
+        got = "none" if path is None else f"{np.shape(path)} {np.asarray(path).tolist()}"
+        raise ContractError(
+            f"path: expected {expected}, got {got}; "
+            f"{self.path.name} is a {self.contract.task} policy"
+        )
 
     def _warm_up(self) -> None:
         """Two batch sizes, dark and bright: slow first calls and broken exports show here."""
@@ -136,3 +130,27 @@ def best_action(values: Optional[np.ndarray]) -> Optional[int]:
     if values is None or not np.isfinite(values).all():
         return None
     return int(values.argmax())
+
+
+DECISIONS, WARM_UP = 300, 20
+
+
+@dataclass(frozen=True)
+class PolicyTiming:
+    """Half of the decisions took at most ``p50_ms``, 99 of 100 at most ``p99_ms`` [ms]."""
+
+    p50_ms: float
+    p99_ms: float
+
+
+def time_decisions(policy: Policy, decisions: int = DECISIONS) -> PolicyTiming:
+    """Time a policy from the frame to the values of its actions, one frame at a time."""
+    frame = np.random.default_rng(0).integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
+    path = np.zeros(policy.contract.path_points, np.float32)
+    times_ms = []
+    for _ in range(WARM_UP + decisions):
+        began_s = time.perf_counter()
+        values_of(policy, frame, path)
+        times_ms.append(1e3 * (time.perf_counter() - began_s))
+    p50_ms, p99_ms = np.percentile(times_ms[WARM_UP:], (50, 99))
+    return PolicyTiming(float(p50_ms), float(p99_ms))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Optional, Union
+from typing import Any, Optional, Tuple, Union
 
 import numpy as np
 
@@ -16,32 +16,58 @@ from robot.contract import (
     PolicyContract,
 )
 from robot.errors import ContractError, DuckpilotError
-from robot.inference.network_file import Tensor, open_network, read_metadata
+from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
 
 TOLERANCE = 1e-6  # of an action's two numbers
 SHIPPED_MODELS = Path(__file__).parent.parent / "models"
 REMEDY = "export the policy with python -m trainer export"
 
 
-def read_contract(path: Union[str, Path], actions: Optional[ActionTable] = None) -> PolicyContract:
-    """The contract inside a policy file, checked against ours, without loading its network.
+def read_contract(path: Union[str, Path]) -> PolicyContract:
+    """The contract inside a policy file, of any vehicle; ContractError where there is none."""
+    return _stated(path, open_network(path, REMEDY))
+
+
+def _stated(path: Union[str, Path], network: Any) -> PolicyContract:
+    text = read_metadata(path, network, PolicyContract.METADATA_KEY, REMEDY)
+    try:
+        return PolicyContract.from_json(text)
+    except DuckpilotError as error:
+        raise ContractError(f"{path}: {error}") from error
+
+
+def open_policy_file(
+    path: Union[str, Path], threads: int = 1, actions: Optional[ActionTable] = None
+) -> Tuple[PolicyContract, Any]:
+    """The contract inside a policy file, and the onnxruntime session that keeps it.
 
     Args:
         path: of the file.
+        threads: of one inference.
         actions: of another vehicle, whose table the policy must have; without, this robot's wheels
             must be able to do each.
 
     Raises:
-        ContractError: see ``OnnxPolicy``.
+        ContractError: see `robot.inference.policy.OnnxPolicy`.
     """
-    text = read_metadata(path, PolicyContract.METADATA_KEY, REMEDY)
-    try:
-        contract = PolicyContract.from_json(text)
-    except DuckpilotError as error:
-        raise ContractError(f"{path}: {error}") from error
+    network = open_network(path, REMEDY, threads)
+    contract = _stated(path, network)
     _check_actions(path, contract.actions, actions)
-    _check_drive(path, contract)
-    return contract
+    for what, got, valid in (
+        ("seconds between decisions", contract.control_dt_s, (CONTROL_DT_S,)),
+        ("path points", contract.path_points, (0, PATH_POINTS)),
+    ):
+        if got not in valid:
+            expected = " or ".join(map(str, valid))
+            raise ContractError(
+                f"{path}: expected {expected} {what}, got {got}; train it again with this version"
+            )
+    inputs = [Tensor("image", "tensor(uint8)", (None, *contract.picture_shape))]
+    if contract.path_points:
+        inputs.append(Tensor("path", "tensor(float)", (None, contract.path_points)))
+    outputs = [Tensor("values", "tensor(float)", (None, len(contract.actions)))]
+    expect_tensors(path, network, inputs, outputs, REMEDY)
+    return contract, network
 
 
 def _check_actions(
@@ -60,29 +86,3 @@ def _check_actions(
             f"{path}: expected {expected}, got {table.tolist()}; "
             "this policy was trained for another robot: train it again"
         )
-
-
-def _check_drive(path: Union[str, Path], contract: PolicyContract) -> None:
-    if contract.control_dt_s != CONTROL_DT_S:
-        raise ContractError(
-            f"{path}: expected a decision every {CONTROL_DT_S} s, got {contract.control_dt_s} s; "
-            "train it again with this version"
-        )
-    if contract.path_points not in (0, PATH_POINTS):
-        raise ContractError(
-            f"{path}: expected 0 or {PATH_POINTS} path points, got {contract.path_points}; "
-            "train it again with this version"
-        )
-
-
-def open_session(path: Path, contract: PolicyContract, threads: int) -> Any:
-    """An onnxruntime session whose inputs and outputs are those of the contract.
-
-    Raises:
-        ContractError: see ``OnnxPolicy``.
-    """
-    inputs = [Tensor("image", "tensor(uint8)", (None, *contract.picture_shape))]
-    if contract.path_points:
-        inputs.append(Tensor("path", "tensor(float)", (None, contract.path_points)))
-    outputs = [Tensor("values", "tensor(float)", (None, len(contract.actions)))]
-    return open_network(path, inputs, outputs, threads, REMEDY)

@@ -11,12 +11,13 @@ FRAME_SHAPE = (FRAME_HEIGHT_PX, FRAME_WIDTH_PX, 3)
 
 
 def check_frame(frame: np.ndarray) -> None:
-    """Refuse what is no camera frame.
-
-    Raises:
-        ContractError: ``frame`` is not (120, 160, 3) uint8.
-    """
-    _check(frame, FRAME_SHAPE, "frame")
+    """ContractError unless ``frame`` is (120, 160, 3) uint8."""
+    shape, dtype = getattr(frame, "shape", None), getattr(frame, "dtype", None)
+    if shape != FRAME_SHAPE or dtype != np.uint8:
+        raise ContractError(
+            f"frame: expected {FRAME_SHAPE} uint8 RGB, got {shape} {dtype}; "
+            "resize the camera's picture to the frame size first"
+        )
 
 
 def preprocess(frame: np.ndarray, spec: ImageSpec) -> np.ndarray:
@@ -29,23 +30,6 @@ def preprocess(frame: np.ndarray, spec: ImageSpec) -> np.ndarray:
         ContractError: ``frame`` is not a camera frame.
     """
     check_frame(frame)
-    return _resize_and_crop(frame, spec)
-
-
-def preprocess_batch(frames: np.ndarray, spec: ImageSpec) -> np.ndarray:
-    """Frames (N, 120, 160, 3) uint8 RGB -> (N, *spec.shape) uint8 RGB, each as ``preprocess``.
-
-    Raises:
-        ContractError: ``frames`` is not a batch of camera frames.
-    """
-    _check(frames, ("N", *FRAME_SHAPE), "frames")
-    pictures = np.empty((len(frames), *spec.shape), dtype=np.uint8)
-    for picture, frame in zip(pictures, frames):
-        picture[...] = _resize_and_crop(frame, spec)
-    return pictures
-
-
-def _resize_and_crop(frame: np.ndarray, spec: ImageSpec) -> np.ndarray:
     if (spec.width_px, spec.height_px) != (FRAME_WIDTH_PX, FRAME_HEIGHT_PX):
         import cv2
 
@@ -53,22 +37,9 @@ def _resize_and_crop(frame: np.ndarray, spec: ImageSpec) -> np.ndarray:
     return frame[spec.crop_top_px :].copy()
 
 
-def _check(array: np.ndarray, expected: tuple, name: str) -> None:
-    shape = getattr(array, "shape", None)
-    dtype = getattr(array, "dtype", None)
-    if (
-        dtype != np.uint8
-        or shape is None
-        or len(shape) != len(expected)
-        or not _fits(shape, expected)
-    ):
-        got = f"{shape} {dtype}" if shape is not None else type(array).__name__
-        sizes = ", ".join(str(size) for size in expected)
-        raise ContractError(
-            f"{name}: expected ({sizes}) uint8 RGB, got {got}; "
-            "resize the camera's picture to the frame size first"
-        )
-
-
-def _fits(shape: tuple, expected: tuple) -> bool:
-    return all(want in (size, "N") for size, want in zip(shape, expected))
+def preprocess_batch(frames: np.ndarray, spec: ImageSpec) -> np.ndarray:
+    """Frames (N, 120, 160, 3) uint8 RGB -> (N, *spec.shape) uint8 RGB, each as ``preprocess``."""
+    pictures = np.empty((len(frames), *spec.shape), dtype=np.uint8)
+    for picture, frame in zip(pictures, frames):
+        picture[...] = preprocess(frame, spec)
+    return pictures

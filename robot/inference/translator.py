@@ -17,7 +17,7 @@ import numpy as np
 
 from robot.contract import ImageSpec, PolicyContract
 from robot.errors import ContractError, DuckpilotError, nearest
-from robot.inference.network_file import Tensor, open_network, read_metadata
+from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
 from robot.parts import Policy
 from robot.typed_config import from_plain, to_plain
 
@@ -83,7 +83,8 @@ class OnnxTranslator:
 
     def __init__(self, path: Union[str, Path], threads: int = 1) -> None:
         self.path = Path(path)
-        text = read_metadata(self.path, TranslatorContract.METADATA_KEY, REMEDY)
+        self._network = open_network(path, REMEDY, threads)
+        text = read_metadata(path, self._network, TranslatorContract.METADATA_KEY, REMEDY)
         try:
             self.contract = from_plain(TranslatorContract, json.loads(text), "translator metadata")
         except (DuckpilotError, json.JSONDecodeError) as error:
@@ -91,7 +92,7 @@ class OnnxTranslator:
         axes = (None, *self.contract.image.shape)
         inputs = [Tensor("image", "tensor(uint8)", axes)]
         outputs = [Tensor("translation", "tensor(uint8)", axes)]
-        self._session = open_network(self.path, inputs, outputs, threads, REMEDY)
+        expect_tensors(path, self._network, inputs, outputs, REMEDY)
 
     @property
     def image(self) -> ImageSpec:
@@ -113,7 +114,7 @@ class OnnxTranslator:
         if not len(pictures):
             return pictures.copy()
         feeds = {"image": np.ascontiguousarray(pictures)}
-        return np.asarray(self._session.run(["translation"], feeds)[0])
+        return np.asarray(self._network.run(["translation"], feeds)[0])
 
 
 def open_translator(

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robot.contract import PolicyContract
-from robot.inference.network_file import read_metadata
+from robot.inference.policy_file import read_contract
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "examples" / "own_task.py"
@@ -46,8 +45,7 @@ def test_trains_evaluates_exports_and_reports(tmp_path: Path) -> None:
     assert judged["inputs"]["maps"] == ["loop"]
     assert drives.exists()
     own_task("export", str(run))
-    metadata = json.loads(read_metadata(run / "model_int8.onnx", PolicyContract.METADATA_KEY, ""))
-    assert metadata["task"] == "keep_right"
+    assert read_contract(run / "model_int8.onnx").task == "keep_right"
     own_task("report", str(run), "--out", str(tmp_path / "report"))
     page = (tmp_path / "report" / "report.html").read_text()
     assert "Keep right" in page

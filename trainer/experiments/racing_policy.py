@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.inference.network_file import read_metadata
 from robot.inference.policy import OnnxPolicy
-from robot.inference.policy_file import REMEDY
+from robot.inference.policy_file import REMEDY, read_contract
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import open_translator
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS
@@ -42,9 +40,7 @@ class SteeringPolicy:
     """
 
     def __init__(self, path: Path, translator: str = "") -> None:
-        contract = PolicyContract.from_json(
-            read_metadata(path, PolicyContract.METADATA_KEY, REMEDY)
-        )
+        contract = read_contract(path)
         self._policy = OnnxPolicy(path, actions=contract.actions)
         self.image, self.frames = contract.image, contract.frames
         self.translator = translator

@@ -11,7 +11,6 @@ import pytest
 from robot.cli import main
 from robot.computer.footprint import ROOT, measure_footprint
 from robot.errors import ContractError
-from robot.inference.policy_timing import time_policy
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 
@@ -34,8 +33,6 @@ def test_wrong_input_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "--seconds: expected 0.5 to 3600, got 0" in capsys.readouterr().err
     with pytest.raises(ContractError):
         measure_footprint(tmp_path / "none.onnx")
-    with pytest.raises(ContractError):
-        time_policy(tmp_path / "none.onnx")
 
 
 def test_the_robot_stays_small(tmp_path: Path) -> None:

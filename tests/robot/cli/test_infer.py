@@ -8,17 +8,7 @@ import numpy as np
 import pytest
 
 from robot.cli import main
-from robot.cli.contact_sheet import (
-    MOST_TILES,
-    STRIP_PX,
-    TILE,
-    Labelled,
-    arrow_points,
-    draw_sheet,
-    draw_tile,
-)
-from robot.contract import FIVE_ACTIONS, Action, ImageSpec
-from robot.inference.preprocess import FRAME_SHAPE
+from robot.contract import ImageSpec
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 COLOURS = {"a_red": (255, 0, 0), "b_green": (0, 255, 0), "c_blue": (0, 0, 255)}
@@ -41,12 +31,10 @@ def pictures(tmp_path: Path) -> Path:
 def test_each_picture_gets_the_policys_action(
     tmp_path: Path, pictures: Path, image: ImageSpec
 ) -> None:
-    import cv2
-
     model = write_policy(tmp_path / "m.onnx", lane_contract(image=image))
-    out, sheet = tmp_path / "new" / "out.json", tmp_path / "sheet.png"
+    out = tmp_path / "new" / "out.json"
     arguments = ["--model", str(model), "--images", str(pictures), "--json", str(out)]
-    assert main(["infer", *arguments, "--sheet", str(sheet)]) == 0
+    assert main(["infer", *arguments]) == 0
     result = json.loads(out.read_text(encoding="utf-8"))
     assert result["schema"] == 1
     assert result["inputs"]["model"] == str(model)
@@ -54,7 +42,6 @@ def test_each_picture_gets_the_policys_action(
     assert [each["action"] for each in result["images"]] == [0, 1, 2]
     for each in result["images"]:
         assert int(np.argmax(each["values"])) == each["action"]
-    assert cv2.imread(str(sheet)).shape == (TILE[1] + STRIP_PX, 3 * TILE[0], 3)
 
 
 def test_folders_of_folders_are_searched(tmp_path: Path, pictures: Path) -> None:
@@ -109,33 +96,3 @@ def test_wrong_arguments_are_one_line_too(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
-
-
-def labelled(action: Action, values: np.ndarray) -> Labelled:
-    return Labelled("x.png", np.full(FRAME_SHAPE, 90, np.uint8), action, values)
-
-
-@pytest.mark.parametrize("count", [1, 5, 7, MOST_TILES, 1000])
-def test_the_sheet_holds_so_many_tiles(count: int) -> None:
-    sheet = draw_sheet([labelled(Action.STRAIGHT, np.arange(5.0))] * count, FIVE_ACTIONS)
-    columns, rows = sheet.shape[1] // TILE[0], sheet.shape[0] // (TILE[1] + STRIP_PX)
-    assert 0 <= columns * rows - min(count, MOST_TILES) < columns
-
-
-def test_arrows_bend_to_the_side_of_their_action() -> None:
-    ends = [arrow_points(wheels, (0, 0))[-1] for wheels in FIVE_ACTIONS]
-    assert [np.sign(x) for x, _ in ends] == [-1, -1, 0, 1, 1]
-    assert all(y < 0 for _, y in ends)
-
-
-def test_the_best_bar_is_the_longest() -> None:
-    values = np.array([0.1, 0.9, 0.5, -0.3, 0.2])
-    tile = draw_tile(labelled(Action.SLIGHT_LEFT, values), FIVE_ACTIONS)
-    row = tile[TILE[1] + STRIP_PX - 6].astype(int).max(axis=1)
-    wide = TILE[0] // 5
-    lengths = [int((row[i * wide : (i + 1) * wide] > 60).sum()) for i in range(5)]
-    assert np.argsort(lengths).tolist() == np.argsort(values).tolist()
-
-
-def test_equal_values_are_drawn_too() -> None:
-    draw_tile(labelled(Action.LEFT, np.zeros(5)), FIVE_ACTIONS)
