@@ -12,7 +12,7 @@ from tools.loop.pursuit import write_pursuit
 
 def test_neither_threads_nor_files_grow_while_the_others_come_and_go(tmp_path: Path) -> None:
     model = write_pursuit(tmp_path / "pursuit.onnx")
-    command = [sys.executable, "-m", "tools.long_drive", str(model), "0.02", "12"]
+    command = [sys.executable, "-m", "tests.tools.long_drive", str(model), "0.02", "12"]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True, timeout=300)
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(rows) >= 5
@@ -27,12 +27,12 @@ def test_neither_threads_nor_files_grow_while_the_others_come_and_go(tmp_path: P
 ASTRAY = """
 import json, sys, time
 from pathlib import Path
-import tools.long_drive as long_drive
+import tests.tools.long_drive as long_drive
 
 clock = long_drive.FastClock()
 time.monotonic, time.sleep = clock.now, clock.sleep
 long_drive.FastClock = lambda: clock
-from tools import long_drive_parts as parts
+from tests.tools import long_drive_parts as parts
 
 lane = parts.start_of
 starts = iter([lane("arena").moved(0.0, 1.5).moved(0.125, 0.0).moved(0.0, -1.5)])
@@ -51,5 +51,5 @@ def test_a_robot_that_has_strayed_is_put_back(tmp_path: Path) -> None:
 
 
 def test_wrong_arguments_end_with_status_2() -> None:
-    command = [sys.executable, "-m", "tools.long_drive", "model.onnx", "-1"]
+    command = [sys.executable, "-m", "tests.tools.long_drive", "model.onnx", "-1"]
     assert subprocess.run(command, stderr=subprocess.PIPE, check=False).returncode == 2

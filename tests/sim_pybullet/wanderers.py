@@ -1,19 +1,13 @@
-"""Robots that wander over the drawn arena under a camera: what `tools.overhead_drive` drives."""
+"""How well the localizer does: robots that wander over the drawn arena under its camera."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-import cv2
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
 from localizer_node.calibration import Board, Calibration, Marker
@@ -24,7 +18,6 @@ from localizer_node.track import RobotPose
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap, load_map
-from robot.output import expect_writable, write_text
 from sim_pybullet.look import GroundLook
 from sim_pybullet.overhead import (
     Hanging,
@@ -141,9 +134,6 @@ class Score:
     told: int = 0
     expected: int = 0
     wrong: int = 0
-    seconds: list[float] = field(
-        default_factory=list
-    )  # of processor time to locate, of each picture
 
     def add(self, told: Iterable[RobotPose], poses: dict[str, Pose]) -> None:
         """Compare the poses told of one picture with the true ones."""
@@ -168,21 +158,6 @@ class Score:
         """[degrees]"""
         return math.degrees(float(np.sqrt(np.mean(np.square(self.heading_rad)))))
 
-    def summary(self) -> dict[str, float]:
-        """The figures, by name."""
-        return {
-            "poses": self.told,
-            "seen_share": self.told / max(self.expected, 1),
-            "wrong": self.wrong,
-            "position_rms_mm": self.position_rms_mm,
-            "position_max_mm": 1000.0 * max(self.position_m),
-            "heading_rms_deg": self.heading_rms_deg,
-            "heading_max_deg": math.degrees(max(self.heading_rad)),
-            "heading_share": len(self.heading_rad) / max(self.told, 1),
-            "locate_p50_ms": 1000.0 * float(np.percentile(self.seconds, 50)),
-            "locate_p99_ms": 1000.0 * float(np.percentile(self.seconds, 99)),
-        }
-
 
 def drive(
     robots: tuple[Marker, ...], frames: int, seed: int, score: Score, blue_things: bool = True
@@ -202,24 +177,4 @@ def drive(
             wanderer.step([w.pose for n, w in crowd.items() if n != name], rng)
         sheets = [s for m in robots for s in robot_sheets(m, crowd[m.robot].pose, boards[m.robot])]
         picture = camera.render([*things, *sheets], rng)
-        began_s = time.process_time()
-        told = localizer.feed(picture, i / FPS)
-        score.seconds.append(time.process_time() - began_s)
-        score.add(told, {n: w.pose for n, w in crowd.items()})
-
-
-def measure(options: argparse.Namespace) -> None:
-    """Drive as asked; ConfigError where the figures cannot be written."""
-    expect_writable(options.json)
-    cv2.setNumThreads(1)
-    score = Score()
-    runs = math.ceil(options.frames / HANGING_FRAMES)
-    for run in track(range(runs), "driving", console=Console(stderr=True)):
-        frames = min(HANGING_FRAMES, options.frames - run * HANGING_FRAMES)
-        kind = options.kind
-        drive(ROBOTS[kind], frames, options.seed + run, score, blue_things=kind != "plain")
-    figures = {"kind": options.kind, "frames": options.frames, **score.summary()}
-    text = json.dumps(figures, indent=1)
-    if options.json:
-        write_text(options.json, text + "\n")
-    print(text)
+        score.add(localizer.feed(picture, i / FPS), {n: w.pose for n, w in crowd.items()})

@@ -1,18 +1,12 @@
-"""How often honest drives are doubted: missions without pictures, and the way check of each robot.
+"""Missions without pictures, in which nothing is wrong: every doubt about them is a false one.
 
-``python -m tools.way_doubts --look randomised --missions 300`` lets the expert drive by what the
-robots believe, with wheels and overhead poses of the look, and counts the missions in which the way
-seen contradicts the way stepped (`robot.navigation.way_check`) or wheels seem to be off by more
-than wheels can be. Nothing is wrong in any of them: every doubt is a false one.
+The expert drives by what the robots believe, with wheels and overhead poses of the look.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -126,20 +120,3 @@ def doubts(look: str, count: int, maps: tuple[str, ...], seed: int) -> Doubts:
         fine_max=float(worst[:, 1].max()),
         at_bound=int(bound.sum()),
     )
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Drive, and print the figures; exit status 1 when an honest mission was doubted."""
-    parser = argparse.ArgumentParser(prog="python -m tools.way_doubts", description=__doc__)
-    parser.add_argument("--look", default="randomised")
-    parser.add_argument("--map", nargs="+", default=["town", "arena"])
-    parser.add_argument("--missions", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args(arguments)
-    found = doubts(options.look, options.missions, tuple(options.map), options.seed)
-    print(json.dumps({"look": options.look, **asdict(found)}, indent=1))
-    return 1 if found.doubted or found.at_bound else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

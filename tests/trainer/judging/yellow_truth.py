@@ -7,11 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
-from robot.errors import ConfigError
 from robot.geometry import bezier_points
 from robot.lens import CameraRig
 from robot.navigation.lanes import Lane
@@ -77,7 +74,7 @@ def _frames(
     camera = RayCamera(ImageSpec(), min(BATCH, frames))
     for i in range(min(BATCH, frames)):
         camera.set_robot(i, scene, rig)
-    for start in track(range(0, frames, BATCH), "frames", console=Console(stderr=True)):
+    for start in range(0, frames, BATCH):
         poses = _random_poses(line, min(BATCH, frames - start), rng)
         labels = camera.segment(poses) == SemanticClass.YELLOW_LINE
         yield poses, camera.render(poses), list(labels.sum(axis=(1, 2)))
@@ -107,8 +104,6 @@ def _agreement(
     unknown = np.isnan(found)
     judged = ~unknown & (np.abs(truth) > TOO_CLOSE_M)
     judged_at_axle = ~unknown & (np.abs(at_axle) > TOO_CLOSE_M)
-    if not judged.any():
-        raise ConfigError(f"--frames: expected enough frames to judge some, got {len(found)}")
     errors = (found - truth)[judged]
     return Agreement(
         frames=len(found),

@@ -1,10 +1,9 @@
-"""``python -m tools.long_drive MODEL HOURS [EVERY_S]``: hours of driving in minutes, for leaks.
+"""``python -m tests.tools.long_drive MODEL HOURS [EVERY_S]``: hours in minutes, for leaks.
 
 The robot as `robot.runtime.assemble` puts it together, with its links, on a camera and motors that
 are made up; time is simulated and as fast as this computer. A second pair of links in the same
 process plays localizer and monitor, and is closed and opened again now and then. Writes a JSON
-line of figures for every ``EVERY_S``. Python 3.8, and nothing but the robot's own packages: it
-runs on the robot.
+line of figures for every ``EVERY_S``. Python 3.8.
 """
 
 from __future__ import annotations
@@ -22,10 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot.command_line import answer
-from tools.free_ports import free_ports
 
 if TYPE_CHECKING:
-    from tools.long_drive_parts import Others
+    from tests.tools.long_drive_parts import Others
 
 EVERY_S = 600.0  # simulated
 RECONNECT_SHARE = 0.45  # of that: between two looks the others are started again
@@ -58,16 +56,16 @@ def drive(
     from robot.contract import CONTROL_DT_S
     from robot.link.config import LinkConfig
     from robot.link.keys import keygen
-    from robot.link.roles import BOUND_BY
     from robot.runtime import timing
     from robot.runtime.assemble import open_robot
     from robot.runtime.timing import RateKeeper
-    from tools.long_drive_parts import MadeUpCamera, MadeUpMotors, Others, start_of
+    from tests.robot.link.conftest import free_base_port
+    from tests.tools.long_drive_parts import MadeUpCamera, MadeUpMotors, Others, start_of
 
     timing.SILENCE_S = math.inf  # its thread lives in real time, which hardly passes here
     with tempfile.TemporaryDirectory() as folder:
         keys = keygen(Path(folder) / "keys")
-        port = free_ports(len(BOUND_BY))
+        port = free_base_port()
         links = {name: LinkConfig(str(path), base_port=port) for name, path in keys.items()}
         motors = MadeUpMotors(start_of("arena"), clock.now)
         others = Others(links["localizer"], links["monitor"], motors, clock.now)
