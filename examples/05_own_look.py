@@ -9,7 +9,7 @@ import yaml
 
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import look_sampler
-from sim_pybullet.show_looks import draws, sheet
+from sim_pybullet.show import draws, sheet
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 out.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import preprocess
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.show_looks import draws
+from sim_pybullet.show import draws
 from trainer.export import export_network
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")

@@ -8,7 +8,7 @@ import numpy as np
 
 from robot.contract import Action
 from robot.recording.reader import read_turns
-from sim_pybullet.show_looks import sheet
+from sim_pybullet.show import sheet
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 golden = Path(__file__).parents[1] / "tests" / "data" / "golden_drive.mcap"

@@ -1,4 +1,4 @@
-"""Race tracks: closed centre lines of straights and arcs, as a YAML file or a TORCS track has them.
+"""Race tracks: closed centre lines of straights and arcs, as a YAML file has them.
 
 A ``Track`` is in the metres of a real race track. The simulator builds it at `SCALE`: a road 12 m
 wide is then as wide as a Duckietown tile, the robot is as large as a car, and its camera is at the
@@ -25,8 +25,7 @@ CLOSED_M = 0.01  # the end of a closed track's last segment is so near to the st
 SPACING_M = 1.0  # between the points of a centre line
 MARGIN_M = 3.0  # of the world beyond the walls
 _MOST_GAP = 0.02  # of the length: a larger gap is a mistake in the file
-_ROUNDS = 20  # of Newton's method
-_STEP = 1e-6  # relative, to take derivatives with
+_START = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,13 @@ class Straight:
 
     straight_m: float
 
+    curvature = 0.0
+
+    @property
+    def length_m(self) -> float:
+        """Of the centre line."""
+        return self.straight_m
+
 
 @dataclass(frozen=True)
 class Arc:
@@ -42,6 +48,16 @@ class Arc:
 
     radius_m: float
     angle_deg: float  # positive to the left
+
+    @property
+    def length_m(self) -> float:
+        """Of the centre line."""
+        return self.radius_m * math.radians(abs(self.angle_deg))
+
+    @property
+    def curvature(self) -> float:
+        """[1/m], positive to the left."""
+        return math.copysign(1.0 / self.radius_m, self.angle_deg)
 
 
 Segment = Straight | Arc
@@ -61,7 +77,7 @@ class Track:
     verge_m: float = 4.0  # of the grass on either side, up to the wall
 
     def __post_init__(self) -> None:
-        sizes = [s.straight_m if isinstance(s, Straight) else s.radius_m for s in self.segments]
+        sizes = [_size(segment) for segment in self.segments]
         if not sizes or min(sizes) <= 0.0 or self.width_m <= 0.0 or self.verge_m <= 0.0:
             raise MapError(
                 f"track {self.name}: expected segments, and lengths, radii, width_m and verge_m "
@@ -72,12 +88,12 @@ class Track:
     @property
     def length_m(self) -> float:
         """Of the centre line."""
-        return sum(segment_length_m(segment) for segment in self.segments)
+        return sum(segment.length_m for segment in self.segments)
 
     @property
     def gap_m(self) -> float:
         """From the end of the last segment to the start of the first."""
-        x_m, y_m, _ = _end(self.segments)
+        x_m, y_m, _ = _begins(self.segments)[-1]
         return math.hypot(x_m, y_m)
 
 
@@ -91,13 +107,6 @@ class CentreLine(NamedTuple):
     verge_m: float
 
 
-def segment_length_m(segment: Segment) -> float:
-    """Of one segment's centre line."""
-    if isinstance(segment, Straight):
-        return segment.straight_m
-    return segment.radius_m * math.radians(abs(segment.angle_deg))
-
-
 def shipped_tracks() -> dict[str, FilePath]:
     """The tracks that come with the project, by name."""
     return {path.stem: path for path in sorted(TRACKS_DIR.glob("*.yaml"))}
@@ -106,61 +115,51 @@ def shipped_tracks() -> dict[str, FilePath]:
 def is_track(source: str | FilePath) -> bool:
     """Whether this names a track, not a map; what does not exist is none."""
     path = FilePath(source)
-    if not path.exists():
-        return str(source) in shipped_tracks()
-    return path.suffix == ".xml" or "segments" in read_yaml(path)
+    return "segments" in read_yaml(path) if path.exists() else str(source) in shipped_tracks()
 
 
 def load_track(source: str | FilePath) -> Track:
-    """A track from a YAML file, a TORCS track (``.xml``), or the name of a shipped one, closed.
+    """A track from a YAML file, or the name of a shipped one, closed.
 
     Raises:
         MapError: no such file or name, or a centre line that is far from closed.
         ConfigError: a file that does not hold a track.
     """
-    path = FilePath(source)
-    if not path.exists():
-        shipped = shipped_tracks()
-        if str(source) not in shipped:
-            raise MapError(f"track {str(source)!r}: no such file; {nearest(str(source), shipped)}")
-        path = shipped[str(source)]
-    if path.suffix == ".xml":
-        from sim_pybullet.racing.torcs import read_torcs  # which builds on this module
-
-        return read_torcs(path)
-    return close(load_yaml(Track, path))
+    path, shipped = FilePath(source), shipped_tracks()
+    if not path.exists() and str(source) not in shipped:
+        raise MapError(f"track {str(source)!r}: no such file; {nearest(str(source), shipped)}")
+    return close(load_yaml(Track, path if path.exists() else shipped[str(source)]))
 
 
 def close(track: Track) -> Track:
-    """The track with lengths, radii and angles changed as little as its closing takes.
-
-    Newton's method on the end's position and heading with the smallest relative changes (weighted
-    least squares: an angle counts ten times as much as a length).
+    """The track with its angles, then its lengths and radii changed as little as its closing takes.
 
     Raises:
         MapError: the gap is over 2 % of the length, or the turns do not add up to whole circles.
     """
-    x_m, y_m, heading_rad = _end(track.segments)
-    turns = round(heading_rad / math.tau)
-    gap_m, askew_rad = math.hypot(x_m, y_m), heading_rad - turns * math.tau
+    x_m, y_m, heading_rad = _begins(track.segments)[-1]
+    askew_rad = heading_rad - round(heading_rad / math.tau) * math.tau
+    gap_m = math.hypot(x_m, y_m)
     if gap_m > _MOST_GAP * track.length_m or abs(askew_rad) > _MOST_GAP * math.tau:
         raise MapError(
             f"track {track.name}: expected a centre line that returns to its start, its end is "
             f"{gap_m:.1f} m away and {math.degrees(askew_rad):.1f} degrees askew; change the "
             "lengths, radii or angles of its segments"
         )
-    segments = track.segments
-    weights = np.concatenate(
-        [[1.0] if isinstance(s, Straight) else [1.0, 0.1] for s in track.segments]
-    )
-    for _ in range(_ROUNDS):
-        error = np.array(_end(segments)) - (0.0, 0.0, turns * math.tau)
-        if np.abs(error).max() < 1e-9:
-            break
-        jacobian = _jacobian(segments)
-        weighted = (jacobian * weights**2).T
-        segments = _scaled(segments, -weighted @ np.linalg.solve(jacobian @ weighted, error))
-    return replace(track, segments=segments)
+    if max(gap_m, abs(askew_rad)) < 1e-9:
+        return track
+    turned_deg = sum(abs(s.angle_deg) for s in track.segments if isinstance(s, Arc))
+    share = math.degrees(askew_rad) / max(turned_deg, 1e-9)
+    straightened = [
+        s
+        if isinstance(s, Straight)
+        else replace(s, angle_deg=s.angle_deg - share * abs(s.angle_deg))
+        for s in track.segments
+    ]
+    # Headings are settled now: the end is a sum of vectors, as long as each length or radius.
+    ways = np.diff(np.array(_begins(straightened))[:, :2], axis=0).T
+    scales = 1.0 - np.linalg.lstsq(ways, ways.sum(axis=1), rcond=None)[0]
+    return replace(track, segments=tuple(map(_scaled, straightened, scales.tolist())))
 
 
 def mirrored(track: Track) -> Track:
@@ -190,23 +189,28 @@ def centre_line(track: Track) -> CentreLine:
     half_m = 0.5 * track.width_m
     around_m = half_m + track.verge_m + MARGIN_M
     corner = points.min(axis=0) - around_m
-    size = (points.max(axis=0) + around_m - corner) * SCALE
+    east_m, north_m = ((points.max(axis=0) + around_m - corner) * SCALE).tolist()
     path = Path((points - corner) * SCALE, headings, arc_m * SCALE, True, length_m * SCALE)
-    return CentreLine(
-        path,
-        curvature / SCALE,
-        (float(size[0]), float(size[1])),
-        half_m * SCALE,
-        track.verge_m * SCALE,
-    )
+    size_m = (east_m, north_m)
+    return CentreLine(path, curvature / SCALE, size_m, half_m * SCALE, track.verge_m * SCALE)
 
 
-def _end(segments: Sequence[Segment]) -> tuple[float, float, float]:
-    """Where a drive from the origin along x ends: x, y [m] and the heading turned by [rad]."""
-    pose = (0.0, 0.0, 0.0)
+def _size(segment: Segment) -> float:
+    return segment.straight_m if isinstance(segment, Straight) else segment.radius_m
+
+
+def _scaled(segment: Segment, scale: float) -> Segment:
+    if isinstance(segment, Straight):
+        return Straight(segment.straight_m * scale)
+    return replace(segment, radius_m=segment.radius_m * scale)
+
+
+def _begins(segments: Sequence[Segment]) -> list[tuple[float, float, float]]:
+    """Where each segment of a drive from the origin along x begins, and where the last one ends."""
+    poses = [_START]
     for segment in segments:
-        pose = _advance(pose, segment, segment_length_m(segment))
-    return pose
+        poses.append(_advance(poses[-1], segment, segment.length_m))
+    return poses
 
 
 def _advance(
@@ -214,7 +218,7 @@ def _advance(
 ) -> tuple[float, float, float]:
     """The pose after ``way_m`` of a segment that begins at ``pose``: the chord of the arc."""
     x_m, y_m, heading_rad = pose
-    turn_rad = way_m * _curvature(segment)
+    turn_rad = way_m * segment.curvature
     chord_m = way_m * float(np.sinc(0.5 * turn_rad / math.pi))
     along_rad = heading_rad + 0.5 * turn_rad
     return (
@@ -224,56 +228,16 @@ def _advance(
     )
 
 
-def _curvature(segment: Segment) -> float:
-    if isinstance(segment, Straight):
-        return 0.0
-    return math.copysign(1.0 / segment.radius_m, segment.angle_deg)
-
-
-def _scaled(segments: Sequence[Segment], scales: np.ndarray) -> tuple[Segment, ...]:
-    """Segments whose numbers are multiplied by 1 + scales."""
-    changed: list[Segment] = []
-    factors = iter((1.0 + scales).tolist())
-    for segment in segments:
-        if isinstance(segment, Straight):
-            changed.append(Straight(segment.straight_m * next(factors)))
-        else:
-            changed.append(Arc(segment.radius_m * next(factors), segment.angle_deg * next(factors)))
-    return tuple(changed)
-
-
-def _jacobian(segments: Sequence[Segment]) -> np.ndarray:
-    """(3, K) of the end by relative changes of the segments' numbers.
-
-    A segment that changes shifts all that follows, and turns it about the segment's own end.
-    """
-    x_m, y_m, _ = _end(segments)
-    columns, pose = [], (0.0, 0.0, 0.0)
-    for segment in segments:
-        after = _advance(pose, segment, segment_length_m(segment))
-        for k in range(1 if isinstance(segment, Straight) else 2):
-            scales = np.zeros(2)
-            scales[k] = _STEP
-            (changed,) = _scaled((segment,), scales)
-            moved = _advance(pose, changed, segment_length_m(changed))
-            dx, dy, turned = ((m - a) / _STEP for m, a in zip(moved, after, strict=True))
-            columns.append((dx - turned * (y_m - after[1]), dy + turned * (x_m - after[0]), turned))
-        pose = after
-    return np.array(columns).T
-
-
 def _sample(
     segments: Sequence[Segment], arc_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (M, 2), headings (M,) in (-pi, pi] and curvatures (M,) at arc lengths (M,)."""
     points, headings = np.zeros((len(arc_m), 2)), np.zeros(len(arc_m))
-    curvature = np.zeros(len(arc_m))
-    pose, begin_m = (0.0, 0.0, 0.0), 0.0
+    curvature, begin_m, pose = np.zeros(len(arc_m)), 0.0, _START
     for segment in segments:
-        end_m = begin_m + segment_length_m(segment)
+        end_m = begin_m + segment.length_m
         for k in np.flatnonzero((arc_m >= begin_m) & (arc_m < end_m)):
             *points[k], headings[k] = _advance(pose, segment, float(arc_m[k]) - begin_m)
-            curvature[k] = _curvature(segment)
+            curvature[k] = segment.curvature
         pose, begin_m = _advance(pose, segment, end_m - begin_m), end_m
-    wrapped = np.pi - (np.pi - headings) % math.tau
-    return points, wrapped, curvature
+    return points, np.pi - (np.pi - headings) % math.tau, curvature

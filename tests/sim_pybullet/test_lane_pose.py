@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from robot.geometry import bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.road_map import load_map
-from sim_pybullet.lane_pose import lane_pose
+from tests.sim_pybullet.lane_pose import lane_pose
 
 TOWN = load_map("town")
 SAMPLES = np.linspace(0.0, 1.0, 2001)

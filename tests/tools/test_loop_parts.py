@@ -26,9 +26,9 @@ from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
-from sim_pybullet.lane_pose import lane_pose
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
+from tests.sim_pybullet.lane_pose import lane_pose
 from tools.free_ports import free_ports
 from tools.loop.bench import Bench
 from tools.loop.devices import BusServer, Listener, PictureServer

@@ -14,7 +14,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.show_looks import draws
+from sim_pybullet.show import draws
 from trainer.transfer.pictures import load_pictures, spread
 
 _FLOOR = 0.55  # of the height: below this line most of what is seen is road
