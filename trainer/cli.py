@@ -46,31 +46,24 @@ COMMANDS: Mapping[str, Command | Group] = {
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),
     "summary": Command(f"{_RUN}:summary_command", "how large the policies of a preset are"),
     "collect": Command(f"{_SEE}:collect_command", "gather frames from simulator or pictures"),
-    "traits": Command(f"{_SEE}:traits_command", "measure what photographs and looks look like"),
     "translate": {
         "train": Command(f"{_SEE}:train_command", "CycleGAN between simulator and photographs"),
-        "export": Command(f"{_SEE}:export_command", "write a run's translators as ONNX"),
-        "lanes": Command(f"{_SEE}:lanes_command", "train what finds lines in translations"),
         "judge": Command(f"{_SEE}:judge_command", "KID, FID, and whether lines stay in place"),
-        "sheet": Command(f"{_SEE}:sheet_command", "draw frames beside their translations"),
     },
     "parse": {
         "train": Command(f"{_PARSE}:train_command", "teach SegNet to label frames"),
-        "choose": Command(f"{_PARSE}:choose_command", "how much to favour rare classes in use"),
         "evaluate": Command(f"{_PARSE}:evaluate_command", "score a parser on held-out frames"),
         "export": Command(f"{_PARSE}:export_command", "write a parser as a translator, ONNX"),
         "translate": Command(f"{_PARSE}:through_command", "virtual to parsing to real"),
     },
     "experiment": {
         "six-models": Command(f"{_TRY}:six_models_command", "ways to reality: paper A, 4.4"),
-        "sensitivity": Command(f"{_TRY}:sensitivity_command", "how far a look may go"),
         "paper-b-accuracy": Command(f"{_TRY}:table1_command", "a person's steering: Table 1"),
         "paper-b-transfer": Command(f"{_TRY}:figure5_command", "race tracks: Figure 5"),
-        "real-photographs": Command(f"{_TRY}:real_photographs_command", "annotated photographs"),
     },
 }
 PURPOSES = {
-    "translate": "CycleGAN: train, export and judge translators of pictures",
+    "translate": "CycleGAN: train and judge translators of pictures",
     "parse": "scene parsing: train, score and export it, and translate by way of it",
     "experiment": "the papers' comparisons, one command each",
 }

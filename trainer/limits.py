@@ -25,13 +25,12 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "frames": (1, 10_000_000),
     "every": (1, 10_000_000),
     "batch": (1, 100_000),
-    "rows": (1, 1_000),
     "robots": (1, 1_000),
     "hours": (1e-3, 1e5),
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),
 }
-OUT_IS_FILE = ("export", "translate lanes", "translate sheet", "parse export")
+OUT_IS_FILE = ("export", "parse export")
 
 
 def check(command: str, options: Mapping[str, Any]) -> None:
@@ -53,7 +52,7 @@ def check(command: str, options: Mapping[str, Any]) -> None:
         files.append(out)
     elif out is not None:
         expect_folder(out)
-    names = ("model", "parser", "lanes", "pictures", "images", "source", "contract")
+    names = ("model", "parser", "pictures", "images", "source", "contract")
     inputs = [every.get(name) for name in names]
     inputs = [Path(path) for path in inputs if isinstance(path, (str, Path)) and str(path)]
     expect_writable(*files, inputs=inputs)

@@ -23,7 +23,7 @@ from robot.typed_config import from_plain, to_plain
 
 DIRECTIONS = ("sim-to-real", "real-to-sim")
 PARSING = "to-parsing"  # of a parser, which shows the classes it sees, in simulation as in reality
-REMEDY = "export the translator with python -m trainer translate export"
+REMEDY = "make the translator with python -m trainer translate train"
 
 
 class Translator(Protocol):

@@ -9,16 +9,14 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from trainer.experiments.options import Figure5Options, SensitivityOptions, SixModelsOptions
+from trainer.experiments.options import Figure5Options, SixModelsOptions
 from trainer.sweeps.sweep import WorkerOptions, run_sweep
 
 # A name and a file each time that the option is given.
 Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
 
-PARTS = ("attention", "agreement")  # of real-photographs
 _SIX = SixModelsOptions()
 _FIGURE5 = Figure5Options()
-_SENSITIVITY = SensitivityOptions()
 _WORKERS = WorkerOptions()
 
 
@@ -117,38 +115,6 @@ def six_models_command(
     return 0
 
 
-def sensitivity_command(
-    out: Path,
-    options: Annotated[SensitivityOptions, tyro.conf.arg(name="")] = _SENSITIVITY,
-    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")] = _WORKERS,
-) -> int:
-    """How far each field of a look may go, one at a time, before a policy fails.
-
-    Called again, it goes on where it was cut off.
-
-    Args:
-        out: folder for the looks, the figures and sensitivity.md.
-        options: which policies, which fields and values.
-        workers: processes at once, or a Ray cluster.
-    """
-    from robot.output import write_text
-    from trainer.experiments.sensitivity import drives, points, table_rows
-    from trainer.experiments.tables import markdown
-    from trainer.judging.evaluate import open_policy
-
-    console = Console(soft_wrap=True)
-    points(options)  # its fields and values, too
-    for model in options.model:
-        open_policy(Path(model), options.task)  # refused before anything is written
-    status = run_sweep(drives(out, options), workers, console)
-    if status != 0:
-        return status
-    head, *rows = table_rows(out, options)
-    write_text(out / "sensitivity.md", markdown(head, rows))
-    console.print(markdown(head, rows), markup=False)
-    return 0
-
-
 def figure5_command(
     out: Path,
     options: Annotated[Figure5Options, tyro.conf.arg(name="")] = _FIGURE5,
@@ -179,30 +145,4 @@ def figure5_command(
     write_json(out / "figure5.json", found)
     draw_figure(found, out / "figure5.png")
     console.print(as_table(found))
-    return 0
-
-
-def real_photographs_command(
-    data: Path,
-    out: Path,
-    policy: tuple[str, ...],
-    only: tuple[str, ...] = PARTS,
-) -> int:
-    """What policies look at on photographs that people annotated, and whether lines are found.
-
-    Called again, it goes on where it was cut off. The pictures that it draws show photographs:
-    mind their licences before you pass them on.
-
-    Args:
-        data: a folder with the sites' folders (duckietown_dtcore_sites, duckietown_udem,
-            donkeycar_dashed_track).
-        out: folder for the figures, tables.md, and a sheet of attention.
-        policy: name=model.onnx of policies for robots.
-        only: attention or agreement.
-    """
-    from trainer.experiments.photographs.run import Photographs, look_at_photographs, named
-
-    console = Console(soft_wrap=True)
-    asked = Photographs(data, out, named(policy), only)
-    console.print(look_at_photographs(asked), markup=False)
     return 0

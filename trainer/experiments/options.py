@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 MAPS = ("hamlet", "village", "suburb", "blocks")  # not the arena, where the six models are judged
-VALUES = Path(__file__).with_name("sensitivity.yaml")
 
 
 @dataclass(frozen=True)
@@ -65,27 +63,3 @@ class Figure5Options:
     """From which each half of the translator learns; the paper has 15,000."""
     translator_steps: int = 1500
     """Updates of each half."""
-
-
-@dataclass(frozen=True)
-class SensitivityOptions:
-    """Which policies are asked, about what."""
-
-    model: tuple[str, ...] = ()
-    """Policies, .onnx."""
-    task: str | None = None
-    """lane, four_laps, navigation or manoeuvres; else what each was trained for."""
-    map: tuple[str, ...] = ()
-    """Maps; else loop or arena."""
-    look: str = "nominal"
-    """The look, or distribution of looks, of which one field at a time is changed."""
-    values: Path = VALUES
-    """A YAML file with a list of values for each field."""
-    trained: str = "randomised"
-    """Looks of the training: values beyond them are marked."""
-    pose_error: str | None = None
-    """none or arena, in place of the look's own."""
-    episodes: int = 20
-    """Of each value."""
-    seed: int = 1000
-    """Of the first episode."""

@@ -15,21 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robot.inference.preprocess import preprocess_batch
 from robot.navigation.road_map import load_map
-from robot.output import write_png
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.pool import LookPool
 from sim_pybullet.randomise import load_look_sampler, looks_of
 from trainer.algorithms import find_algorithm
 from trainer.experiments.options import SixModelsOptions
-from trainer.experiments.photographs.attention import LabelledFrame, attention_sheet
 from trainer.experiments.tables import half_interval
+from trainer.judging.explain import Explainer, overlay
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.report.curves import draw_panels
 from trainer.run import RunFolder, read_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 from trainer.training.checkpoint import read_state
 from trainer.transfer.collect import snapshots
+from trainer.transfer.sheet import draw_sheet
 
 ALGORITHMS = ("dueling", "ppo")
 PATHS, MISSIONS = 32, 50  # of each navigator
@@ -251,8 +251,8 @@ def _paper_verdict(row: TransferRow) -> str:
     return "failure" if row.variant in ("none", "dr") else "–"
 
 
-def judged_frames(options: SixModelsOptions, of_look: int = 1) -> list[LabelledFrame]:
-    """Pictures of the map and looks that models are judged in, so many of each look.
+def judged_frames(options: SixModelsOptions) -> np.ndarray:
+    """(L, 120, 160, 3) uint8 RGB: a picture of the test's map in each of its L looks.
 
     Raises:
         DuckpilotError: no such look or map.
@@ -261,20 +261,19 @@ def judged_frames(options: SixModelsOptions, of_look: int = 1) -> list[LabelledF
     found = []
     for file in looks_of(options.look):
         rng = np.random.default_rng(_ATTENTION_SEED)
-        pool = LookPool(road_maps, load_look_sampler(file), rng, of_look)
-        seen = snapshots(road_maps, pool, of_look, rng)
-        for frame, label in zip(seen.frames, seen.labels, strict=True):
-            lines = (label == SemanticClass.WHITE_LINE, label == SemanticClass.YELLOW_LINE)
-            found.append(LabelledFrame(file.stem, frame, *lines))
-    return found
+        pool = LookPool(road_maps, load_look_sampler(file), rng, 1)
+        found.append(snapshots(road_maps, pool, 1, rng).frames[0])
+    return np.stack(found)
 
 
 def draw_attention(out: Path, options: SixModelsOptions, path: Path) -> None:
     """A PNG with a row for each look and a column for each navigator of the first seed."""
-    navigators = [
-        (f"{m.algorithm}, {m.variant}", RunFolder(m.run(out, "navigation")).onnx)
-        for m in models(options)
-        if m.seed == 0
-    ]
-    sheet = attention_sheet(navigators, judged_frames(options))
-    write_png(path, sheet)
+    frames, columns = judged_frames(options), dict[str, np.ndarray]()
+    for model in models(options):
+        if model.seed == 0:
+            explainer = Explainer(RunFolder(model.run(out, "navigation")).onnx)
+            seen = preprocess_batch(frames, explainer.contract.image)
+            pairs = zip(seen, explainer.attention(seen), strict=True)
+            columns.setdefault("picture", seen)
+            columns[f"{model.algorithm}, {model.variant}"] = np.stack([overlay(*p) for p in pairs])
+    draw_sheet(path, columns)

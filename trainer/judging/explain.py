@@ -116,12 +116,6 @@ def overlay(image: np.ndarray, attention: np.ndarray) -> np.ndarray:
     return np.asarray(mixed.round().clip(0, 255), dtype=np.uint8)
 
 
-def share_on(attention: np.ndarray, mask: np.ndarray) -> float:
-    """How many times more attention lies on ``mask`` (H, W) bool than its area gets by chance."""
-    by_chance = float(attention.sum()) * float(mask.mean())
-    return float(attention[mask].sum()) / by_chance if by_chance > 0.0 else 0.0
-
-
 def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
     """Names and frames (120, 160, 3) of a picture, a folder of pictures or a video.
 

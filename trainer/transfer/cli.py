@@ -1,15 +1,14 @@
-"""The commands ``collect``, ``traits`` and ``translate``."""
+"""The commands ``collect`` and ``translate``."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from robot.errors import ConfigError
 
@@ -75,7 +74,7 @@ def train_command(
     seed: int = 0,
     resume: bool = False,
 ) -> int:
-    """Train CycleGAN between simulated frames and photographs; leaves both translators as ONNX.
+    """Train CycleGAN between simulator and photographs; leaves both translators, and sheet.png.
 
     They are the best of the training by simulated frames held out: those closest to the photographs
     (KID) that keep at least 0.85 of the painted lines.
@@ -95,7 +94,7 @@ def train_command(
     from robot.camera.replay import picture_files
     from trainer.run import take_up
     from trainer.transfer.cyclegan import TranslationConfig, translation_preset
-    from trainer.transfer.unpaired import export_translators, train_translation
+    from trainer.transfer.unpaired import train_translation
     from trainer.transfer.validation import LANE_OVERLAP
 
     def fresh() -> TranslationConfig:
@@ -110,58 +109,11 @@ def train_command(
 
     config = take_up(TranslationConfig, out, resume, fresh)
     best = train_translation(out, config, Console())
-    if best.score is not None:
-        _say(
-            f"kept those of update {best.steps}: KID {best.score.kid:.3f}, "
-            f"lanes kept {best.score.lanes:.3f} (at least {LANE_OVERLAP} is due) on frames held out"
-        )
-    _say(*export_translators(out))
-    return 0
-
-
-def export_command(run: tyro.conf.Positional[Path]) -> int:
-    """Write sim_to_real.onnx and real_to_sim.onnx of a run's checkpoint, checked against torch.
-
-    Args:
-        run: its folder.
-    """
-    from trainer.transfer.unpaired import export_translators
-
-    _say(*export_translators(run))
-    return 0
-
-
-def lanes_command(
-    out: Path,
-    sim: tuple[Path, ...],
-    test: tuple[Path, ...] = (),
-    preset_name: Preset = "fast",
-    steps: int = 1000,
-    seed: int = 0,
-) -> int:
-    """Train the network that finds painted lines, by which translations are judged.
-
-    Args:
-        out: file to write.
-        sim: collections from the simulator to learn from.
-        test: others, to test on.
-        preset_name: fast or paper, for the size of the pictures.
-        steps: updates.
-        seed: of everything random.
-    """
-    from trainer.presets import preset
-    from trainer.transfer.lanes import save_lane_finder, train_lane_finder
-    from trainer.transfer.metrics import any_line, overlap
-    from trainer.transfer.pictures import load_paint, load_pictures
-
-    image, said = preset("lane", "dueling", preset_name).image, str(out)
-    finder = train_lane_finder(sim, image, steps, seed, Console())
-    save_lane_finder(out, finder, image)
-    if test:
-        pictures = load_pictures(test, image)
-        kept = overlap(finder.find(pictures.images), any_line(load_paint(pictures, image)))
-        said += f": overlap with painted lines {kept:.3f}"
-    _say(said)
+    assert best.score is not None  # the last update is judged
+    _say(
+        f"{out}: kept those of update {best.steps}: KID {best.score.kid:.3f}, "
+        f"lanes kept {best.score.lanes:.3f} (at least {LANE_OVERLAP} is due) on frames held out"
+    )
     return 0
 
 
@@ -169,7 +121,6 @@ def judge_command(
     model: Path,
     sim: tuple[Path, ...],
     real: tuple[Path, ...],
-    lanes: Path | None = None,
     json: Path | None = None,
 ) -> int:
     """KID, FID and how well a translator sim-to-real keeps painted lines in place.
@@ -178,21 +129,14 @@ def judge_command(
         model: a translator, .onnx.
         sim: collections from the simulator, best none that it was trained with.
         real: folders of photographs.
-        lanes: what translate lanes wrote, to find lines with; else they are found by brightness.
         json: write the figures there.
     """
     from robot.inference.translator import OnnxTranslator
     from trainer.run import write_json
-    from trainer.transfer.judge import FindLines, judge
-    from trainer.transfer.lanes import load_lane_finder
-    from trainer.transfer.metrics import bright_lines
+    from trainer.transfer.judge import judge
     from trainer.transfer.validation import LANE_OVERLAP
 
-    translator = OnnxTranslator(model)
-    find: FindLines = bright_lines
-    if lanes is not None:
-        find = load_lane_finder(lanes, translator.image).find
-    found = judge(translator, sim, real, find)
+    found = judge(OnnxTranslator(model), sim, real)
     if json is not None:
         write_json(json, found)
     _say(
@@ -201,59 +145,6 @@ def judge_command(
         f"(photographs apart {found.photographs_apart.kid:.3f}), "
         f"FID {found.before.fid:.1f} -> {found.after.fid:.1f} ({found.photographs_apart.fid:.1f})"
     )
-    return 0
-
-
-def sheet_command(
-    run: tyro.conf.Positional[Path],
-    out: Path,
-    sim: tuple[Path, ...],
-    real: tuple[Path, ...] = (),
-    rows: int = 8,
-) -> int:
-    """Draw input, translation, cycle and, with --real, the nearest photograph, and name it.
-
-    Args:
-        run: the folder of a run whose translators were exported.
-        out: PNG file to write.
-        sim: collections from the simulator.
-        real: folders of photographs; without them the sheet shows none.
-        rows: how many pictures.
-    """
-    from trainer.transfer.judge import draw_run
-
-    for row, file in enumerate(draw_run(out, run, sim, real, rows), start=1):
-        _say(f"row {row}: {file}")
-    return 0
-
-
-def traits_command(
-    pictures: tyro.conf.Positional[tuple[Path, ...]] = (),
-    look: tuple[str, ...] = (),
-    frames: int = 100,
-    json: Path | None = None,
-) -> int:
-    """Measure what photographs look like, and looks beside them: colours, noise, blur, light.
-
-    Args:
-        pictures: folders of photographs, or collections.
-        look: looks or distributions of looks, files or shipped names, drawn from the simulator.
-        frames: of each look, and the most of each folder.
-        json: write the figures there.
-    """
-    from trainer.run import write_json
-    from trainer.transfer.traits import measure_folder, measure_look
-
-    if not pictures and not look:
-        raise ConfigError("traits: expected folders of pictures or --look, got neither")
-    found = {str(folder): measure_folder(folder, frames) for folder in pictures}
-    found.update({name: measure_look(name, frames) for name in look})
-    table = Table("", *next(iter(found.values())).figures())
-    for name, traits in found.items():
-        table.add_row(Path(name).name, *traits.figures().values())
-    Console().print(table)
-    if json is not None:
-        write_json(json, {name: asdict(traits) for name, traits in found.items()})
     return 0
 
 

@@ -116,13 +116,13 @@ class CycleGan:
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
         torch.manual_seed(config.seed)
         self.config, self.device = config, device
-        made = [GENERATORS[config.generator](config.width, config.blocks) for _ in range(2)]
+        generators = [GENERATORS[config.generator](config.width, config.blocks) for _ in range(2)]
         critics = [PatchCritic(config.critic_width, config.critic_layers) for _ in range(2)]
-        self._pair = nn.ModuleList(made).to(device)
-        self._kept = copy.deepcopy(self._pair).requires_grad_(False)
+        self._pair = nn.ModuleList(generators).to(device)
+        self.kept = copy.deepcopy(self._pair).requires_grad_(False)
         self._judges = nn.ModuleList(critics).to(device)
         self.to_real, self.to_sim = self._pair
-        self.kept_to_real, self.kept_to_sim = self._kept
+        self.kept_to_real, self.kept_to_sim = self.kept
         self.real_critic, self.sim_critic = self._judges
         self.generators, self.critics = (
             torch.optim.Adam(part.parameters(), config.learning_rate, (0.5, 0.999), fused=True)
@@ -197,7 +197,7 @@ class CycleGan:
     @torch.no_grad()
     def _average(self) -> None:
         share = 1.0 / min(self.steps, AVERAGED_STEPS)
-        with_newest = zip(self._kept.parameters(), self._pair.parameters(), strict=True)
+        with_newest = zip(self.kept.parameters(), self._pair.parameters(), strict=True)
         for kept, newest in with_newest:
             kept.lerp_(newest, share)
 
@@ -208,4 +208,4 @@ class CycleGan:
 
     def _parts(self) -> tuple[Any, ...]:
         """What has a state of its own."""
-        return (*self._pair, *self._judges, *self._kept, self.generators, self.critics)
+        return (*self._pair, *self._judges, *self.kept, self.generators, self.critics)

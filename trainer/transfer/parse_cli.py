@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,42 +65,6 @@ def train_command(
     save_parser(parser, out / "parser.pt")
     draw_parsed(parser, splits[-1].held_out, out / "sheet.png")
     _report(parser, splits, out / "scores.json", console)
-    return 0
-
-
-def choose_command(
-    out: Path,
-    sources: Labels = _NOWHERE,
-    size: tuple[int, int] = (120, 160),
-    steps: int = 600,
-    seed: int = 0,
-) -> int:
-    """Ask training frames how much of the loss's favour for rare classes to take back in use.
-
-    Args:
-        out: folder for the parser that is asked and choice.json.
-        sources: as of train; what is chosen for comes last.
-        size: height and width of what the network sees [px].
-        steps: updates.
-        seed: of everything random.
-    """
-    import torch
-
-    from robot.output import write_json
-    from trainer.transfer.annotations import load_sources
-    from trainer.transfer.parser import ParseConfig, choose_undone
-
-    torch.set_num_threads(1)
-    config, console = ParseConfig("road", "small", *size, steps=steps, seed=seed), Console()
-    splits = load_sources(sources, config.label_set, config.size)
-    out.mkdir(parents=True, exist_ok=True)
-    training = [split.training for split in splits]
-    choice = choose_undone(config, training, out / "checkpoint.pt", console)
-    write_json(out / "choice.json", asdict(choice))
-    table = Table("taken back", "pixels right", "mean IoU")
-    for share, found in choice.scores:
-        table.add_row(f"{share:.2f}", f"{found.pixel_accuracy:.1%}", f"{found.mean_iou:.1%}")
-    console.print(table, f"best: {choice.best}")
     return 0
 
 

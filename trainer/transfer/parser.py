@@ -24,20 +24,18 @@ from trainer.resumable import Loop, Stateful, descend
 from trainer.run import atomically
 from trainer.torch_file import load_torch, reading
 from trainer.transfer.classes import VOID, LabelSet, label_set
-from trainer.transfer.labelled import Labelled, split_by_sequence
+from trainer.transfer.labelled import Labelled
 from trainer.transfer.metrics import ParsingScore, confusion, score, through
 from trainer.transfer.networks import SEGNETS, SegNet, painted
 from trainer.transfer.options import Sources, known_net
 from trainer.transfer.pictures import spread
-from trainer.transfer.sheet import draw_sheet
+from trainer.transfer.sheet import ROWS, draw_sheet
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
-ROWS = 6  # of a sheet
 CROPS = (0.6, 1.0)  # share of the frame's height and width
 # Of what the loss favoured rare classes by, undone in use: lines come out two thirds as wide. All
-# of it would lose the rarest classes again. `choose_undone` finds it on training frames.
+# of it would lose the rarest classes again.
 UNDONE = 0.5
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # that `choose_undone` tries
 
 
 @dataclass(frozen=True)
@@ -92,21 +90,16 @@ class Parser:
         config: how.
         network: it.
         weights: (C,) of the classes in its loss; none of parsers from before.
-        undone: the share of their favour that is taken back.
     """
 
     def __init__(
-        self,
-        config: ParseConfig,
-        network: SegNet,
-        weights: np.ndarray | None = None,
-        undone: float = UNDONE,
+        self, config: ParseConfig, network: SegNet, weights: np.ndarray | None = None
     ) -> None:
         self.config, self.network = config, network.eval()
         self.labels = config.label_set
         self.weights = np.ones(len(self.labels.classes)) if weights is None else weights
         # (C, 1, 1): what of its loss's favour to each class is taken off the logits
-        self.favours = torch.from_numpy(undone * np.log(self.weights)).float()[:, None, None]
+        self.favours = torch.from_numpy(UNDONE * np.log(self.weights)).float()[:, None, None]
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB of the size it was taught with -> (N, H, W) uint8 labels."""
@@ -244,35 +237,3 @@ def draw_parsed(parser: Parser, data: Labelled, path: Path) -> None:
     chosen = data.pick(spread(len(data), min(ROWS, len(data))))
     found, truth = (data.labels.paint(some) for some in (parser(chosen.frames), chosen.truth))
     draw_sheet(path, {"frame": chosen.frames, "classes found": found, "true classes": truth})
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What each share of `SHARES` gives on frames put aside; the best by mean IoU."""
-
-    best: float
-    scores: tuple[tuple[float, ParsingScore], ...]
-
-
-def choose_undone(
-    config: ParseConfig, sources: Sequence[Labelled], checkpoint: Path, console: Console
-) -> Choice:
-    """How much of the loss's favour for rare classes to take back, chosen on training frames.
-
-    Frames that are held out, and those that a later test asks about, must have no part in a choice.
-    So the training frames are divided once more: a parser learns from the first three quarters of
-    every sequence and is asked about the rest.
-
-    Args:
-        config: how it is taught.
-        sources: training frames only; the last source is the one that the share is chosen for.
-        checkpoint: of the teaching.
-        console: where progress is shown.
-    """
-    halves = [split_by_sequence(source) for source in sources]
-    parser = teach(config, [learned for learned, _ in halves], checkpoint, console)
-    scores = []
-    for share in SHARES:
-        taken_back = Parser(config, parser.network, parser.weights, share)
-        scores.append((share, evaluate(taken_back, halves[-1][1], "training")))
-    return Choice(max(scores, key=lambda row: row[1].mean_iou)[0], tuple(scores))

@@ -10,6 +10,7 @@ import numpy as np
 
 from robot.output import write_png
 
+ROWS = 6  # of a usual sheet
 _ENLARGED = 2
 _GAP = 4
 

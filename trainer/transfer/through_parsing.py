@@ -30,10 +30,10 @@ from trainer.transfer.labelled import load_pairs
 from trainer.transfer.metrics import through
 from trainer.transfer.networks import as_bytes, as_floats, painted
 from trainer.transfer.options import ThroughOptions
-from trainer.transfer.parser import ROWS, Parser, load_parser
+from trainer.transfer.parser import Parser, load_parser
 from trainer.transfer.pictures import spread
 from trainer.transfer.pix2pix import PIX2PIX, Pairs, Pix2Pix, fitted, teach_pairs
-from trainer.transfer.sheet import draw_sheet
+from trainer.transfer.sheet import ROWS, draw_sheet
 
 FRAME = (120, 160)  # height, width [px]
 

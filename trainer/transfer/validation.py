@@ -53,9 +53,14 @@ class Best:
     def offer(self, score: Score, model: CycleGan) -> None:
         """Keep the newest generators, which have this score, if none so far were better."""
         if score.better_than(self.score):
-            newest = (model.kept_to_real, model.kept_to_sim)
             self.score, self.steps = score, model.steps
-            self.weights = [copy.deepcopy(each.state_dict()) for each in newest]
+            self.weights = [copy.deepcopy(each.state_dict()) for each in model.kept]
+
+    def generators(self, model: CycleGan) -> tuple[nn.Module, nn.Module]:
+        """Sim-to-real and real-to-sim with the weights kept, in place of the model's newest."""
+        for generator, weights in zip(model.kept, self.weights, strict=True):
+            generator.load_state_dict(weights)
+        return model.kept_to_real, model.kept_to_sim
 
     def state_dict(self) -> dict[str, Any]:
         """Plain data."""

@@ -23,7 +23,6 @@ from trainer.judging.explain import (
     fuse,
     overlay,
     pictures,
-    share_on,
     sheet,
     write_explained,
 )
@@ -79,6 +78,12 @@ def test_layers_multiply_so_that_only_what_all_see_lights_up() -> None:
     fused = fuse([first, last], (8, 16))
     assert fused[:, 14:].min() > 0.9
     assert fused[:, :8].max() == 0.0
+
+
+def share_on(attention: np.ndarray, mask: np.ndarray) -> float:
+    """How many times more attention lies on ``mask`` (H, W) bool than its area gets by chance."""
+    by_chance = float(attention.sum()) * float(mask.mean())
+    return float(attention[mask].sum()) / by_chance if by_chance > 0.0 else 0.0
 
 
 def test_share_is_one_by_chance_and_more_on_what_is_looked_at() -> None:

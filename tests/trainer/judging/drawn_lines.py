@@ -1,14 +1,15 @@
-"""Lines that a person drew on photographs, and what they say of where the robot stood.
+"""Lines that a person drew on photographs, and how often the yellow-line detector says the same.
 
-`lines.yaml` holds coordinates only; the photographs lie elsewhere. What follows for a robot depends
-on its lens and mounting, which nobody measured: the nominal ones are assumed (three calibrated
-robots are within 3 % of them), but for photographs with another horizon.
+`drawn_lines.yaml` holds coordinates only; the photographs lie elsewhere. What follows for a robot
+depends on its lens and mounting, which nobody measured: the nominal ones are assumed (three
+calibrated robots are within 3 % of them), but for photographs with another horizon.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -17,14 +18,26 @@ import numpy as np
 
 from robot.camera.replay import read_picture
 from robot.camera.source import fit_to_frame
+from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError
 from robot.lens import CameraRig
 from robot.typed_config import load_yaml
-from trainer.judging.yellow_dashes import DEFAULT, Dash
-from trainer.judging.yellow_line import YellowLine, fit_line
+from trainer.judging.yellow_dashes import DEFAULT, Dash, floor_table
+from trainer.judging.yellow_line import YellowLine, detect_yellow_line, fit_line
 
-LINES_FILE = Path(__file__).with_name("lines.yaml")
+LINES_FILE = Path(__file__).with_name("drawn_lines.yaml")
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape
+
+AGREES, MISSED, INVENTED, WRONG_SIDE, NOT_JUDGED = (
+    "agrees",
+    "missed",
+    "invented",
+    "wrong side",
+    "not judged",
+)
+# Lines between these distances may be found or not; the detector's range lies between them.
+SURELY_NEAR_M, SURELY_FAR_M = 0.9 * DEFAULT.range_m, 1.1 * DEFAULT.range_m
+TOO_CLOSE_M = 0.01  # to the line: no side can be told
 
 Polyline = tuple[tuple[float, float], ...]
 
@@ -49,7 +62,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Lines:
-    """``lines.yaml``."""
+    """``drawn_lines.yaml``."""
 
     size: tuple[int, int]  # width, height that the points count in
     sites: tuple[Site, ...]
@@ -118,3 +131,38 @@ def drawn_line(
     dashes = tuple(Dash(float(x), float(y), direction, 0.05, 0.025, 9) for x, y in chosen)
     nearest_m = float(np.hypot(*floor.T).min())
     return DrawnLine(nearest_m, fit_line(dashes, reference_m))
+
+
+def verdict(found: YellowLine, drawn: Sequence[DrawnLine]) -> str:
+    """Of a detection, from the lines that a person drew on the same photograph."""
+    nearest_m = min((each.nearest_m for each in drawn), default=np.inf)
+    if SURELY_NEAR_M <= nearest_m < SURELY_FAR_M:
+        return NOT_JUDGED
+    near = nearest_m < SURELY_NEAR_M
+    if found.found != near:
+        return MISSED if near else INVENTED
+    if not near:
+        return AGREES
+    sides_m = [each.line.offset_m for each in drawn if each.nearest_m < SURELY_FAR_M]
+    if min(abs(side_m) for side_m in sides_m) < TOO_CLOSE_M:
+        return NOT_JUDGED
+    same = any((side_m > 0.0) == found.crossed for side_m in sides_m)
+    return AGREES if same else WRONG_SIDE
+
+
+def verdicts(photographs: Path, rig: CameraRig) -> dict[str, Counter[str]]:
+    """How often each thing is to be said, site by site; ``photographs`` holds the sites' folders.
+
+    Raises:
+        ConfigError: a photograph is missing.
+    """
+    lines = load_lines()
+    reference_m = floor_table(rig, FRAME_WIDTH_PX, FRAME_HEIGHT_PX, DEFAULT.range_m).reference_m
+    said: dict[str, Counter[str]] = {}
+    for site in lines.sites:
+        said[site.name] = Counter()
+        for drawn, frame in frames_of(site, photographs):
+            people = [drawn_line(points, lines.size, rig, reference_m) for points in drawn.yellow]
+            seen = [each for each in people if each is not None]
+            said[site.name][verdict(detect_yellow_line(frame, rig), seen)] += 1
+    return said

@@ -1,1 +1,0 @@
-"""Real photographs: what policies look at, and whether lines are found."""
