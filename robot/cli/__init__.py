@@ -24,7 +24,6 @@ COMMANDS = {
     "off": "switch every output of the motor HAT off",
     "keygen": "make the keys of robot, localizer and monitor",
     "install": "make this computer the robot's: environment, user, permissions, service",
-    "uninstall": "undo what install did",
 }
 
 

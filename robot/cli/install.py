@@ -1,24 +1,38 @@
-"""Make this computer the robot's: environment, user, groups, udev rule, configuration, service.
+"""Make this computer the robot's: environment, user, groups, udev rule, configuration, files.
 
-Run it in a checkout of the repository with the Python (3.8 or newer) that the robot shall use. A
-second time it changes only what is not so yet. The service starts with the computer, DISARMED; it
-is not started now.
+Run it in a checkout of the repository with the Python (3.8 or newer) that the robot shall use; run
+it again after an update. A configuration that is there stays as it is. The service starts with the
+computer, DISARMED; it is not started now.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
 from pathlib import Path
+from typing import List, NamedTuple, Tuple, Union
 
+from robot.cli import install_files as files
+from robot.cli.install_files import CONFIG, ETC, GROUPS, KEYS, MODEL, PREFIX, STATE, USER, VENV
 from robot.computer.footprint import ROOT
-from robot.errors import ConfigError
-from robot.install.changes import Host
-from robot.install.files import CONFIG, UNIT
-from robot.install.plan import Source, install, make_plan
+from robot.errors import ConfigError, HardwareError
+from robot.output import write_bytes
 
 SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"
+Command = Tuple[str, ...]
+
+
+class Write(NamedTuple):
+    """A file to write; what is ``theirs`` a person goes on to edit: only where there is none."""
+
+    path: str
+    content: bytes
+    theirs: bool = False
+
+
+Step = Union[Command, Write]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,24 +45,92 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Do it; ConfigError for a wrong source or user, HardwareError when a command fails."""
-    plan = make_plan(Source(ROOT, sys.executable, options.model))
-    expect_root(options.dry_run)
-    count = install(plan, Host(), say, options.dry_run)
+    steps = make_plan(ROOT, sys.executable, options.model)
     if options.dry_run:
-        print(f"{count} changes; nothing was done")
-    elif count:
-        print(f"{count} changes. Next: python -m robot doctor --config {CONFIG}")
-        print(f"then: sudo systemctl start {UNIT}")
-    else:
-        print("everything is installed already")
-
-
-def expect_root(dry: bool) -> None:
-    """ConfigError unless this user may change the system, or does not try."""
-    if not dry and os.geteuid() != 0:
+        for step in steps:
+            print("would", "\n".join(told(step)))
+        print("nothing was done")
+        return
+    if os.geteuid() != 0:
         raise ConfigError("expected the user root, got another; use sudo, or --dry-run")
+    for step in steps:
+        print(told(step)[0], flush=True)
+        do(step)
+    print(f"Next: python -m robot doctor --config {CONFIG}")
+    print(f"then: sudo systemctl start {files.UNIT}")
 
 
-def say(line: str) -> None:
-    """One line, at once."""
-    print(line, flush=True)
+def make_plan(checkout: Path, python: str, model: Path) -> List[Step]:
+    """All steps in order; each may be done again.
+
+    Args:
+        checkout: of this repository.
+        python: the interpreter that the robot's environment is made of.
+        model: the policy to begin with.
+
+    Raises:
+        ConfigError: the package does not lie in a checkout, or the model is absent.
+    """
+    if not (checkout / "pyproject.toml").is_file():
+        raise ConfigError(
+            f"{checkout}: expected a checkout of the repository, with pyproject.toml; run "
+            "`python -m robot install` in one"
+        )
+    try:
+        policy = model.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{model}: expected an ONNX policy, got: {error}") from error
+    pip = (f"{VENV}/bin/python", "-I", "-m", "pip", "install", "--upgrade")
+    pins = str(checkout / "constraints-nano.txt")
+    user = f"useradd --system --user-group --home-dir {STATE} --shell /usr/sbin/nologin {USER}"
+    return [
+        *(_shell(f"getent group {name} || groupadd --system {name}") for name in GROUPS),
+        _shell(f"id {USER} || {user}"),
+        ("usermod", "--append", "--groups", ",".join(GROUPS), USER),
+        ("install", "-d", PREFIX),
+        ("install", "-d", "-o", USER, "-g", USER, ETC, STATE),  # calibration replaces files in it
+        ("install", "-d", "-m", "700", "-o", USER, "-g", USER, KEYS),
+        (python, "-m", "venv", VENV),
+        (*pip, "pip"),  # Ubuntu 18.04's is too old to know the wheels of onnxruntime
+        (*pip, "--constraint", pins, str(checkout)),
+        Write(MODEL, policy),
+        Write(CONFIG, files.config_text(MODEL).encode("utf-8"), theirs=True),
+        Write(files.UDEV_RULE, files.UDEV.encode("utf-8")),
+        ("udevadm", "control", "--reload"),
+        ("udevadm", "trigger", "--subsystem-match=i2c-dev"),
+        Write(files.UNIT_FILE, files.unit_text(" ".join(GROUPS)).encode("utf-8")),
+        ("systemctl", "daemon-reload"),
+        ("systemctl", "enable", files.UNIT),
+    ]
+
+
+def _shell(line: str) -> Command:
+    return ("sh", "-c", line)
+
+
+def told(step: Step) -> List[str]:
+    """What a step writes or runs, for a person."""
+    if not isinstance(step, Write):
+        return [f"run: {' '.join(step)}"]
+    try:
+        lines = step.content.decode("utf-8").splitlines()
+    except UnicodeDecodeError:
+        lines = [f"({len(step.content)} bytes)"]
+    unless = ", unless it is there" if step.theirs else ""
+    return [f"write {step.path}{unless}:", *(f"    {line}" for line in lines)]
+
+
+def do(step: Step, root: Path = Path("/")) -> None:
+    """Do one step, on the computer whose files lie below ``root``; HardwareError when it fails."""
+    if isinstance(step, Write):
+        path = root / step.path.lstrip("/")
+        if not (step.theirs and path.exists()):
+            write_bytes(path, step.content)
+            path.chmod(0o644)
+        return
+    try:
+        done = subprocess.run(step, check=False)
+    except OSError as error:
+        raise HardwareError(f"{step[0]}: expected a program, got: {error}") from error
+    if done.returncode != 0:
+        raise HardwareError(f"{' '.join(step)}: ended with status {done.returncode}")

@@ -33,7 +33,6 @@ PROMISED = [
     "calibrate",
     "keygen",
     "install",
-    "uninstall",
     "off",
     "bench",
 ]

@@ -1,4 +1,4 @@
-"""The files that an installation writes, and where it puts things."""
+"""The robot as a service of systemd: the files that an installation writes, and where."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ ETC = "/etc/duckpilot"
 KEYS = f"{ETC}/keys"
 CONFIG = f"{ETC}/robot.yaml"
 STATE = "/var/lib/duckpilot"
-MANIFEST = "/var/lib/duckpilot-installed.json"  # what was done, so that it can be undone
 UDEV_RULE = "/etc/udev/rules.d/99-duckpilot-i2c.rules"
 UNIT = "duckpilot-robot.service"
 UNIT_FILE = f"/etc/systemd/system/{UNIT}"
