@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Optional
 
@@ -11,7 +12,6 @@ from robot.errors import ConfigError, nearest
 from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
-from robot.recording.config import RecordingConfig
 from robot.safety.gates import SafetyLimits
 
 CAMERAS = ("csi", "v4l2", "replay", "socket")
@@ -51,6 +51,25 @@ class CameraConfig:
             raise ConfigError(
                 f"camera: expected number of 0 or more and flip 0 to 7, got number {self.number}, "
                 f"flip {self.flip}"
+            )
+
+
+@dataclass(frozen=True)
+class RecordingConfig:
+    """Where drives are recorded, and how much of the disk they leave alone."""
+
+    folder: str
+    keep_free_mb: float = 500.0  # the system needs room for its own logs and updates
+
+    def __post_init__(self) -> None:
+        if not self.folder:
+            raise ConfigError(
+                "recording.folder: expected a folder, got ''; to record nothing, leave the "
+                "recording section out"
+            )
+        if not 0.0 <= self.keep_free_mb < math.inf:
+            raise ConfigError(
+                f"recording.keep_free_mb: expected 0 or more, got {self.keep_free_mb}"
             )
 
 

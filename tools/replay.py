@@ -15,7 +15,6 @@ from pathlib import Path
 from robot.command_line import OneLineParser, answer, spoken
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
-from robot.recording.contents import why_not
 from robot.recording.replay import Replayed, replay
 
 SHOWN = 20
@@ -56,10 +55,12 @@ def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
 def decide_again(options: argparse.Namespace) -> int:
     """0: nothing differs; 1: something does; ContractError: nothing was decided in it."""
     policy = OnnxPolicy(options.model) if options.model else None
-    problem = why_not(options.recording, with_model=policy is not None)
-    if problem:
-        raise ContractError(f"{options.recording}: {problem}")
     found = replay(options.recording, policy)
+    if not found.decisions:
+        raise ContractError(
+            f"{options.recording}: expected the robot's own recording of a drive by its policy, "
+            f"found no decision in its {found.turns} turns"
+        )
     if options.json:
         print(json.dumps(asdict(found)))
     else:

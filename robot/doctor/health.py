@@ -6,9 +6,9 @@ import datetime
 from pathlib import Path
 from typing import Optional
 
+from robot.config import RecordingConfig
 from robot.doctor.findings import Finding, fail, ok, warn
 from robot.doctor.machine import Machine
-from robot.recording.config import RecordingConfig
 
 MB = 1e6
 LEAST_MB, ROOM_MB = 200.0, 500.0  # that a system needs; for some hours of recording

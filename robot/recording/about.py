@@ -46,7 +46,10 @@ def describe(
         "model": Path(config.model).name,
         "max_wheel_mps": repr(config.safety.max_wheel_mps),
         "config": json.dumps(to_plain(config)),
-        **{f"sha256 {name}": sha256(path.read_bytes()) for name, path in models.items()},
+        **{
+            f"sha256 {name}": hashlib.sha256(path.read_bytes()).hexdigest()
+            for name, path in models.items()
+        },
         **arithmetic(),
     }
     return Subject(config.name, about, models, odometry, report, overhead)
@@ -57,24 +60,15 @@ def arithmetic() -> Dict[str, str]:
     import cv2
     import onnxruntime
 
-    return {
-        "machine": platform.machine(),
-        "processor": processor(),
-        "onnxruntime": onnxruntime.__version__,
-        "opencv": cv2.__version__,
-    }
-
-
-def processor() -> str:
-    """The processor's model, as Linux tells it; "" elsewhere."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
-        return ""
-    wanted = ("model name", "CPU part")
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith(wanted)), "")
-
-
-def sha256(data: bytes) -> str:
-    """Of a model's file."""
-    return hashlib.sha256(data).hexdigest()
+        lines = []
+    told = ("model name", "CPU part")
+    model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith(told)), "")
+    return {
+        "machine": platform.machine(),
+        "processor": model,
+        "onnxruntime": onnxruntime.__version__,
+        "opencv": cv2.__version__,
+    }

@@ -134,7 +134,8 @@ class DriveLog:
     def __init__(self, file: DriveFile, wall_s: float, models: Mapping[str, Path]) -> None:
         self.file = file
         self._wall_s = wall_s
-        self._models = dict(models)
+        for name, path in models.items():
+            file.attach(name, path.read_bytes(), path.stat().st_mtime)
         self._frame: Optional[int] = None
         self._verdict: Optional[Verdict] = None
         self._report: Optional[Telemetry] = None
@@ -152,9 +153,6 @@ class DriveLog:
         """Add one turn."""
         tick, file = heard.tick, self.file
         time_s = tick.time_s + self._wall_s
-        while self._models:
-            name, path = self._models.popitem()
-            file.attach(name, path.read_bytes(), time_s)
         if tick.frame is not None and tick.frame.sequence != self._frame:
             self._frame = tick.frame.sequence
             taken_s = tick.frame.time_s + self._wall_s

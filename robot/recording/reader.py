@@ -1,4 +1,7 @@
-"""Reads recordings, whole or cut off."""
+"""Reads recordings, whole or cut off.
+
+Every function raises ConfigError where there is no such file, or no MCAP.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +36,7 @@ class Entry(NamedTuple):
 
 
 def records(path: PathLike) -> Iterator[Any]:
-    """Every record (``mcap.records``) in the order of writing, up to the first damage.
-
-    Raises:
-        ConfigError: no such file, or no MCAP.
-    """
+    """Every record (``mcap.records``) in the order of writing, up to the first damage."""
     from mcap.exceptions import McapError
     from mcap.stream_reader import StreamReader
     from mcap.writer import MCAP0_MAGIC
@@ -45,7 +44,10 @@ def records(path: PathLike) -> Iterator[Any]:
 
     try:
         with Path(path).open("rb") as stream:
-            _expect_mcap(path, stream.read(len(MCAP0_MAGIC)), MCAP0_MAGIC)
+            begins = stream.read(len(MCAP0_MAGIC))
+            if begins != MCAP0_MAGIC:
+                told = f"a file that begins with {begins!r}" if begins else "an empty file"
+                raise ConfigError(f"{path}: expected an MCAP recording, got {told}")
             stream.seek(0)
             reader = StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT_BYTES)
             try:
@@ -56,26 +58,8 @@ def records(path: PathLike) -> Iterator[Any]:
         raise ConfigError(f"{path}: expected a recording, got: {error.strerror}") from error
 
 
-def _expect_mcap(path: PathLike, begins: bytes, magic: bytes) -> None:
-    if begins == magic:
-        return
-    if not begins:
-        got = "an empty file"
-    elif magic.startswith(begins):
-        got = f"a file that was cut off after {len(begins)} bytes"
-    elif all(byte >= 32 or byte in b"\t\r\n" for byte in begins):
-        got = f"text that begins with {begins.decode('utf-8', 'replace')!r}"
-    else:
-        got = f"another kind of file, which begins with {begins.hex()}"
-    raise ConfigError(f"{path}: expected an MCAP recording, got {got}")
-
-
 def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
-    """The messages on these topics (all without any), in the order of writing.
-
-    Raises:
-        ConfigError: no such file, or no MCAP.
-    """
+    """The messages on these topics (all without any), in the order of writing."""
     from mcap.records import Channel, Message
 
     names = {topic.name for topic in wanted}
@@ -91,11 +75,7 @@ def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
 
 
 def read_about(path: PathLike, name: str = ABOUT) -> Dict[str, str]:
-    """Facts of a recording: robot, model and versions; {} where it has none of this name.
-
-    Raises:
-        ConfigError: no such file, or no MCAP.
-    """
+    """Facts of a recording: robot, model and versions; {} where it has none of this name."""
     from mcap.records import Metadata
 
     for record in records(path):
@@ -105,11 +85,7 @@ def read_about(path: PathLike, name: str = ABOUT) -> Dict[str, str]:
 
 
 def read_attachment(path: PathLike, name: str) -> Optional[bytes]:
-    """A file inside a recording; None where it has none of this name.
-
-    Raises:
-        ConfigError: no such file, or no MCAP.
-    """
+    """A file inside a recording; None where it has none of this name."""
     from mcap.records import Attachment
 
     for record in records(path):
@@ -122,7 +98,6 @@ def read_frames(path: PathLike) -> Iterator[Tuple[float, np.ndarray]]:
     """What the camera saw: time since 1970 [s], frame (120, 160, 3) uint8 RGB without loss.
 
     Raises:
-        ConfigError: no such file, or no MCAP.
         ContractError: a frame that is no picture.
     """
     for entry in entries(path, topics.CAMERA):
@@ -133,7 +108,6 @@ def read_turns(path: PathLike) -> Iterator[Tuple[Turn, Optional[np.ndarray]]]:
     """Every turn with the frame that it saw; None where it saw none, or none was recorded.
 
     Raises:
-        ConfigError: no such file, or no MCAP.
         ContractError: a turn of another version, or a frame that is no picture.
     """
     frame: Optional[Entry] = None

@@ -7,6 +7,7 @@ loses turns, which are counted and told; a disk that is full ends the recording,
 from __future__ import annotations
 
 import errno
+import itertools
 import logging
 import math
 import shutil
@@ -19,10 +20,10 @@ from typing import Callable, Deque, Optional, Tuple
 
 from robot.computer.alarm import Alarm
 from robot.computer.threads import Worker
+from robot.config import RecordingConfig
 from robot.link.telemetry import Reading
 from robot.parts import Tick
 from robot.recording.about import Subject
-from robot.recording.config import RecordingConfig
 from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile, DriveLog, Heard
 from robot.recording.repair import recover_folder
 from robot.safety.state_machine import State
@@ -44,10 +45,7 @@ class DriveWriter:
     """
 
     def __init__(
-        self,
-        config: RecordingConfig,
-        subject: Subject,
-        wall: Callable[[], float],
+        self, config: RecordingConfig, subject: Subject, wall: Callable[[], float]
     ) -> None:
         self.problem = ""  # why the newest drive is not recorded
         self.written_mb = 0.0  # of the newest drive
@@ -65,10 +63,10 @@ class DriveWriter:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._require_room()
             file = DriveFile(self._free_path(wall_s), {**self._subject.about, "began": began})
+            self._log = DriveLog(file, wall_s - time_s, self._subject.models)
         except OSError as error:
             self._give_up(error)
             return
-        self._log = DriveLog(file, wall_s - time_s, self._subject.models)
         self._flushed_s = time.monotonic()
 
     def write(self, heard: Heard) -> None:
@@ -116,11 +114,9 @@ class DriveWriter:
     def _free_path(self, wall_s: float) -> Path:
         """A name that no recording has: a robot's clock may well have stood still."""
         stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._subject.name}"
-        for number in range(1000):
-            path = self._folder / f"{stem}{f'-{number}' if number else ''}{SUFFIX}"
-            if not path.exists() and not path.with_suffix(UNFINISHED).exists():
-                return path
-        raise FileExistsError(errno.EEXIST, f"a thousand recordings of one second: {stem}")
+        names = (stem if not number else f"{stem}-{number}" for number in itertools.count())
+        paths = (self._folder / f"{name}{SUFFIX}" for name in names)
+        return next(p for p in paths if not (p.exists() or p.with_suffix(UNFINISHED).exists()))
 
 
 QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two
@@ -128,8 +124,6 @@ TAIL_S = 2.0  # after the robot has come to rest
 LONGEST_S = 600.0  # then the next file: the index of an open file grows
 WAIT_S = 0.25
 ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
-
-logger = logging.getLogger(__name__)
 
 
 class Recorder(Worker):

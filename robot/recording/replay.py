@@ -20,12 +20,7 @@ from robot.inference.policy import OnnxPolicy, best_action, values_of
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.parts import Policy
 from robot.recording.about import MODEL, TRANSLATOR, arithmetic
-from robot.recording.reader import (
-    PathLike,
-    read_about,
-    read_attachment,
-    read_turns,
-)
+from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
 from robot.recording.turn import Turn
 
 # Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
@@ -93,8 +88,8 @@ def recorded_policy(path: PathLike) -> Policy:
                 files[name].write_bytes(data)
         if MODEL not in files:
             raise ContractError(
-                f"{path}: expected the policy in the recording, found none; name its file with "
-                "--model"
+                f"{path}: expected the policy in the recording, found none; is it a monitor's? "
+                "Else name its file with --model"
             )
         policy = OnnxPolicy(files[MODEL])
         if TRANSLATOR not in files:
@@ -115,19 +110,16 @@ def _decision(
     if values is None:
         return ["decided without the path that its policy follows"]
     recorded, action = np.array(turn.values, np.float32), best_action(values)
-    off = float(np.abs(values - recorded).max())
-    margin = turn.margin or 0.0
+    off, margin = float(np.abs(values - recorded).max()), turn.margin or 0.0
     result.decisions += 1
     result.worst = max(result.worst, off)
     result.least_margin = min(result.least_margin, margin)
-    if result.exact and values.tobytes() != recorded.tobytes():
-        return [f"values {list(turn.values)} came out as {values.tolist()}"]
-    allowed = TOLERANCE * max(1.0, float(np.abs(recorded).max()))
+    allowed = 0.0 if result.exact else TOLERANCE * max(1.0, float(np.abs(recorded).max()))
     if off > allowed:
         return [f"values {list(turn.values)} came out as {values.tolist()}"]
     if action == turn.action:
         return []
-    if margin <= 2.0 * allowed and not result.exact:
+    if margin <= 2.0 * allowed:
         result.close += 1
         return []
     names = [_name(policy.contract, number) for number in (turn.action, action)]

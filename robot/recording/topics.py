@@ -33,13 +33,16 @@ class Topic(NamedTuple):
     schema: Json
 
 
-def _object(**properties: Json) -> Json:
-    return {"type": "object", "properties": properties}
-
-
-def _full(**properties: Json) -> Json:
-    """An object that always has all of these."""
-    return {**_object(**properties), "required": list(properties)}
+def _schema(shape: Any) -> Json:
+    """The JSON schema of a shape: types by name, lists of one item, dicts that are always full."""
+    if isinstance(shape, dict):
+        properties = {name: _schema(kind) for name, kind in shape.items()}
+        return {"type": "object", "properties": properties, "required": list(shape)}
+    if isinstance(shape, list):
+        return {"type": "array", "items": _schema(shape[0])}
+    if shape == "base64":
+        return {"type": "string", "contentEncoding": "base64"}
+    return {"type": shape}
 
 
 def _schema_of(kind: Any) -> Json:
@@ -47,7 +50,8 @@ def _schema_of(kind: Any) -> Json:
     origin, members = typing.get_origin(kind), typing.get_args(kind)
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
-        return _object(**{f.name: _schema_of(hints[f.name]) for f in dataclasses.fields(kind)})
+        properties = {f.name: _schema_of(hints[f.name]) for f in dataclasses.fields(kind)}
+        return {"type": "object", "properties": properties}
     if origin is Union:
         return _schema_of(next(member for member in members if member is not type(None)))
     if origin is tuple:
@@ -56,42 +60,26 @@ def _schema_of(kind: Any) -> Json:
     return {"type": names[kind]}
 
 
-_NUMBER: Json = {"type": "number"}
-_STRING: Json = {"type": "string"}
-_TIME = _full(
-    sec={"type": "integer", "minimum": 0},
-    nsec={"type": "integer", "minimum": 0, "maximum": NS - 1},
-)
-_POSE = _full(
-    position=_full(x=_NUMBER, y=_NUMBER, z=_NUMBER),
-    orientation=_full(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
-)
-_IMAGE = _full(
-    timestamp=_TIME,
-    frame_id=_STRING,
-    data={"type": "string", "contentEncoding": "base64"},
-    format=_STRING,
-)
-_POSE_IN_FRAME = _full(timestamp=_TIME, frame_id=_STRING, pose=_POSE)
-_OVERHEAD = _full(
-    **_POSE_IN_FRAME["properties"], heading_known={"type": "boolean"}, confidence=_NUMBER
-)
-_POSES = _full(timestamp=_TIME, frame_id=_STRING, poses={"type": "array", "items": _POSE})
-_LOG = _full(
-    timestamp=_TIME,
-    level={"type": "integer"},
-    message=_STRING,
-    name=_STRING,
-    file=_STRING,
-    line={"type": "integer", "minimum": 0},
-)
+_XYZ = dict.fromkeys("xyz", "number")
+_POSE = {"position": _XYZ, "orientation": {**_XYZ, "w": "number"}}
+_HEAD = {"timestamp": {"sec": "integer", "nsec": "integer"}, "frame_id": "string"}
+_PLACE = {**_HEAD, "pose": _POSE}
+_SEEN = {**_PLACE, "heading_known": "boolean", "confidence": "number"}
+_LINE = {
+    "timestamp": _HEAD["timestamp"],
+    "level": "integer",
+    **dict.fromkeys(("message", "name", "file"), "string"),
+    "line": "integer",
+}
 
-CAMERA = Topic("/camera", "foxglove.CompressedImage", _IMAGE)
-POSE = Topic("/pose", "foxglove.PoseInFrame", _POSE_IN_FRAME)
-OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _OVERHEAD)
-ODOMETRY = Topic("/odometry", "foxglove.PoseInFrame", _POSE_IN_FRAME)
-PATH = Topic("/path", "foxglove.PosesInFrame", _POSES)
-LOG = Topic("/log", "foxglove.Log", _LOG)
+CAMERA = Topic(
+    "/camera", "foxglove.CompressedImage", _schema({**_HEAD, "data": "base64", "format": "string"})
+)
+POSE = Topic("/pose", "foxglove.PoseInFrame", _schema(_PLACE))
+OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _schema(_SEEN))
+ODOMETRY = Topic("/odometry", "foxglove.PoseInFrame", _schema(_PLACE))
+PATH = Topic("/path", "foxglove.PosesInFrame", _schema({**_HEAD, "poses": [_POSE]}))
+LOG = Topic("/log", "foxglove.Log", _schema(_LINE))
 TURN = Topic("/turn", "duckpilot.Turn", _schema_of(Turn))
 TELEMETRY = Topic("/telemetry", "duckpilot.Telemetry", _schema_of(Telemetry))
 

@@ -13,6 +13,7 @@ import pytest
 
 from robot.camera.source import Camera, Frame, NewestFrame
 from robot.computer.threads import Worker
+from robot.config import RecordingConfig
 from robot.errors import HardwareError
 from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
@@ -21,7 +22,6 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Motors, Subscriber
-from robot.recording.config import RecordingConfig
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
 from robot.runtime.timing import Watchdog

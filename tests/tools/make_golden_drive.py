@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.config import RobotConfig
+from robot.config import RecordingConfig, RobotConfig
 from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from robot.recording.about import describe
-from robot.recording.config import RecordingConfig
 from robot.recording.recorder import Recorder
 from sim_pybullet.look import NOMINAL
 from tools.lap_drive import LapDrive, LapRecord

@@ -19,13 +19,12 @@ import numpy as np
 import yaml
 
 from localizer_node.calibration import save_calibration
-from robot.config import CameraConfig, RobotConfig
+from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.hat.config import HatConfig
 from robot.link.config import LinkConfig
 from robot.link.keys import keygen
 from robot.link.roles import BOUND_BY
 from robot.navigation.road_map import load_map
-from robot.recording.config import RecordingConfig
 from robot.safety.gates import SafetyLimits
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look

@@ -8,13 +8,12 @@ from typing import List, Optional
 import numpy as np
 
 from robot.camera.source import Frame
-from robot.config import RobotConfig
+from robot.config import RecordingConfig, RobotConfig
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance, Tick
 from robot.recording.about import Subject, describe
-from robot.recording.config import RecordingConfig
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
 from robot.safety.state_machine import Command, Safety

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robot.config import RecordingConfig
 from robot.errors import ConfigError
 from robot.recording.about import MODEL
-from robot.recording.config import RecordingConfig
 from robot.recording.drive_file import UNFINISHED, Heard
 from robot.recording.reader import read_about, read_attachment, read_frames, read_turns
 from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, DriveWriter, Recorder

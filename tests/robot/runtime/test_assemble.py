@@ -14,7 +14,7 @@ import pytest
 
 from robot.camera.replay import ReplayCamera
 from robot.camera.source import Frame, NewestFrame
-from robot.config import CameraConfig, RobotConfig
+from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
@@ -26,7 +26,6 @@ from robot.link.telemetry import Telemetry
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics
-from robot.recording.config import RecordingConfig
 from robot.recording.reader import entries
 from robot.runtime.assemble import Operators, open_camera, open_robot
 from robot.runtime.loop import Runtime
