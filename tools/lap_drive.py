@@ -22,7 +22,6 @@ from robot.safety.state_machine import Command, Safety
 from robot.vision.plausibility import PictureDoubts
 from sim_pybullet.look import Look
 from sim_pybullet.tasks.following import HALF_LANE_TILES
-from sim_pybullet.virtual.camera import VirtualCamera
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
@@ -62,9 +61,8 @@ class LapDrive:
         self.world = VirtualWorld(road_map, look, self.hat, self.clock, rng)
         self.lane: LanePath = lane_loop(road_map)
         self.half_lane_m = HALF_LANE_TILES * road_map.tile_size_m
-        camera = VirtualCamera(self.world.see, self.clock)
         self.runtime = Runtime(
-            *(camera, policy, self.driver, Safety(self.clock.now), self.clock),
+            *(self.world, policy, self.driver, Safety(self.clock.now), self.clock),
             eyes=PictureDoubts(),
         )
         start = Pose(*self.lane.pose_at(rng.uniform(0.0, self.lane.length_m)))

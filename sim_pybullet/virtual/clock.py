@@ -1,8 +1,10 @@
-"""Time that moves only when told to."""
+"""Time that moves only when told to: for tests and for simulation faster than real time."""
 
 from __future__ import annotations
 
 import math
+
+from robot.hat.driver import MotorDriver
 
 
 class VirtualClock:
@@ -23,3 +25,14 @@ class VirtualClock:
         """Move on to ``time_s`` [s]; time never runs backwards."""
         assert math.isfinite(time_s)
         self._now_s = max(self._now_s, time_s)
+
+
+def run_until(driver: MotorDriver, clock: VirtualClock, time_s: float) -> None:
+    """Pump ``driver`` at each of its deadlines until the clock reads ``time_s`` [s]."""
+    while True:
+        deadline_s = driver.pump(clock.now())
+        next_s = math.inf if deadline_s is None else deadline_s
+        if next_s > time_s:
+            break
+        clock.advance_to(next_s)
+    clock.advance_to(time_s)

@@ -1,4 +1,4 @@
-"""One winding of a stepper behind a bridge: an inductance and a resistance.
+"""One winding of a stepper behind a TB6612FNG bridge: an inductance and a resistance.
 
 Currents are in units of supply voltage / resistance. A bridge that drives pulls the current towards
 +1 or -1, one that brakes lets it decay towards 0, both with the time constant L / R. With the
@@ -9,14 +9,45 @@ voltage were reversed, until it is gone; then nothing flows (drops of the diodes
 from __future__ import annotations
 
 import math
+from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
 
-from sim_pybullet.virtual.tb6612 import BridgeState, Span
+from sim_pybullet.virtual.pwm import PwmOutputs
 
+
+class BridgeState(Enum):
+    """What the outputs of a bridge do."""
+
+    CW = "OUT1 high, OUT2 low"
+    CCW = "OUT1 low, OUT2 high"
+    SHORT_BRAKE = "both low: the winding is shorted, its current goes round and decays slowly"
+    STOP = "high impedance: the current flows back into the supply and is gone soon"
+
+
+H, L = True, False
+# "H-SW Control Function" of Toshiba's data sheet: IN1, IN2, PWM -> outputs, with STBY high as on
+# the boards. The sheet lists two low inputs with PWM high only; no transistor conducts.
+H_SW_CONTROL = {
+    (H, H, H): BridgeState.SHORT_BRAKE,
+    (H, H, L): BridgeState.SHORT_BRAKE,
+    (L, H, H): BridgeState.CCW,
+    (L, H, L): BridgeState.SHORT_BRAKE,
+    (H, L, H): BridgeState.CW,
+    (H, L, L): BridgeState.SHORT_BRAKE,
+    (L, L, H): BridgeState.STOP,
+    (L, L, L): BridgeState.STOP,
+}
 PULL = {BridgeState.CW: 1.0, BridgeState.CCW: -1.0, BridgeState.SHORT_BRAKE: 0.0}
 PERIODS = 400  # until a period repeats itself; a time constant is a handful of periods at most
 REPEATS = 1e-9
+
+
+class Span(NamedTuple):
+    """A part of the PWM period in which the outputs do not change."""
+
+    share: float
+    state: BridgeState
 
 
 class CoilDrive(NamedTuple):
@@ -27,6 +58,12 @@ class CoilDrive(NamedTuple):
 
 
 RELEASED = CoilDrive(0.0, 0.0)
+
+
+def bridge_spans(outputs: PwmOutputs, in1: int, in2: int, pwm: int) -> tuple[Span, ...]:
+    """The PWM period, from the PCA9685 channels wired to IN1, IN2 and PWM."""
+    spans = outputs.spans(in1, in2, pwm)
+    return tuple(Span(share, H_SW_CONTROL[levels]) for share, levels in spans)  # type: ignore[index]
 
 
 @lru_cache(maxsize=4096)

@@ -11,19 +11,15 @@ from robot.hat.clock import Clock
 
 
 class I2cDevice(Protocol):
-    """What the bus asks of a chip, byte by byte."""
+    """What the bus asks of a chip."""
 
-    def start(self, address: int, read: bool) -> bool:
-        """START with an address; True to acknowledge."""
+    address: int
 
-    def write(self, value: int) -> bool:
-        """A byte from the master; True to acknowledge."""
+    def write(self, data: bytes) -> bool:
+        """A register's number, and what is written from there on; False: not acknowledged."""
 
-    def read(self) -> int:
-        """A byte for the master."""
-
-    def stop(self) -> None:
-        """STOP."""
+    def read(self, register: int, count: int) -> bytes:
+        """So many bytes from a register on."""
 
 
 class BusFault(Enum):
@@ -51,6 +47,7 @@ class VirtualI2cBus:
     """
 
     LOG_LENGTH = 4096
+    name = "virtual I2C bus"  # as a person would see it in a message
 
     def __init__(self, bus_hz: int = 100_000, clock: Clock | None = None) -> None:
         self.bus_hz = bus_hz
@@ -59,11 +56,6 @@ class VirtualI2cBus:
         self._clock = clock
         self._devices: list[I2cDevice] = []
         self._faults: deque[BusFault | None] = deque()
-
-    @property
-    def name(self) -> str:
-        """As a person would see it in a message."""
-        return "virtual I2C bus"
 
     def attach(self, device: I2cDevice) -> None:
         """Wire a chip to the bus."""
@@ -79,38 +71,17 @@ class VirtualI2cBus:
 
     def write(self, address: int, data: bytes) -> None:
         """One write message; OSError as Linux reports it."""
-        if len(data) == 0:
-            # i2c-tegra declares I2C_AQ_NO_ZERO_LEN, and the kernel answers for it.
-            raise OSError(errno.EOPNOTSUPP, "Operation not supported: message of zero length")
-        self._begin(Transaction(address, bytes(data), 0))
-        fault = self._next_fault()
-        sent = len(data) // 2 if fault is BusFault.PARTIAL else len(data)
-        listeners = self._address(address, read=False)
-        try:
-            for value in data[:sent]:
-                if not self._send(listeners, value):
-                    self._not_acknowledged()
-            if fault is BusFault.PARTIAL:
-                self._not_acknowledged()
-        finally:
-            self._stop()
+        device, partial = self._address(Transaction(address, bytes(data), 0), len(data))
+        sent = data[: len(data) // 2] if partial else data
+        if not device.write(bytes(sent)) or partial:
+            _not_acknowledged()
 
     def read(self, address: int, register: int, count: int) -> bytes:
         """One write and one read message joined by a repeated START."""
-        if count == 0:
-            raise OSError(errno.EOPNOTSUPP, "Operation not supported: message of zero length")
-        self._begin(Transaction(address, bytes((register,)), count))
-        fault = self._next_fault()
-        listeners = self._address(address, read=False)
-        try:
-            if not self._send(listeners, register):
-                self._not_acknowledged()
-            listeners = self._address(address, read=True)
-            if fault is BusFault.PARTIAL:
-                self._not_acknowledged()
-            return bytes(self._wired_and(listeners) for _ in range(count))
-        finally:
-            self._stop()
+        device, partial = self._address(Transaction(address, bytes((register,)), count), count)
+        if not device.write(bytes((register,))) or partial:
+            _not_acknowledged()
+        return device.read(register, count)
 
     def _begin(self, transaction: Transaction) -> None:
         self.log.append(transaction)
@@ -121,37 +92,19 @@ class VirtualI2cBus:
         if self._clock is not None:
             self._clock.sleep(duration_s)
 
-    def _next_fault(self) -> BusFault | None:
+    def _address(self, transaction: Transaction, size: int) -> tuple[I2cDevice, bool]:
+        """Who answers, and whether only half-way."""
+        if size == 0:  # i2c-tegra declares I2C_AQ_NO_ZERO_LEN, and the kernel answers for it
+            raise OSError(errno.EOPNOTSUPP, "Operation not supported: message of zero length")
+        self._begin(transaction)
         fault = self._faults.popleft() if self._faults else None
         if fault is BusFault.STUCK:
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
-        if fault is BusFault.NACK:
-            self._not_acknowledged()
-        return fault
+        there = [device for device in self._devices if device.address == transaction.address]
+        if fault is BusFault.NACK or not there:
+            _not_acknowledged()
+        return there[0], fault is BusFault.PARTIAL
 
-    def _address(self, address: int, read: bool) -> list[I2cDevice]:
-        listeners = [device for device in self._devices if device.start(address, read)]
-        if not listeners:
-            self._stop()
-            self._not_acknowledged()
-        return listeners
 
-    def _stop(self) -> None:
-        for device in self._devices:
-            device.stop()
-
-    @staticmethod
-    def _send(devices: list[I2cDevice], value: int) -> bool:
-        acknowledged = [device.write(value) for device in devices]  # all of them hear it
-        return any(acknowledged)
-
-    @staticmethod
-    def _wired_and(devices: list[I2cDevice]) -> int:
-        value = 0xFF
-        for device in devices:
-            value &= device.read()
-        return value
-
-    @staticmethod
-    def _not_acknowledged() -> NoReturn:
-        raise OSError(errno.EREMOTEIO, "Remote I/O error")
+def _not_acknowledged() -> NoReturn:
+    raise OSError(errno.EREMOTEIO, "Remote I/O error")

@@ -9,64 +9,50 @@ FULL = 0x10  # bit 4 of ON_H and OFF_H
 
 
 class ChipMisuseError(AssertionError):
-    """The driver did what a data sheet forbids."""
+    """The driver did what a data sheet forbids, or what the model of the chip leaves out."""
 
 
 class Output(NamedTuple):
-    """High from count ``on`` to count ``off``, unless it is constant."""
+    """High from count ``on`` to count ``off``, unless it is constant: then ``on`` > 0 is high."""
 
-    on: int
-    off: int
-    constant: bool
-    inverted: bool
+    on: int = 0
+    off: int = 0
+    constant: bool = True
 
     def high(self, count: int) -> bool:
-        """Whether the pin is high at ``count``; of a constant output, ``on`` > 0 says it."""
-        high = (
-            self.on > 0
-            if self.constant
-            else (count - self.on) % COUNTS < (self.off - self.on) % COUNTS
-        )
-        return high != self.inverted
+        """Whether the pin is high at ``count``."""
+        if self.constant:
+            return self.on > 0
+        return (count - self.on) % COUNTS < (self.off - self.on) % COUNTS
 
     @classmethod
-    def from_registers(cls, registers: bytes, inverted: bool) -> Output:
+    def from_registers(cls, registers: bytes) -> Output:
         """Four registers ON_L, ON_H, OFF_L, OFF_H; full OFF wins over full ON."""
-        if registers[3] & FULL:
-            return cls(0, 0, True, inverted)
-        if registers[1] & FULL:
-            return cls(1, 0, True, inverted)
+        if (registers[1] | registers[3]) & FULL:
+            return cls(0 if registers[3] & FULL else 1)
         on = registers[0] | (registers[1] & 0x0F) << 8
         off = registers[2] | (registers[3] & 0x0F) << 8
         if on == off:
             raise ChipMisuseError(f"ON and OFF counts are both {on}: they must never be equal")
-        return cls(on, off, False, inverted)
+        return cls(on, off, False)
 
 
 class PwmOutputs(NamedTuple):
-    """All sixteen."""
+    """All sixteen; at first every pin is low."""
 
-    channels: tuple[Output, ...]
-
-    @classmethod
-    def all_low(cls) -> PwmOutputs:
-        """Every pin low, whatever the registers say."""
-        return cls((Output(0, 0, True, False),) * 16)
+    channels: tuple[Output, ...] = (Output(),) * 16
 
     @classmethod
-    def from_registers(cls, led: bytes, inverted: bool, cut_off: int | None = None) -> PwmOutputs:
+    def from_registers(cls, led: bytes, cut_off: int | None = None) -> PwmOutputs:
         """The 64 LED registers; a write was cut off within the channel ``cut_off``.
 
         That channel may have equal counts for once, until the next write. What the chip then does
         the data sheet does not say; here it is low.
         """
-        channels = []
-        for number in range(16):
-            registers = led[4 * number : 4 * number + 4]
-            if number == cut_off and registers[0:2] == registers[2:4]:
-                registers = b"\0\0\0\x10"  # full OFF
-            channels.append(Output.from_registers(registers, inverted))
-        return cls(tuple(channels))
+        parts = [led[first : first + 4] for first in range(0, 64, 4)]
+        if cut_off is not None and parts[cut_off][0:2] == parts[cut_off][2:4]:
+            parts[cut_off] = bytes((0, 0, 0, FULL))
+        return cls(tuple(map(Output.from_registers, parts)))
 
     @property
     def any_pwm(self) -> bool:
@@ -76,7 +62,7 @@ class PwmOutputs(NamedTuple):
     @property
     def any_high(self) -> bool:
         """Whether a pin is high at some time."""
-        return any(not output.constant or output.high(0) for output in self.channels)
+        return self.any_pwm or any(output.high(0) for output in self.channels)
 
     def spans(self, *channels: int) -> list[tuple[float, tuple[bool, ...]]]:
         """The period cut where one of ``channels`` switches: (share of it, level of each)."""

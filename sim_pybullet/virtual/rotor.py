@@ -44,27 +44,15 @@ class Rotor:
         self.load_nm = 0.0  # positive pushes towards positive angles
         self.currents = (0.0, 0.0)  # now [supply voltage / resistance]
         self._drives = (RELEASED, RELEASED)
-        self._expected_rad: float | None = None  # electrical angle where the field wants the rotor
+        self.field_rad: float | None = None  # electrical, where it wants the rotor; None: coils off
 
     @property
     def lost_steps(self) -> int:
         """Full steps between field and rotor now, a multiple of 4; 0 while the coils are off."""
-        if self._expected_rad is None:
+        if self.field_rad is None:
             return 0
-        behind = self._expected_rad - self.model.electrical_turns * self.angle_rad
+        behind = self.field_rad - self.model.electrical_turns * self.angle_rad
         return FULL_STEPS * round(behind / (2.0 * math.pi))
-
-    @property
-    def field_rad(self) -> float | None:
-        """Electrical angle where the field wants the rotor [rad]; None with the coils off."""
-        return self._expected_rad
-
-    @property
-    def field_error_rad(self) -> float:
-        """Electrical angle by which the rotor is behind the field [rad]; 0 with the coils off."""
-        if self._expected_rad is None:
-            return 0.0
-        return self._expected_rad - self.model.electrical_turns * self.angle_rad
 
     @property
     def mean_currents(self) -> tuple[float, float]:
@@ -75,13 +63,13 @@ class Rotor:
         """Set what the bridges do from now on; the currents follow by L / R."""
         self._drives = (phase_a, phase_b)
         if phase_a.current == 0.0 and phase_b.current == 0.0:
-            self._expected_rad = None
+            self.field_rad = None
             return
         angle_rad = math.atan2(phase_b.current, phase_a.current)
-        reference = self._expected_rad
+        reference = self.field_rad
         if reference is None:  # switched on: the rotor goes to the nearest equilibrium
             reference = self.model.electrical_turns * self.angle_rad
-        self._expected_rad = reference + math.remainder(angle_rad - reference, 2.0 * math.pi)
+        self.field_rad = reference + math.remainder(angle_rad - reference, 2.0 * math.pi)
 
     def advance(self, duration_s: float) -> None:
         """Integrate over ``duration_s`` [s] with the coils as they are."""

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from robot.camera.source import Frame
 from robot.contract import ImageSpec
 from robot.geometry import Pose
 from robot.hat.clock import Clock
@@ -21,9 +22,8 @@ from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.objects import build_scene
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
-from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.lockstep import run_until
 from sim_pybullet.virtual.robot_body import RolledWheels, Tyres
 
 PHYSICS_DT_S = 1.0 / 60.0
@@ -33,6 +33,7 @@ class VirtualWorld:
     """A town with one robot whose wheels are the rotors of a ``VirtualHat``.
 
     In lock-step somebody calls ``advance``; otherwise ``follow``, some sixty times a second.
+    It is the robot's camera (``robot.camera.source.Camera``), too.
 
     Attributes:
         scene: what there is to see.
@@ -56,6 +57,7 @@ class VirtualWorld:
         self._rolled = RolledWheels(hat, clock)
         self._tyres = Tyres(look.drive, PHYSICS_DT_S)
         self._stepped_s = clock.now()
+        self._frame: Frame | None = None
         self.place(self.pose)
 
     @property
@@ -107,6 +109,14 @@ class VirtualWorld:
         As late as the look says, or with its ``frame_skip`` the one before again.
         """
         return self._feed.pictures(self._rng)[0]
+
+    def read(self) -> Frame:
+        """The frame of now; the same one again within the same instant."""
+        now_s = self._clock.now()
+        if self._frame is None or self._frame.time_s != now_s:
+            sequence = 0 if self._frame is None else self._frame.sequence + 1
+            self._frame = Frame(self.see(), sequence, now_s)
+        return self._frame
 
     def close(self) -> None:
         """Free the physics client."""

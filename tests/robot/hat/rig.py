@@ -9,10 +9,9 @@ from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
-from sim_pybullet.virtual.clock import VirtualClock
+from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import Transaction, VirtualI2cBus
-from sim_pybullet.virtual.lockstep import run_until
 from sim_pybullet.virtual.rotor import RotorModel
 
 ALL_OFF = b"\xfd\x10"

@@ -20,18 +20,14 @@ from tools.hat_timing import hat_update_ms
 class RealTimeClockChip:
     """A stranger that also lives at 0x6F, and must not be written to."""
 
-    def start(self, address: int, read: bool) -> bool:
-        return address == 0x6F
+    address = 0x6F
 
-    def write(self, value: int) -> bool:
-        assert value in (0x00, 0x01, 0xFE), "only a register number may be sent"
+    def write(self, data: bytes) -> bool:
+        assert data in (b"\x00", b"\x01", b"\xfe"), "only a register number may be sent"
         return True
 
-    def read(self) -> int:
-        return 0xE5
-
-    def stop(self) -> None:
-        pass
+    def read(self, register: int, count: int) -> bytes:
+        return b"\xe5" * count
 
 
 @pytest.mark.parametrize("address", [0x6F, 0x60])
@@ -89,7 +85,7 @@ def test_a_chip_is_off_until_any_output_is_set() -> None:
 
 @given(st.floats(0.0, 1.0))
 def test_channel_bytes_give_the_duty_and_never_equal_counts(level: float) -> None:
-    output = Output.from_registers(channel_bytes(level), inverted=False)
+    output = Output.from_registers(channel_bytes(level))
     high = sum(output.high(count) for count in range(4096))
     assert abs(high / 4096 - level) <= 0.5 / 4096 + 1e-12
 

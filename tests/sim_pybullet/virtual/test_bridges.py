@@ -1,15 +1,21 @@
 """Bridges and windings against the data sheet and against the differential equation itself."""
 
-import itertools
 import math
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_pybullet.virtual.coil import CoilDrive, coil_drive, relax
+from sim_pybullet.virtual.coil import (
+    H_SW_CONTROL,
+    BridgeState,
+    CoilDrive,
+    Span,
+    bridge_spans,
+    coil_drive,
+    relax,
+)
 from sim_pybullet.virtual.pwm import PwmOutputs
-from sim_pybullet.virtual.tb6612 import BridgeState, Span, bridge_spans, bridge_state
 
 CW, CCW, BRAKE, STOP = (
     BridgeState.CW,
@@ -25,23 +31,23 @@ periods = st.lists(
 
 
 def test_bridge_function_table() -> None:
-    """Written as the data sheet prints it: IN1, IN2, PWM, STBY, outputs."""
+    """Written as the data sheet prints it, with STBY high: IN1, IN2, PWM, outputs."""
     rows = """
-    H H H H brake
-    H H L H brake
-    L H H H ccw
-    L H L H brake
-    H L H H cw
-    H L L H brake
-    L L H H stop
+    H H H brake
+    H H L brake
+    L H H ccw
+    L H L brake
+    H L H cw
+    H L L brake
+    L L H stop
+    L L L stop
     """
     names = {"brake": BRAKE, "ccw": CCW, "cw": CW, "stop": STOP}
+    assert len(H_SW_CONTROL) == 8
     for row in rows.strip().splitlines():
         *levels, name = row.split()
-        assert bridge_state(*(level == "H" for level in levels)) is names[name], row
-    for inputs in itertools.product((False, True), repeat=3):
-        assert bridge_state(*inputs, stby=False) is STOP
-    assert bridge_state(False, False, False) is STOP
+        in1, in2, pwm = (level == "H" for level in levels)
+        assert H_SW_CONTROL[in1, in2, pwm] is names[name], row
 
 
 @given(st.integers(1, 4095))
@@ -49,10 +55,10 @@ def test_a_duty_on_an_input_stops_and_one_on_pwm_brakes(counts: int) -> None:
     led = bytearray((0, 0, 0, 0x10) * 16)
     duty, high = bytes((0, 0, counts & 0xFF, counts >> 8)), bytes((0, 0x10, 0, 0))
     led[0:4], led[8:12] = duty, high  # IN1, PWM
-    spans = bridge_spans(PwmOutputs.from_registers(bytes(led), inverted=False), 0, 1, 2)
+    spans = bridge_spans(PwmOutputs.from_registers(bytes(led)), 0, 1, 2)
     assert spans == ((counts / 4096, CW), (1 - counts / 4096, STOP))
     led[0:4], led[8:12] = high, duty
-    spans = bridge_spans(PwmOutputs.from_registers(bytes(led), inverted=False), 0, 1, 2)
+    spans = bridge_spans(PwmOutputs.from_registers(bytes(led)), 0, 1, 2)
     assert spans == ((counts / 4096, CW), (1 - counts / 4096, BRAKE))
 
 

@@ -30,7 +30,6 @@ class LegalTraffic(RuleBasedStateMachine):
         self.levels = [0] * 16
         self.awake = False
         self.pre_scale = 0x1E
-        self.pending = False  # channels wait for RESTART
         self.write(0x00, 0x30)
 
     def write(self, register: int, *data: int) -> None:
@@ -41,19 +40,16 @@ class LegalTraffic(RuleBasedStateMachine):
         values = values[: 16 - first]
         self.write(0x06 + 4 * first, *b"".join(map(encode, values)))
         self.levels[first : first + len(values)] = values
-        self.pending = False
 
     @rule(value=st.integers(0, 4096))
     def set_all(self, value: int) -> None:
         self.write(0xFA, *encode(value))
         self.levels = [value] * 16
-        self.pending = False
 
     @rule()
     def all_off(self) -> None:
         self.write(0xFD, 0x10)
         self.levels = [0] * 16
-        self.pending = False
 
     @rule(value=st.integers(0, 255))
     def set_pre_scale(self, value: int) -> None:
@@ -63,25 +59,21 @@ class LegalTraffic(RuleBasedStateMachine):
 
     @rule()
     def sleep(self) -> None:
-        running = self.awake and not self.pending
-        self.pending |= running and any(0 < level < 4096 for level in self.levels)
+        self.all_off()
         self.write(0x00, 0x30)
         self.clock.sleep(0.1)
         self.awake = False
 
-    @rule(restart=st.booleans())
-    def wake(self, restart: bool) -> None:
+    @rule()
+    def wake(self) -> None:
         self.write(0x00, 0x20)
         self.clock.sleep(500e-6)
         self.awake = True
-        if restart:
-            self.write(0x00, 0xA0)
-            self.pending = False
 
     @rule()
     def reset(self) -> None:
-        self.bus.write(0x00, b"\x06")
-        self.levels, self.awake, self.pre_scale, self.pending = [0] * 16, False, 0x1E, False
+        self.chip.power_cycle()
+        self.levels, self.awake, self.pre_scale = [0] * 16, False, 0x1E
         self.write(0x00, 0x30)
 
     @invariant()
@@ -92,12 +84,10 @@ class LegalTraffic(RuleBasedStateMachine):
             registers = led[4 * channel : 4 * channel + 4]
             assert registers == encode(level) or (level == 0 and registers[3] & 0x10)
         assert self.bus.read(0x6F, 0xFE, 1)[0] == self.pre_scale
-        assert bool(self.bus.read(0x6F, 0x00, 1)[0] & 0x80) == self.pending
 
     @invariant()
     def outputs_agree(self) -> None:
-        shown = self.awake and not self.pending
-        expected = [level / 4096 if shown else 0.0 for level in self.levels]
+        expected = [level / 4096 if self.awake else 0.0 for level in self.levels]
         assert [self.chip.outputs.duty(channel) for channel in range(16)] == expected
 
 
