@@ -137,11 +137,11 @@ def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     }
 
 
-def robot_figures() -> dict[str, float]:
+def robot_figures(model: Path) -> dict[str, float]:
     """Import time and resident memory of the robot's runtime, in a process of its own."""
     from robot.computer.footprint import measure_footprint
 
-    return asdict(measure_footprint())
+    return asdict(measure_footprint(model))
 
 
 def hat_figures() -> dict[str, float]:
@@ -169,7 +169,7 @@ def measure(model: Path) -> dict[str, Any]:
         "step": step_figures,
         "training": training_figures,
         "inference": lambda: inference_figures(model),
-        "robot": robot_figures,
+        "robot": lambda: robot_figures(model),
         "hat": hat_figures,
     }
     inputs = {"model": str(model), "robots": ROBOTS, "cpus": os.cpu_count()}

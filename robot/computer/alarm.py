@@ -6,7 +6,6 @@ import math
 import os
 import select
 import threading
-import weakref
 from typing import Optional
 
 # Descriptors from here on are too great for select; poll takes them, but counts in milliseconds,
@@ -26,7 +25,6 @@ class Alarm:
         self._lock = threading.Lock()
         self._rings = False
         self._read_fd, self._write_fd = os.pipe()
-        weakref.finalize(self, _close, self._read_fd, self._write_fd)
 
     def is_set(self) -> bool:
         """Whether it rings."""
@@ -58,7 +56,6 @@ class Alarm:
             poll.poll(None if timeout_s is None else math.ceil(1e3 * timeout_s))
         return self._rings
 
-
-def _close(*fds: int) -> None:
-    for fd in fds:
-        os.close(fd)
+    def __del__(self) -> None:
+        os.close(self._read_fd)
+        os.close(self._write_fd)

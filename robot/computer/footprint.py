@@ -8,7 +8,7 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Optional, Union
+from typing import Union
 
 ROOT = Path(__file__).resolve().parents[2]
 TURNS = 50  # driven before memory is read
@@ -22,32 +22,21 @@ class Footprint:
     rss_mb: float
 
 
-def measure_footprint(model: Optional[Union[str, Path]] = None) -> Footprint:
-    """Start a fresh Python that imports everything and drives.
-
-    Args:
-        model: the policy to drive with; without one, onnxruntime is loaded and a fixed action
-            driven.
+def measure_footprint(model: Union[str, Path]) -> Footprint:
+    """Start a fresh Python that imports everything and drives with a policy.
 
     Raises:
         ContractError: the model keeps no contract.
     """
-    if model is not None:
-        from robot.inference.policy import OnnxPolicy
+    from robot.inference.policy import OnnxPolicy
 
-        OnnxPolicy(model)
-    command = [
-        sys.executable,
-        "-m",
-        "robot.computer.footprint",
-        *([] if model is None else [str(model)]),
-    ]
-    path = os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))
+    OnnxPolicy(model)
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
-        command,
+        [sys.executable, "-m", "robot.computer.footprint", str(model)],
         check=True,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": path.rstrip(os.pathsep)},
+        env={**os.environ, "PYTHONPATH": path},
     )
     return Footprint(**json.loads(done.stdout))
 
@@ -73,15 +62,15 @@ def _peak_mb() -> float:
     return int(line.split()[1]) / 1024.0
 
 
-def _measure_here(arguments: list) -> Footprint:
+def _measure_here(model: str) -> Footprint:
     import_s = _import_everything()
     from robot.runtime.dry_run import dry_runtime
 
-    runtime = dry_runtime(Path(arguments[0]) if arguments else None)
+    runtime = dry_runtime(Path(model))
     for _ in range(TURNS):
         runtime.step()
     return Footprint(import_s, _peak_mb())
 
 
 if __name__ == "__main__":
-    print(json.dumps(asdict(_measure_here(sys.argv[1:]))))
+    print(json.dumps(asdict(_measure_here(sys.argv[1]))))

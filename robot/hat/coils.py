@@ -14,12 +14,7 @@ import math
 from typing import NamedTuple
 
 FULL_STEPS = 4  # of one electrical turn
-MICROSTEPS = (1, 2, 4, 8, 16)
-
-
-def ring_size(microsteps: int) -> int:
-    """Positions in one electrical turn when a full step is cut into ``microsteps``."""
-    return FULL_STEPS * microsteps
+MICROSTEPS = (1, 2, 4, 8, 16)  # into which a full step may be cut
 
 
 class Levels(NamedTuple):
@@ -41,7 +36,7 @@ def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
     curve: 1 is two-phase full stepping, 2 the usual half-step table. PWM inputs only differ from
     the duty between half steps, so that whole and half steps change nothing but directions.
     """
-    turn = (position + (0.5 if microsteps == 1 else 0.0)) / ring_size(microsteps)
+    turn = (position + (0.5 if microsteps == 1 else 0.0)) / (FULL_STEPS * microsteps)
     a, b = math.cos(2.0 * math.pi * turn), math.sin(2.0 * math.pi * turn)
     scale = duty / max(abs(a), abs(b))
     a, b = round(scale * a, 9), round(scale * b, 9)  # a winding without current has exactly 0

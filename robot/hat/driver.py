@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from typing import Iterator, NoReturn, Optional
+from typing import Iterator, Optional
 
 from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.clock import Clock
 from robot.hat.config import HatConfig
-from robot.hat.odometry import StepOdometry
 from robot.hat.stepper_hat import StepperHat
-from robot.hat.stepping import StepPlanner, Steps
+from robot.hat.stepping import StepPlanner, pose_after
 
 STILL = WheelSpeeds(0.0, 0.0)
 PULL_S = 0.25  # with the field half a step beside
@@ -30,6 +29,11 @@ class MotorDriver:
     A wheel speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several
     threads (``thread.MotorThread`` is).
 
+    Attributes:
+        planner: knows the steps so far, and the speeds that the ramps have reached.
+        pose: where the steps led, from where it was when somebody last set it. True as long as no
+            rotor loses a step and no wheel slips.
+
     Raises:
         HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
             message says that they could not be switched off. The driver stays off until ``open``.
@@ -39,8 +43,8 @@ class MotorDriver:
         self.config = config
         self._hat = hat
         self._clock = clock
-        self._planner = StepPlanner(config, clock.now())
-        self._odometry = StepOdometry(config.drive, config.wheel_steps_m, Pose(0, 0, 0))
+        self.planner = StepPlanner(config, clock.now())
+        self.pose = Pose(0.0, 0.0, 0.0)
         self._command = STILL
         self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
         self._pulled_s: Optional[float] = None  # when the field turns to where the rotors belong
@@ -80,25 +84,6 @@ class MotorDriver:
             self._all_off()
 
     @property
-    def pose(self) -> Pose:
-        """Step odometry: where the robot is, from where it was when ``pose`` was last set."""
-        return self._odometry.pose
-
-    @pose.setter
-    def pose(self, pose: Pose) -> None:
-        self._odometry.pose = pose
-
-    @property
-    def counts(self) -> Steps:
-        """Microsteps of each wheel so far."""
-        return self._planner.counts
-
-    @property
-    def speeds(self) -> WheelSpeeds:
-        """The speeds that the ramps have reached [m/s]."""
-        return self._planner.speeds(self._clock.now())
-
-    @property
     def energised(self) -> bool:
         """Whether the coils carry current."""
         return self._hat.duty is not None
@@ -107,11 +92,6 @@ class MotorDriver:
     def failed(self) -> bool:
         """Whether the driver is off since a fault, until ``open``."""
         return self._fault is not None
-
-    @property
-    def stalls(self) -> int:
-        """Times that ``pump`` came so late that a wheel had to start again."""
-        return self._planner.stalls
 
     def set_wheels(self, wheels: WheelSpeeds) -> Optional[float]:
         """Aim for these rim speeds [m/s]; returns the next deadline, as ``pump`` does.
@@ -134,7 +114,7 @@ class MotorDriver:
         now_s = self._clock.now()
         self._rest_after_a_pause(now_s)
         self._command = STILL
-        self._planner.brake(now_s)
+        self.planner.brake(now_s)
 
     def release(self) -> None:
         """Switch every output off, so that the wheels turn freely; a rolling robot brakes first.
@@ -144,42 +124,39 @@ class MotorDriver:
         self._refuse_after_fault()
         now_s = self._clock.now()
         self._rest_after_a_pause(now_s)
-        rolling = self._planner.deadline_s is not None or now_s < self._moved_s + HELD_S
+        rolling = self.planner.deadline_s is not None or now_s < self._moved_s + HELD_S
         self.stop()
         if not (self.energised and rolling):
             self._all_off()
         elif self._release_s is None:
             self._release_s = now_s + HELD_S
 
-    def fail(self, error: HardwareError) -> NoReturn:
+    def fail(self, error: HardwareError) -> None:
         """Somebody found a fault: every output off, until ``open``; raises ``error``."""
         with self._off_on_error():
             raise error
-        raise AssertionError("unreachable")
 
     def pump(self, now_s: float) -> Optional[float]:
         """Do what is due at ``now_s`` [s]; returns when to call again, None for never."""
         self._refuse_after_fault()
         with self._off_on_error():
             self._rest_after_a_pause(now_s)
-            if (
-                self._command != STILL
-                and now_s >= self._commanded_s + self.config.command_timeout_s
-            ):
+            if now_s >= self._commanded_s + self.config.command_timeout_s:
                 self._command = STILL
             if self._release_s is not None and now_s >= self._release_s:
-                self._let_go()
+                self._rest()
+                self._hat.release()
                 return None
             if self._command != STILL and not self.energised:
                 self._wake(now_s)
             if self._pulled_s is not None and now_s >= self._pulled_s:
                 self._pulled_s = None
                 self._hat.energise(self.config.run_duty)
-            self._planner.set_speeds(now_s, self._command if now_s >= self._settled_s else STILL)
-            steps = self._planner.advance(now_s)
+            self.planner.set_speeds(now_s, self._command if now_s >= self._settled_s else STILL)
+            steps = self.planner.advance(now_s)
             if any(steps):
                 self._hat.move(steps)
-                self._odometry.add(steps)
+                self.pose = pose_after(self.pose, steps, self.config)
                 self._moved_s = now_s
             elif self.energised:
                 self._look_after_standing_coils(now_s)
@@ -192,14 +169,10 @@ class MotorDriver:
         """Nobody stepped for so long that the wheels stand (the process was stopped, say): what was
         commanded before counts no longer, nor does its ramp down, nor the steps that were missed.
         """
-        due_s = self._planner.deadline_s
+        due_s = self.planner.deadline_s
         if due_s is not None and now_s > due_s + PAUSE_S:
             self._command = STILL
-            self._planner.stand(now_s)
-
-    def _let_go(self) -> None:
-        self._rest()
-        self._hat.release()
+            self.planner.stand(now_s)
 
     def _wake(self, now_s: float) -> None:
         """Find the rotors, wherever they rest. One that rests opposite to the field is pulled to
@@ -211,44 +184,34 @@ class MotorDriver:
         self._moved_s = self._checked_s = now_s
 
     def _look_after_standing_coils(self, now_s: float) -> None:
-        if self._command != STILL or self._planner.deadline_s is not None:
+        if self._command != STILL or self.planner.deadline_s is not None:
             return
-        if now_s >= self._moved_s + self.config.release_after_s:
+        config = self.config
+        if now_s >= self._moved_s + config.release_after_s:
             self._hat.release()
-        elif now_s >= self._hold_from_s and self._hat.duty != self.config.hold_duty:
-            self._hat.energise(self.config.hold_duty)
-
-    @property
-    def _hold_from_s(self) -> float:
-        return self._moved_s + self.config.hold_after_s
+        elif now_s >= self._moved_s + config.hold_after_s and self._hat.duty != config.hold_duty:
+            self._hat.energise(config.hold_duty)
 
     def _deadline_s(self, now_s: float) -> Optional[float]:
         if not self.energised:
             return None
-        moments = [self._checked_s + CHECK_PERIOD_S]
-        if self._release_s is not None:
-            moments.append(self._release_s)
-        if self._pulled_s is not None:
-            moments.append(self._pulled_s)
-        step_s = self._planner.deadline_s
-        if step_s is not None:
-            moments.append(step_s)
+        step_s = self.planner.deadline_s
+        moments = [self._checked_s + CHECK_PERIOD_S, step_s, self._release_s, self._pulled_s]
         if self._command != STILL:
             moments.append(self._commanded_s + self.config.command_timeout_s)
             if now_s < self._settled_s:
                 moments.append(self._settled_s)
         elif step_s is None:
             held = self._hat.duty == self.config.hold_duty
-            moments.append(
-                self._moved_s + self.config.release_after_s if held else self._hold_from_s
-            )
-        return min(moments)
+            wait_s = self.config.release_after_s if held else self.config.hold_after_s
+            moments.append(self._moved_s + wait_s)
+        return min(moment for moment in moments if moment is not None)
 
     def _rest(self) -> None:
         """No further step from now on; for when nothing steps any more."""
         self._command = STILL
         self._pulled_s = self._release_s = None
-        self._planner.freeze(self._clock.now())
+        self.planner.freeze(self._clock.now())
 
     def _refuse_after_fault(self) -> None:
         if self._fault is not None:

@@ -8,16 +8,7 @@ solved in closed form from the last change of target, so that no error gathers w
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import List, NamedTuple, Optional, Tuple
-
-
-@dataclass(frozen=True)
-class RampLimits:
-    """What a motor can follow, in steps of the planner: [steps/s], [steps/s^2]."""
-
-    start_stop: float
-    acceleration: float
 
 
 class Crossing(NamedTuple):
@@ -65,11 +56,17 @@ class _Piece(NamedTuple):
 
 
 class WheelRamp:
-    """The motion of one wheel, from standing still at position 0 at ``time_s``."""
+    """The motion of one wheel, from standing still at position 0 at ``time_s``.
 
-    def __init__(self, limits: RampLimits, time_s: float) -> None:
-        self.limits = limits
+    Args:
+        start_stop: the speed it can start at, or stop from, without a ramp [steps/s].
+        acceleration: that it can follow above that [steps/s^2].
+        time_s: when it begins.
+    """
+
+    def __init__(self, start_stop: float, acceleration: float, time_s: float) -> None:
         self.target = 0.0  # [steps/s]
+        self._start_stop, self._acceleration = start_stop, acceleration
         self._pieces = [_Piece(time_s, math.inf, 0.0, 0.0, 0.0)]
         self._direction = 0  # of the last motion
         self._reverse_from_s = -math.inf  # when the rotor has come to rest enough to turn back
@@ -78,36 +75,25 @@ class WheelRamp:
         """Position [steps] and speed [steps/s] at a time not before the last change."""
         return self._piece_at(time_s).at(time_s)
 
-    def retarget(self, time_s: float, target: float) -> None:
-        """From ``time_s`` on, change to ``target`` [steps/s] as fast as the motor can follow."""
+    def retarget(self, time_s: float, target: float, acceleration: float = 0.0) -> None:
+        """From ``time_s`` on, change to ``target`` [steps/s] as fast as the motor can follow.
+
+        A brake may be harder than that: at ``acceleration`` [steps/s^2].
+        """
         position, speed = self.at(time_s)
         self._note_rest(time_s)
-        self.target = target
-        self._pieces = self._plan(self.limits, time_s, position, speed, target)
-
-    def brake(self, time_s: float, deceleration: float) -> None:
-        """Stop at ``deceleration`` [steps/s^2], harder than the limits'."""
-        position, speed = self.at(time_s)
-        self._note_rest(time_s)
-        self.target = 0.0
-        harder = RampLimits(self.limits.start_stop, deceleration)
-        self._pieces = self._plan(harder, time_s, position, speed, 0.0)
-
-    def freeze(self, time_s: float) -> None:
-        """Stand still from ``time_s`` on, without a ramp."""
-        self.stand(time_s, self.at(time_s)[0])
+        self._plan(time_s, position, speed, target, acceleration)
 
     def stand(self, time_s: float, position: float) -> None:
-        """The rotor has stood still at ``position`` for some time, whatever was planned."""
+        """The rotor stands still at ``position``, whatever was planned."""
         self._note_rest(time_s)
-        self.target = 0.0
-        self._pieces = self._plan(self.limits, time_s, position, 0.0, 0.0)
+        self._plan(time_s, position, 0.0, 0.0)
 
     def restart(self, time_s: float, position: float) -> None:
         """The rotor has stood still at ``position``: go on from there at a speed it can start."""
         _, speed = self.at(time_s)
-        start = math.copysign(min(abs(speed), self.limits.start_stop), speed)
-        self._pieces = self._plan(self.limits, time_s, position, start, self.target)
+        start = math.copysign(min(abs(speed), self._start_stop), speed)
+        self._plan(time_s, position, start, self.target)
 
     def delay(self, shift_s: float) -> None:
         """Do everything that is still to come ``shift_s`` later."""
@@ -145,11 +131,11 @@ class WheelRamp:
             if piece.start_s < time_s and piece.direction:
                 end_s = min(piece.start_s + piece.duration_s, time_s)
                 self._direction = piece.direction
-                self._reverse_from_s = end_s + 1.0 / self.limits.start_stop
+                self._reverse_from_s = end_s + 1.0 / self._start_stop
 
     def _plan(
-        self, limits: RampLimits, time_s: float, position: float, speed: float, target: float
-    ) -> List[_Piece]:
+        self, time_s: float, position: float, speed: float, target: float, acceleration: float = 0.0
+    ) -> None:
         pieces: List[_Piece] = []
 
         def append(duration_s: float, start_speed: float, acceleration: float) -> None:
@@ -162,10 +148,10 @@ class WheelRamp:
 
         def ramp(from_speed: float, to_speed: float) -> None:
             if from_speed != to_speed:
-                duration_s = abs(to_speed - from_speed) / limits.acceleration
+                duration_s = abs(to_speed - from_speed) / (acceleration or self._acceleration)
                 append(duration_s, from_speed, (to_speed - from_speed) / duration_s)
 
-        slow = limits.start_stop
+        slow = self._start_stop
         same_way = target != 0.0 and _sign(target) == _sign(speed)
         if not same_way:
             ramp(speed, math.copysign(min(abs(speed), slow), speed))
@@ -179,7 +165,7 @@ class WheelRamp:
         end = target if abs(target) > slow else math.copysign(min(abs(start), slow), target)
         ramp(start, end)
         append(math.inf, target, 0.0)
-        return pieces
+        self.target, self._pieces = target, pieces
 
 
 def _sign(value: float) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, Optional
 
-from robot.geometry import WheelSpeeds
+from robot.geometry import Pose, WheelSpeeds
 from robot.hat.config import HatConfig
-from robot.hat.ramp import RampLimits, WheelRamp
+from robot.hat.ramp import WheelRamp
 
 LAG_MAX_FULL_STEPS = 0.5  # a rotor within half a step of the field still has most of its torque
 BRAKE_S = 0.15  # from full speed to rest; what is left of a slip still brakes
@@ -20,6 +20,13 @@ class Steps(NamedTuple):
     right: int
 
 
+def pose_after(pose: Pose, steps: Steps, config: HatConfig) -> Pose:
+    """Where a robot is whose wheels made these steps at the same time: an exact arc."""
+    left_m, right_m = (n * step_m for n, step_m in zip(steps, config.wheel_steps_m))
+    turn_rad = (right_m - left_m) / config.drive.baseline_m
+    return pose.moved(0.5 * (left_m + right_m), turn_rad)
+
+
 class StepPlanner:
     """Plans the steps of both wheels from standing still at ``time_s``.
 
@@ -29,22 +36,15 @@ class StepPlanner:
 
     def __init__(self, config: HatConfig, time_s: float) -> None:
         self._config = config
-        limits = RampLimits(
-            config.start_stop_mps / config.step_m, config.acceleration_mps2 / config.step_m
-        )
-        self._wheels = (WheelRamp(limits, time_s), WheelRamp(limits, time_s))
-        self._counts = [0, 0]
+        limits = (config.start_stop_mps / config.step_m, config.acceleration_mps2 / config.step_m)
+        self._wheels = (WheelRamp(*limits, time_s), WheelRamp(*limits, time_s))
+        self.counts = Steps(0, 0)  # all so far
         self.stalls = 0  # times that the caller was so late that a wheel had to start again
-
-    @property
-    def counts(self) -> Steps:
-        """All steps so far."""
-        return Steps(self._counts[0], self._counts[1])
 
     @property
     def deadline_s(self) -> Optional[float]:
         """When the next step of either wheel is due; None while both stand."""
-        crossings = [w.next_crossing(n) for w, n in zip(self._wheels, self._counts)]
+        crossings = [w.next_crossing(n) for w, n in zip(self._wheels, self.counts)]
         return min((c.time_s for c in crossings if c is not None), default=None)
 
     def set_speeds(self, time_s: float, speeds: WheelSpeeds) -> None:
@@ -58,17 +58,17 @@ class StepPlanner:
         """Stop as in an emergency: harder than the ramps, but not so hard that rotors slip far."""
         deceleration = self._config.max_speed_mps / BRAKE_S / self._config.step_m
         for wheel in self._wheels:
-            wheel.brake(time_s, deceleration)
+            wheel.retarget(time_s, 0.0, deceleration)
 
     def freeze(self, time_s: float) -> None:
         """No further step, without a ramp: a fast wheel may slip past its last position."""
         for wheel in self._wheels:
-            wheel.freeze(time_s)
+            wheel.stand(time_s, wheel.at(time_s)[0])
 
     def stand(self, time_s: float) -> None:
         """Nobody asked for so long that the wheels stand: what was due by now is forgotten."""
         self.stalls += 1
-        for wheel, count in zip(self._wheels, self._counts):
+        for wheel, count in zip(self._wheels, self.counts):
             wheel.stand(time_s, count)
 
     def speeds(self, time_s: float) -> WheelSpeeds:
@@ -79,13 +79,11 @@ class StepPlanner:
 
     def advance(self, time_s: float) -> Steps:
         """The steps due at ``time_s``, at most one per wheel; ask again until none is due."""
-        due = (self._step_due(0, time_s), self._step_due(1, time_s))
-        for index, step in enumerate(due):
-            self._counts[index] += step
+        due = [self._step_due(*each, time_s) for each in zip(self._wheels, self.counts)]
+        self.counts = Steps(*(count + step for count, step in zip(self.counts, due)))
         return Steps(*due)
 
-    def _step_due(self, index: int, time_s: float) -> int:
-        wheel, count = self._wheels[index], self._counts[index]
+    def _step_due(self, wheel: WheelRamp, count: int, time_s: float) -> int:
         crossing = wheel.next_crossing(count)
         if crossing is None or crossing.time_s > time_s:
             return 0
@@ -96,10 +94,6 @@ class StepPlanner:
             wheel.restart(time_s, count + crossing.direction)
             self.stalls += 1
         elif late_s * speed > LAG_MAX_FULL_STEPS:
-            self._delay_both(late_s - LAG_MAX_FULL_STEPS / speed)
+            for each in self._wheels:  # both wait, so that the robot keeps to its path
+                each.delay(late_s - LAG_MAX_FULL_STEPS / speed)
         return crossing.direction
-
-    def _delay_both(self, shift_s: float) -> None:
-        """Both wheels wait, so that the robot keeps to its path."""
-        for wheel in self._wheels:
-            wheel.delay(shift_s)

@@ -39,32 +39,15 @@ def own_bus(config: HatConfig) -> Iterator[Union[SmbusBus, SocketBus]]:
         path = f"{bus.name}.lock" if config.socket else bus.name
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         stack.callback(os.close, lock)
-        _lock(lock, bus.name)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise HardwareError(
+                f"{bus.name}: expected to be the only program that drives, another one has the bus;"
+                f" end that one first (`fuser {path}` tells which it is, `python -m robot off` "
+                "switches its coils off)"
+            ) from error
         yield bus
-
-
-def _lock(lock: int, name: str) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        raise HardwareError(
-            f"{name}: expected to be the only program that drives, another one has the bus"
-            f"{_owner(lock)}; end that one first (`python -m robot off` switches its coils off)"
-        ) from error
-
-
-def _owner(lock: int) -> str:
-    """Which process holds the lock, as far as the kernel tells: proc(5), /proc/locks."""
-    inode = os.fstat(lock).st_ino
-    try:
-        with open("/proc/locks", encoding="ascii") as lines:
-            fields = [line.split() for line in lines]
-    except OSError:
-        return ""
-    for _, kind, _, _, process, where, *_ in (f for f in fields if len(f) >= 8):
-        if kind == "FLOCK" and where.rpartition(":")[2] == str(inode):
-            return f" (process {process})"
-    return ""
 
 
 MIN_WAIT_S = 50e-6
@@ -110,25 +93,19 @@ class MotorThread(Worker):
 
     def set_wheels(self, wheels: WheelSpeeds) -> None:
         """Aim for these rim speeds [m/s]; ContractError beyond the driver's limits."""
-        with self._guard:
-            self._expect_running()
+        with self._commanding():
             self._expect_turning()
             self._driver.set_wheels(wheels)
-        self._alarm.set()
 
     def stop(self) -> None:
         """No further step, without a ramp; the coils hold."""
-        with self._guard:
-            self._expect_running()
+        with self._commanding():
             self._driver.stop()
-        self._alarm.set()
 
     def release(self) -> None:
         """Stop and switch every output off."""
-        with self._guard:
-            self._expect_running()
+        with self._commanding():
             self._driver.release()
-        self._alarm.set()
 
     @property
     def pose(self) -> Pose:
@@ -136,16 +113,11 @@ class MotorThread(Worker):
         with self._guard:
             return self._driver.pose
 
-    @pose.setter
-    def pose(self, pose: Pose) -> None:
-        with self._guard:
-            self._driver.pose = pose
-
     @property
     def counts(self) -> Steps:
         """Microsteps of each wheel so far."""
         with self._guard:
-            return self._driver.counts
+            return self._driver.planner.counts
 
     @property
     def healthy(self) -> bool:
@@ -154,15 +126,17 @@ class MotorThread(Worker):
 
     def on_tick(self, tick: object) -> None:  # noqa: ARG002  every turn counts
         """HardwareError when the thread has died or hangs; then the coils are off."""
-        self.check()
-        with self._guard:
+        with self._commanding():
             self._expect_turning()
-        self._alarm.set()
 
-    def _expect_running(self) -> None:
-        self.check()
-        if not self.alive:
-            raise HardwareError("motor thread: expected it to run, it has ended")
+    @contextmanager
+    def _commanding(self) -> Iterator[None]:
+        with self._guard:
+            self.check()
+            if not self.alive:
+                raise HardwareError("motor thread: expected it to run, it has ended")
+            yield
+        self._alarm.set()
 
     def _expect_turning(self) -> None:
         if self._silence.lasts(self._turns, self._clock.now()):

@@ -27,7 +27,7 @@ from robot.link.telemetry import Reading, Telemetry
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
-from robot.parts import Ask, Motors, Operator, Policy, Subscriber
+from robot.parts import Motors, Operator, Policy, Subscriber
 from robot.recording.about import describe
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
@@ -103,7 +103,7 @@ def open_robot(
             Safety(clock.now, config.safety),
             clock,
             audience,
-            Operators(tuple(everybody)),
+            everybody,
             navigator,
             open_eyes(config),
         )
@@ -194,18 +194,6 @@ def open_reports(
     if link is not None:
         others.append(link.reading)
     health = Health(time.monotonic, tuple(others))
-    reporter = open_reporter(config, contract, link, navigator, health)
-    return [reporter, *recorders]
-
-
-def open_reporter(
-    config: RobotConfig,
-    contract: PolicyContract,
-    link: Optional[Link],
-    navigator: Optional[MissionNavigator],
-    health: Health,
-) -> Reporter:
-    """Makes reports of each turn, and publishes them with their pictures where there is a link."""
     about = Telemetry(
         config.name,
         State.DISARMED.value,
@@ -217,21 +205,5 @@ def open_reporter(
     if link is not None and config.link is not None:
         publish = config.link.publisher(link, Telemetry).send
         show = config.link.publisher(link, FrameMessage).send
-    return Reporter(publish, show, about, config.safety, navigator, health.readings)
-
-
-class Operators:
-    """Several people at once; what any of them asks for counts."""
-
-    def __init__(self, operators: Tuple[Operator, ...]) -> None:
-        self._operators = operators
-
-    def serve(self, ask: Ask) -> None:
-        """Let each of them ask."""
-        for operator in self._operators:
-            operator.serve(ask)
-
-    def age_s(self) -> Optional[float]:
-        """The longest silence among those who must be heard [s]."""
-        ages = [age_s for age_s in (each.age_s() for each in self._operators) if age_s is not None]
-        return max(ages, default=None)
+    reporter = Reporter(publish, show, about, config.safety, navigator, health.readings)
+    return [reporter, *recorders]

@@ -6,17 +6,15 @@ For measuring the loop itself, on any computer.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Optional
 
 import numpy as np
 
 from robot.camera.source import Frame
-from robot.contract import ACTION_WHEELS, PATH_POINTS, Action, PolicyContract
-from robot.geometry import WheelSpeeds
+from robot.contract import PATH_POINTS
 from robot.hat.clock import Clock, MonotonicClock
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
-from robot.parts import Guidance, Policy
+from robot.parts import Guidance
 from robot.runtime.loop import Runtime
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command, Safety
@@ -44,26 +42,11 @@ class _NoiseCamera:
         return Frame(picture, self._sequence, self._clock.now())
 
 
-class _StraightOn:
-    contract = PolicyContract("lane", "none")
-
-    def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
-        assert path is None
-        return np.eye(len(ACTION_WHEELS), dtype=np.float32)[[Action.STRAIGHT] * len(images)]
-
-
 class _NoMotors:
-    def set_wheels(self, wheels: WheelSpeeds) -> None:
+    def _nothing(self, *_: object) -> None:
         pass
 
-    def stop(self) -> None:
-        pass
-
-    def release(self) -> None:
-        pass
-
-    def mend(self) -> None:
-        pass
+    set_wheels = stop = release = mend = _nothing
 
 
 class _StraightPath:
@@ -71,20 +54,18 @@ class _StraightPath:
         return Guidance(np.zeros(PATH_POINTS, np.float32), pose_age_s=0.0)
 
 
-def dry_runtime(model: Optional[Path], clock: Optional[Clock] = None) -> Runtime:
-    """A runtime in AUTO on noise pictures; without a model it drives straight on.
+def dry_runtime(model: Path) -> Runtime:
+    """A runtime in AUTO on noise pictures.
 
     Raises:
         ContractError: the model keeps no contract.
     """
-    import onnxruntime  # noqa: F401  part of the robot's footprint with any policy
-
-    clock = clock or MonotonicClock()
-    policy: Policy = OnnxPolicy(model) if model else _StraightOn()
+    clock = MonotonicClock()
     safety = Safety(clock.now, PATIENT)
-    camera, path = _NoiseCamera(clock), _StraightPath()
     runtime = Runtime(
-        camera, policy, _NoMotors(), safety, clock, navigator=path, eyes=PictureDoubts()
+        *(_NoiseCamera(clock), OnnxPolicy(model), _NoMotors(), safety, clock),
+        navigator=_StraightPath(),
+        eyes=PictureDoubts(),
     )
     runtime.step()
     for command in (Command.ARM, Command.AUTO):

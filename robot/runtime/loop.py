@@ -52,7 +52,7 @@ class Runtime:
         safety: boots DISARMED.
         clock: monotonic; the one that ``safety`` and the camera use.
         subscribers: told of every turn, in this order.
-        operator: where a person's requests come from; ``ask`` is another way.
+        operators: where people's requests come from, each of which counts; ``ask`` is another way.
         navigator: needed by a policy with a path input.
         eyes: doubt the pictures; without them nothing does.
 
@@ -68,7 +68,7 @@ class Runtime:
         safety: Safety,
         clock: Clock,
         subscribers: Iterable[Subscriber] = (),
-        operator: Optional[Operator] = None,
+        operators: Iterable[Operator] = (),
         navigator: Optional[Navigator] = None,
         eyes: Optional[Eyes] = None,
     ) -> None:
@@ -81,7 +81,7 @@ class Runtime:
         self._camera, self._policy, self._motors = camera, policy, motors
         self._clock = clock
         self._subscribers = tuple(subscribers)
-        self._operator, self._navigator, self._eyes = operator, navigator, eyes
+        self._operators, self._navigator, self._eyes = tuple(operators), navigator, eyes
         self._guard_motion = threading.RLock()  # safety, motors and what was last sent to them
         self._number = 0
         self._wheels = STILL
@@ -152,11 +152,11 @@ class Runtime:
             self._rest_unless_moving()
 
     def _listen(self) -> Optional[float]:
-        """Serve the operator; returns the age of their last sign of life [s]."""
-        if self._operator is None:
-            return None
-        self._operator.serve(self.ask)
-        return self._operator.age_s()
+        """Serve the operators; the longest silence [s] among those who must be heard."""
+        for operator in self._operators:
+            operator.serve(self.ask)
+        ages = (operator.age_s() for operator in self._operators)
+        return max((age_s for age_s in ages if age_s is not None), default=None)
 
     def _look(self) -> Optional[Frame]:
         frame = self._camera.read()

@@ -13,33 +13,24 @@ ROUNDING_S = 1e-6  # of sums of times
 
 
 class RateKeeper:
-    """Deadlines every ``period_s`` [s] from the first ``wait`` on.
-
-    Attributes:
-        lag_s: how long after its deadline the last turn began [s].
-        missed: deadlines that passed while a turn still ran; they are skipped, not caught up.
-    """
+    """Deadlines every ``period_s`` [s] from the first ``wait`` on; missed ones are skipped."""
 
     def __init__(self, period_s: float, clock: Clock) -> None:
-        self.lag_s = 0.0
-        self.missed = 0
         self._period_s = period_s
         self._clock = clock
         self._deadline_s = clock.now()
 
     def wait(self) -> float:
-        """Sleep until the next deadline; returns ``lag_s``."""
+        """Sleep until the next deadline; returns how late the turn begins [s]."""
         now_s = self._clock.now()
         early_s = self._deadline_s - now_s
         if early_s > self._period_s + ROUNDING_S:  # the clock went back
             self._deadline_s, early_s = now_s, 0.0
         if early_s > 0.0:
             self._clock.sleep(early_s)
-        self.lag_s = max(0.0, self._clock.now() - self._deadline_s)
-        skipped = int(self.lag_s / self._period_s)
-        self.missed += skipped
-        self._deadline_s += (1 + skipped) * self._period_s
-        return self.lag_s
+        lag_s = max(0.0, self._clock.now() - self._deadline_s)
+        self._deadline_s += (1 + int(lag_s / self._period_s)) * self._period_s
+        return lag_s
 
 
 PERIOD_S = 0.05  # a hanging loop is noticed so much later than its limit at most

@@ -47,7 +47,7 @@ def driving_robot() -> Tuple[Rig, NoiseCamera, Runtime]:
     for command in (Command.ARM, Command.AUTO):
         assert runtime.ask(command).accepted
     turn(rig, runtime, 20)
-    assert rig.driver.speeds == pytest.approx((0.3, 0.3))
+    assert rig.driver.planner.speeds(rig.clock.now()) == pytest.approx((0.3, 0.3))
     return rig, camera, runtime
 
 

@@ -149,7 +149,8 @@ def test_the_death_of_the_motors_thread_stops_the_motors() -> None:
     hat = VirtualHat(bus, clock)
     driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
     bomb = Bomb()
-    moved, driver._odometry.add = driver._odometry.add, lambda steps: (bomb(), moved(steps))[1]  # type: ignore[method-assign]
+    moved = driver._hat.move
+    driver._hat.move = lambda steps: (bomb(), moved(steps))[1]  # type: ignore[method-assign]
     with MotorThread(driver, clock) as motors:
         robot = Driving(motors=motors)
         robot.drive_off()

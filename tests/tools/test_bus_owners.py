@@ -95,7 +95,7 @@ def test_a_second_owner_is_refused_in_one_line_and_the_first_drives_on(place: Pl
         told = second.communicate(timeout=PATIENCE_S)[1].splitlines()
         assert second.returncode == 1
         assert len(told) == 1
-        assert f"another one has the bus (process {owner.pid})" in told[0]
+        assert "another one has the bus" in told[0]
         assert owner.poll() is None
         owner.kill()
         owner.wait()

@@ -51,7 +51,7 @@ class BenchMotors:
 
     @property
     def counts(self) -> Steps:
-        return self.rig.driver.counts
+        return self.rig.driver.planner.counts
 
     def now(self) -> float:
         return self.rig.clock.now()

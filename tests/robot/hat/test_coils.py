@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from robot.hat.coils import Levels, ring_levels, ring_size
+from robot.hat.coils import Levels, ring_levels
 
 MICROSTEPS = (1, 2, 4, 8, 16)
 # AIN2, BIN1, AIN1, BIN2 of the published half-step table.
@@ -33,8 +33,7 @@ def test_full_steps_use_two_coils_at_a_time() -> None:
 
 @pytest.mark.parametrize("microsteps", MICROSTEPS)
 def test_field_turns_by_equal_angles_and_repeats(microsteps: int) -> None:
-    size = ring_size(microsteps)
-    assert size == 4 * microsteps
+    size = 4 * microsteps
     for i in range(-size, size):
         here, there = ring_levels(i, microsteps, 1.0), ring_levels(i + 1, microsteps, 1.0)
         turn = math.remainder(field_angle(there) - field_angle(here), 2 * math.pi)
@@ -47,7 +46,7 @@ def test_field_turns_by_equal_angles_and_repeats(microsteps: int) -> None:
 def test_duty_limits_every_coil_and_never_both_ends_of_a_winding(
     microsteps: int, duty: float
 ) -> None:
-    for i in range(ring_size(microsteps)):
+    for i in range(4 * microsteps):
         levels = ring_levels(i, microsteps, duty)
         assert max(levels.pwma, levels.pwmb) == pytest.approx(duty)
         assert levels.ain1 * levels.ain2 == 0.0

@@ -118,7 +118,7 @@ def follows(rig: Rig) -> bool:
         rig.drive(0.04, -0.02, 2.0)
         off, turns = places(seen[0], rig.driver.config.microsteps)
         rig.come_to_rest()
-        due_m = [n * rig.driver.config.step_m for n in rig.driver.counts]
+        due_m = [n * rig.driver.config.step_m for n in rig.driver.planner.counts]
         near = all(
             abs(rolled_m - m) < 2.0 * rig.driver.config.full_step_m
             for rolled_m, m in zip(rig.rolled_m, due_m)

@@ -34,7 +34,7 @@ def test_wheels_turn_the_way_and_as_far_as_the_odometry_says(wheels: tuple) -> N
     with rig.driver:
         rig.drive(wheels[0], wheels[1], 2.0)
         rig.come_to_rest()
-        counts = rig.driver._planner.counts
+        counts = rig.driver.planner.counts
         step_m = rig.driver.config.step_m
         assert rig.rolled_m == pytest.approx([n * step_m for n in counts], abs=0.6 * step_m)
         assert [math.copysign(1, n) for n in counts if n] == [
@@ -48,9 +48,9 @@ def test_straight_driving_is_one_write_for_a_step_of_both_motors() -> None:
     with rig.driver:
         rig.drive(0.2, 0.2, 1.0)
         rig.bus.log.clear()
-        before = rig.driver._planner.counts
+        before = rig.driver.planner.counts
         rig.drive(0.2, 0.2, 1.0)
-        steps = rig.driver._planner.counts.left - before.left
+        steps = rig.driver.planner.counts.left - before.left
         writes = [t for t in rig.bus.log if not t.read_count]
         assert steps > 90
         assert len(writes) == steps
@@ -63,9 +63,9 @@ def test_between_half_steps_the_duties_go_along_in_the_same_write() -> None:
     with rig.driver:
         rig.drive(0.05, 0.05, 1.0)
         rig.bus.log.clear()
-        before = rig.driver.counts
+        before = rig.driver.planner.counts
         rig.drive(0.05, 0.05, 1.0)
-        steps = rig.driver.counts.left - before.left
+        steps = rig.driver.planner.counts.left - before.left
         writes = [t for t in rig.bus.log if not t.read_count]
         assert steps > 80
         assert len(writes) == steps
@@ -106,7 +106,7 @@ def test_no_step_is_lost_on_random_speed_profiles(seed: int) -> None:
             rig.drive(*wheels, rng.uniform(0.05, 1.0))
             assert rig.hat.lost_steps == (0, 0)
         rig.come_to_rest()
-        expected = [n * rig.driver.config.step_m for n in rig.driver._planner.counts]
+        expected = [n * rig.driver.config.step_m for n in rig.driver.planner.counts]
         assert rig.rolled_m == pytest.approx(expected, abs=0.6 * rig.driver.config.step_m)
 
 
@@ -125,7 +125,7 @@ def test_no_step_is_lost_when_the_host_wakes_late() -> None:
                 deadline_s = rig.driver.pump(rig.clock.now())
             rig.clock.advance_to(end_s)
             assert rig.hat.lost_steps == (0, 0)
-        assert rig.driver.stalls == 0
+        assert rig.driver.planner.stalls == 0
         assert rig.driver.pose != Pose(0.0, 0.0, 0.0)
 
 
@@ -136,8 +136,8 @@ def test_a_long_stall_goes_on_slowly_and_the_rotors_follow_again() -> None:
         rig.clock.sleep(0.4)
         slipped = rig.hat.lost_steps
         rig.drive(0.2, 0.2, 2.0)
-        assert rig.driver.stalls > 0
-        assert rig.driver.speeds == pytest.approx((0.2, 0.2))
+        assert rig.driver.planner.stalls > 0
+        assert rig.driver.planner.speeds(rig.clock.now()) == pytest.approx((0.2, 0.2))
         assert rig.hat.lost_steps == slipped
 
 
@@ -180,11 +180,11 @@ def test_no_step_is_lost_wherever_the_rotors_rested(electrical_deg: list) -> Non
         rotor.angle_rad = math.radians(angle_deg) / rotor.model.electrical_turns
     with rig.driver:
         rig.drive(0.4, 0.4, WAKE_S)
-        before, counts = rig.rolled_m, rig.driver.counts
+        before, counts = rig.rolled_m, rig.driver.planner.counts
         rig.drive(0.4, 0.4, 1.5)
         rig.come_to_rest()
         rolled_m = np.subtract(rig.rolled_m, before)
-        due_m = np.subtract(rig.driver.counts, counts) * rig.driver.config.step_m
+        due_m = np.subtract(rig.driver.planner.counts, counts) * rig.driver.config.step_m
         assert rolled_m == pytest.approx(due_m, abs=rig.driver.config.full_step_m)
 
 
@@ -207,8 +207,8 @@ def test_a_square_returns_home() -> None:
         for _ in range(4):
             drive(0.2, 0.2, 1.5)
             drive(0.0, 0.0, 1.0)
-            start = rig.driver._planner.counts.right
-            while rig.driver._planner.counts.right < start + quarter_steps:
+            start = rig.driver.planner.counts.right
+            while rig.driver.planner.counts.right < start + quarter_steps:
                 drive(-0.04, 0.04, 0.02)
             drive(0.0, 0.0, 1.0)
         pose = rig.driver.pose
@@ -241,7 +241,7 @@ def test_an_old_command_stops_counting() -> None:
     with rig.driver:
         rig.drive(0.3, 0.3, 2.0)
         rig.wait(rig.driver.config.command_timeout_s + 1.0)
-        assert rig.driver.speeds == (0.0, 0.0)
+        assert rig.driver.planner.speeds(rig.clock.now()) == (0.0, 0.0)
         assert rig.hat.lost_steps == (0, 0)
 
 
@@ -272,9 +272,9 @@ def test_stop_holds_release_lets_go_and_both_can_be_repeated() -> None:
             rig.driver.release()
             assert rig.last.data == ALL_OFF
             assert not rig.hat.chip.outputs.any_high
-        counts = rig.driver._planner.counts
+        counts = rig.driver.planner.counts
         rig.wait(1.0)
-        assert rig.driver._planner.counts == counts
+        assert rig.driver.planner.counts == counts
 
 
 def test_gains_make_wheels_of_two_sizes_roll_alike() -> None:
@@ -283,7 +283,7 @@ def test_gains_make_wheels_of_two_sizes_roll_alike() -> None:
     )
     with rig.driver:
         rig.drive(0.3, 0.3, 3.0)
-        assert rig.driver.speeds == pytest.approx((0.3, 0.3))
+        assert rig.driver.planner.speeds(rig.clock.now()) == pytest.approx((0.3, 0.3))
         rig.come_to_rest()
         rolled_m = np.multiply(rig.rolled_m, (0.96, 1.04))  # by the radii that the gains tell of
         assert rolled_m == pytest.approx([rig.driver.pose.x_m] * 2, abs=0.005)
@@ -329,7 +329,7 @@ def test_a_robot_told_to_drive_while_it_brakes_keeps_its_coils() -> None:
         rig.drive(0.2, 0.2, 1.0)
         rig.driver.release()
         rig.drive(0.1, 0.1, 2.0)
-        assert rig.driver.speeds == pytest.approx((0.1, 0.1))
+        assert rig.driver.planner.speeds(rig.clock.now()) == pytest.approx((0.1, 0.1))
         assert rig.hat.lost_steps == (0, 0)
 
 
@@ -422,7 +422,7 @@ def test_impossible_speeds_are_refused_and_change_nothing(wheels: tuple) -> None
         with pytest.raises(ContractError, match=r"expected -0.4 to 0.4 m/s"):
             rig.driver.set_wheels(WheelSpeeds(*wheels))
         rig.wait(0.05)
-        assert rig.driver.speeds == pytest.approx((0.1, 0.1))
+        assert rig.driver.planner.speeds(rig.clock.now()) == pytest.approx((0.1, 0.1))
 
 
 def test_full_and_quarter_steps_turn_the_wheels_as_far() -> None:

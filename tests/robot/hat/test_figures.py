@@ -185,12 +185,12 @@ def test_after_a_pause_of_a_fifth_of_a_second_the_wheels_stand(
     rig = make_rig()
     with rig.driver:
         rig.drive(0.3, 0.3, 2.0)
-        due_s = rig.driver._planner.deadline_s
+        due_s = rig.driver.planner.deadline_s
         assert due_s is not None
         rig.clock.advance_to(due_s + pause_s)
-        before = rig.driver.counts
+        before = rig.driver.planner.counts
         rig.wait(0.2)
-        assert (rig.driver.counts != before) == goes_on
+        assert (rig.driver.planner.counts != before) == goes_on
 
 
 def test_ramps_take_their_time() -> None:

@@ -1,37 +1,37 @@
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.geometry import DifferentialDrive, Pose
-from robot.hat.odometry import StepOdometry
-from robot.hat.stepping import Steps
+from robot.hat.config import HatConfig, MotorConfig
+from robot.hat.stepping import Steps, pose_after
 
-DRIVE = DifferentialDrive()
+DRIVE = DifferentialDrive(wheel_radius_m=0.002 * 96 / (2.0 * math.pi))
+CONFIG = HatConfig(drive=DRIVE, steps_per_rev=48.0, microsteps=2)  # 2 mm a step
 
 
 @given(st.lists(st.tuples(st.integers(-1, 1), st.integers(-1, 1)), max_size=200))
 def test_the_same_steps_backwards_lead_home(steps: list) -> None:
-    start = Pose(1.0, 2.0, 0.5)
-    odometry = StepOdometry(DRIVE, (0.002, 0.002), start)
+    start = pose = Pose(1.0, 2.0, 0.5)
     for left, right in steps:
-        odometry.add(Steps(left, right))
+        pose = pose_after(pose, Steps(left, right), CONFIG)
     for left, right in reversed(steps):
-        odometry.add(Steps(-left, -right))
-    assert odometry.pose[:2] == pytest.approx(start[:2], abs=1e-9)
-    assert math.cos(odometry.pose.heading_rad - 0.5) == pytest.approx(1.0)
+        pose = pose_after(pose, Steps(-left, -right), CONFIG)
+    assert pose[:2] == pytest.approx(start[:2], abs=1e-9)
+    assert math.cos(pose.heading_rad - 0.5) == pytest.approx(1.0)
 
 
 def test_equal_steps_go_straight_and_opposite_steps_turn_on_the_spot() -> None:
-    odometry = StepOdometry(DRIVE, (0.002, 0.002), Pose(0.0, 0.0, 0.0))
-    odometry.add(Steps(100, 100))
-    assert odometry.pose == pytest.approx((0.2, 0.0, 0.0))
-    odometry.add(Steps(-10, 10))
-    assert odometry.pose == pytest.approx((0.2, 0.0, 0.04 / DRIVE.baseline_m))
+    pose = pose_after(Pose(0.0, 0.0, 0.0), Steps(100, 100), CONFIG)
+    assert pose == pytest.approx((0.2, 0.0, 0.0))
+    pose = pose_after(pose, Steps(-10, 10), CONFIG)
+    assert pose == pytest.approx((0.2, 0.0, 0.04 / DRIVE.baseline_m))
 
 
 def test_the_larger_wheel_goes_the_longer_way() -> None:
-    odometry = StepOdometry(DRIVE, (0.002, 0.00204), Pose(0.0, 0.0, 0.0))
-    odometry.add(Steps(100, 100))
-    assert odometry.pose.heading_rad == pytest.approx(0.004 / DRIVE.baseline_m)
+    larger = replace(CONFIG, right=MotorConfig("M3M4", gain=1.02))
+    pose = pose_after(Pose(0.0, 0.0, 0.0), Steps(100, 100), larger)
+    assert pose.heading_rad == pytest.approx(0.004 / DRIVE.baseline_m)

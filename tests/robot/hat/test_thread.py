@@ -44,10 +44,10 @@ def wait_for(condition: Callable[[], bool]) -> None:
 def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tuple) -> None:
     motors, bus, hat = parts
     with motors:
-        motors.pose = Pose(1.0, 0.0, 0.0)
+        motors._driver.pose = Pose(1.0, 0.0, 0.0)
         wait_for_motion(motors)
         wait_for(lambda: motors.pose.x_m > 1.005)
-        wait_for(lambda: motors._driver.speeds == (0.0, 0.0))
+        wait_for(lambda: motors._driver.planner.speeds(time.monotonic()) == (0.0, 0.0))
         assert motors.healthy
         assert hat.wheel_angles_rad.min() > 0.1
     assert bus.log[-1].data == ALL_OFF

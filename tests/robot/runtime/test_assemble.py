@@ -27,7 +27,7 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics
 from robot.recording.reader import entries
-from robot.runtime.assemble import Operators, open_camera, open_robot
+from robot.runtime.assemble import open_camera, open_robot
 from robot.runtime.loop import Runtime
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.state_machine import Command, State
@@ -241,10 +241,3 @@ def test_each_kind_of_camera_opens_in_a_block(tmp_path: Path) -> None:
         with open_camera(CameraConfig(kind, number=977), clock) as camera:
             assert isinstance(camera, NewestFrame)
             assert camera.read() is None
-
-
-def test_the_longest_silence_of_several_operators_counts() -> None:
-    first, second, beside = FakeOperator(), FakeOperator(), FakeOperator()
-    first.silent_s, second.silent_s, beside.silent_s = 0.2, 0.7, None
-    assert Operators((first, second, beside)).age_s() == 0.7
-    assert Operators((beside,)).age_s() is None

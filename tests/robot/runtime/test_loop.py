@@ -58,7 +58,7 @@ class Bench:
             self.safety,
             self.clock,
             (self.heard, self.also_heard),
-            self.operator,
+            (self.operator,),
             self.navigator,
             self.eyes,
         )
@@ -573,3 +573,17 @@ def test_limits_travel_with_the_safety() -> None:
     bench.camera.broken = lambda frame: frame._replace(time_s=frame.time_s - 0.3)
     bench.turn(3)
     assert bench.state is State.AUTO
+
+
+def test_the_longest_silence_of_several_operators_counts() -> None:
+    bench = Bench()
+    second, beside = FakeOperator(), FakeOperator()
+    bench.operator.silent_s, second.silent_s, beside.silent_s = 0.2, 0.7, None
+    for operators, expected_s in (
+        ((bench.operator, second, beside), 0.7),
+        ((second, bench.operator), 0.7),
+        ((beside,), None),
+        ((), None),
+    ):
+        bench.runtime._operators = operators
+        assert bench.runtime.step().inputs.link_age_s == expected_s

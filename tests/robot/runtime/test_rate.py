@@ -16,7 +16,8 @@ def test_turns_begin_on_the_grid_or_as_soon_as_they_can(work_s: list) -> None:
         deadline_s = clock.now_s - lag_s
         assert abs(deadline_s / 0.1 - round(deadline_s / 0.1)) < 1e-6
         clock.now_s += work
-    assert rate.missed <= sum(int(work / 0.1) + 1 for work in work_s)
+    rate.wait()
+    assert clock.now_s <= 0.1 * sum(int(work / 0.1) + 1 for work in work_s) + 1e-6
 
 
 def test_no_drift_and_no_lag_when_work_is_short() -> None:
@@ -26,7 +27,6 @@ def test_no_drift_and_no_lag_when_work_is_short() -> None:
         assert rate.wait() < 1e-9
         clock.now_s += 0.03
     assert abs(clock.now_s - (5.0 + 99.9 + 0.03)) < 1e-6
-    assert rate.missed == 0
 
 
 def test_missed_turns_are_skipped_not_caught_up() -> None:
@@ -34,11 +34,9 @@ def test_missed_turns_are_skipped_not_caught_up() -> None:
     rate = RateKeeper(0.1, clock)
     rate.wait()
     clock.now_s += 0.55
+    assert abs(rate.wait() - 0.45) < 1e-9
     rate.wait()
-    assert rate.missed == 4
-    began_s = clock.now_s
-    rate.wait()
-    assert clock.now_s > began_s
+    assert abs(clock.now_s - 0.6) < 1e-9
 
 
 def test_a_clock_that_goes_back_does_not_stall_the_loop() -> None:
