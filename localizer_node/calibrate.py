@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from localizer_node.calibration import DEFAULT_COLOURS, Board, Calibration, Colour, Marker
-from localizer_node.camera_fit import CameraFit, Freedom, fit_camera
+from localizer_node.calibration import Board, Calibration, Marker
 from localizer_node.rectify import Rectifier, map_outline
+from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
 from robot.errors import ConfigError
 from robot.lens import Lens
 
@@ -50,6 +50,23 @@ class Report:
         return self.calibration.residual_mm
 
 
+def corner_points(
+    pixels: Sequence[Tuple[float, float]], map_size_m: Tuple[float, float]
+) -> List[KnownPoint]:
+    """The map's corners, given as south-west, south-east, north-east, north-west.
+
+    Raises:
+        ConfigError: not four of them.
+    """
+    if len(pixels) != 4:
+        raise ConfigError(
+            "expected four --corner U,V (south-west, south-east, north-east, north-west), "
+            f"got {len(pixels)}"
+        )
+    corners = map_corners(map_size_m)
+    return [KnownPoint(u, v, float(x), float(y)) for (u, v), (x, y) in zip(pixels, corners)]
+
+
 def map_corners(map_size_m: Tuple[float, float]) -> np.ndarray:
     """(4, 2) [m]: south-west, south-east, north-east, north-west."""
     return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * np.array(map_size_m)
@@ -74,7 +91,6 @@ def calibrate(
     freedom: Freedom = Freedom(focal=True),  # noqa: B008 (frozen)
     map_size_m: Tuple[float, float] = (2.2, 2.64),
     robots: Tuple[Marker, ...] = (Marker(),),
-    colours: Tuple[Colour, ...] = DEFAULT_COLOURS,
     max_residual_mm: float = MAX_RESIDUAL_MM,
 ) -> Report:
     """Find the camera (and what ``freedom`` leaves open of its lens) from at least four points.
@@ -88,12 +104,11 @@ def calibrate(
     floor_m = np.array([(p.x_m, p.y_m) for p in points], dtype=float).reshape(-1, 2)
     _check_points(pixels, floor_m, lens)
     fit = fit_camera(pixels, floor_m, lens, freedom)
-    rough = replace(_calibration_of(fit, map_size_m), colours=colours, robots=robots)
+    rough = replace(_calibration_of(fit, map_size_m), robots=robots)
     errors = np.linalg.norm(Rectifier(rough).to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
     _check_residual(residual, errors, max_residual_mm)
     parallax = _parallax_sigma_mm(fit, map_size_m, [m.board for m in robots])
-    _check_parallax(parallax, fit)
     roi = _roi(rough, max([0.0, *(m.board.height_m for m in robots)]))
     calibration = replace(rough, residual_mm=residual, roi_px=roi)
     spare = 2 * len(points) - freedom.unknowns
@@ -132,14 +147,14 @@ def _almost_collinear(points: np.ndarray) -> bool:
 
 
 def _check_residual(residual_mm: float, errors_mm: np.ndarray, limit_mm: float) -> None:
-    if residual_mm <= limit_mm:
-        return
-    worst = int(np.argmax(errors_mm))
-    raise ConfigError(
-        f"calibration: expected a residual of at most {limit_mm:g} mm RMS, got {residual_mm:.1f} "
-        f"mm; the worst is point {worst + 1} with {errors_mm[worst]:.1f} mm: check its pixel and "
-        "its place, then the map's size and the lens model (fisheye or pinhole)"
-    )
+    if residual_mm > limit_mm:
+        worst = int(np.argmax(errors_mm))
+        raise ConfigError(
+            f"calibration: expected a residual of at most {limit_mm:g} mm RMS, got "
+            f"{residual_mm:.1f} mm; the worst is point {worst + 1} with {errors_mm[worst]:.1f} mm: "
+            "check its pixel and its place, then the map's size and the lens model (fisheye or "
+            "pinhole)"
+        )
 
 
 def _parallax_sigma_mm(
@@ -147,18 +162,15 @@ def _parallax_sigma_mm(
 ) -> float:
     reach = np.linalg.norm(map_corners(map_size_m) - fit.position_m[:2], axis=1).max()
     tallest = max([board.height_m for board in boards], default=0.0)
-    return float(1000.0 * reach * tallest * fit.height_sigma_m / fit.position_m[2] ** 2)
-
-
-def _check_parallax(sigma_mm: float, fit: CameraFit) -> None:
-    if sigma_mm <= MAX_PARALLAX_ERROR_MM:
-        return
-    raise ConfigError(
-        f"calibration: the camera's height comes out as {fit.position_m[2]:.2f} m +- "
-        f"{fit.height_sigma_m:.2f} m, so that a board could be misplaced by {sigma_mm:.0f} mm "
-        f"(expected at most {MAX_PARALLAX_ERROR_MM:g}); measure the height and give it, "
-        "or give the lens, or more points"
-    )
+    sigma_mm = float(1000.0 * reach * tallest * fit.height_sigma_m / fit.position_m[2] ** 2)
+    if sigma_mm > MAX_PARALLAX_ERROR_MM:
+        raise ConfigError(
+            f"calibration: the camera's height comes out as {fit.position_m[2]:.2f} m +- "
+            f"{fit.height_sigma_m:.2f} m, so that a board could be misplaced by {sigma_mm:.0f} mm "
+            f"(expected at most {MAX_PARALLAX_ERROR_MM:g}); measure the height and give it, "
+            "or give the lens, or more points"
+        )
+    return sigma_mm
 
 
 def _calibration_of(fit: CameraFit, map_size_m: Tuple[float, float]) -> Calibration:

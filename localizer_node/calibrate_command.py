@@ -4,38 +4,44 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Sequence, Tuple
+from typing import Tuple
 
-import numpy as np
-
-from localizer_node.calibrate import (
-    MAX_RESIDUAL_MM,
-    Report,
-    calibrate,
-    guess_lens,
-)
-from localizer_node.calibration import DEFAULT_COLOURS, Colour, Marker, save_calibration
-from localizer_node.camera_fit import Freedom
-from localizer_node.colour import learn_colour
+from localizer_node.calibrate import KnownPoint, Report, calibrate, corner_points, guess_lens
+from localizer_node.calibration import Marker, save_calibration
 from localizer_node.commands import SCHEMA, expect_outputs, write_json
-from localizer_node.points import corner_points, read_points
 from localizer_node.rectify import Rectifier
+from robot.bringup.camera_place import Freedom
 from robot.camera.replay import read_picture
 from robot.command_line import number
 from robot.errors import ConfigError
-from robot.lens import MODELS, Lens, load_ros_calibration
+from robot.lens import MODELS, Lens
 from robot.navigation.road_map import load_map
 from robot.output import write_png
-from robot.typed_config import from_plain, read_yaml
+from robot.typed_config import load_yaml
 
 DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too
+
+
+@dataclass(frozen=True)
+class PointsFile:
+    """What a person writes for ``--points``: floor points, and the pixels that show them."""
+
+    points: Tuple[KnownPoint, ...]
+
+
+@dataclass(frozen=True)
+class RobotsFile:
+    """What a person writes for ``--robots``."""
+
+    robots: Tuple[Marker, ...]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of ``calibrate``, less its outputs."""
     parser.add_argument("--out", required=True, help="the calibration file to write")
-    parser.add_argument("--image", help="a picture of the camera; gives the size, shows floor tags")
+    parser.add_argument("--image", help="a picture of the camera; gives the size")
     parser.add_argument("--size", type=_size, metavar="WxH", help="picture size without --image")
     parser.add_argument("--points", help="YAML of known points (see docs/localizer.md)")
     parser.add_argument(
@@ -52,15 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--map", default="arena", help="road map whose floor this is")
     parser.add_argument("--robots", help="YAML with `robots:`, a list of markers")
-    parser.add_argument(
-        "--colour",
-        type=_spot,
-        action="append",
-        default=[],
-        metavar="NAME=U,V",
-        help="learn a colour (blue, green, …) from the middle of a patch in --image",
-    )
-    parser.add_argument("--max-residual-mm", type=number(0.1, 1000.0), default=MAX_RESIDUAL_MM)
     parser.set_defaults(command=make)
 
 
@@ -81,11 +78,6 @@ def _pixel(text: str) -> Tuple[float, float]:
     return float(match.group(1)), float(match.group(2))
 
 
-def _spot(text: str) -> Tuple[str, Tuple[float, float]]:
-    name, _, pixel = text.partition("=")
-    return name, _pixel(pixel)
-
-
 def make(arguments: argparse.Namespace) -> None:
     """Calibrate, write the file, and say how good it is.
 
@@ -102,21 +94,14 @@ def make(arguments: argparse.Namespace) -> None:
     road_map = load_map(arguments.map)
     map_size_m = (road_map.width_m, road_map.height_m)
     if arguments.points:
-        points = read_points(arguments.points, image)
+        points = list(load_yaml(PointsFile, arguments.points).points)
     else:
         points = corner_points(arguments.corner, map_size_m)
     lens, known = _lens(arguments.lens, *size)
     distortion = int(not known and lens.model != "pinhole" and len(points) >= DISTORTION_POINTS)
     freedom = Freedom(not known, distortion, arguments.height)
-    report = calibrate(
-        points,
-        lens,
-        freedom,
-        map_size_m,
-        _robots(arguments.robots),
-        _colours(arguments.colour, image),
-        arguments.max_residual_mm,
-    )
+    robots = load_yaml(RobotsFile, arguments.robots).robots if arguments.robots else (Marker(),)
+    report = calibrate(points, lens, freedom, map_size_m, robots)
     save_calibration(report.calibration, arguments.out)
     if arguments.picture and image is not None:
         floor = Rectifier(report.calibration).floor_picture(image)
@@ -128,37 +113,13 @@ def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
     """The lens to start from, and whether it is known already."""
     if name in MODELS or not Path(name).is_file():
         return guess_lens(name, width_px, height_px), False
-    data = read_yaml(name)
-    ours = isinstance(data, dict) and "model" in data
-    lens = from_plain(Lens, data, where=name) if ours else load_ros_calibration(name)
+    lens = load_yaml(Lens, name)
     if lens.width_px * height_px != lens.height_px * width_px:
         raise ConfigError(
             f"{name}: lens of a {lens.width_px}x{lens.height_px} picture; expected the same shape "
             f"as {width_px}x{height_px}"
         )
     return lens.scaled(width_px, height_px), True
-
-
-def _robots(path: Optional[str]) -> Tuple[Marker, ...]:
-    if path is None:
-        return (Marker(),)
-    data = read_yaml(path)
-    entries = data.get("robots") if isinstance(data, dict) else None
-    if not isinstance(entries, list):
-        raise ConfigError(f"{path}: expected `robots:` with a list of markers")
-    return tuple(from_plain(Marker, e, f"{path}: robots[{i}]") for i, e in enumerate(entries))
-
-
-def _colours(
-    spots: Sequence[Tuple[str, Tuple[float, float]]], image: Optional[np.ndarray]
-) -> Tuple[Colour, ...]:
-    """The default colours, those with a spot learned from it."""
-    colours = {colour.name: colour for colour in DEFAULT_COLOURS}
-    for name, (u, v) in spots:
-        if image is None:
-            raise ConfigError(f"--colour {name}: expected --image too, to look it up in")
-        colours[name] = learn_colour(name, image, u, v)
-    return tuple(colours.values())
 
 
 def _tell(report: Report, arguments: argparse.Namespace) -> None:

@@ -66,8 +66,8 @@ class Marker:
     """What tells one robot from the others, and where its front is.
 
     ``two_colour``: blue rear, front stripe in the colour named ``front``. ``tag``: AprilTag 36h11
-    number ``tag`` on the blue board, its upper edge to the front. ``plain``: blue only, the front
-    known from motion; any blue board looks like it, so it has to be the only robot.
+    number ``tag`` on the blue board, its upper edge to the front. ``plain``: blue only, without a
+    front; any blue board looks like it, so it has to be the only robot.
     """
 
     robot: str = "robot"
@@ -154,13 +154,6 @@ class Calibration:
             if colour.name == name:
                 return colour
         raise ConfigError(f"colour {name!r}: {nearest(name, [c.name for c in self.colours])}")
-
-    def marker(self, robot: str) -> Marker:
-        """The marker of this robot; ConfigError with the nearest name when there is none."""
-        for marker in self.robots:
-            if marker.robot == robot:
-                return marker
-        raise ConfigError(f"robot {robot!r}: {nearest(robot, [m.robot for m in self.robots])}")
 
 
 def load_calibration(path: Union[str, Path]) -> Calibration:

@@ -14,12 +14,12 @@ from localizer_node.calibration import load_calibration
 from localizer_node.detect import Detection
 from localizer_node.draw import annotated
 from localizer_node.node import Localizer, Publish, locate_frame
-from localizer_node.publish import PosePublisher
 from localizer_node.sources import open_source
 from localizer_node.track import RobotPose
 from robot import output
 from robot.camera.replay import read_picture
 from robot.link.config import LinkConfig
+from robot.link.messages import PosesMessage, Sighting
 from robot.output import write_png
 from robot.typed_config import load_yaml, to_plain
 
@@ -48,11 +48,34 @@ def run(arguments: argparse.Namespace) -> None:
     with ExitStack() as open_links:
         publish: Publish = _print_lines
         if arguments.link:
-            link = PosePublisher(load_yaml(LinkConfig, arguments.link))
-            publish = open_links.enter_context(link)
+            publish = publisher(load_yaml(LinkConfig, arguments.link), open_links)
         localizer = Localizer(calibration, publish)
         for frame in frames:
             localizer.feed(frame.image, frame.t_capture_s)
+
+
+def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
+    """What tells robots and monitor the poses of each picture, as long as the stack is open.
+
+    Raises:
+        ConfigError: the link's keys are absent, or the configuration does not fit.
+    """
+    link = config.open()
+    stack.callback(link.close)
+    channel = config.publisher(link, PosesMessage)
+
+    def publish(poses: Tuple[RobotPose, ...]) -> None:
+        link.admit()
+        if poses:
+            channel.send(message_of(poses))
+
+    return publish
+
+
+def message_of(poses: Tuple[RobotPose, ...]) -> PosesMessage:
+    """The message that tells the poses of one picture, of which there is at least one."""
+    seen = tuple(Sighting(p.robot, p.x_m, p.y_m, p.heading_rad, p.confidence) for p in poses)
+    return PosesMessage(seen, poses[0].t_capture_s)
 
 
 def _print_lines(poses: Tuple[RobotPose, ...]) -> None:

@@ -13,7 +13,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
-from localizer_node.colour import Blob, blobs, mask_of, opened, to_hsv
+from localizer_node.colour import Blob, blobs, mask_of, to_hsv
 from localizer_node.rectify import Rect, Rectifier
 from localizer_node.search import CoarseSearch, Part, bell, clipped, measured, merged, size_fit
 from localizer_node.tags import Tag, TagReader
@@ -21,9 +21,6 @@ from localizer_node.tags import Tag, TagReader
 BASELINE_TOLERANCE = 0.25  # relative, between the middles of rear and front
 TAG_TOLERANCE = 0.25
 MAP_MARGIN_M = 0.05
-AXIS_RATIO = 1.2  # length over width of a board whose longer side can be told
-GOOD_FIT = 0.9  # a board of its very size: nothing touches it
-TRIMMING_GAIN = 0.1  # in fit: trimming eats corners and so turns the axis by some degrees
 TAG_SIDE_PX = 48  # smaller tags are enlarged to about this before they are read
 
 
@@ -36,7 +33,6 @@ class Detection:
     x_m: float  # of the robot's origin; of the board's middle while heading_rad is None
     y_m: float
     heading_rad: Optional[float]
-    axis_rad: Optional[float]  # heading or its opposite, from the board's longer side
     confidence: float  # 0..1: how well size, shape and distances fit
     u_px: float  # where the board's middle is in the raw picture
     v_px: float
@@ -77,25 +73,20 @@ class Detector:
         )
 
     def detect(
-        self,
-        image: np.ndarray,
-        regions: Optional[Sequence[Rect]] = None,
-        search_tags: bool = True,
+        self, image: np.ndarray, regions: Optional[Sequence[Rect]] = None
     ) -> Tuple[Detection, ...]:
         """The robots in an RGB picture (H, W, 3), inside the region of interest or ``regions``.
 
-        A tag without its blue around it is looked for in ``regions``, but in the whole picture only
-        where ``search_tags`` says so: that takes longer than all the rest.
+        A tag without its blue around it is looked for in ``regions`` only: in a whole picture that
+        takes longer than all the rest.
         """
-        whole = regions is None
         areas = [self.rectifier.roi_rect()] if regions is None else list(regions)
         found: List[Detection] = []
         for window in self._search.windows(image, areas):
             found += self._in_window(image, window)
-        if search_tags or not whole:
-            for area in areas:
-                missing = self._missing_tags(found)
-                found += self._read_tags(image, area, missing) if missing else []
+        for area in regions or ():
+            missing = [m for m in self._tagged if m.robot not in {d.robot for d in found}]
+            found += self._read_tags(image, area, missing) if missing else []
         return tuple(d for d in found if self._inside(d))
 
     def _in_window(self, image: np.ndarray, window: Rect) -> List[Detection]:
@@ -104,7 +95,8 @@ class Detector:
         if crop.size == 0:
             return []
         hsv = to_hsv(crop)
-        rears = self._rears(crop, hsv, window)
+        blue = mask_of(hsv, self.calibration.colour(self.calibration.board_colour))
+        rears = self._parts(blobs(crop, blue, self._least_px(0)), window)
         found: List[Detection] = []
         for name in sorted({m.front for m in self._two_colour}):
             colour = self.calibration.colour(name)
@@ -116,20 +108,6 @@ class Detector:
             for near in merged([self._around(r) for r in rears if self._may_bear_tag(r)]):
                 found += self._read_tags(image, near, self._tagged)
         return found + self._bare(rears, found)
-
-    def _rears(self, crop: np.ndarray, hsv: np.ndarray, window: Rect) -> List[Part]:
-        """Blue parts; without narrow blue things that touch a board, where that clearly helps."""
-        mask = mask_of(hsv, self.calibration.colour(self.calibration.board_colour))
-        rears = self._parts(blobs(crop, mask, self._least_px(0)), window)
-        fit = self._best_fit(rears)
-        if fit > GOOD_FIT:
-            return rears
-        mask = opened(mask, self._search.narrow_px(1))
-        trimmed = self._parts(blobs(crop, mask, self._least_px(0)), window)
-        return trimmed if self._best_fit(trimmed) > fit + TRIMMING_GAIN else rears
-
-    def _best_fit(self, rears: Sequence[Part]) -> float:
-        return max((size_fit(r, m.blue_m) for r in rears for m in self._markers), default=0.0)
 
     def _least_px(self, part: int) -> float:
         """A third of the area of the smallest rear (0) or front (1) part."""
@@ -184,7 +162,7 @@ class Detector:
         return _placed(marker, middle, heading, confidence, pixel)
 
     def _bare(self, rears: Sequence[Part], named: Sequence[Detection]) -> List[Detection]:
-        """Boards of which only the blue is known: at best their axis, and no name beside tags."""
+        """Boards of which only the blue is known: no heading, and no name beside tags."""
         found = []
         for rear in rears:
             for marker in self._markers:
@@ -193,9 +171,8 @@ class Detector:
                 if fit == 0.0 or any(_distance_px(d, rear) < apart for d in named):
                     continue
                 x, y = (float(v) for v in self._at_height(rear, marker))
-                axis = rear.axis_rad if rear.sides_m[0] > AXIS_RATIO * rear.sides_m[1] else None
                 name = marker.robot if marker.kind == "plain" else ""
-                found.append(Detection(name, marker.kind, x, y, None, axis, fit, *rear.centre_px))
+                found.append(Detection(name, marker.kind, x, y, None, fit, *rear.centre_px))
                 break
         return found
 
@@ -207,10 +184,6 @@ class Detector:
         reach = int(1.5 * max(m.board.tag_m for m in self._tagged) * self._scales[1]) + 2
         u, v = (int(c) for c in rear.centre_px)
         return clipped(self.calibration.lens, (u - reach, v - reach, u + reach, v + reach))
-
-    def _missing_tags(self, found: Sequence[Detection]) -> List[Marker]:
-        names = {d.robot for d in found}
-        return [m for m in self._tagged if m.robot not in names]
 
     def _read_tags(
         self, image: np.ndarray, window: Rect, markers: Sequence[Marker]
@@ -261,4 +234,4 @@ def _placed(
     x = float(middle_m[0]) - marker.board.forward_m * math.cos(heading_rad)
     y = float(middle_m[1]) - marker.board.forward_m * math.sin(heading_rad)
     place = (float(pixel[0]), float(pixel[1]))
-    return Detection(marker.robot, marker.kind, x, y, heading_rad, heading_rad, fit, *place)
+    return Detection(marker.robot, marker.kind, x, y, heading_rad, fit, *place)

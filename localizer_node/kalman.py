@@ -5,7 +5,6 @@ Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Nav
 
 from __future__ import annotations
 
-import math
 from typing import Tuple
 
 import numpy as np
@@ -32,28 +31,17 @@ class FloorFilter:
         self.position_m = np.array(position_m, dtype=float)  # (2,)
         self.velocity_mps = np.zeros(2)
         self.covariance = np.diag([sigma_m**2, START_SPEED_MPS**2])
-        self.lag_s = 0.0  # of the velocity behind a steadily changing one
-        self._dt_s = 0.0
 
     def predict(self, dt_s: float) -> None:
         """Move on by ``dt_s``."""
         f, q = _transition(dt_s, ACCELERATION_MPS2)
-        self._dt_s = dt_s
         self.position_m = self.position_m + dt_s * self.velocity_mps
         self.covariance = f @ self.covariance @ f.T + q
-
-    def distance(self, position_m: np.ndarray, sigma_m: float) -> float:
-        """Mahalanobis distance of a measured position."""
-        spread = math.sqrt(self.covariance[0, 0] + sigma_m**2)
-        return float(np.linalg.norm(position_m - self.position_m)) / spread
 
     def update(self, position_m: np.ndarray, sigma_m: float) -> None:
         """Take in a measured position."""
         gain = self.covariance[:, 0] / (self.covariance[0, 0] + sigma_m**2)
         error = position_m - self.position_m
-        # Steady state of an alpha-beta filter under acceleration (Kalata 1984): alpha, beta / dt
-        # are the gains, and the velocity is late by dt (alpha / beta - 1 / 2).
-        self.lag_s = max(float(gain[0] / gain[1]) - self._dt_s / 2.0, 0.0) if gain[1] > 0.0 else 0.0
         self.position_m = self.position_m + gain[0] * error
         self.velocity_mps = self.velocity_mps + gain[1] * error
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
@@ -80,13 +68,3 @@ class HeadingFilter:
         self.heading_rad = float(wrap_angle(self.heading_rad + gain[0] * error))
         self.turn_radps += float(gain[1] * error)
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
-
-    def update_axis(self, axis_rad: float, sigma_rad: float) -> None:
-        """Take in a heading known only up to a half turn: the nearer of the two."""
-        error = float(wrap_angle(axis_rad - self.heading_rad))
-        nearer = axis_rad if abs(error) <= math.pi / 2.0 else axis_rad + math.pi
-        self.update(float(wrap_angle(nearer)), sigma_rad)
-
-    def reverse(self) -> None:
-        """Front and back were mistaken for each other."""
-        self.heading_rad = float(wrap_angle(self.heading_rad + math.pi))

@@ -18,7 +18,6 @@ logger = logging.getLogger(__name__)
 Publish = Callable[[Tuple[RobotPose, ...]], None]
 REPEAT_BYTES = 32  # two pictures that differ in no more are one; a sensor's noise changes most
 REPEATS_TOLD = 5  # in a row, once
-TAG_SEARCH_EVERY = 10  # pictures; looking for a lost tag without blue takes a whole picture's time
 
 
 @lru_cache(maxsize=4)
@@ -106,8 +105,7 @@ class Localizer:
         return poses
 
     def _locate(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
-        search_tags = self.frame % TAG_SEARCH_EVERY == 0
-        detections = self._detector.detect(image, self._regions(t_capture_s), search_tags)
+        detections = self._detector.detect(image, self._regions(t_capture_s))
         poses = self._tracker.update(detections, t_capture_s, self.frame)
         self._all_seen = len(poses) == len(self.calibration.robots)
         return poses

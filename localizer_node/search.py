@@ -11,7 +11,7 @@ from typing import Iterable, List, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from localizer_node.calibration import Calibration
-from localizer_node.colour import Blob, coarse_rects, mask_of, opened, to_hsv
+from localizer_node.colour import Blob, coarse_rects, mask_of, to_hsv
 from localizer_node.rectify import Rect
 from robot.lens import Lens
 
@@ -24,7 +24,6 @@ class Part(NamedTuple):
 
     centre_m: np.ndarray  # (2,)
     sides_m: Tuple[float, float]  # of the rectangle with the same second moments, longer first
-    axis_rad: float  # direction of the longer side
     fill: float  # area over that rectangle's: 1 for a rectangle, 1.05 for a disc, less for an L
     centre_px: Tuple[float, float]
 
@@ -34,12 +33,11 @@ def measured(blob: Blob, centre_m: np.ndarray, jacobian: np.ndarray, centre_px: 
     uu, uv, vv = blob.covariance_px2
     pixel = 1.0 / 12.0  # the variance of a pixel's own width
     covariance = jacobian @ np.array([[uu + pixel, uv], [uv, vv + pixel]]) @ jacobian.T
-    values, vectors = np.linalg.eigh(covariance)
+    values = np.linalg.eigvalsh(covariance)
     short, long = (math.sqrt(12.0 * max(float(v), 1e-12)) for v in values)
-    axis = math.atan2(float(vectors[1, 1]), float(vectors[0, 1]))
     area = blob.area_px * abs(float(np.linalg.det(jacobian)))
     place = (float(centre_px[0]), float(centre_px[1]))
-    return Part(centre_m, (long, short), axis, area / (long * short), place)
+    return Part(centre_m, (long, short), area / (long * short), place)
 
 
 def bell(error: float, width: float) -> float:
@@ -77,7 +75,6 @@ def merged(rects: Sequence[Rect]) -> List[Rect]:
 
 
 COARSE_SIDE_PX = 8  # what the shorter side of a board keeps in the coarse mask
-NARROW = 0.5  # of a board's shorter side: blue narrower than this may be cut off
 
 
 class CoarseSearch:
@@ -108,20 +105,8 @@ class CoarseSearch:
         least = 0.3 * min(m.blue_m[0] * m.blue_m[1] for m in self._markers)
         least_px = least * self._scales[0] ** 2 / step**2
         most_px = 2.5 * max(s for m in self._markers for s in m.blue_m) * self._scales[1] / step
-        result: List[Rect] = []
-        for a, b, c, d in coarse_rects(mask, least_px):
-            if max(c - a, d - b) <= most_px:
-                result.append((a, b, c, d))
-                continue
-            core = opened(mask[b:d, a:c], self.narrow_px(step))
-            for e, f, g, h in coarse_rects(core, least_px):
-                if max(g - e, h - f) <= most_px:
-                    result.append((a + e, b + f, a + g, b + h))
-        return result
-
-    def narrow_px(self, step: int) -> int:
-        """Width of what is cut off, in pixels of every ``step``-th pixel's mask."""
-        return max(int(NARROW * self._shorter_m() * self._scales[0] / step), 1)
+        boxes = coarse_rects(mask, least_px)
+        return [(a, b, c, d) for a, b, c, d in boxes if max(c - a, d - b) <= most_px]
 
     def _shorter_m(self) -> float:
         return min(side for m in self._markers for side in m.blue_m)

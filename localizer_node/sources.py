@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import time
 from typing import Callable, Iterator, NamedTuple
 
@@ -30,10 +29,8 @@ def open_source(
 
     Args:
         source: a number N for /dev/videoN; ``csi`` or ``csi:N`` for a Jetson's CSI port;
-            ``pipe:COMMAND`` for a program that writes raw BGRx pictures to its standard output
-            (a GStreamer pipeline that ends in fdsink, a simulator); ``socket:PATH`` for a
-            virtual camera; or the path of a video file or
-            of a folder of pictures.
+            ``socket:PATH`` for a virtual camera; or the path of a video file or of a folder of
+            pictures.
         lens: gives the picture size that a camera is set to.
         fps: of a camera; pictures of a file or folder are taken to be 1 / fps apart.
         clock: monotonic time [s], of cameras.
@@ -45,8 +42,6 @@ def open_source(
     size_px = (lens.width_px, lens.height_px)
     if source.isdigit():
         return _live(V4l2Stream(int(source), size_px, fps), clock)
-    if source.startswith("pipe:"):
-        return _live(GstStream(shlex.split(source[len("pipe:") :]), size_px), clock)
     if source.startswith("socket:"):
         return _live(SocketStream(source[len("socket:") :], size_px), clock)
     csi = re.fullmatch(r"csi(?::(\d))?", source)

@@ -18,15 +18,12 @@ from robot.errors import ContractError
 
 GATE = 5.0  # standard deviations
 SIGMA_M = {"two_colour": 0.003, "tag": 0.002, "plain": 0.004}
-SIGMA_RAD = {"two_colour": math.radians(0.8), "tag": math.radians(0.6), "plain": math.radians(2.0)}
+SIGMA_RAD = math.radians(0.8)
 MAX_SPEED_MPS = 0.8  # nothing of ours drives faster
 CONFIRM_HITS = 3  # pictures in which a robot is seen before its pose is told
 REACQUIRE_HITS = 8  # as many at one other place in a row: it was carried there
 FORGET_S = 1.0  # without being seen
 CLEAR_RATIO = 3.0  # how much nearer the one board must be to its track than any other
-MOVING_MPS = 0.05  # slower than this, the motion tells no direction
-EVIDENCE_M = 0.06  # way along the axis that tells front from back
-EVIDENCE_LIMIT_M = 0.5  # as far in reverse, and a front once known is given up
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class RobotPose:
     robot: str
     x_m: float
     y_m: float
-    heading_rad: Optional[float]  # None as long as a plain board has not moved
+    heading_rad: Optional[float]  # None for a plain board
     vx_mps: float
     vy_mps: float
     turn_radps: float
@@ -55,9 +52,8 @@ class _Track:
         self.hits = 1
         self.unseen_s = 0.0
         self.confidence = detection.confidence
-        self.forward_m = 0.0  # way ahead less way back, along the axis as it is taken to be
         self.elsewhere: List[np.ndarray] = []
-        self._learn_heading(detection, 0.0)
+        self._learn_heading(detection)
 
     def predict(self, dt_s: float) -> None:
         self.floor.predict(dt_s)
@@ -74,61 +70,23 @@ class _Track:
         """How far a detection is from where this robot should be."""
         return float(np.linalg.norm(middle_of(detection, self.marker) - self.floor.position_m))
 
-    def update(self, detection: Detection, dt_s: float) -> None:
+    def update(self, detection: Detection) -> None:
         sigma = SIGMA_M[detection.kind] * doubt(detection)
         self.floor.update(middle_of(detection, self.marker), sigma)
-        self._learn_heading(detection, dt_s)
+        self._learn_heading(detection)
         self.hits += 1
         self.unseen_s = 0.0
         self.elsewhere = []
         self.confidence += 0.3 * (detection.confidence - self.confidence)
 
-    def _learn_heading(self, detection: Detection, dt_s: float) -> None:
-        sigma = SIGMA_RAD[detection.kind] * doubt(detection)
-        if detection.heading_rad is not None:
-            if self.heading is None:
-                self.heading = HeadingFilter(detection.heading_rad, sigma)
-            else:
-                self.heading.update(detection.heading_rad, sigma)
-            self.forward_m = EVIDENCE_LIMIT_M
+    def _learn_heading(self, detection: Detection) -> None:
+        if detection.heading_rad is None:
             return
+        sigma = SIGMA_RAD * doubt(detection)
         if self.heading is None:
-            self.heading = self._first_axis(detection, sigma)
-        elif detection.axis_rad is not None:
-            self.heading.update_axis(detection.axis_rad, sigma)
-        if self.marker.kind == "plain":
-            self._weigh_motion(dt_s, detection.axis_rad is None)
-
-    def _first_axis(self, detection: Detection, sigma: float) -> Optional[HeadingFilter]:
-        if detection.axis_rad is not None:
-            return HeadingFilter(detection.axis_rad, sigma)
-        velocity = self.floor.velocity_mps
-        if np.linalg.norm(velocity) < 2.0 * MOVING_MPS:
-            return None
-        return HeadingFilter(math.atan2(velocity[1], velocity[0]), math.radians(20.0))
-
-    def _weigh_motion(self, dt_s: float, without_axis: bool) -> None:
-        """Which end is the front: the one that has led the way for longer."""
-        if self.heading is None:
-            return
-        velocity = self.floor.velocity_mps
-        speed = float(np.linalg.norm(velocity))
-        if speed < MOVING_MPS:
-            return
-        course = math.atan2(velocity[1], velocity[0])
-        ahead = math.cos(course - self.heading.heading_rad)
-        self.forward_m = min(self.forward_m + ahead * speed * dt_s, EVIDENCE_LIMIT_M)
-        if self.forward_m < -EVIDENCE_M:
-            self.heading.reverse()
-            self.forward_m = -self.forward_m
-        if without_axis:
-            sigma = math.atan2(0.03, speed)  # the filtered velocity is about 3 cm/s uncertain
-            lag_rad = self.heading.turn_radps * min(self.floor.lag_s, 0.2)
-            self.heading.update_axis(course + lag_rad, sigma)
-
-    @property
-    def front_known(self) -> bool:
-        return self.heading is not None and self.forward_m >= EVIDENCE_M
+            self.heading = HeadingFilter(detection.heading_rad, sigma)
+        else:
+            self.heading.update(detection.heading_rad, sigma)
 
     def carried_to(self, detection: Detection) -> bool:
         """Seen out of reach once more; True when it was seen there often enough in a row."""
@@ -169,7 +127,7 @@ class Tracker:
         Raises:
             ContractError: ``t_s`` is not later than the last picture's.
         """
-        dt_s = self._advance(t_s)
+        self._advance(t_s)
         taken: Dict[str, Detection] = {}
         for robot in self._markers:
             chosen = self._named(robot, [d for d in detections if d.robot == robot])
@@ -178,7 +136,7 @@ class Tracker:
         self._add_nameless([d for d in detections if not d.robot], taken)
         for robot, detection in taken.items():
             if robot in self._tracks:
-                self._tracks[robot].update(detection, dt_s)
+                self._tracks[robot].update(detection)
             else:
                 self._tracks[robot] = _Track(self._markers[robot], detection)
         lost = [r for r, track in self._tracks.items() if track.unseen_s > FORGET_S]
@@ -196,7 +154,7 @@ class Tracker:
             result[robot] = (float(x), float(y), 0.03 + MAX_SPEED_MPS * (track.unseen_s + dt_s))
         return result
 
-    def _advance(self, t_s: float) -> float:
+    def _advance(self, t_s: float) -> None:
         dt_s = 0.0 if self._t_s is None else t_s - self._t_s
         if self._t_s is not None and dt_s <= 0.0:
             raise ContractError(
@@ -206,7 +164,6 @@ class Tracker:
         self._t_s = t_s
         for track in self._tracks.values():
             track.predict(dt_s)
-        return dt_s
 
     def _named(self, robot: str, candidates: List[Detection]) -> Optional[Detection]:
         """The one of several detections of this name that is this robot."""
@@ -244,7 +201,7 @@ class Tracker:
         track = self._tracks[robot]
         if track.hits < CONFIRM_HITS:
             return None
-        known = track.heading if track.front_known else None
+        known = track.heading
         (x, y), (vx, vy), turn = track.floor.position_m, track.floor.velocity_mps, 0.0
         if known is not None:
             turn = known.turn_radps

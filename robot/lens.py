@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
-from typing import Any, Tuple, Union
+from typing import Tuple
 
 import numpy as np
 
 from robot.errors import ConfigError, nearest
-from robot.typed_config import read_yaml
 
 MODELS = ("pinhole", "plumb_bob", "fisheye")
 
@@ -71,13 +69,12 @@ class Lens:
         import cv2
 
         pixels = np.asarray(pixels, dtype=np.float64)
-        flat = pixels.reshape(-1, 1, 2)
-        eye = np.eye(3)
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         if self.model == "fisheye":
             return self._unproject_fisheye(pixels)
+        flat = pixels.reshape(-1, 1, 2)
         if self.model == "plumb_bob":
-            d = np.array(self.distortion)
+            d, eye = np.array(self.distortion), np.eye(3)
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
             plane = cv2.undistortPointsIter(flat, self.matrix, d, eye, eye, criteria)
         else:
             plane = (flat - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
@@ -214,30 +211,3 @@ DUCKIEBOT_LENS = Lens(
     231.8845403702499,
     (-0.2, 0.0305, 0.0005859930422629722, -0.0006697840226199427, 0.0),
 )
-
-
-def load_ros_calibration(path: Union[str, Path]) -> Lens:
-    """A lens from a ROS ``camera_info`` YAML file.
-
-    Raises:
-        ConfigError: a key is missing, or the distortion model is not one of ours.
-    """
-    data = read_yaml(path)
-    models = {"plumb_bob": "plumb_bob", "rational_polynomial": "plumb_bob"}
-    models.update(equidistant="fisheye", fisheye="fisheye")
-    try:
-        k = [float(v) for v in data["camera_matrix"]["data"]]
-        d = tuple(float(v) for v in data["distortion_coefficients"]["data"])
-        name = str(data["distortion_model"])
-        size = int(data["image_width"]), int(data["image_height"])
-    except (KeyError, TypeError) as error:
-        raise ConfigError(f"{path}: expected a ROS camera_info file, missing {error}") from error
-    if name not in models:
-        raise ConfigError(f"{path}: distortion model {name!r}; {nearest(name, models)}")
-    return Lens(models[name], size[0], size[1], k[0], k[4], k[2], k[5], _trim(models[name], d))
-
-
-def _trim(model: str, d: Tuple[Any, ...]) -> Tuple[float, ...]:
-    if model == "fisheye":
-        return tuple(d[:4])
-    return tuple(d[:8]) if len(d) >= 8 else tuple(d[:5])

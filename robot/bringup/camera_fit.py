@@ -7,6 +7,7 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
+from robot.bringup.camera_place import Freedom, fit_camera
 from robot.bringup.chessboard import COLUMNS, ROWS, board_points_m
 from robot.errors import ConfigError
 from robot.lens import CameraRig, Lens, Mount
@@ -101,20 +102,17 @@ def _calibrate(boards_px: List[np.ndarray], size_px: Tuple[int, int]) -> Tuple[L
     return Lens("fisheye", width, height, fx, fy, cx, cy, k), float(residual)
 
 
-MOST_PITCH_SIGMA_RAD = math.radians(0.3)
 PITCH_RANGE_RAD = (math.radians(-5.0), math.radians(60.0))
 HEIGHT_RANGE_M = (0.03, 0.40)
-MOST_TWIST_RAD = math.radians(12.0)  # of roll, and of yaw against the board
+TWIST_RANGE_RAD = (-math.radians(12.0), math.radians(12.0))  # of roll, and yaw against the board
 PLACE_TOLERANCE_M = 0.05  # of the board
 
 
 class MountFit(NamedTuple):
-    """The mount, how well the corners fit it, and how sure its pitch and height are."""
+    """The mount, and how well the corners fit it."""
 
     mount: Mount
     residual_px: float
-    pitch_sigma_rad: float
-    height_sigma_m: float
 
 
 def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float, square_m: float) -> MountFit:
@@ -133,48 +131,41 @@ def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float, square_m: 
         ConfigError: no camera can see the board so.
     """
     points_m = board_points_m(near_edge_m, square_m)
-    figures = np.array(_figures(_start(corners_px, points_m, lens)))
-
-    def misses(values: np.ndarray) -> np.ndarray:
-        return (CameraRig(lens, _mount(values)).to_pixels(points_m) - corners_px).ravel()
-
-    for _ in range(20):  # Gauss-Newton (Hartley and Zisserman, Multiple View Geometry, A6.1)
-        jacobian = _jacobian(misses, figures)
-        step = np.linalg.lstsq(jacobian, -misses(figures), rcond=None)[0]
-        figures = figures + step
-        if np.abs(step).max() < 1e-9:
-            break
-    errors = misses(figures)
-    if not np.isfinite(errors).all():
-        raise ConfigError("camera: no mount explains the corners; is the lens the right one?")
-    freedom = errors.size - figures.size
-    covariance = np.linalg.inv(jacobian.T @ jacobian) * float(errors @ errors) / freedom
-    sigma = np.sqrt(np.diag(covariance))
-    residual_px = math.sqrt(2.0 * float(np.mean(errors**2)))
-    return MountFit(_mount(figures), residual_px, float(sigma[3]), float(sigma[0]))
+    fit = fit_camera(corners_px, points_m[:, :2], lens, Freedom())
+    matrix = fit.rotation.T @ Mount(pitch_rad=0.0).rotation.T
+    forward_m, left_m, height_m = (float(v) for v in fit.position_m)
+    mount = Mount(
+        height_m,
+        forward_m,
+        left_m,
+        pitch_rad=math.asin(max(-1.0, min(1.0, -float(matrix[2, 0])))),
+        yaw_rad=math.atan2(float(matrix[1, 0]), float(matrix[0, 0])),
+        roll_rad=math.atan2(float(matrix[2, 1]), float(matrix[2, 2])),
+    )
+    misses_px = CameraRig(lens, mount).to_pixels(points_m) - corners_px
+    return MountFit(mount, float(np.sqrt(np.mean(np.sum(misses_px**2, axis=1)))))
 
 
 def check_mount_fit(fit: MountFit, before: Mount, width_px: int) -> None:
     """ConfigError unless the fit is good and the mount plausible, telling the residual."""
-    mount = fit.mount
-    pitch_deg, roll_deg = math.degrees(mount.pitch_rad), math.degrees(mount.roll_rad)
-    told = f"(residual {fit.residual_px:.2f} px)"
-    if fit.residual_px > MOST_RESIDUAL_PX * width_px / 640.0:
+    mount, most_px = fit.mount, MOST_RESIDUAL_PX * width_px / 640.0
+    if fit.residual_px > most_px:
         raise ConfigError(
             f"camera: the corners miss the fitted board by {fit.residual_px:.2f} px, expected at "
-            f"most {MOST_RESIDUAL_PX * width_px / 640.0:.2f}; is the sheet flat and printed at "
-            "100 %? else calibrate the lens first"
+            f"most {most_px:.2f}; is the sheet flat and printed at 100 %? else calibrate the lens "
+            "first"
         )
-    if fit.pitch_sigma_rad > MOST_PITCH_SIGMA_RAD:
-        raise ConfigError(
-            f"camera: the pitch is uncertain by {math.degrees(fit.pitch_sigma_rad):.2f}° {told}; "
-            "move the sheet nearer, make more light"
-        )
-    _expect("pitch", mount.pitch_rad, PITCH_RANGE_RAD, f"{pitch_deg:.1f}° {told}")
-    _expect("height", mount.height_m, HEIGHT_RANGE_M, f"{mount.height_m:.3f} m {told}")
-    twist = (-MOST_TWIST_RAD, MOST_TWIST_RAD)
-    _expect("roll", mount.roll_rad, twist, f"{roll_deg:.1f}° {told}")
-    _expect("yaw against the board", mount.yaw_rad, twist, f"{math.degrees(mount.yaw_rad):.1f}°")
+    for what, value, (low, high) in (
+        ("height_m", mount.height_m, HEIGHT_RANGE_M),
+        ("pitch_rad", mount.pitch_rad, PITCH_RANGE_RAD),
+        ("roll_rad", mount.roll_rad, TWIST_RANGE_RAD),
+        ("yaw_rad against the board", mount.yaw_rad, TWIST_RANGE_RAD),
+    ):
+        if not low <= value <= high:
+            raise ConfigError(
+                f"camera {what}: expected {low:.2f} to {high:.2f}, got {value:.3f} "
+                f"(residual {fit.residual_px:.2f} px)"
+            )
     off_m = (mount.forward_m - before.forward_m, mount.left_m - before.left_m)
     if max(map(abs, off_m)) > PLACE_TOLERANCE_M:
         raise ConfigError(
@@ -182,47 +173,3 @@ def check_mount_fit(fit: MountFit, before: Mount, width_px: int) -> None:
             f"more to the left than told, expected {1e3 * PLACE_TOLERANCE_M:.0f} mm at most; "
             "measure again from the axle, or mend camera.mount.forward_m"
         )
-
-
-def _expect(what: str, value: float, within: Tuple[float, float], got: str) -> None:
-    if not within[0] <= value <= within[1]:
-        limits = [f"{math.degrees(v):.0f}°" if "°" in got else f"{v:g} m" for v in within]
-        raise ConfigError(f"camera {what}: expected {limits[0]} to {limits[1]}, got {got}")
-
-
-def _figures(mount: Mount) -> Tuple[float, ...]:
-    place = (mount.height_m, mount.forward_m, mount.left_m)
-    return (*place, mount.pitch_rad, mount.yaw_rad, mount.roll_rad)
-
-
-def _mount(figures: np.ndarray) -> Mount:
-    return Mount(*(float(value) for value in figures))
-
-
-def _jacobian(misses: object, figures: np.ndarray) -> np.ndarray:
-    assert callable(misses)
-    step = 1e-6
-    columns = [
-        (misses(figures + e) - misses(figures - e)) / (2.0 * step)
-        for e in step * np.eye(len(figures))
-    ]
-    return np.stack(columns, axis=1)
-
-
-def _start(corners_px: np.ndarray, points_m: np.ndarray, lens: Lens) -> Mount:
-    """The pose of the board in undistorted coordinates."""
-    import cv2
-
-    rays = lens.unproject(corners_px)
-    plane = rays[:, :2] / rays[:, 2:]
-    found, turn, shift = cv2.solvePnP(points_m, plane, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-    if not found:
-        raise ConfigError("camera: no camera sees the board so; is it the printed sheet?")
-    rotation = cv2.Rodrigues(turn)[0]  # robot frame to camera frame
-    left_m, height_m = (float(v) for v in (-rotation.T @ shift).ravel()[1:])
-    forward_m = float((-rotation.T @ shift).ravel()[0])
-    matrix = rotation.T @ Mount(pitch_rad=0.0).rotation.T
-    pitch_rad = math.asin(max(-1.0, min(1.0, -float(matrix[2, 0]))))
-    yaw_rad = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
-    roll_rad = math.atan2(float(matrix[2, 1]), float(matrix[2, 2]))
-    return Mount(height_m, forward_m, left_m, pitch_rad, yaw_rad, roll_rad)

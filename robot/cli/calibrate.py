@@ -136,9 +136,8 @@ def measure_camera(
     check_mount_fit(fit, before, size[0])
     mount = fit.mount
     person.tell(
-        f"pitch {math.degrees(mount.pitch_rad):.2f}° (±{math.degrees(fit.pitch_sigma_rad):.2f}), "
-        f"roll {math.degrees(mount.roll_rad):.2f}°, height {1e3 * mount.height_m:.1f} mm "
-        f"(±{1e3 * fit.height_sigma_m:.1f}); residual {fit.residual_px:.2f} px"
+        f"pitch {math.degrees(mount.pitch_rad):.2f}°, roll {math.degrees(mount.roll_rad):.2f}°, "
+        f"height {1e3 * mount.height_m:.1f} mm; residual {fit.residual_px:.2f} px"
     )
     names = ("pitch_rad", "roll_rad", "height_m")
     return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}

@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from localizer_node.calibrate import KnownPoint, calibrate, guess_lens, map_corners
+from localizer_node.calibrate import KnownPoint, calibrate, corner_points, guess_lens, map_corners
 from localizer_node.calibration import Board, Marker
-from localizer_node.camera_fit import Freedom
-from localizer_node.points import corner_points, read_points
 from localizer_node.rectify import Rectifier, map_outline
+from robot.bringup.camera_place import Freedom
 from robot.errors import ConfigError
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, PINHOLE, SIDE_PX, Rig, grid
 
@@ -167,34 +166,6 @@ def test_more_unknowns_than_equations():
 def test_unknown_lens_model():
     with pytest.raises(ConfigError, match="did you mean 'fisheye'"):
         guess_lens("fish", 640, 480)
-
-
-def test_floor_tags_stand_for_points(tmp_path):
-    rig = Rig(yaw_rad=math.pi / 2.0)
-    picture = rig.floor()
-    places = {
-        300: (0.25, 0.3),
-        301: (1.95, 0.3),
-        302: (1.9, 2.3),
-        303: (0.3, 2.35),
-        304: (1.1, 1.3),
-    }
-    lines = ["points:"]
-    for number, (x, y) in places.items():
-        flat = Marker(kind="tag", tag=number, board=Board(0.2, 0.2, 0.0, tag_m=0.12))
-        rig.paint(picture, "white", (x, y, 0.4), (-0.1, 0.1, -0.1, 0.1))
-        rig._paint_tag(picture, flat, (x, y, 0.4))
-        lines.append(f"- {{tag: {number}, x_m: {x}, y_m: {y}}}")
-    file = tmp_path / "points.yaml"
-    file.write_text("\n".join(lines))
-    report = calibrate(read_points(file, picture), FISHEYE, Freedom(), MAP_M)
-    assert report.residual_mm < 1.0
-    assert board_error_mm(report, rig) < 2.0
-    with pytest.raises(ConfigError, match="expected --image"):
-        read_points(file, None)
-    file.write_text(file.read_text() + "\n- {tag: 77, x_m: 1.0, y_m: 1.0}")
-    with pytest.raises(ConfigError, match="floor tag 77: not found"):
-        read_points(file, picture)
 
 
 def test_corners_come_in_fours():

@@ -70,11 +70,8 @@ def test_impossible_parts_are_refused():
         replace(Rig().calibration(), roi_px=((0.0, 0.0),))
 
 
-def test_looking_up_a_robot_or_a_colour_that_is_not_there():
+def test_looking_up_a_colour_that_is_not_there():
     calibration = Rig().calibration()
-    assert calibration.marker("robot").kind == "two_colour"
-    with pytest.raises(ConfigError, match="valid: robot"):
-        calibration.marker("rover")
     with pytest.raises(ConfigError, match="did you mean 'blue'"):
         calibration.colour("bleu")
 

@@ -8,7 +8,7 @@ import pytest
 from localizer_node.__main__ import main
 from localizer_node.calibrate import map_corners
 from localizer_node.calibration import Marker, load_calibration, save_calibration
-from tests.localizer_node.rigs import FISHEYE, MAP_M, PAINT, Rig, grid
+from tests.localizer_node.rigs import FISHEYE, MAP_M, Rig, grid
 
 RIG = Rig(FISHEYE, yaw_rad=0.2)
 POSE = (0.7, 1.9, 2.0)
@@ -103,26 +103,6 @@ def test_run_prints_the_poses_of_each_picture(arena, capsys):
     assert poses[0]["t_capture_s"] == pytest.approx(0.1)
 
 
-def test_calibrate_learns_the_colours_of_the_day(arena, capsys):
-    """A blue so pale that the shipped range misses it."""
-    picture = cv2.imread(str(arena / "arena.png"))[..., ::-1]
-    blue = np.all(picture == PAINT["blue"], axis=2)
-    pale = picture.copy()
-    pale[blue] = (120, 190, 205)
-    cv2.imwrite(str(arena / "pale.png"), pale[..., ::-1])
-    rows, columns = np.nonzero(blue)
-    corners = [f"--corner={u},{v}" for u, v in RIG.see(map_corners(MAP_M)).round(2)]
-    image = ["--image", str(arena / "pale.png")]
-    for learned, found in ((False, False), (True, True)):
-        spot = [f"--colour=blue={columns.mean()},{rows.mean()}"] if learned else []
-        out = str(arena / "new.yaml")
-        more = ["--height", "2.5", "--out", out]
-        assert main(["calibrate", *image, *corners, *spot, *more]) == 0
-        assert "add the map's middle" in capsys.readouterr().out
-        assert main(["locate", *image, "--calibration", out, "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["found"] is found
-
-
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
@@ -132,14 +112,13 @@ def test_calibrate_learns_the_colours_of_the_day(arena, capsys):
         (["calibrate", "--out", "X", "--size", "640x480", "--corner", "1,2"], "got 1"),
         (["calibrate", "--out", "X", "--image", "I", "--lens", "fisheyes"], "valid: fisheye"),
         (["calibrate", "--out", "X", "--image", "I", "--map", "arna"], "arena"),
-        (["calibrate", "--out", "X", "--size", "640x480", "--colour", "blue=1,2"], "--image too"),
         (["run", "--source", "nothing", "--calibration", "C"], "a folder of pictures or a video"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_status_2(arguments, complaint, arena, capsys):
     names = {"I": "arena.png", "C": "arena.yaml", "X": "out.yaml"}
     filled = [str(arena / names[a]) if a in names else a for a in arguments]
-    if "--lens" in filled or "--colour" in filled:
+    if "--lens" in filled:
         filled += [f"--corner={u},{v}" for u, v in RIG.see(map_corners(MAP_M))]
     assert main(filled) == 2
     error = capsys.readouterr().err
@@ -148,7 +127,7 @@ def test_wrong_input_is_one_line_and_exit_status_2(arguments, complaint, arena, 
     assert not (arena / "out.yaml").exists()
 
 
-@pytest.mark.parametrize("flag", ["--corner=1;2", "--size=640", "--colour=blue"])
+@pytest.mark.parametrize("flag", ["--corner=1;2", "--size=640", "--height=low"])
 def test_wrong_flags_say_what_they_should_be(flag, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["calibrate", "--out", "X", flag])

@@ -3,7 +3,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from localizer_node.publish import PosePublisher, message_of
+from localizer_node.commands import message_of, publisher
 from localizer_node.track import RobotPose
 from robot.errors import ConfigError
 from robot.link.config import LinkConfig
@@ -26,7 +26,7 @@ def test_a_message_tells_the_poses_of_a_picture():
 def test_each_of_two_robots_gets_its_pose_from_one_stream(configs):
     """A stream keeps its newest message only: neither robot may push out the other."""
     with ExitStack() as stack:
-        publish = stack.enter_context(PosePublisher(configs["localizer"]))
+        publish = publisher(configs["localizer"], stack)
         link = stack.enter_context(configs["robot"].open())
         ears = [configs["robot"].subscriber(link, PosesMessage) for _ in range(2)]
         gates = [PoseGate("robot"), PoseGate("other")]
@@ -47,7 +47,8 @@ def test_each_of_two_robots_gets_its_pose_from_one_stream(configs):
 def test_poses_arrive_where_the_robot_listens(configs):
     """Over the encrypted link, from the localizer's keys to the robot's."""
     received = None
-    with PosePublisher(configs["localizer"]) as publish, configs["robot"].open() as link:
+    with ExitStack() as stack, configs["robot"].open() as link:
+        publish = publisher(configs["localizer"], stack)
         subscriber = configs["robot"].subscriber(link, PosesMessage)
         deadline = time.monotonic() + 5.0
         while received is None and time.monotonic() < deadline:
@@ -61,4 +62,4 @@ def test_poses_arrive_where_the_robot_listens(configs):
 
 def test_a_link_without_keys_must_say_so():
     with pytest.raises(ConfigError, match="plaintext"):
-        PosePublisher(LinkConfig())
+        publisher(LinkConfig(), ExitStack())

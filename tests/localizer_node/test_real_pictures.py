@@ -9,8 +9,8 @@ import pytest
 
 from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
 from localizer_node.calibration import Board, Colour, Marker
-from localizer_node.camera_fit import Freedom
 from localizer_node.node import locate_frame
+from robot.bringup.camera_place import Freedom
 from robot.camera.replay import read_picture
 from robot.errors import ConfigError
 

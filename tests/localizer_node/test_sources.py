@@ -1,5 +1,3 @@
-import sys
-
 import cv2
 import numpy as np
 import pytest
@@ -39,26 +37,6 @@ def test_sources_that_are_not_there(tmp_path):
         open_source(str(tmp_path), LENS)
     with pytest.raises(HardwareError, match="group video"):
         open_source("93", LENS)
-
-
-def test_a_program_s_standard_output_is_a_camera(tmp_path):
-    """Blue, green, red, padding, from the top left."""
-    program = tmp_path / "camera.py"
-    program.write_text(
-        "import os, time\n"
-        "for grey in (10, 20, 30):\n"
-        "    os.write(1, bytes((grey, 0, 200, 255)) * (64 * 48))\n"
-        "time.sleep(5.0)\n"
-    )
-    ticks = iter(range(100))
-    source = f"pipe:{sys.executable} {program}"
-    frames = open_source(source, LENS, clock=lambda: float(next(ticks)))
-    first, second = next(frames), next(frames)
-    frames.close()
-    assert first.image.shape == (48, 64, 3)
-    assert first.image[0, 0].tolist() == [200, 0, 10]
-    assert second.image[-1, -1].tolist() == [200, 0, 20]
-    assert (first.t_capture_s, second.t_capture_s) == (0.0, 1.0)
 
 
 def test_a_csi_camera_needs_gstreamer(monkeypatch):

@@ -9,14 +9,13 @@ from localizer_node.calibration import Board, Marker
 from localizer_node.detect import Detection
 from localizer_node.track import CONFIRM_HITS, REACQUIRE_HITS, Tracker
 from robot.errors import ContractError
-from tests.localizer_node.rigs import Rig, turn
+from tests.localizer_node.rigs import Rig
 
 DT_S = 1.0 / 30.0
 
 
-def seen(robot, x, y, heading=None, kind="two_colour", axis=None, confidence=0.9):
-    axis = heading if axis is None else axis
-    return Detection(robot, kind, x, y, heading, axis, confidence, 0.0, 0.0)
+def seen(robot, x, y, heading=None, kind="two_colour", confidence=0.9):
+    return Detection(robot, kind, x, y, heading, confidence, 0.0, 0.0)
 
 
 def tracker(*markers):
@@ -121,7 +120,7 @@ def test_a_tag_that_cannot_be_read_for_a_while_keeps_its_robot():
     followed = tracker(*TAGS)
     named = [[seen("a", 0.5, 0.5, 0.0, "tag"), seen("b", 1.5, 0.5, 0.0, "tag")]] * 10
     feed(followed, named)
-    unread = [[seen("", 0.5 + 0.01 * i, 0.5, None, "tag", 0.0)] for i in range(1, 10)]
+    unread = [[seen("", 0.5 + 0.01 * i, 0.5, None, "tag")] for i in range(1, 10)]
     poses = feed(followed, unread, start=10)
     assert set(poses) == {"a"}
     assert poses["a"].x_m == pytest.approx(0.59, abs=0.01)
@@ -131,7 +130,7 @@ def test_a_tag_that_cannot_be_read_for_a_while_keeps_its_robot():
 def test_unread_boards_close_together_belong_to_nobody():
     followed = tracker(*TAGS)
     feed(followed, [[seen("a", 0.5, 0.5, 0.0, "tag"), seen("b", 0.62, 0.5, 0.0, "tag")]] * 10)
-    between = [seen("", 0.55, 0.5, None, "tag", 0.0)]
+    between = [seen("", 0.55, 0.5, None, "tag")]
     assert feed(followed, [between], start=10) == {}
 
 
@@ -151,7 +150,7 @@ def test_tags_are_never_swapped_however_they_cross(seed):
             if i < 5 or rng.random() < 0.3:
                 detections.append(seen(robot, x, y, 0.0 if robot == "a" else angle, "tag"))
             elif rng.random() < 0.8:
-                detections.append(seen("", x, y, None, "tag", 0.0 if robot == "a" else angle))
+                detections.append(seen("", x, y, None, "tag"))
         for pose in followed.update(detections, i * DT_S, i):
             x, y = places[pose.robot]
             assert math.hypot(pose.x_m - x, pose.y_m - y) < 0.03
@@ -160,48 +159,10 @@ def test_tags_are_never_swapped_however_they_cross(seed):
 PLAIN = Marker("p", "plain", board=Board(0.18, 0.11))
 
 
-@pytest.mark.parametrize("heading", [0.4, -2.5])
-def test_a_plain_board_shows_its_front_by_moving(heading):
-    followed = tracker(PLAIN)
-    still = [[seen("p", 0.9, 0.9, None, "plain", 0.4)]] * 10
-    assert feed(followed, still)["p"].heading_rad is None
-    axis = 0.4 if heading == 0.4 else heading + math.pi
-    moving = line("p", 30, (0.9, 0.9), 0.3, heading, kind="plain", axis=axis)
-    pose = feed(followed, moving, start=10)["p"]
-    assert turn(pose.heading_rad, heading) < 0.05
-
-
-def test_backing_up_for_a_moment_turns_no_plain_board_round():
-    followed = tracker(PLAIN)
-    forward = line("p", 60, (0.4, 0.9), 0.3, 0.0, kind="plain", axis=0.0)
-    feed(followed, forward)
-    back = line("p", 15, (1.0, 0.9), -0.2, 0.0, kind="plain", axis=math.pi)
-    assert turn(feed(followed, back, start=60)["p"].heading_rad, 0.0) < 0.1
-
-
-def test_a_front_that_was_guessed_wrong_is_given_up_in_the_end():
-    followed = tracker(PLAIN)
-    feed(followed, line("p", 15, (1.0, 0.9), -0.2, 0.0, kind="plain", axis=0.0))
-    pose = feed(followed, line("p", 120, (0.9, 0.9), 0.3, 0.0, kind="plain", axis=0.0), start=15)
-    assert turn(pose["p"].heading_rad, 0.0) < 0.05
-
-
-def test_a_square_plain_board_takes_its_heading_from_its_course():
-    followed = tracker(Marker("p", "plain"))
-    pictures = []
-    for i in range(90):
-        angle = 0.9 * i * DT_S
-        place = (1 + 0.33 * math.sin(angle), 1 - 0.33 * math.cos(angle))
-        pictures.append([seen("p", *place, None, "plain")])
-    pose = feed(followed, pictures)["p"]
-    assert turn(pose.heading_rad, 0.9 * 89 * DT_S) < math.radians(2.0)
-
-
-@pytest.mark.parametrize("axis", [0.0, math.pi])
-def test_the_board_lies_ahead_of_the_axle(axis):
-    ahead = Marker("p", "plain", board=Board(0.18, 0.11, forward_m=0.05))
-    pose = feed(tracker(ahead), line("p", 60, (0.5, 0.9), kind="plain", axis=axis))["p"]
-    assert pose.x_m == pytest.approx(0.5 + 59 * 0.01 - 0.05, abs=0.01)
+def test_a_plain_board_has_a_place_and_no_heading():
+    pose = feed(tracker(PLAIN), line("p", 30, (0.9, 0.9), 0.3, 0.4, kind="plain"))["p"]
+    assert pose.heading_rad is None
+    assert pose.x_m == pytest.approx(0.9 + 29 * 0.01 * math.cos(0.4), abs=0.01)
 
 
 def test_an_origin_behind_the_board_swings_with_it():

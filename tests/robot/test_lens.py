@@ -7,7 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from robot.errors import ConfigError
-from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount, load_ros_calibration
+from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
+from tests.robot.real_lenses import real_lenses
 
 SMALL = DUCKIEBOT_LENS.scaled(160, 120)
 FISHEYE = Lens("fisheye", 160, 120, 50.0, 50.0, 79.5, 59.5, (0.01, -0.002, 0.001, 0.0))
@@ -75,19 +76,10 @@ def test_an_unknown_model_names_the_nearest() -> None:
         Lens("fisheye", 10, 10, 1, 1, 1, 1, (0.1, 0.2))
 
 
-def test_real_calibrations_load(data_dir: Path) -> None:
-    files = sorted((data_dir / "real/duckiebot_camera_calibration").glob("*intrinsic*.yaml"))
-    assert files
-    for path in files:
-        lens = load_ros_calibration(path)
+def test_lenses_of_real_robots_project_what_they_unproject(data_dir: Path) -> None:
+    for lens in real_lenses(data_dir):
         centre = np.array([[lens.width_px / 2, lens.height_px / 2]])
         assert np.allclose(lens.project(lens.unproject(centre)), centre, atol=1e-6)
-
-
-def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text("image_width: 3\n")
-    with pytest.raises(ConfigError, match="camera_info"):
-        load_ros_calibration(tmp_path / "a.yaml")
 
 
 def test_beyond_the_fold_of_its_polynomial_a_lens_sees_nothing() -> None:

@@ -10,7 +10,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from robot.contract import ImageSpec
-from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount, load_ros_calibration
+from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
@@ -19,6 +19,7 @@ from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.map_objects import objects_of
 from sim_pybullet.scenery.objects import build_scene
+from tests.robot.real_lenses import real_lenses
 
 FRAME = ImageSpec(160, 120)
 LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
@@ -103,11 +104,10 @@ def test_cameras_agree_through_the_lenses_of_real_robots(data_dir: Path) -> None
     loop = load_map("loop")
     scene = build_scene(loop, NOMINAL, np.random.default_rng(0))
     poses = road_poses(loop, 3)
-    files = sorted((data_dir / "real" / "duckiebot_camera_calibration").glob("*intrinsic*.yaml"))
-    for path in files:
-        rig = CameraRig(load_ros_calibration(path))
+    for lens in real_lenses(data_dir):
+        rig = CameraRig(lens)
         with both(scene, rig, ImageSpec(80, 60), 3) as (reference, ray):
-            assert likeness(reference.render(poses), ray.render(poses)) > 0.95, path
+            assert likeness(reference.render(poses), ray.render(poses)) > 0.95, lens
 
 
 def test_cameras_agree_under_another_light_on_a_worn_floor() -> None:

@@ -115,9 +115,9 @@ def test_robots_in_the_arena_are_placed_within_a_centimetre_and_three_degrees(ki
         drive(ROBOTS[kind], 40, seed, score, blue_things=kind != "plain")
     assert score.wrong == 0
     assert score.position_rms_mm <= 10.0
-    assert score.heading_rms_deg <= 3.0
     assert score.told > 0.9 * score.expected
-    assert len(score.heading_rad) > (0.9 if kind != "plain" else 0.6) * score.told
+    assert len(score.heading_rad) == (score.told if kind != "plain" else 0)
+    assert kind == "plain" or score.heading_rms_deg <= 3.0
 
 
 @pytest.mark.slow
@@ -128,11 +128,13 @@ def test_no_wrong_robot_in_a_thousand_frames(kind):  # -rP shows the figures
         drive(ROBOTS[kind], HANGING_FRAMES, seed, score, blue_things=kind != "plain")
     print(
         f"{kind}: {score.told} of {score.expected} poses told, {score.wrong} wrong; position "
-        f"{score.position_rms_mm:.1f} mm RMS, {1000 * max(score.position_m):.0f} at most; heading "
-        f"{score.heading_rms_deg:.2f} degrees RMS, {math.degrees(max(score.heading_rad)):.1f}"
+        f"{score.position_rms_mm:.1f} mm RMS, {1000 * max(score.position_m):.0f} at most"
     )
     assert score.wrong == 0
     assert score.position_rms_mm <= 10.0
-    assert score.heading_rms_deg <= 3.0
     assert score.told > 0.97 * score.expected
-    assert math.degrees(max(score.heading_rad)) < 30.0
+    if kind != "plain":
+        worst_deg = math.degrees(max(score.heading_rad))
+        print(f"heading {score.heading_rms_deg:.2f} degrees RMS, {worst_deg:.1f} at most")
+        assert score.heading_rms_deg <= 3.0
+        assert worst_deg < 30.0

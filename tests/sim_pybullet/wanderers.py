@@ -11,10 +11,10 @@ import numpy as np
 
 from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
 from localizer_node.calibration import Board, Calibration, Marker
-from localizer_node.camera_fit import Freedom
 from localizer_node.node import Localizer
 from localizer_node.rectify import map_outline
 from localizer_node.track import RobotPose
+from robot.bringup.camera_place import Freedom
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap, load_map

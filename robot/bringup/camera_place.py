@@ -54,7 +54,7 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
     unknowns = freedom.unknowns
     if 2 * len(pixels) < unknowns:
         raise ConfigError(
-            f"calibration: {len(pixels)} points give {2 * len(pixels)} equations for {unknowns} "
+            f"camera: {len(pixels)} points give {2 * len(pixels)} equations for {unknowns} "
             "unknowns; add points, or give the lens or the camera's height"
         )
     start_lens, rotation, position = _start(pixels, floor_m, lens, freedom)
@@ -67,10 +67,12 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
         a_lens, turn, place = camera(p)
         return (a_lens.project((world - place) @ turn.T) - pixels).ravel()
 
-    best, jacobian = _levenberg_marquardt(residual, np.zeros(unknowns))
-    sigma = _height_sigma(jacobian, freedom)
-    fitted, turn, place = camera(best)
-    return CameraFit(fitted, turn, place, sigma)
+    best, jacobian = _least_squares(residual, np.zeros(unknowns))
+    sigma_m = 0.0
+    if freedom.height_m is None:
+        values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+        sigma_m = float(np.sqrt((vectors[5] ** 2 / np.maximum(values, 1e-12)).sum()))
+    return CameraFit(*camera(best), sigma_m)
 
 
 def _moved(
@@ -119,12 +121,10 @@ def _start(
 
 
 _MIRRORED = (
-    "calibration: expected the floor seen from above, got it mirrored; two points are swapped, or "
+    "camera: expected the floor seen from above, got it mirrored; two points are swapped, or "
     "the picture is flipped (corner order: south-west, south-east, north-east, north-west)"
 )
-_NO_VIEW = (
-    "calibration: no camera sees the points so; expected pixels inside the lens' field of view"
-)
+_NO_VIEW = "camera: none sees the points so; expected pixels inside the lens' field of view"
 
 
 def _pose_from_homography(
@@ -148,40 +148,30 @@ def _pose_from_homography(
     return rotation, -rotation.T @ matrix[:, 2]
 
 
-def _levenberg_marquardt(
-    residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray
+def _least_squares(
+    residual: Callable[[np.ndarray], np.ndarray], p: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    p, damping = start, 1e-3
-    r = residual(p)
-    jacobian = _numeric_jacobian(residual, p)
+    """Where the residual is least, near ``p``, and its Jacobian there (Levenberg, Marquardt)."""
+    damping, r, jacobian = 1e-3, residual(p), _jacobian(residual, p)
     for _ in range(200):
         normal = jacobian.T @ jacobian
-        scale = np.diag(np.maximum(np.diag(normal), 1e-12))
-        step = np.linalg.solve(normal + damping * scale, -jacobian.T @ r)
+        damped = normal + damping * np.diag(np.maximum(np.diag(normal), 1e-12))
+        step = np.linalg.solve(damped, -jacobian.T @ r)
         trial = residual(p + step)
-        if np.all(np.isfinite(trial)) and trial @ trial <= r @ r:
-            gain = r @ r - trial @ trial
-            p, r = p + step, trial
-            jacobian = _numeric_jacobian(residual, p)
-            damping = max(damping / 5.0, 1e-12)
-            if gain <= 1e-14 * (1.0 + r @ r):
-                break
-        else:
+        if not (np.isfinite(trial).all() and trial @ trial <= r @ r):
             damping *= 5.0
             if damping > 1e10:
                 break
+            continue
+        gain = r @ r - trial @ trial
+        p, r, damping = p + step, trial, max(damping / 5.0, 1e-12)
+        jacobian = _jacobian(residual, p)
+        if gain <= 1e-14 * (1.0 + r @ r):
+            break
     return p, jacobian
 
 
-def _numeric_jacobian(residual: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
+def _jacobian(residual: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
     step = 1e-6
     columns = [(residual(p + e) - residual(p - e)) / (2 * step) for e in step * np.eye(len(p))]
     return np.stack(columns, axis=1)
-
-
-def _height_sigma(jacobian: np.ndarray, freedom: Freedom) -> float:
-    if freedom.height_m is not None:
-        return 0.0
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    weights = vectors[5] ** 2 / np.maximum(values, 1e-12)
-    return float(np.sqrt(weights.sum()))
