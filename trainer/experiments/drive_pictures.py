@@ -15,12 +15,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from robot.camera.replay import read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
 from trainer.experiments.records import Drive, turns
-from trainer.transfer.pictures import read_rgb
 
 See = Callable[[np.ndarray], np.ndarray]  # frames (N, 120, 160, 3) -> pictures (N, H, W, 3), uint8
 STACK = 4  # paper B: four consecutive frames
@@ -68,7 +68,7 @@ def load_stacks(drive: Drive, image: ImageSpec, every: int = 1, see: See | None 
         raise ConfigError(
             f"drive: expected more than {(STACK - 1) * every} pictures, got {len(drive)}"
         )
-    frames = np.stack([fit_to_frame(read_rgb(file)) for file in drive.files])
+    frames = np.stack([fit_to_frame(read_picture(file)) for file in drive.files])
     pictures = preprocess_batch(frames, image) if see is None else see(frames)
     last = np.arange((STACK - 1) * every, len(drive))
     return Stacks(pictures, last, turns(drive.steering_deg)[last], every)
@@ -113,7 +113,7 @@ def shifts_px(drive: Drive) -> np.ndarray:
     window = cv2.createHanningWindow(shape, cv2.CV_32F)
     before, found = None, []
     for file in drive.files:
-        grey = cv2.cvtColor(fit_to_frame(read_rgb(file)), cv2.COLOR_RGB2GRAY)[_FAR]
+        grey = cv2.cvtColor(fit_to_frame(read_picture(file)), cv2.COLOR_RGB2GRAY)[_FAR]
         now = np.asarray(grey, np.float32)
         if before is not None:
             found.append(-cv2.phaseCorrelate(before, now, window)[0][0])

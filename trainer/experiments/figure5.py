@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from trainer.envs import find_looks, load_places
 from trainer.experiments.options import Figure5Options
 from trainer.experiments.tables import half_interval
 from trainer.options import TrainOptions
@@ -67,10 +66,8 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
         if not (out / name).exists():
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
             source = Source("simulator", (place,), options.frames, look)
-            places = load_places("track", (place,))
-            looks = find_looks("track", look, None)
             out.mkdir(parents=True, exist_ok=True)
-            collect_simulator(out / name, places, looks, source, lambda _: None)
+            collect_simulator(out / name, source, lambda _: None)
     if (path / "sim_to_real.onnx").exists():
         return path / "sim_to_real.onnx"
     wanted = ThroughOptions(

@@ -29,7 +29,7 @@ from trainer.run import RunFolder, read_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 from trainer.training.checkpoint import read_state
 from trainer.transfer.collect import snapshots
-from trainer.transfer.sheet import draw_sheet
+from trainer.transfer.pictures import draw_sheet
 
 ALGORITHMS = ("dueling", "ppo")
 PATHS, MISSIONS = 32, 50  # of each navigator
@@ -262,7 +262,7 @@ def judged_frames(options: SixModelsOptions) -> np.ndarray:
     for file in looks_of(options.look):
         rng = np.random.default_rng(_ATTENTION_SEED)
         pool = LookPool(road_maps, load_look_sampler(file), rng, 1)
-        found.append(snapshots(road_maps, pool, 1, rng).frames[0])
+        found.append(snapshots(road_maps, pool, 1, rng)[0][0])
     return np.stack(found)
 
 

@@ -13,8 +13,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from robot.errors import ConfigError, nearest
 from sim_pybullet.classes import SemanticClass
+from trainer.config import choose
 
 VOID = 255  # a pixel that nobody labelled: neither trained on nor counted
 
@@ -103,11 +103,5 @@ LABEL_SETS = {labels.name: labels for labels in (CAMVID, ROAD, TRACK)}
 
 
 def label_set(name: str) -> LabelSet:
-    """The label set of that name.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    if name not in LABEL_SETS:
-        raise ConfigError(f"label set: unknown {name!r}; {nearest(name, LABEL_SETS)}")
-    return LABEL_SETS[name]
+    """The label set of that name; ConfigError if there is none."""
+    return choose("label set", name, LABEL_SETS)

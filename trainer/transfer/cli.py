@@ -27,7 +27,7 @@ def collect_command(
     """Gather frames with their labels from the simulator, or frames from pictures.
 
     Args:
-        out: a folder that does not exist yet; gets image/, and from the simulator label/ and lane/.
+        out: a folder that does not exist yet; gets image/, and from the simulator label/.
         pictures: a folder of pictures, a video or a robot's recording (.mcap); without it the
             simulator is asked.
         map_names: simulator: map or track files, or names of shipped ones; not both kinds.
@@ -36,9 +36,6 @@ def collect_command(
         every: pictures: take one of so many.
         seed: simulator: of everything random.
     """
-    from sim_pybullet.racing.track import is_track
-    from trainer.division import maps_named, refuse_judging_maps
-    from trainer.envs import find_looks, load_places
     from trainer.transfer import collect
 
     with Progress(transient=True) as bar:
@@ -53,11 +50,7 @@ def collect_command(
             frames = collect.collect_pictures(out, found, source, tick)
         else:
             source = collect.Source("simulator", map_names, frames, look, seed)
-            task = "track" if any(map(is_track, map_names)) else "lane"
-            places = load_places(task, maps_named(map_names))
-            refuse_judging_maps(places, "learn")
-            looks = find_looks(task, look, None)
-            collect.collect_simulator(out, places, looks, source, tick)
+            collect.collect_simulator(out, source, tick)
     _say(f"{out}: {frames} frames")
     return 0
 
@@ -67,9 +60,7 @@ def train_command(
     sim: tuple[Path, ...] = (),
     real: tuple[Path, ...] = (),
     preset_name: Preset = "fast",
-    generator: str | None = None,
     steps: int | None = None,
-    batch: int | None = None,
     structure: float | None = None,
     seed: int = 0,
     resume: bool = False,
@@ -84,9 +75,7 @@ def train_command(
         sim: collections from the simulator (python -m trainer collect).
         real: folders of photographs; each is drawn from equally often.
         preset_name: fast (80x40), paper (160x120) or debug.
-        generator: unet or resnet, in place of the preset's.
         steps: updates, in place of the preset's.
-        batch: pictures of each kind in an update, in place of the preset's.
         structure: weight of keeping painted lines in place; 0 is plain CycleGAN.
         seed: of everything random.
         resume: go on with the run in --out, if there is one, with its own configuration.
@@ -101,11 +90,14 @@ def train_command(
         if not sim or not real:
             raise ConfigError("translate train: expected --sim and --real folders, got none")
         config = translation_preset(preset_name, tuple(map(str, sim)), tuple(map(str, real)))
-        wanted = {"generator": generator, "steps": steps, "batch": batch, "structure": structure}
-        changes = {name: value for name, value in wanted.items() if value is not None}
         for each in (*sim, *real):
             picture_files(each)  # refused before anything is written
-        return replace(config, seed=seed, **changes)  # type: ignore[arg-type]
+        return replace(
+            config,
+            seed=seed,
+            steps=config.steps if steps is None else steps,
+            structure=config.structure if structure is None else structure,
+        )
 
     config = take_up(TranslationConfig, out, resume, fresh)
     best = train_translation(out, config, Console())

@@ -1,8 +1,8 @@
 """Gathering frames: from the simulator with their labels, from a folder, a video or a recording.
 
-A collection is a folder of 160x120 PNG files: ``image/``; from the simulator also ``label/`` (grey
-value: `sim_pybullet.classes.SemanticClass`) and ``lane/`` (255 on white and yellow lines), with the
-same names. ``collection.yaml`` says where it comes from.
+A collection is a folder of 160x120 PNG files: ``image/``; from the simulator also ``label/`` of the
+same names (grey value: `sim_pybullet.classes.SemanticClass`). ``collection.yaml`` says where it
+comes from.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from functools import lru_cache
 from itertools import count as counted
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,17 +28,17 @@ from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import RoadMap
 from robot.recording.reader import read_frames
 from robot.typed_config import to_plain
-from sim_pybullet.classes import SemanticClass
-from sim_pybullet.pool import LookPool, Looks
-from sim_pybullet.racing.track import centre_line
+from sim_pybullet.pool import LookPool
+from sim_pybullet.racing.track import centre_line, is_track
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.place import Place
 from sim_pybullet.sensing.sensor import apply_sensor
+from trainer.division import maps_named, refuse_judging_maps
+from trainer.envs import find_looks, load_places
 
 _centre_line = lru_cache(8)(centre_line)
 Tick = Callable[[int], None]  # so many more frames are done
 
-LANE_LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE)
 _BATCH = 32
 _OFFSET_M = 0.04  # standard deviations of where a learning robot is in its lane
 _OFFSET_TRACK = 0.5  # likewise of a race car, in half-widths of the road
@@ -59,41 +58,31 @@ class Source:
     every: int = 1  # of how many pictures one was taken
 
 
-class Snapshots(NamedTuple):
-    """Frames of N robots, and what they show."""
-
-    frames: np.ndarray  # (N, 120, 160, 3) uint8 RGB
-    labels: np.ndarray  # (N, 120, 160) uint8, values of `SemanticClass`
-    poses: np.ndarray  # (N, 3) x [m], y [m], heading [rad]
-    road_maps: np.ndarray  # (N,) which map each robot is on
-
-
-def collect_simulator(
-    out: Path, road_maps: Sequence[Place], looks: Looks, source: Source, tick: Tick
-) -> None:
+def collect_simulator(out: Path, source: Source, tick: Tick) -> None:
     """Frames of robots on random places of the lanes or tracks, in randomly drawn looks.
 
     Args:
         out: a folder that does not exist yet; appears when all frames are there.
-        road_maps: or tracks; each frame is on one of them.
-        looks: see `sim_pybullet.pool.LookPool`.
-        source: how many frames, and the seed.
+        source: which maps or tracks, and in which looks.
         tick: hears of each frame.
 
     Raises:
-        ConfigError: ``out`` exists, or a map has no lanes.
+        DuckpilotError: ``out`` exists; or a map or look that does not, is kept for judging, or has
+            no lanes.
     """
+    task = "track" if any(map(is_track, source.origin)) else "lane"
+    road_maps = load_places(task, maps_named(source.origin))
+    refuse_judging_maps(road_maps, "learn")
+    looks = find_looks(task, source.look, None)
     rng = np.random.default_rng(source.seed)
     pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
-    with _appearing(out, source, ("image", "label", "lane")) as folder:
+    with _appearing(out, source, ("image", "label")) as folder:
         for first in range(0, source.frames, _BATCH):
             count = min(_BATCH, source.frames - first)
-            seen = snapshots(road_maps, pool, count, rng)
-            lanes = np.where(np.isin(seen.labels, LANE_LINES), 255, 0).astype(np.uint8)
-            parts = {"image": seen.frames[..., ::-1], "label": seen.labels, "lane": lanes}
-            for part, pictures in parts.items():
-                for k, picture in enumerate(pictures, start=first):
-                    _write(folder / part / f"{k:06d}.png", picture)
+            frames, labels = snapshots(road_maps, pool, count, rng)
+            for k in range(count):
+                _write(folder / "image" / f"{first + k:06d}.png", frames[k, ..., ::-1])
+                _write(folder / "label" / f"{first + k:06d}.png", labels[k])
             tick(count)
 
 
@@ -141,54 +130,56 @@ def collect_pictures(out: Path, pictures: Iterable[np.ndarray], source: Source, 
 def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3) poses near the middle of random lanes, or of the road of a track.
 
+    On lanes some of them head anywhere.
+
     Raises:
         ConfigError: the map has no lanes, or the track is not closed.
     """
+    lanes = isinstance(place, RoadMap)
     if isinstance(place, RoadMap):
-        return lane_positions(place, count, rng)
-    line = _centre_line(place)
-    arc_m = rng.uniform(0.0, line.path.length_m, count)
-    along = np.array([line.path.pose_at(each) for each in arc_m.tolist()])
-    offset = rng.normal(0.0, _OFFSET_TRACK * line.half_width_m, count)
+        along, offset_m = _on_lanes(place, count, rng), _OFFSET_M
+    else:
+        line = _centre_line(place)
+        arcs_m = rng.uniform(0.0, line.path.length_m, count)
+        along = np.array([line.path.pose_at(arc_m) for arc_m in arcs_m.tolist()])
+        offset_m = _OFFSET_TRACK * line.half_width_m
+    offset, turned = rng.normal(0.0, offset_m, count), rng.normal(0.0, _HEADING_RAD, count)
     left = np.stack((-np.sin(along[:, 2]), np.cos(along[:, 2])), axis=1)
-    turned = rng.normal(0.0, _HEADING_RAD, count)
-    return np.column_stack((along[:, :2] + offset[:, None] * left, along[:, 2] + turned))
+    poses = np.column_stack((along[:, :2] + offset[:, None] * left, along[:, 2] + turned))
+    if lanes:
+        astray = rng.random(count) < _ASTRAY
+        poses[astray, 2] = rng.uniform(-np.pi, np.pi, astray.sum())
+    return poses
 
 
-def lane_positions(road_map: RoadMap, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) poses near the middle of random lanes, some of them heading anywhere.
-
-    Raises:
-        ConfigError: the map has no lanes.
-    """
+def _on_lanes(road_map: RoadMap, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) poses on random lanes."""
     if not road_map.lanes:
         raise ConfigError(f"{road_map.name}: expected a map with roads, got none; try --map town")
     poses = np.empty((count, 3))
     for pose, lane in zip(poses, rng.integers(len(road_map.lanes), size=count), strict=True):
         control, t = road_map.lanes[lane].control_points_m, rng.uniform(0.0, 1.0, 1)
-        (x, y), (dx, dy) = bezier_points(control, t)[0], bezier_tangents(control, t)[0]
-        length, offset = float(np.hypot(dx, dy)), rng.normal(0.0, _OFFSET_M)
-        pose[:2] = x - offset * dy / length, y + offset * dx / length
-        pose[2] = np.arctan2(dy, dx) + rng.normal(0.0, _HEADING_RAD)
-        if rng.random() < _ASTRAY:
-            pose[2] = rng.uniform(-np.pi, np.pi)
+        pose[:2] = bezier_points(control, t)[0]
+        pose[2] = np.arctan2(*bezier_tangents(control, t)[0, ::-1])
     return poses
 
 
 def snapshots(
     road_maps: Sequence[Place], pool: LookPool, count: int, rng: np.random.Generator
-) -> Snapshots:
-    """Robots on random places of lanes or tracks, each in a look drawn from the maps' pool."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Robots on random places of lanes or tracks, each in a look drawn from the maps' pool.
+
+    Returns:
+        Frames (N, 120, 160, 3) uint8 RGB and their labels (N, 120, 160) uint8, `SemanticClass`.
+    """
     camera = RayCamera(ImageSpec(), count)
     poses, sensors = np.empty((count, 3)), []
-    places = rng.integers(len(road_maps), size=count)
-    for i, chosen in enumerate(places.tolist()):
+    for i, chosen in enumerate(rng.integers(len(road_maps), size=count).tolist()):
         world, look = pool.draw(chosen, rng)
         camera.set_robot(i, pool.worlds[world].scene, look.rig())
         poses[i] = positions(road_maps[chosen], 1, rng)[0]
         sensors.append(look.sensor)
-    frames = apply_sensor(camera.render(poses), sensors, rng)
-    return Snapshots(frames, camera.segment(poses), poses, places)
+    return apply_sensor(camera.render(poses), sensors, rng), camera.segment(poses)
 
 
 @contextmanager

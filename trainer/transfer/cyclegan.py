@@ -13,13 +13,11 @@ from torch.nn import functional
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from trainer.config import choose
 from trainer.presets import preset
 from trainer.resumable import descend, set_rate
-from trainer.transfer.networks import PatchCritic, narrow_unet, residual
+from trainer.transfer.networks import PatchCritic, narrow_unet
 from trainer.transfer.structure import structure
 
-GENERATORS = {"unet": narrow_unet, "resnet": residual}
 AVERAGED_STEPS = 200  # over which the weights that are kept are averaged
 
 
@@ -33,7 +31,6 @@ class TranslationConfig:
     sim: tuple[str, ...]  # folders of simulated frames with labels
     real: tuple[str, ...]  # folders of photographs
     image: ImageSpec
-    generator: str = "unet"
     width: int = 12  # channels of the first layer
     blocks: int = 1  # residual blocks at the narrowest place
     critic_width: int = 16
@@ -51,7 +48,6 @@ class TranslationConfig:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        choose("generator", self.generator, GENERATORS)
         if min(self.steps, self.batch) < 1:
             got = f"{self.steps}, {self.batch}"
             raise ConfigError(f"translation: expected steps and batch from 1, got {got}")
@@ -65,12 +61,11 @@ def translation_preset(name: str, sim: tuple[str, ...], real: tuple[str, ...]) -
     """
     fast = TranslationConfig(sim, real, preset("lane", "dueling", name).image)
     paper: dict[str, Any] = {
-        "generator": "resnet", "width": 32, "blocks": 6, "critic_width": 64, "critic_layers": 3,
+        "width": 32, "blocks": 6, "critic_width": 64, "critic_layers": 3,
         "steps": 100_000, "batch": 1, "learning_rate": 2e-4, "identity": 5.0, "device": "auto",
     }  # fmt: skip
     debug = {"width": 8, "critic_width": 8, "steps": 8, "pool": 4}
-    changes = choose("preset", name, {"fast": {}, "paper": paper, "debug": debug})
-    return replace(fast, **changes)
+    return replace(fast, **{"fast": {}, "paper": paper, "debug": debug}[name])
 
 
 class Batch(NamedTuple):
@@ -116,7 +111,7 @@ class CycleGan:
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
         torch.manual_seed(config.seed)
         self.config, self.device = config, device
-        generators = [GENERATORS[config.generator](config.width, config.blocks) for _ in range(2)]
+        generators = [narrow_unet(config.width, config.blocks) for _ in range(2)]
         critics = [PatchCritic(config.critic_width, config.critic_layers) for _ in range(2)]
         self._pair = nn.ModuleList(generators).to(device)
         self.kept = copy.deepcopy(self._pair).requires_grad_(False)

@@ -10,24 +10,12 @@ import onnx
 import torch
 
 from robot.errors import ContractError
-from robot.inference.translator import PARSING, OnnxTranslator, TranslatorContract
+from robot.inference.translator import OnnxTranslator, TranslatorContract
 from trainer.export import IR_VERSION, OPSET
 from trainer.run import atomically
 from trainer.transfer.metrics import through
-from trainer.transfer.parser import ParsedPictures, Parser
 
 TOLERANCE = 1  # grey level, by which rounding may go the other way
-
-
-def export_parser(parser: Parser, name: str, path: Path) -> None:
-    """Write a parser as an ONNX translator of whole frames at its own size.
-
-    Raises:
-        ContractError: torch and ONNX disagree.
-    """
-    config, notes = parser.config, (f"labels {parser.config.labels}",)
-    contract = TranslatorContract("segnet", PARSING, config.image, name, config.steps, notes=notes)
-    export_translator(ParsedPictures(parser), contract, path)
 
 
 def export_translator(network: torch.nn.Module, contract: TranslatorContract, path: Path) -> None:

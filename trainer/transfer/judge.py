@@ -13,7 +13,7 @@ import numpy as np
 
 from robot.inference.translator import OnnxTranslator
 from trainer.transfer import metrics
-from trainer.transfer.metrics import any_line, bright_lines, features, overlap
+from trainer.transfer.metrics import bright_lines, features, overlap, painted_lines
 from trainer.transfer.pictures import load_paint, load_pictures
 from trainer.transfer.validation import LANE_OVERLAP
 
@@ -55,7 +55,7 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
     """
     simulated, photographs = (load_pictures(paths, translator.image) for paths in (sim, real))
     paint = load_paint(simulated, translator.image)
-    truth = any_line(paint)
+    truth = painted_lines(paint)
     parts = range(0, len(paint), 32)
     translated = np.concatenate([translator(simulated.images[k : k + 32]) for k in parts])
     found, kept = bright_lines(simulated.images, paint), bright_lines(translated, paint)

@@ -95,13 +95,11 @@ def frechet_distance(made: np.ndarray, real: np.ndarray, dimensions: int = 32) -
     made, real = _standardised(made, real)
     _, _, directions = np.linalg.svd(real - real.mean(0), full_matrices=False)
     a, b = made @ directions[:dimensions].T, real @ directions[:dimensions].T
-    covariances = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
-    root = _square_root(covariances[1])
-    # Tr sqrt(A B) = Tr sqrt(sqrt(B) A sqrt(B)), whose argument is symmetric.
-    eigenvalues = np.linalg.eigvalsh(root @ covariances[0] @ root)
-    shared = np.sqrt(eigenvalues.clip(0.0)).sum()
+    of_a, of_b = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
+    # the trace of a root is the sum of the roots of the eigenvalues, here none below 0
+    shared = np.sqrt(np.linalg.eigvals(of_a @ of_b).real.clip(0.0)).sum()
     apart = ((a.mean(0) - b.mean(0)) ** 2).sum()
-    return float(apart + np.trace(covariances[0]) + np.trace(covariances[1]) - 2.0 * shared)
+    return float(apart + np.trace(of_a) + np.trace(of_b) - 2.0 * shared)
 
 
 def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
@@ -132,14 +130,9 @@ def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
     return masks
 
 
-def true_lines(paint: np.ndarray) -> np.ndarray:
-    """(N, 2, H, W) bool, where white and yellow lines are; ``paint`` as of `bright_lines`."""
-    return np.asarray(paint[:, :2] > 127)
-
-
-def any_line(paint: np.ndarray) -> np.ndarray:
-    """(N, H, W) bool, where white or yellow lines are."""
-    return np.asarray(true_lines(paint).any(1))
+def painted_lines(paint: np.ndarray) -> np.ndarray:
+    """(N, H, W) bool, where white or yellow lines are; ``paint`` as of `bright_lines`."""
+    return np.asarray((paint[:, :2] > 127).any(1))
 
 
 def overlap(found: np.ndarray, expected: np.ndarray) -> float:
@@ -147,19 +140,6 @@ def overlap(found: np.ndarray, expected: np.ndarray) -> float:
     both = ((found > 0) & (expected > 0)).sum()
     either = ((found > 0) | (expected > 0)).sum()
     return float(both / either) if either else 1.0
-
-
-def confusion(truth: np.ndarray, guess: np.ndarray, classes: int) -> np.ndarray:
-    """(classes, classes) int64 counts of pixels: rows are truth, columns guesses; void is left out.
-
-    Args:
-        truth: labels uint8, any shape.
-        guess: labels of the same shape, without void.
-        classes: how many there are.
-    """
-    counted = truth != VOID
-    pairs = truth[counted].astype(np.int64) * classes + guess[counted]
-    return np.bincount(pairs, minlength=classes * classes).reshape(classes, classes)
 
 
 @dataclass(frozen=True)
@@ -184,20 +164,22 @@ class ParsingScore:
     classes: tuple[ClassScore, ...]
 
 
-def score(matrix: np.ndarray, labels: LabelSet, frames: int, source: str = "") -> ParsingScore:
-    """The scores of a confusion matrix (C, C) of so many frames."""
-    matrix = matrix.astype(np.float64)
-    hit, truth, guess = np.diag(matrix), matrix.sum(1), matrix.sum(0)
-    occurs = truth > 0
+def score_classes(
+    truth: np.ndarray, guess: np.ndarray, labels: LabelSet, source: str = ""
+) -> ParsingScore:
+    """The scores of guesses (N, H, W) uint8; pixels whose truth is void do not count."""
+    classes, counted = len(labels.classes), truth != VOID
+    pairs = truth[counted].astype(np.int64) * classes + guess[counted]
+    matrix = np.bincount(pairs, minlength=classes**2).reshape(classes, classes).astype(float)
+    hit, there, guessed = np.diag(matrix), matrix.sum(1), matrix.sum(0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        accuracy = np.where(occurs, hit / truth, np.nan)
-        iou = np.where(occurs, hit / (truth + guess - hit), np.nan)
-    total = matrix.sum()
-    rows = zip(labels.classes, truth / total, accuracy, iou, strict=True)
+        accuracy = np.where(there > 0, hit / there, np.nan)
+        iou = np.where(there > 0, hit / (there + guessed - hit), np.nan)
+    rows = zip(labels.classes, there / matrix.sum(), accuracy, iou, strict=True)
     return ParsingScore(
         source,
-        frames,
-        float(hit.sum() / total),
+        len(truth),
+        float(hit.sum() / matrix.sum()),
         float(np.nanmean(accuracy)),
         float(np.nanmean(iou)),
         tuple(ClassScore(name, float(p), float(a), float(i)) for name, p, a, i in rows),
@@ -225,8 +207,3 @@ def _standardised(made: np.ndarray, real: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _kernel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray((a @ b.T / a.shape[1] + 1.0) ** 3)
-
-
-def _square_root(matrix: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors * np.sqrt(values.clip(0.0))) @ vectors.T)

@@ -1,4 +1,4 @@
-"""The networks: a U-Net and a residual generator, a critic of patches, SegNet.
+"""The networks: the U-Net of CycleGAN and that of pix2pix, a critic of patches, SegNet.
 
 Inside them pictures are (N, 3, H, W) float32 in [-1, 1]. A translator's own pictures are
 (N, H, W, 3) uint8 RGB on both sides, see `PictureTranslator`.
@@ -138,23 +138,6 @@ def narrow_unet(width: int, blocks: int) -> nn.Module:
     up = [_same(4 * w, 2 * w), _same(4 * w, w)]
     up.append(nn.Sequential(nn.ReLU(), nn.Conv2d(2 * w, w // 2, 3, 1, 1)))
     return Changing(UNet(down, deep, up, _zero(nn.Conv2d(w // 2 + 3, 3, 3, 1, 1))))
-
-
-def residual(width: int, blocks: int) -> nn.Module:
-    """CycleGAN's own: two halvings, residual blocks and back (Johnson et al. 2016)."""
-    w = width
-    layers = [
-        nn.Conv2d(3, w, 7, 1, 3),
-        _halving(w, 2 * w),
-        _halving(2 * w, 4 * w),
-        *(_Residual(4 * w) for _ in range(blocks)),
-        nn.Upsample(scale_factor=2.0),
-        _same(4 * w, 2 * w),
-        nn.Upsample(scale_factor=2.0),
-        _same(2 * w, w),
-        nn.ReLU(),
-    ]
-    return Changing(nn.Sequential(*layers, _zero(nn.Conv2d(w, 3, 7, 1, 3))))
 
 
 def pix2pix_unet(size: tuple[int, int], channels: int, halvings: int) -> nn.Module:

@@ -1,12 +1,15 @@
 """What the trainings of parsers and of translations through parsing can be asked for.
 
-Each is part of a run's ``config.yaml``, too. Imports nothing heavy: ``--help`` needs these.
+Each is the ``config.yaml`` of a run, too. Imports nothing heavy: ``--help`` needs these.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 from robot.errors import ConfigError, nearest
 
@@ -23,6 +26,29 @@ class Sources:
     """A file of labels drawn on photographs, or the name of a shipped one."""
     photos: str = ""
     """The folder of these photographs."""
+
+
+@dataclass(frozen=True)
+class ParseOptions:
+    """How a parser is taught."""
+
+    sources: Annotated[Sources, tyro.conf.arg(name="")] = Sources()
+    """What it learns from."""
+    labels: str = "road"
+    """camvid (11 classes of full-size roads), road (6 of a robot's road) or track (7 of a race)."""
+    net: str = "small"
+    """small or paper."""
+    size: tuple[int, int] = (120, 160)
+    """Height and width of what the network sees [px]."""
+    steps: int = 2000
+    """Updates."""
+    batch: int = 8
+    """Frames in an update."""
+    seed: int = 0
+    """Of everything random."""
+
+    def __post_init__(self) -> None:
+        _known("net", self.net, NETS)
 
 
 @dataclass(frozen=True)
@@ -52,29 +78,22 @@ class ThroughOptions:
     simulator: of the kind that the second network learns from)."""
 
     def __post_init__(self) -> None:
-        known_net(self.net)
+        _known("net", self.net, NETS)
         if bool(self.parser) == is_collection(Path(self.real)):
             raise ConfigError(
                 f"parser: expected one for photographs and none for a collection, got "
                 f"{self.parser or 'none'} for {self.real}"
             )
-        if self.parser and self.labels != "road":
-            raise ConfigError(
-                f"labels: expected road, which parsers see in photographs, got {self.labels!r}"
-            )
-        wanted = ("true", "parser") if self.parser else ("true",)
-        if self.virtual_labels not in wanted:
-            raise ConfigError(
-                f"virtual_labels: expected one of {', '.join(wanted)}, got {self.virtual_labels!r}"
-            )
-
-
-def known_net(name: str) -> None:
-    """Refuse the name of a network that there is not."""
-    if name not in NETS:
-        raise ConfigError(f"net: unknown {name!r}; {nearest(name, NETS)}")
+        _known("labels", self.labels, ("road",) if self.parser else ("road", "track"))
+        known = ("true", "parser") if self.parser else ("true",)
+        _known("virtual_labels", self.virtual_labels, known)
 
 
 def is_collection(folder: Path) -> bool:
     """Whether the simulator's frames and labels lie there (``python -m trainer collect``)."""
     return (folder / "collection.yaml").exists() and (folder / "label").is_dir()
+
+
+def _known(what: str, name: str, valid: tuple[str, ...]) -> None:
+    if name not in valid:
+        raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")

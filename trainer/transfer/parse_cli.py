@@ -10,65 +10,61 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from trainer.transfer.options import Sources, ThroughOptions
+from trainer.transfer.options import ParseOptions, Sources, ThroughOptions
 
 if TYPE_CHECKING:
-    from trainer.transfer.annotations import Split
+    from trainer.transfer.labelled import Split
     from trainer.transfer.parser import Parser
 
-Labels = Annotated[Sources, tyro.conf.arg(name="")]
-_NOWHERE = Sources()
+_TRAIN, _NOWHERE = ParseOptions(), Sources()
 
 
 def train_command(
     out: Path,
-    labels: str = "road",
-    sources: Labels = _NOWHERE,
-    net: str = "small",
-    size: tuple[int, int] = (120, 160),
-    steps: int = 2000,
-    batch: int = 8,
-    seed: int = 0,
+    options: Annotated[ParseOptions, tyro.conf.arg(name="")] = _TRAIN,
     resume: bool = False,
 ) -> int:
     """Teach SegNet to label frames; leaves parser.pt, scores.json and sheet.png of held-out frames.
 
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
-        labels: camvid (11 classes of full-size roads) or road (6 classes of a robot's road).
-        sources: what it learns from.
-        net: small or paper.
-        size: height and width of what the network sees [px].
-        steps: updates.
-        batch: frames in an update.
-        seed: of everything random.
+        options: what from, and how.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     import torch
 
     from trainer.run import take_up
-    from trainer.transfer.annotations import load_sources
-    from trainer.transfer.parser import ParseConfig, ParseRun, draw_parsed, save_parser, teach
+    from trainer.transfer.classes import label_set
+    from trainer.transfer.labelled import load_sources
+    from trainer.transfer.parser import save_parser, teach
+    from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
 
     torch.set_num_threads(1)
 
-    def fresh() -> ParseRun:
-        config = ParseConfig(labels, net, *size, steps=steps, batch=batch, seed=seed)
-        load_sources(sources, config.label_set, config.size)  # refused before anything is written
-        return ParseRun(config, sources)
+    def fresh() -> ParseOptions:
+        # refused before anything is written
+        load_sources(options.sources, label_set(options.labels), options.size)
+        return options
 
-    run = take_up(ParseRun, out, resume, fresh)
-    splits = load_sources(run.sources, run.parse.label_set, run.parse.size)
-    console = Console()
+    run, console = take_up(ParseOptions, out, resume, fresh), Console()
+    splits = load_sources(run.sources, label_set(run.labels), run.size)
     training = [split.training for split in splits]
-    parser = teach(run.parse, training, out / "checkpoint.pt", console)
+    parser = teach(run, training, out / "checkpoint.pt", console)
     save_parser(parser, out / "parser.pt")
-    draw_parsed(parser, splits[-1].held_out, out / "sheet.png")
+    held_out = splits[-1].held_out
+    shown = held_out.pick(spread(len(held_out), min(SHEET_ROWS, len(held_out))))
+    found, true = (parser.labels.paint(each) for each in (parser(shown.frames), shown.truth))
+    columns = {"frame": shown.frames, "classes found": found, "true classes": true}
+    draw_sheet(out / "sheet.png", columns)
     _report(parser, splits, out / "scores.json", console)
     return 0
 
 
-def evaluate_command(model: Path, sources: Labels = _NOWHERE, json: Path | None = None) -> int:
+def evaluate_command(
+    model: Path,
+    sources: Annotated[Sources, tyro.conf.arg(name="")] = _NOWHERE,
+    json: Path | None = None,
+) -> int:
     """Score a parser on the held-out frames of each source, class by class.
 
     Args:
@@ -76,12 +72,11 @@ def evaluate_command(model: Path, sources: Labels = _NOWHERE, json: Path | None 
         sources: as of train.
         json: write the figures there.
     """
-    from trainer.transfer.annotations import load_sources
+    from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import load_parser
 
     parser = load_parser(model)
-    splits = load_sources(sources, parser.labels, parser.config.size)
-    _report(parser, splits, json, Console())
+    _report(parser, load_sources(sources, parser.labels, parser.options.size), json, Console())
     return 0
 
 
@@ -92,10 +87,9 @@ def export_command(model: Path, out: Path) -> int:
         model: a parser, .pt.
         out: the file, .onnx: for --translate of train and evaluate, and the robot's translator.
     """
-    from trainer.transfer.export import export_parser
     from trainer.transfer.parser import load_parser
 
-    export_parser(load_parser(model), model.resolve().parent.name, out)
+    load_parser(model).export(model.resolve().parent.name, out)
     Console(soft_wrap=True).print(str(out))
     return 0
 
@@ -123,10 +117,13 @@ def through_command(
 
 def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console: Console) -> None:
     from trainer.run import write_json
-    from trainer.transfer.parser import evaluate
+    from trainer.transfer.metrics import score_classes
 
-    scores = [evaluate(parser, split.held_out, split.name) for split in splits]
-    for score in scores:
+    scores = []
+    for split in splits:
+        found = parser(split.held_out.frames)
+        score = score_classes(split.held_out.truth, found, parser.labels, split.name)
+        scores.append(score)
         title = (
             f"{score.source}: mean IoU {score.mean_iou:.1%}, pixels {score.pixel_accuracy:.1%} "
             f"({score.frames} held-out frames)"

@@ -8,7 +8,6 @@ gets wrong in both. It needs the parser wherever it goes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -19,99 +18,71 @@ from torch import nn
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.inference.translator import PARSING, TranslatorContract
+from robot.typed_config import from_plain, to_plain
 from trainer.relit import relit
 from trainer.resumable import Loop, Stateful, descend
 from trainer.run import atomically
 from trainer.torch_file import load_torch, reading
-from trainer.transfer.classes import VOID, LabelSet, label_set
+from trainer.transfer.classes import VOID, label_set
+from trainer.transfer.export import export_translator
 from trainer.transfer.labelled import Labelled
-from trainer.transfer.metrics import ParsingScore, confusion, score, through
+from trainer.transfer.metrics import through
 from trainer.transfer.networks import SEGNETS, SegNet, painted
-from trainer.transfer.options import Sources, known_net
-from trainer.transfer.pictures import spread
-from trainer.transfer.sheet import ROWS, draw_sheet
+from trainer.transfer.options import ParseOptions
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
+LEARNING_RATE = 2e-3  # falls to zero along a cosine
 CROPS = (0.6, 1.0)  # share of the frame's height and width
 # Of what the loss favoured rare classes by, undone in use: lines come out two thirds as wide. All
 # of it would lose the rarest classes again.
 UNDONE = 0.5
 
 
-@dataclass(frozen=True)
-class ParseConfig:
-    """How a parser is taught."""
-
-    labels: str
-    net: str = "small"
-    height_px: int = 120
-    width_px: int = 160
-    steps: int = 2000
-    batch: int = 8
-    learning_rate: float = 2e-3  # falls to zero along a cosine
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        label_set(self.labels)
-        known_net(self.net)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(height, width) of what the network sees [px]."""
-        return (self.height_px, self.width_px)
-
-    @property
-    def image(self) -> ImageSpec:
-        """Likewise."""
-        return ImageSpec(self.width_px, self.height_px)
-
-    @property
-    def label_set(self) -> LabelSet:
-        """What it calls what it sees."""
-        return label_set(self.labels)
-
-    def network(self) -> SegNet:
-        """A fresh one."""
-        return SegNet(len(self.label_set.classes), *SEGNETS[self.net])
-
-
-@dataclass(frozen=True)
-class ParseRun:
-    """``config.yaml``."""
-
-    parse: ParseConfig
-    sources: Sources
-
-
 class Parser:
     """Frames -> labels, with a network that was taught.
 
     Args:
-        config: how.
-        network: it.
-        weights: (C,) of the classes in its loss; none of parsers from before.
+        options: how.
+        network: it; else a fresh one.
+        weights: (C,) of the classes in its loss; else all alike.
     """
 
     def __init__(
-        self, config: ParseConfig, network: SegNet, weights: np.ndarray | None = None
+        self,
+        options: ParseOptions,
+        network: SegNet | None = None,
+        weights: np.ndarray | None = None,
     ) -> None:
-        self.config, self.network = config, network.eval()
-        self.labels = config.label_set
-        self.weights = np.ones(len(self.labels.classes)) if weights is None else weights
+        self.options, self.labels = options, label_set(options.labels)
+        classes = len(self.labels.classes)
+        self.network = (network or SegNet(classes, *SEGNETS[options.net])).eval()
+        self.weights = np.ones(classes) if weights is None else weights
         # (C, 1, 1): what of its loss's favour to each class is taken off the logits
         self.favours = torch.from_numpy(UNDONE * np.log(self.weights)).float()[:, None, None]
 
+    @property
+    def image(self) -> ImageSpec:
+        """What it sees."""
+        height, width = self.options.size
+        return ImageSpec(width, height)
+
     def __call__(self, frames: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB of the size it was taught with -> (N, H, W) uint8 labels."""
-        expected = (*self.config.size, 3)
+        expected = (*self.options.size, 3)
         if frames.shape[1:] != expected or frames.dtype != np.uint8:
             raise ConfigError(f"parser: expected frames (N, {expected}) uint8, got {frames.shape}")
-        return through(lambda some: self.logits(some).argmax(1).byte(), frames, size=16)
+        return through(lambda f: (self.network(f) - self.favours).argmax(1).byte(), frames, size=16)
 
-    def logits(self, frames: torch.Tensor) -> torch.Tensor:
-        """(N, H, W, 3) uint8 -> (N, C, H, W), the favour for rare classes taken back."""
-        logits: torch.Tensor = self.network(frames) - self.favours
-        return logits
+    def export(self, name: str, path: Path) -> None:
+        """Write it as an ONNX translator of whole frames at its own size, of the run ``name``.
+
+        Raises:
+            ContractError: torch and ONNX disagree.
+        """
+        steps, notes = self.options.steps, (f"labels {self.labels.name}",)
+        contract = TranslatorContract("segnet", PARSING, self.image, name, steps, notes=notes)
+        export_translator(ParsedPictures(self), contract, path)
 
 
 class ParsedPictures(nn.Module):
@@ -133,27 +104,28 @@ class ParsedPictures(nn.Module):
 
 
 def teach(
-    config: ParseConfig, sources: Sequence[Labelled], checkpoint: Path, console: Console
+    options: ParseOptions, sources: Sequence[Labelled], checkpoint: Path, console: Console
 ) -> Parser:
     """Train a SegNet on labelled frames, from where ``checkpoint`` left off."""
-    torch.manual_seed(config.seed)
-    network = config.network()
-    optimiser = torch.optim.Adam(network.parameters(), config.learning_rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
+    torch.manual_seed(options.seed)
     weights = class_weights(sources)
+    parser = Parser(options, weights=weights)
+    network = parser.network.train()
+    optimiser = torch.optim.Adam(network.parameters(), LEARNING_RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, options.steps)
     loss_of = nn.CrossEntropyLoss(torch.from_numpy(weights), ignore_index=VOID)
-    network.train()
 
     def step(rng: np.random.Generator, _: int) -> str:
-        frames, truth = draw_batch(sources, config.batch, rng)
+        frames, truth = draw_batch(sources, options.batch, rng)
         loss = loss_of(network(torch.from_numpy(frames)), torch.from_numpy(truth).long())
         descend(optimiser, loss)
         schedule.step()
         return f"loss {float(loss.detach()):.3f}"
 
     parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
-    Loop(checkpoint, parts, config.steps, config.seed).run(step, "SegNet", console)
-    return Parser(config, network, weights)
+    Loop(checkpoint, parts, options.steps, options.seed).run(step, "SegNet", console)
+    network.eval()
+    return parser
 
 
 def class_weights(sources: Sequence[Labelled], strongest: float = 10.0) -> np.ndarray:
@@ -198,42 +170,21 @@ def draw_batch(
 
 
 def save_parser(parser: Parser, path: Path) -> None:
-    """Write configuration and weights, whole or not at all."""
+    """Write options and weights, whole or not at all."""
+    content = {
+        "options": to_plain(parser.options),
+        "network": parser.network.state_dict(),
+        "weights": parser.weights.tolist(),
+    }
     with atomically(path) as temporary:
-        content = {
-            "config": vars(parser.config),
-            "network": parser.network.state_dict(),
-            "weights": parser.weights.tolist(),
-        }
         torch.save(content, temporary)
 
 
 def load_parser(path: Path) -> Parser:
-    """Read what `save_parser` wrote.
-
-    Raises:
-        ConfigError: no such file.
-    """
-    if not path.exists():
-        raise ConfigError(f"{path}: expected a parser, found no such file; train one first")
+    """Read what `save_parser` wrote; ConfigError if it is absent, damaged or something else."""
     content = load_torch(path, _WHAT)
     with reading(path, _WHAT):
-        config = ParseConfig(**content["config"])
-        network = config.network()
-        network.load_state_dict(content["network"])
-        weights = content.get("weights")
-    return Parser(config, network, None if weights is None else np.array(weights))
-
-
-def evaluate(parser: Parser, data: Labelled, source: str = "") -> ParsingScore:
-    """Scores on labelled frames."""
-    found = parser(data.frames)
-    matrix = confusion(data.truth, found, len(data.labels.classes))
-    return score(matrix, data.labels, len(data), source)
-
-
-def draw_parsed(parser: Parser, data: Labelled, path: Path) -> None:
-    """Write rows of frame, classes found, true classes: `ROWS` frames spread over the data."""
-    chosen = data.pick(spread(len(data), min(ROWS, len(data))))
-    found, truth = (data.labels.paint(some) for some in (parser(chosen.frames), chosen.truth))
-    draw_sheet(path, {"frame": chosen.frames, "classes found": found, "true classes": truth})
+        options = from_plain(ParseOptions, content["options"], str(path))
+        parser = Parser(options, weights=np.array(content["weights"]))
+        parser.network.load_state_dict(content["network"])
+    return parser

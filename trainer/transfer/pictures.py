@@ -1,9 +1,12 @@
-"""Folders of pictures: photographs, CamVid's pairs, collections from the simulator."""
+"""Folders of pictures: photographs, CamVid's pairs, collections from the simulator.
+
+Pictures lie in ``image/``, in ``images/image/`` (CamVid), or anywhere in the folder itself; labels,
+where there are any, in ``label/`` beside ``image/``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,41 +18,12 @@ from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
+from robot.output import write_png
 from sim_pybullet.classes import SemanticClass
 
 PAINTS = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
-_KINDS = (*PAINTS, SemanticClass.ROAD)
-
-
-@dataclass(frozen=True)
-class PictureFolder:
-    """Pictures in ``image/``, in ``images/image/`` (CamVid), or anywhere in the folder itself.
-
-    Labels, where there are any, lie in ``label/`` beside ``image/``.
-    """
-
-    path: Path
-
-    def pictures(self) -> list[Path]:
-        """The pictures by name; ConfigError if there are none."""
-        inner = (self.path / "image", self.path / "images" / "image")
-        return picture_files(next((each for each in inner if each.is_dir()), self.path))
-
-    @staticmethod
-    def label(picture: Path) -> np.ndarray:
-        """The grey values (H, W) uint8 of a picture's label.
-
-        Raises:
-            ConfigError: there is none.
-        """
-        path = picture.parent.parent / "label" / f"{picture.stem}.png"
-        label = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.exists() else None
-        if label is None:
-            raise ConfigError(
-                f"{path}: expected the labels of {picture.name}, got none; "
-                "gather frames with python -m trainer collect"
-            )
-        return np.asarray(label)
+SHEET_ROWS = 6
+_ENLARGED, _GAP = 2, 4  # of pictures on a sheet
 
 
 class Pictures(NamedTuple):
@@ -71,9 +45,26 @@ class Pictures(NamedTuple):
         return Pictures(self.images[chosen], self.folder[chosen], files)
 
 
-def spread(many: int, count: int) -> np.ndarray:
-    """(count,) indices, evenly over so many."""
-    return np.linspace(0, many - 1, count).astype(int)
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder by name; ConfigError if there are none."""
+    inner = (folder / "image", folder / "images" / "image")
+    return picture_files(next((each for each in inner if each.is_dir()), folder))
+
+
+def label_of(picture: Path) -> np.ndarray:
+    """The grey values (H, W) uint8 of a picture's label.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    path = picture.parent.parent / "label" / f"{picture.stem}.png"
+    label = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.exists() else None
+    if label is None:
+        raise ConfigError(
+            f"{path}: expected the labels of {picture.name}, got none; "
+            "gather frames with python -m trainer collect"
+        )
+    return np.asarray(label)
 
 
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
@@ -84,7 +75,7 @@ def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
     """
     if not folders:
         raise ConfigError("pictures: expected at least one folder, got none")
-    found = [PictureFolder(folder).pictures() for folder in folders]
+    found = [pictures_in(folder) for folder in folders]
     files = tuple(file for some in found for file in some)
     images = np.stack([preprocess(fit_to_frame(read_picture(file)), image) for file in files])
     return Pictures(images, np.repeat(range(len(found)), [len(some) for some in found]), files)
@@ -101,19 +92,27 @@ def load_paint(pictures: Pictures, image: ImageSpec) -> np.ndarray:
     """
     size, shares = (image.width_px, image.height_px), []
     for file in pictures.files:
-        label = PictureFolder.label(file)
-        masks = [np.where(label == kind, 255, 0).astype(np.uint8) for kind in _KINDS]
-        shares.append([cv2.resize(mask, size, interpolation=cv2.INTER_AREA) for mask in masks])
+        label = label_of(file)
+        masks = [np.where(label == kind, 255, 0) for kind in (*PAINTS, SemanticClass.ROAD)]
+        small = [cv2.resize(m.astype(np.uint8), size, interpolation=cv2.INTER_AREA) for m in masks]
+        shares.append(small)
     return np.array(shares)[:, :, image.crop_top_px :]
 
 
-def read_rgb(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
-    """A picture (H, W, 3) uint8 RGB, resized by area to (height, width) where given.
+def spread(many: int, count: int) -> np.ndarray:
+    """(count,) indices, evenly over so many."""
+    return np.linspace(0, many - 1, count).astype(int)
 
-    Raises:
-        ConfigError: not a picture.
-    """
-    picture = read_picture(path)
-    if size is None or picture.shape[:2] == size:
-        return picture
-    return np.asarray(cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA))
+
+def draw_sheet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write a PNG file of titled columns, each pictures (N, H, W, 3) uint8 RGB of one size."""
+    write_png(path, np.hstack([_column(name, shown) for name, shown in columns.items()]))
+
+
+def _column(name: str, pictures: np.ndarray) -> np.ndarray:
+    title = np.full((16, pictures.shape[2] * _ENLARGED + _GAP, 3), 255, np.uint8)
+    cv2.putText(title, name, (2, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
+    large = pictures.repeat(_ENLARGED, 1).repeat(_ENLARGED, 2)
+    around = ((0, 0), (0, _GAP), (0, _GAP), (0, 0))
+    rows = np.pad(large, around, constant_values=255)
+    return np.vstack([title, *rows])

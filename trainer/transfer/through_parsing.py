@@ -21,7 +21,7 @@ from robot.camera.replay import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.inference.preprocess import preprocess, preprocess_batch
+from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.presets import preset
 from trainer.transfer.classes import ROAD, LabelSet, label_set
@@ -31,9 +31,8 @@ from trainer.transfer.metrics import through
 from trainer.transfer.networks import as_bytes, as_floats, painted
 from trainer.transfer.options import ThroughOptions
 from trainer.transfer.parser import Parser, load_parser
-from trainer.transfer.pictures import spread
+from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
 from trainer.transfer.pix2pix import PIX2PIX, Pairs, Pix2Pix, fitted, teach_pairs
-from trainer.transfer.sheet import ROWS, draw_sheet
 
 FRAME = (120, 160)  # height, width [px]
 
@@ -51,8 +50,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
         ContractError: torch and ONNX disagree.
     """
     image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
-    net = fitted(PIX2PIX[run.net], image)
-    parser = load_parser(Path(run.parser)) if run.parser else None
+    parser = _road_parser(Path(run.parser)) if run.parser else None
     sees = parser if run.virtual_labels == "parser" else None
     virtual = virtual_pairs(Path(run.sim), image, labels, sees)
     if parser is not None:
@@ -62,24 +60,23 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
         real = Pairs(other.wanted, other.given)
 
     def taught(name: str, pairs: Pairs) -> nn.Module:
-        model = Pix2Pix(net, run.seed)
+        model = Pix2Pix(fitted(PIX2PIX[run.net], image), run.seed)
         return teach_pairs(model, pairs, run.steps, run.seed, out / f"{name}.pt", console)
 
     to_parsing = taught("virtual_to_parsing", virtual)
     network = ThroughParsing(to_parsing, taught("parsing_to_real", real), labels)
-    contract = TranslatorContract(
-        "pix2pix", DIRECTIONS[0], image, out.resolve().name, run.steps, notes=("through parsing",)
-    )
-    path = out / "sim_to_real.onnx"
+    name, path = out.resolve().name, out / "sim_to_real.onnx"
+    notes = ("through parsing",)
+    contract = TranslatorContract("pix2pix", DIRECTIONS[0], image, name, run.steps, notes=notes)
     export_translator(network, contract, path)
-    chosen = spread(len(virtual.given), ROWS)
-    given, wanted = virtual.given[chosen], virtual.wanted[chosen]
+    chosen = spread(len(virtual.given), SHEET_ROWS)
+    given = virtual.given[chosen]
     columns = {
         "input": given,
         "classes found": through(lambda some: as_bytes(network.parsed(some)), given),
-        "true classes": wanted,
+        "true classes": virtual.wanted[chosen],
         "translation": through(network, given),
-        "a photograph": real.wanted[spread(len(real.wanted), ROWS)],
+        "a photograph": real.wanted[spread(len(real.wanted), SHEET_ROWS)],
     }
     draw_sheet(out / "sheet.png", columns)
     return path
@@ -100,40 +97,36 @@ def virtual_pairs(
         ConfigError: not a collection.
     """
     data = load_pairs(collection, labels, FRAME)
-    given = np.stack([preprocess(frame, image) for frame in data.frames])
-    if parser is not None:
-        seen = class_pictures(data.frames, parser, image)
-    else:
-        # labels are made small as frames are, so that a thin line does not come and go
-        seen = np.stack([preprocess(labels.paint(truth), image) for truth in data.truth])
-    return Pairs(given, labels.paint(labels.read(seen)))
+    classes = labels.paint(data.truth) if parser is None else _seen(data.frames, parser)
+    return Pairs(preprocess_batch(data.frames, image), _small(classes, labels, image))
 
 
 def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
     """What a parser sees in photographs, painted, and the photographs, as a policy's pictures.
 
     Raises:
-        ConfigError: no photographs, or a parser with other labels.
+        ConfigError: no photographs.
     """
     frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
-    seen = class_pictures(frames, parser, image)
-    return Pairs(ROAD.paint(ROAD.read(seen)), preprocess_batch(frames, image))
+    return Pairs(_small(_seen(frames, parser), ROAD, image), preprocess_batch(frames, image))
 
 
-def class_pictures(frames: np.ndarray, parser: Parser, image: ImageSpec) -> np.ndarray:
-    """What a parser sees in frames (N, 120, 160, 3), painted, as a policy's pictures.
-
-    The parser may look at larger pictures than the policy: what it sees is then made smaller, and
-    edges blend.
-
-    Raises:
-        ConfigError: a parser with other labels.
-    """
+def _road_parser(path: Path) -> Parser:
+    parser = load_parser(path)
     if parser.labels is not ROAD:
-        raise ConfigError(f"parser: expected one of labels 'road', got {parser.labels.name!r}")
-    seen = ROAD.paint(parser(preprocess_batch(frames, parser.config.image)))
-    whole = (cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen)
-    return np.stack([preprocess(np.asarray(one), image) for one in whole])
+        raise ConfigError(f"{path}: expected a parser of labels road, got {parser.labels.name!r}")
+    return parser
+
+
+def _seen(frames: np.ndarray, parser: Parser) -> np.ndarray:
+    """What a parser sees in frames (N, 120, 160, 3), painted, as large as they are."""
+    seen = ROAD.paint(parser(preprocess_batch(frames, parser.image)))
+    return np.stack([cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen])
+
+
+def _small(classes: np.ndarray, labels: LabelSet, image: ImageSpec) -> np.ndarray:
+    """Painted classes as a policy's pictures: made small as frames are, lest thin lines vanish."""
+    return labels.paint(labels.read(preprocess_batch(classes, image)))
 
 
 class ThroughParsing(nn.Module):

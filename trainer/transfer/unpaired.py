@@ -14,8 +14,7 @@ from trainer.transfer.cyclegan import Batch, CycleGan, TranslationConfig
 from trainer.transfer.export import export_translator
 from trainer.transfer.metrics import through
 from trainer.transfer.networks import PictureTranslator, as_floats
-from trainer.transfer.pictures import load_paint, load_pictures
-from trainer.transfer.sheet import ROWS, draw_sheet
+from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, load_paint, load_pictures
 from trainer.transfer.validation import Best, Validation, held_out, held_out_photographs
 
 VALIDATE_EVERY = 125
@@ -80,7 +79,7 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
             "cyclegan", direction, config.image, out.resolve().name, best.steps
         )
         export_translator(generator, contract, onnx_file(out, direction))
-    given = pictures.sim.images[:: -(-len(pictures.sim.images) // ROWS)]
+    given = pictures.sim.images[:: -(-len(pictures.sim.images) // SHEET_ROWS)]
     made = through(generators[0], given)
     back = through(generators[1], made)
     draw_sheet(out / "sheet.png", {"picture": given, "translation": made, "cycle": back})

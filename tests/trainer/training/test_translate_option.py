@@ -19,8 +19,8 @@ from trainer.experiments.racing_policy import named_policies
 from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.transfer.classes import ROAD
-from trainer.transfer.export import export_parser
-from trainer.transfer.parser import ParseConfig, Parser
+from trainer.transfer.options import ParseOptions
+from trainer.transfer.parser import Parser
 from trainer.transfer.through_parsing import FRAME
 
 
@@ -64,9 +64,7 @@ def test_trains_and_evaluates_through_a_translator(tmp_path: Path, negative: Pat
 @pytest.fixture
 def parser_file(tmp_path: Path) -> Path:
     torch.manual_seed(0)
-    config = ParseConfig("road", height_px=30, width_px=40)
-    parser = Parser(config, config.network())
-    export_parser(parser, "untaught", tmp_path / "parser.onnx")
+    Parser(ParseOptions(size=(30, 40))).export("untaught", tmp_path / "parser.onnx")
     return tmp_path / "parser.onnx"
 
 

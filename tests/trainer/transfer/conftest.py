@@ -6,8 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from robot.navigation.road_map import load_map
-from sim_pybullet.look import NOMINAL
 from trainer.transfer.collect import Source, collect_simulator
 
 
@@ -15,7 +13,7 @@ from trainer.transfer.collect import Source, collect_simulator
 def sim(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("sim") / "frames"
     source = Source("simulator", ("loop",), 6, "nominal", seed=3)
-    collect_simulator(out, [load_map("loop")], [NOMINAL], source, lambda _: None)
+    collect_simulator(out, source, lambda _: None)
     return out
 
 

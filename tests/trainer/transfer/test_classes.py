@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError
 from sim_pybullet.classes import SemanticClass
 from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet, label_set
-from trainer.transfer.metrics import confusion, score
+from trainer.transfer.metrics import score_classes
 
 SETS = pytest.mark.parametrize("labels", LABEL_SETS.values(), ids=str)
 
@@ -40,7 +40,7 @@ def test_scores_are_those_of_the_definition(pairs: list[tuple[int, int]]) -> Non
     if (truth == VOID).all():
         return
     labels = LABEL_SETS["road"]
-    result = score(confusion(truth, guess, 6), labels, 1)
+    result = score_classes(truth, guess, labels)
     counted = truth != VOID
     assert result.pixel_accuracy == pytest.approx((truth == guess)[counted].mean())
     for k, row in enumerate(result.classes):

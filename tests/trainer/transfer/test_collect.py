@@ -10,15 +10,12 @@ from robot.navigation.path_batch import PathBatch
 from robot.navigation.road_map import load_map
 from robot.recording.reader import read_frames
 from sim_pybullet.classes import SemanticClass
-from sim_pybullet.look import NOMINAL
 from sim_pybullet.racing.track import centre_line, load_track
 from trainer.cli import main
 from trainer.transfer.collect import (
-    LANE_LINES,
     Source,
     collect_pictures,
     collect_simulator,
-    lane_positions,
     pictures_at,
     positions,
 )
@@ -29,15 +26,14 @@ def read(path: Path) -> np.ndarray:
     return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
 
 
-def test_frames_labels_and_lanes_belong_together(sim: Path) -> None:
+def test_frames_and_labels_belong_together(sim: Path) -> None:
     names = sorted(path.name for path in (sim / "image").iterdir())
     assert len(names) == 6
     lines = 0
     for name in names:
-        frame, label, lane = (read(sim / part / name) for part in ("image", "label", "lane"))
+        frame, label = (read(sim / part / name) for part in ("image", "label"))
         assert frame.shape == (120, 160, 3)
-        np.testing.assert_array_equal(lane > 0, np.isin(label, LANE_LINES))
-        lines += int((lane > 0).sum())
+        lines += int(np.isin(label, (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE)).sum())
         white, road = (frame[label == k] for k in (SemanticClass.WHITE_LINE, SemanticClass.ROAD))
         if len(white) > 50:
             assert np.median(white) > np.median(road) + 60
@@ -47,7 +43,7 @@ def test_frames_labels_and_lanes_belong_together(sim: Path) -> None:
 
 def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
     source = Source("simulator", ("loop",), 6, "nominal", seed=3)
-    collect_simulator(tmp_path / "a", [load_map("loop")], [NOMINAL], source, lambda _: None)
+    collect_simulator(tmp_path / "a", source, lambda _: None)
     for part in ("image", "label"):
         ours, again = (read(folder / part / "000004.png") for folder in (sim, tmp_path / "a"))
         np.testing.assert_array_equal(ours, again)
@@ -79,7 +75,7 @@ def test_a_failure_leaves_no_folder(tmp_path: Path) -> None:
 
     source = Source("simulator", ("loop",), 40, "nominal")
     with pytest.raises(KeyboardInterrupt):
-        collect_simulator(tmp_path / "out", [load_map("loop")], [NOMINAL], source, stop)
+        collect_simulator(tmp_path / "out", source, stop)
     assert not list(tmp_path.iterdir())
 
 
@@ -95,7 +91,7 @@ def test_wrong_input_is_one_line_and_status_2(
 
 def test_robots_stand_near_their_lane() -> None:
     town = load_map("town")
-    poses = lane_positions(town, 200, np.random.default_rng(0))
+    poses = positions(town, 200, np.random.default_rng(0))
     assert np.mean([town.on_road(x, y) for x, y, _ in poses]) > 0.98
 
 

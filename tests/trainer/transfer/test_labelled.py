@@ -8,17 +8,19 @@ import yaml
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.annotations import (
+from trainer.transfer.classes import CAMVID, ROAD, VOID, RoadClass
+from trainer.transfer.labelled import (
+    SHIPPED,
     Annotations,
     Photograph,
     Shape,
     draw,
     load_annotated,
     load_annotations,
-    shipped_annotations,
+    load_pairs,
+    load_sources,
 )
-from trainer.transfer.classes import CAMVID, ROAD, VOID, RoadClass
-from trainer.transfer.labelled import load_pairs, split_by_sequence
+from trainer.transfer.options import Sources
 from trainer.transfer.parser import draw_batch
 
 SIZE = (12, 16)
@@ -38,7 +40,7 @@ def test_camvid_void_is_void_and_the_end_of_each_sequence_is_held_out(tmp_path: 
     data = load_pairs(tmp_path, CAMVID, SIZE)
     assert (data.truth[:4] == 3).all()
     assert (data.truth[4:] == VOID).all()
-    training, held_out = split_by_sequence(data)
+    ((_, training, held_out),) = load_sources(Sources((str(tmp_path),)), CAMVID, SIZE)
     assert held_out.names == ("a_003", "b_006", "b_007")
     assert set(training.names) | set(held_out.names) == set(data.names)
     assert not set(training.names) & set(held_out.names)
@@ -99,7 +101,7 @@ def test_annotations_find_their_photographs(tmp_path: Path) -> None:
     assert set(np.unique(training.truth)) == {RoadClass.ROAD, VOID}
 
 
-@pytest.mark.parametrize("name", shipped_annotations())
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_annotations_can_be_drawn_and_hold_frames_out(name: str) -> None:
     annotations = load_annotations(name)
     width, height = annotations.size

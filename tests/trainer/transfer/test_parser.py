@@ -11,10 +11,11 @@ from robot.inference.translator import PARSING, OnnxTranslator
 from trainer.cli import main
 from trainer.resumable import Loop
 from trainer.transfer.classes import ROAD
-from trainer.transfer.export import export_parser
 from trainer.transfer.labelled import Labelled
+from trainer.transfer.metrics import score_classes
 from trainer.transfer.networks import SegNet, unpooled
-from trainer.transfer.parser import ParseConfig, Parser, evaluate, load_parser, save_parser, teach
+from trainer.transfer.options import ParseOptions
+from trainer.transfer.parser import Parser, load_parser, save_parser, teach
 
 HEIGHT, WIDTH = 24, 32
 
@@ -47,16 +48,17 @@ def test_values_go_back_where_their_maxima_were(size: tuple[int, int]) -> None:
 
 
 def test_a_stripe_is_learned_and_a_parser_survives_its_file(tmp_path: Path) -> None:
-    config = ParseConfig("road", height_px=HEIGHT, width_px=WIDTH, steps=40, batch=4)
+    config = ParseOptions(size=(HEIGHT, WIDTH), steps=40, batch=4)
     parser = teach(config, [stripes(6)], tmp_path / "checkpoint.pt", Console(quiet=True))
-    result = evaluate(parser, stripes(9))
+    test = stripes(9)
+    result = score_classes(test.truth, parser(test.frames), ROAD)
     assert result.classes[2].iou > 0.6
     save_parser(parser, tmp_path / "parser.pt")
     frames = stripes(3).frames
     assert np.array_equal(load_parser(tmp_path / "parser.pt")(frames), parser(frames))
     with pytest.raises(ConfigError, match="expected frames"):
         parser(frames[:, :8])
-    export_parser(parser, "here", tmp_path / "parser.onnx")
+    parser.export("here", tmp_path / "parser.onnx")
     translator = OnnxTranslator(tmp_path / "parser.onnx")
     assert translator.image == ImageSpec(WIDTH, HEIGHT)
     assert translator.contract.direction == PARSING
@@ -66,9 +68,9 @@ def test_a_stripe_is_learned_and_a_parser_survives_its_file(tmp_path: Path) -> N
 
 def test_what_the_loss_favoured_is_half_undone() -> None:
     torch.manual_seed(0)
-    config = ParseConfig("road", height_px=HEIGHT, width_px=WIDTH)
-    network, frames = config.network(), stripes(4).frames
-    plain = Parser(config, network)(frames)
+    config, frames = ParseOptions(size=(HEIGHT, WIDTH)), stripes(4).frames
+    untaught = Parser(config)
+    network, plain = untaught.network, untaught(frames)
     favoured = int(np.bincount(plain.ravel()).argmax())
     weights = np.ones(6)
     weights[favoured] = 1e6
@@ -116,11 +118,14 @@ def test_the_command_refuses_what_does_not_fit(
         ([], "expected --pairs or --annotations"),
         (["--pairs", str(tmp_path)], "expected pictures"),
         (["--labels", "rode"], "did you mean 'road'"),
-        (["--net", "smal"], "did you mean 'small'"),
     ):
         assert main(["parse", "train", "--out", str(out), *arguments]) == 2
         assert message in capsys.readouterr().err
-        assert not out.exists()
+    with pytest.raises(SystemExit) as ended:
+        main(["parse", "train", "--out", str(out), "--net", "smal"])
+    assert ended.value.code == 2
+    assert "did you mean 'small'" in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_camvid_from_the_command_line(data_dir: Path, tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from trainer.cli import main
 from trainer.presets import preset
 from trainer.transfer.classes import ROAD, RoadClass
 from trainer.transfer.networks import SEGNETS, as_bytes, as_floats
-from trainer.transfer.options import NETS, ThroughOptions
-from trainer.transfer.parser import ParseConfig, Parser, save_parser
+from trainer.transfer.options import NETS, ParseOptions, ThroughOptions
+from trainer.transfer.parser import Parser, save_parser
 from trainer.transfer.pix2pix import (
     PAPER,
     PIX2PIX,
@@ -119,8 +119,7 @@ def write_inputs(folder: Path, size: tuple[int, int]) -> list[str]:
         labels = rng.integers(0, 12, (120, 160), np.uint8)
         cv2.imwrite(str(folder / "sim" / "label" / f"{name}.png"), labels)
     (folder / "sim" / "collection.yaml").write_text("kind: simulator\n")
-    config = ParseConfig("road", height_px=size[0], width_px=size[1])
-    save_parser(Parser(config, config.network()), folder / "parser.pt")
+    save_parser(Parser(ParseOptions(size=size)), folder / "parser.pt")
     names = {"--sim": "sim", "--real": "real", "--parser": "parser.pt"}
     return [text for flag, name in names.items() for text in (flag, str(folder / name))]
 
@@ -153,7 +152,7 @@ def test_an_unknown_net_is_refused() -> None:
     with pytest.raises(ConfigError, match="did you mean 'small'"):
         ThroughOptions("a", "b", "c", "fast", "smal", 1, 0)
     assert set(PIX2PIX) == set(SEGNETS) == set(NETS)
-    with pytest.raises(ConfigError, match="expected road"):
+    with pytest.raises(ConfigError, match="valid: road"):
         ThroughOptions("a", "b", "c", "fast", "small", 1, 0, labels="track")
-    with pytest.raises(ConfigError, match="expected one of true, parser"):
+    with pytest.raises(ConfigError, match="did you mean 'parser'"):
         ThroughOptions("a", "b", "c", "fast", "small", 1, 0, virtual_labels="parse")

@@ -11,7 +11,7 @@ import torch
 from robot.inference.translator import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
-from trainer.transfer.metrics import any_line, bright_lines, overlap
+from trainer.transfer.metrics import bright_lines, overlap, painted_lines
 from trainer.transfer.pictures import load_paint, load_pictures
 from trainer.transfer.unpaired import onnx_file
 
@@ -87,7 +87,7 @@ def test_training_without_folders_is_refused(
 def test_lines_are_found_by_brightness_where_they_are_painted(sim: Path) -> None:
     pictures = load_pictures([sim], FAST)
     paint = load_paint(pictures, FAST)
-    truth = any_line(paint)
+    truth = painted_lines(paint)
     found = bright_lines(pictures.images, paint)
     assert overlap(found, truth) > 0.6  # at the edges pixels are half paint
     dim = (pictures.images * (0.7, 0.6, 0.3)).astype(np.uint8)
