@@ -1,0 +1,199 @@
+"""Distances, scores and the loss of lines against the slow and plain way to say them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from trainer.transfer.classes import CAMVID, ROAD, TRACK
+from trainer.transfer.metrics import (
+    bright_lines,
+    confusion,
+    features,
+    frechet_distance,
+    kernel_distance,
+    overlap,
+    score,
+)
+from trainer.transfer.structure import structure
+
+
+def draws(count: int, width: int, seed: int, scale: float = 1.0, shift: float = 0.0) -> np.ndarray:
+    return shift + scale * np.random.default_rng(seed).normal(size=(count, width))
+
+
+def kernel(a: np.ndarray, b: np.ndarray) -> float:
+    return (float(a @ b) / len(a) + 1.0) ** 3
+
+
+def test_kid_of_few_features_pair_by_pair() -> None:
+    """With no more than a split holds, every split is the whole."""
+    made, real = draws(7, 3, 0, 1.3, 0.4), draws(9, 3, 1)
+    deviation = np.hypot(real.std(0), 2.0 / 255.0)
+    a, b = (made - real.mean(0)) / deviation, (real - real.mean(0)) / deviation
+    within_a = np.mean([kernel(x, y) for i, x in enumerate(a) for j, y in enumerate(a) if i != j])
+    within_b = np.mean([kernel(x, y) for i, x in enumerate(b) for j, y in enumerate(b) if i != j])
+    between = np.mean([kernel(x, y) for x in a for y in b])
+    assert kernel_distance(made, real) == pytest.approx(within_a + within_b - 2.0 * between)
+
+
+def test_kid_is_the_mean_over_forty_splits_of_fifty() -> None:
+    made, real = draws(60, 2, 0, 1.2), draws(70, 2, 1)
+    rng, found = np.random.default_rng(5), []
+    deviation = np.hypot(real.std(0), 2.0 / 255.0)
+    a, b = (made - real.mean(0)) / deviation, (real - real.mean(0)) / deviation
+    for _ in range(40):
+        some = a[rng.choice(60, 50, replace=False)]
+        other = b[rng.choice(70, 50, replace=False)]
+        powers = [(x @ y.T / 2.0 + 1.0) ** 3 for x, y in ((some, some), (other, other))]
+        within = sum((p.sum() - np.trace(p)) / (50 * 49) for p in powers)
+        found.append(within - 2.0 * ((some @ other.T / 2.0 + 1.0) ** 3).mean())
+    assert kernel_distance(made, real, seed=5) == pytest.approx(np.mean(found))
+
+
+def test_fid_of_normal_distributions_along_the_axes() -> None:
+    """(m1 - m2)^2 + (s1 - s2)^2 in each direction, told in deviations of the real ones."""
+    base = np.stack((np.tile((1.0, -1.0), 50), np.repeat((1.0, -1.0), 50)), axis=1)
+    real, made = base * (2.0, 5.0), base * (3.0, 4.0) + (1.0, -2.0)
+    unbiased = math.sqrt(100.0 / 99.0)
+    deviation = np.hypot((2.0, 5.0), 2.0 / 255.0)
+    apart = (1.0 / deviation[0]) ** 2 + (2.0 / deviation[1]) ** 2
+    spread = (unbiased * 1.0 / deviation[0]) ** 2 + (unbiased * 1.0 / deviation[1]) ** 2
+    assert frechet_distance(made, real) == pytest.approx(apart + spread)
+
+
+def test_fid_looks_at_the_main_directions_only() -> None:
+    real = draws(400, 3, 0) @ np.array([[1.0, 1.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 1.0]])
+    near = real + np.array([0.05, -0.05, 0.0])  # across the main direction of two alike
+    assert frechet_distance(near, real, dimensions=2) < 0.1 * frechet_distance(near, real, 3)
+
+
+def test_the_features_of_a_picture_stay_what_they_are() -> None:
+    """Figures of different days compare only as long as these do not change."""
+    x, y = np.meshgrid(np.arange(24), np.arange(16))
+    picture = np.stack((10 * x, 15 * y, (7 * x + 11 * y) % 256), axis=-1).astype(np.uint8)
+    found = features(picture[None])
+    assert found.shape == (1, 2 * 4 * (16 + 24 + 32))
+    assert found.dtype == np.float64
+    sums = [float(part.sum()) for part in np.split(found[0], np.cumsum([64, 64, 96, 96, 128]))]
+    assert sums == pytest.approx([17.2458, 14.1842, 15.6132, 14.643, 18.8193, 13.2985], rel=1e-4)
+
+
+def test_overlap_is_of_all_lines_whatever_their_colour() -> None:
+    found, expected = np.array([[0, 1, 2, 0]]), np.array([[0, 2, 0, 1]])
+    assert overlap(found, expected) == pytest.approx(1.0 / 3.0)
+    assert overlap(found * 0, found * 0) == 1.0
+    assert overlap(found * 0, found) == 0.0
+
+
+def test_confusion_counts_truth_in_rows_and_leaves_void_out() -> None:
+    truth = np.array([[0, 1, 1], [2, 255, 2]], np.uint8)
+    guess = np.array([[0, 1, 2], [2, 1, 0]], np.uint8)
+    assert confusion(truth, guess, 3).tolist() == [[1, 0, 0], [0, 1, 1], [1, 0, 1]]
+
+
+def test_the_scores_of_a_confusion_matrix() -> None:
+    matrix = np.zeros((6, 6), int)
+    matrix[0, :2], matrix[1, :2] = (6, 2), (1, 3)
+    found = score(matrix, ROAD, 4, "here")
+    assert (found.source, found.frames) == ("here", 4)
+    assert found.pixel_accuracy == pytest.approx(9 / 12)
+    assert found.class_accuracy == pytest.approx((6 / 8 + 3 / 4) / 2)
+    assert found.mean_iou == pytest.approx((6 / 9 + 3 / 6) / 2)
+    first, second, third = found.classes[:3]
+    assert (first.name, second.name, third.name) == ("background", "road", "white_line")
+    assert (first.pixels, first.accuracy, first.iou) == pytest.approx((8 / 12, 6 / 8, 6 / 9))
+    assert (second.pixels, second.accuracy, second.iou) == pytest.approx((4 / 12, 3 / 4, 3 / 6))
+    assert third.pixels == 0.0
+    assert math.isnan(third.accuracy)
+    assert math.isnan(third.iou)
+
+
+def lit(dark: int, bright: int) -> tuple[np.ndarray, np.ndarray]:
+    """A picture (1, 6, 8, 3) with two bright columns of eight, and its paint (1, 4, 6, 8)."""
+    picture = np.full((1, 6, 8, 3), dark, np.uint8)
+    picture[:, :, 2:4, :2], picture[..., 2] = bright, 255  # blue says nothing
+    paint = np.zeros((1, 4, 6, 8), np.uint8)
+    paint[:, 3] = 255
+    paint[:, 3, :, 2:4] = 0
+    paint[:, 0, :, 2], paint[:, 1, :, 3] = 255, 255
+    return picture, paint
+
+
+@pytest.mark.parametrize(("bright", "found"), [(126, True), (124, False)])
+def test_bright_paint_is_twenty_five_levels_above_the_road(bright: int, found: bool) -> None:
+    picture, paint = lit(100, bright)
+    mask = bright_lines(picture, paint)
+    assert mask.dtype == np.uint8
+    assert mask[0, :, 2:4].all() == found
+    assert not mask[0, :, :2].any()
+    assert not mask[0, :, 4:].any()
+
+
+@pytest.mark.parametrize(("share", "looked_at"), [(250, True), (249, False)])
+def test_lines_are_looked_for_where_all_but_a_fiftieth_is_floor(
+    share: int, looked_at: bool
+) -> None:
+    picture, paint = lit(50, 200)
+    paint[:, 1, :, 3] = share
+    assert bool(bright_lines(picture, paint)[0, :, 3].any()) is looked_at
+    paint[:] = 0
+    assert not bright_lines(picture, paint).any()
+
+
+def windowed(values: np.ndarray) -> np.ndarray:
+    """(H - 6, W - 6, 49) windows of 7 by 7."""
+    found = np.lib.stride_tricks.sliding_window_view(values, (7, 7))
+    return found.reshape(*found.shape[:2], 49)
+
+
+def unlike(seen: np.ndarray, template: np.ndarray) -> float:
+    """Window by window: the deviation of the template, times one minus the correlation."""
+    total = weights = 0.0
+    for a, b in zip(
+        windowed(seen).reshape(-1, 49), windowed(template).reshape(-1, 49), strict=True
+    ):
+        if b.var() <= 1e-3:
+            continue
+        likeness = np.mean((a - a.mean()) * (b - b.mean())) / math.sqrt(
+            (a.var() + 1e-4) * (b.var() + 1e-4)
+        )
+        total += b.std() * (1.0 - likeness)
+        weights += b.std()
+    return total / max(weights, 1.0)
+
+
+def test_the_loss_of_lines_window_by_window() -> None:
+    rng = np.random.default_rng(0)
+    picture = rng.uniform(-1.0, 1.0, (3, 18, 30))
+    paint = np.zeros((4, 18, 30))
+    paint[0, :, 4:7], paint[1, :, 12:14], paint[2, :, 16:17] = 1.0, 1.0, 1.0
+    paint[3] = 1.0 - paint[:3].sum(0)
+    picture[:, :, 18:] *= 0.5  # bare road: some of its contrasts are those of a line
+    brightness, yellowness = picture.mean(0), 0.5 * (picture[0] + picture[1]) - picture[2]
+    expected = unlike(brightness, paint[0] + 0.8 * paint[1]) + unlike(yellowness, paint[1])
+    bare = windowed(paint[3]).mean(-1) > 0.99
+    contrast = np.sqrt(windowed(brightness).var(-1) + 1e-4)
+    excess = np.maximum(contrast - 0.2, 0.0)[bare]
+    assert 0.0 < (excess > 0.0).mean() < 1.0
+    expected += excess.sum() / max(bare.sum(), 1.0)
+    given = (torch.from_numpy(each).float()[None] for each in (picture, paint))
+    assert float(structure(*given)) == pytest.approx(expected, rel=1e-3)
+
+
+def test_every_class_of_the_simulator_has_its_place_in_each_set_of_labels() -> None:
+    names = [[labels.classes[k] for k in labels.of_simulator] for labels in (CAMVID, ROAD, TRACK)]
+    assert {each[0] for each in names} == {"sky", "background"}
+    assert all(len(each) == 12 for each in names)
+    assert all(len(set(labels.colours)) == len(labels.classes) for labels in (CAMVID, ROAD, TRACK))
+    for labels in (ROAD, TRACK):  # a pixel half painted is still read as what it is
+        half = [tuple(c // 2 + 40 for c in colour) for colour in labels.colours]
+        assert labels.read(np.array(labels.colours, np.uint8)).tolist() == list(
+            range(len(labels.classes))
+        )
+        assert len(half) == len(labels.classes)
+    painted = ROAD.paint(np.array([1, 255], np.uint8))
+    assert painted.tolist() == [[70, 70, 70], [0, 0, 0]]
