@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Iterator, List, Optional
 
 from robot.config import CameraConfig, RobotConfig
-from robot.doctor.devices import check_camera, check_hat, check_mount
-from robot.doctor.findings import Finding, Level, fail, ok, warn
-from robot.doctor.health import check_clock, check_disk, check_heat, check_throttling
+from robot.doctor.devices import check_camera, check_disk, check_hat, check_heat, check_mount
+from robot.doctor.findings import FAIL, OK, WARN, Finding
 from robot.doctor.machine import Machine
 from robot.doctor.software import check_link, check_map, check_policy, check_python
 from robot.errors import ConfigError
@@ -25,9 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument("--config", type=Path, help="the robot's YAML file")
     parser.add_argument("--json", type=Path, help="file to write")
-    parser.add_argument(
-        "--place", type=Path, default=Path("."), help="where recordings are written"
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -37,13 +33,13 @@ def run(options: argparse.Namespace) -> int:
     for finding in examine(Machine(), options.config):
         findings.append(finding)
         print(finding.line, flush=True)
-    counts = {level: sum(f.level is level for f in findings) for level in Level}
-    print(", ".join(f"{count} {level.value}" for level, count in counts.items()))
+    counts = {level: sum(f.level == level for f in findings) for level in (OK, WARN, FAIL)}
+    print(", ".join(f"{count} {level}" for level, count in counts.items()))
     if options.json:
         inputs = {"config": str(options.config) if options.config else None}
-        told = [{**finding._asdict(), "level": finding.level.value} for finding in findings]
+        told = [finding._asdict() for finding in findings]
         write_json(options.json, {"schema": 1, "inputs": inputs, "findings": told})
-    return int(counts[Level.FAIL] > 0)
+    return int(counts[FAIL] > 0)
 
 
 def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
@@ -56,13 +52,14 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
     yield from check_python(machine)
     config: Optional[RobotConfig] = None
     if config_path is None:
-        yield warn("config", "none given: defaults are looked at", "--config /etc/.../robot.yaml")
+        yield Finding("config", WARN, "none given: defaults are looked at", "--config FILE")
     else:
         try:
             config = load_yaml(RobotConfig, config_path)
-            yield ok("config", f"{config_path}: robot {config.name!r}")
+            yield Finding("config", OK, f"{config_path}: robot {config.name!r}")
         except ConfigError as error:
-            yield fail("config", str(error), "mend the file; docs/runtime.md describes it")
+            remedy = "mend the file; docs/runtime.md describes it"
+            yield Finding("config", FAIL, str(error), remedy)
     camera = config.camera if config else CameraConfig()
     yield check_hat(machine, config.hat if config else HatConfig())
     yield check_camera(machine, camera)
@@ -73,5 +70,3 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
         yield from check_link(machine, config)
     yield check_disk(machine, config.recording if config else None)
     yield check_heat(machine)
-    yield check_throttling(machine)
-    yield check_clock(machine)

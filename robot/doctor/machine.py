@@ -16,7 +16,6 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from robot.config import CameraConfig
-from robot.errors import HardwareError
 from robot.hat.bus import I2cBus, SmbusBus
 from robot.runtime.assemble import CAPTURE_PX, open_stream
 
@@ -24,14 +23,13 @@ CONNECT_S = 1.0
 
 
 class CameraLook(NamedTuple):
-    """What a camera gave in a while; ``problem`` is "" unless it ended early."""
+    """What a camera gave in a while."""
 
-    pictures: int = 0
-    seconds: float = 0.0  # from the first picture to the last
-    size_px: Tuple[int, int] = (0, 0)
-    repeats: int = 0  # pictures with the bytes of the one before
-    brightness: float = 0.0  # mean of the last, 0 to 255
-    problem: str = ""
+    pictures: int
+    seconds: float  # from the first picture to the last
+    size_px: Tuple[int, int]
+    repeats: int  # pictures with the bytes of the one before
+    brightness: float  # mean of the last, 0 to 255
 
     @property
     def rate_hz(self) -> float:
@@ -68,29 +66,19 @@ class Machine:
         return SmbusBus(number)
 
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
-        """Look through a camera that is no replay for a while."""
-        look, last, began_s = CameraLook(), None, 0.0
+        """Look through a camera for a while; HardwareError when it ends before."""
+        stream = open_stream(camera, CAPTURE_PX)
         try:
-            stream = open_stream(camera, CAPTURE_PX)
-        except HardwareError as error:
-            return look._replace(problem=str(error))
-        try:
-            while look.seconds < seconds:
-                picture = stream.grab()
-                began_s = began_s or time.monotonic()
-                look = CameraLook(
-                    look.pictures + 1,
-                    time.monotonic() - began_s,
-                    (picture.shape[1], picture.shape[0]),
-                    look.repeats + (last is not None and np.array_equal(picture, last)),
-                    float(picture.mean()),
-                )
-                last = picture
-        except HardwareError as error:
-            look = look._replace(problem=str(error))
+            picture, count, repeats = stream.grab(), 1, 0
+            began_s = now_s = time.monotonic()
+            while now_s < began_s + seconds:
+                last, picture = picture, stream.grab()
+                now_s, count = time.monotonic(), count + 1
+                repeats += np.array_equal(picture, last)
         finally:
             stream.close()
-        return look
+        size = (picture.shape[1], picture.shape[0])
+        return CameraLook(count, now_s - began_s, size, repeats, float(picture.mean()))
 
     def free_bytes(self, path: Path) -> int:
         """Free space on the disk of ``path``."""
@@ -105,25 +93,6 @@ class Machine:
                 found[name] = int((zone / "temp").read_text(encoding="ascii")) / 1000.0
         return found
 
-    def frequencies_khz(self) -> List[Tuple[int, int]]:
-        """Highest frequency allowed and possible, for each core; empty where nobody knows."""
-        found = []
-        for folder in sorted(Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq")):
-            with suppress(OSError, ValueError):
-                names = ("scaling_max_freq", "cpuinfo_max_freq")
-                allowed, possible = (int((folder / n).read_text(encoding="ascii")) for n in names)
-                found.append((allowed, possible))
-        return found
-
-    def wall_time_s(self) -> float:
-        """Seconds since 1970."""
-        return time.time()
-
-    def time_is_synchronised(self) -> Optional[bool]:
-        """Whether a time server was heard (systemd-timesyncd leaves a file); None where unknown."""
-        folder = Path("/run/systemd/timesync")
-        return (folder / "synchronized").exists() if folder.is_dir() else None
-
     def connects(self, host: str, port: int) -> str:
         """Why nobody answers there; "" when somebody does."""
         try:
@@ -131,13 +100,3 @@ class Machine:
         except OSError as error:
             return re.sub(r"^\[Errno -?\d+\] ", "", str(error))
         return ""
-
-    def port_is_free(self, port: int) -> bool:
-        """Whether a program can listen on it."""
-        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                listener.bind(("", port))
-            except OSError:
-                return False
-        return True

@@ -13,7 +13,7 @@ import pytest
 from robot.cli import main
 from robot.cli.doctor import examine
 from robot.config import CameraConfig
-from robot.doctor.findings import Finding, Level
+from robot.doctor.findings import FAIL, OK, WARN, Finding
 from robot.doctor.machine import CameraLook, Machine
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
@@ -36,11 +36,8 @@ class Patient:
     look: CameraLook = field(default_factory=lambda: CameraLook(60, 2.0, (320, 240), 0, 100.0))
     free: int = 20_000_000_000
     heat: Dict[str, float] = field(default_factory=lambda: {"CPU-therm": 45.0, "PMIC-Die": 100.0})
-    frequencies: Tuple[Tuple[int, int], ...] = ((1_479_000, 1_479_000),) * 4
-    wall_s: float = 1.8e9
-    synchronised: Optional[bool] = True
     unreachable: str = ""
-    free_ports: bool = True
+    dead_camera: str = ""
 
     def python(self) -> Tuple[int, int]:
         return self.version
@@ -63,6 +60,8 @@ class Patient:
 
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
         assert camera.kind != "replay"
+        if self.dead_camera:
+            raise HardwareError(self.dead_camera)
         return self.look
 
     def free_bytes(self, path: Path) -> int:
@@ -71,20 +70,8 @@ class Patient:
     def temperatures_c(self) -> Dict[str, float]:
         return self.heat
 
-    def frequencies_khz(self) -> List[Tuple[int, int]]:
-        return list(self.frequencies)
-
-    def wall_time_s(self) -> float:
-        return self.wall_s
-
-    def time_is_synchronised(self) -> Optional[bool]:
-        return self.synchronised
-
     def connects(self, host: str, port: int) -> str:
         return self.unreachable
-
-    def port_is_free(self, port: int) -> bool:
-        return self.free_ports
 
 
 def bus_with_hat(address: int = 0x6F) -> VirtualI2cBus:
@@ -118,9 +105,9 @@ def diagnose(patient: Patient, config: Optional[Path]) -> Dict[str, Finding]:
 
 def test_a_healthy_robot_is_well_in_every_respect(patient: Patient, config: Path) -> None:
     findings = diagnose(patient, config)
-    assert {finding.level for finding in findings.values()} == {Level.OK}, findings
+    assert {finding.level for finding in findings.values()} == {OK}, findings
     assert not any(finding.remedy for finding in findings.values())
-    assert len(findings) == 14
+    assert len(findings) == 12
 
 
 Ail = Callable[[Patient], object]
@@ -134,43 +121,34 @@ def looks(**changes: object) -> Ail:
     return lambda patient: setattr(patient, "look", patient.look._replace(**changes))
 
 
-AILMENTS: Dict[str, Tuple[Ail, str, Level, str]] = {
-    "old Python": (sets(version=(3, 6)), "Python", Level.FAIL, "python3.8"),
-    "no smbus2": (sets(without=("smbus2",)), "packages", Level.FAIL, "pip install smbus2"),
+AILMENTS: Dict[str, Tuple[Ail, str, str, str]] = {
+    "old Python": (sets(version=(3, 6)), "Python", FAIL, "python3.8"),
+    "no smbus2": (sets(without=("smbus2",)), "packages", FAIL, "pip install smbus2"),
     "deadly onnxruntime": (
         sets(packages={"onnxruntime": "1.21.0"}),
         "packages",
-        Level.FAIL,
+        FAIL,
         "onnxruntime==1.19.2",
     ),
-    "no bus": (sets(hats={}), "motor HAT", Level.FAIL, "pins 3 and 5"),
-    "no HAT": (sets(hats={1: VirtualI2cBus()}), "motor HAT", Level.FAIL, "i2cdetect -y -r 1"),
-    "another bus": (sets(hats={7: bus_with_hat(0x60)}), "motor HAT", Level.FAIL, "{bus: 7, addres"),
-    "not in the group": (sets(hats={0: VirtualI2cBus()}), "motor HAT", Level.FAIL, "to i2c"),
+    "no bus": (sets(hats={}), "motor HAT", FAIL, "pins 3 and 5"),
+    "no HAT": (sets(hats={1: VirtualI2cBus()}), "motor HAT", FAIL, "i2cdetect -y -r 1"),
+    "another bus": (sets(hats={7: bus_with_hat(0x60)}), "motor HAT", FAIL, "{bus: 7, addres"),
+    "not in the group": (sets(hats={0: VirtualI2cBus()}), "motor HAT", FAIL, "to i2c"),
     "camera absent": (
-        looks(problem="/dev/video0: does not open"),
+        sets(dead_camera="/dev/video0: does not open"),
         "camera",
-        Level.FAIL,
+        FAIL,
         "nvargus-daemon",
     ),
-    "camera slow": (looks(pictures=11), "camera", Level.FAIL, "light"),
-    "camera slower than told": (looks(pictures=31), "camera", Level.WARN, "camera.fps"),
-    "camera frozen": (looks(repeats=59), "camera", Level.FAIL, "plug the camera again"),
-    "lens covered": (looks(brightness=3.0), "camera", Level.WARN, "cap"),
-    "localizer away": (sets(unreachable="timed out"), "localizer", Level.WARN, "is it running"),
-    "driving already": (sets(free_ports=False), "ports", Level.WARN, "systemctl status"),
-    "disk full": (sets(free=400_000_000), "disk", Level.FAIL, "delete"),
-    "disk filling": (sets(free=800_000_000), "disk", Level.WARN, "delete"),
-    "hot": (sets(heat={"CPU-therm": 95.0}), "temperature", Level.FAIL, "fan"),
-    "warm": (sets(heat={"CPU-therm": 80.0}), "temperature", Level.WARN, "fan"),
-    "throttled": (
-        sets(frequencies=((918_000, 1_479_000),)),
-        "throttling",
-        Level.WARN,
-        "nvpmodel -m 0",
-    ),
-    "no battery for the clock": (sets(wall_s=0.0), "clock", Level.WARN, "date -s"),
-    "no time server": (sets(synchronised=False), "clock", Level.WARN, "network"),
+    "camera slow": (looks(pictures=11), "camera", FAIL, "light"),
+    "camera slower than told": (looks(pictures=31), "camera", WARN, "camera.fps"),
+    "camera frozen": (looks(repeats=59), "camera", FAIL, "plug the camera again"),
+    "lens covered": (looks(brightness=3.0), "camera", WARN, "cap"),
+    "localizer away": (sets(unreachable="timed out"), "localizer", WARN, "is it running"),
+    "disk full": (sets(free=400_000_000), "disk", FAIL, "delete"),
+    "disk filling": (sets(free=800_000_000), "disk", WARN, "delete"),
+    "hot": (sets(heat={"CPU-therm": 95.0}), "temperature", FAIL, "fan"),
+    "warm": (sets(heat={"CPU-therm": 80.0}), "temperature", WARN, "fan"),
 }
 
 
@@ -181,45 +159,45 @@ def test_each_ailment_is_found_alone_with_what_to_do(
     befall, name, level, remedy = AILMENTS[ailment]
     befall(patient)
     findings = diagnose(patient, config)
-    assert findings[name].level is level
+    assert findings[name].level == level
     assert remedy in findings[name].remedy
     assert remedy in findings[name].line
-    assert [f.name for f in findings.values() if f.level is not Level.OK] == [name]
+    assert [f.name for f in findings.values() if f.level != OK] == [name]
 
 
-SETTINGS: Dict[str, Tuple[Callable[[str], str], str, Level, str]] = {
-    "unknown key": (lambda text: text + "modle: x\n", "config", Level.FAIL, "did you mean 'model'"),
-    "no such model": (lambda t: t.replace("nav.onnx", "x.onnx"), "policy", Level.FAIL, "x.onnx"),
+SETTINGS: Dict[str, Tuple[Callable[[str], str], str, str, str]] = {
+    "unknown key": (lambda text: text + "modle: x\n", "config", FAIL, "did you mean 'model'"),
+    "no such model": (lambda t: t.replace("nav.onnx", "x.onnx"), "policy", FAIL, "x.onnx"),
     "no such translator": (
         lambda text: text + "translator: x2.onnx\n",
         "policy",
-        Level.FAIL,
+        FAIL,
         "x2.onnx",
     ),
-    "no such map": (lambda t: t.replace("town", "twon"), "map", Level.FAIL, "did you mean 'town'"),
-    "no such keys": (lambda t: t.replace("keys/robot", "keys/r"), "keys", Level.FAIL, "keygen"),
+    "no such map": (lambda t: t.replace("town", "twon"), "map", FAIL, "did you mean 'town'"),
+    "no such keys": (lambda t: t.replace("keys/robot", "keys/r"), "keys", FAIL, "keygen"),
     "another's keys": (
         lambda t: t.replace("keys/robot", "keys/monitor"),
         "keys",
-        Level.FAIL,
+        FAIL,
         "another machine's folder",
     ),
     "tilted camera": (
         lambda t: t.replace("0.34", "0.44"),
         "camera mount",
-        Level.WARN,
+        WARN,
         "tilt it up by 6.1°",
     ),
     "unmeasured camera": (
         lambda t: t.replace("{mount: {pitch_rad: 0.34, height_m: 0.11}}", "{}"),
         "camera mount",
-        Level.WARN,
+        WARN,
         "calibrate camera",
     ),
     "replayed camera": (
         lambda t: t.replace("{mount", "{kind: replay, path: nowhere, mount"),
         "camera",
-        Level.FAIL,
+        FAIL,
         "nowhere: expected a folder of pictures or a video",
     ),
 }
@@ -230,7 +208,7 @@ def test_each_wrong_setting_is_found(patient: Patient, config: Path, setting: st
     change, name, level, says = SETTINGS[setting]
     config.write_text(change(config.read_text()))
     finding = diagnose(patient, config)[name]
-    assert finding.level is level
+    assert finding.level == level
     assert says in finding.line
 
 
@@ -246,7 +224,7 @@ def test_keys_that_others_can_read_and_a_navigator_without_a_map_fail(
 def test_a_stuck_bus_is_told_as_such(patient: Patient, config: Path) -> None:
     patient.hats[1].inject(BusFault.STUCK, count=100)
     finding = diagnose(patient, config)["motor HAT"]
-    assert finding.level is Level.FAIL
+    assert finding.level == FAIL
     assert "cycle the power" in finding.remedy
 
 
@@ -259,7 +237,7 @@ def test_a_robot_without_a_link_needs_none(patient: Patient, tmp_path: Path) -> 
     model = write_policy(tmp_path / "lane.onnx", lane_contract())
     (tmp_path / "robot.yaml").write_text(f"model: {model}\n")
     findings = diagnose(patient, tmp_path / "robot.yaml")
-    assert findings["link"].level is Level.OK
+    assert findings["link"].level == OK
     assert "localizer" not in findings
 
 
@@ -284,4 +262,3 @@ def test_this_computer_can_be_looked_at(tmp_path: Path) -> None:
     assert machine.free_bytes(tmp_path) > 0
     assert "refused" in machine.connects("127.0.0.1", 9)
     assert all(math.isfinite(t) for t in machine.temperatures_c().values())
-    assert all(allowed > 0 for allowed, _ in machine.frequencies_khz())
