@@ -56,46 +56,17 @@ def find_board(picture: np.ndarray) -> Optional[np.ndarray]:
     return np.ascontiguousarray(grid).reshape(-1, 2)
 
 
-def board_squares_m() -> List[Tuple[float, float]]:
-    """Lower left corners of the black squares on the sheet, from its lower left corner [m]."""
-    return [
-        (MARGIN_M[0] + column * SQUARE_M, MARGIN_M[1] + row * SQUARE_M)
-        for row in range(ROWS)
-        for column in range(COLUMNS)
-        if (row + column) % 2 == 0
-    ]
-
-
-def sheet_svg() -> str:
-    """The sheet as SVG in true millimetres."""
-    width, height = (1e3 * length for length in SHEET_M)
-    side = 1e3 * SQUARE_M
-    size = f'width="{side:g}" height="{side:g}"'
-    squares = "\n".join(
-        f'<rect x="{1e3 * x:g}" y="{height - 1e3 * y - side:g}" {size}/>'
-        for x, y in board_squares_m()
-    )
-    left, low = 1e3 * MARGIN_M[0], height - 8.0
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}mm" height="{height:g}mm" '
-        f'viewBox="0 0 {width:g} {height:g}">\n'
-        f'<rect width="{width:g}" height="{height:g}" fill="white"/>\n{squares}\n'
-        f'<text x="{left:g}" y="{low - 5:g}" font-family="sans-serif" font-size="5">'
-        f"{_TEXT}</text>\n"
-        f'<path d="M {left:g} {low:g} h {1e3 * RULER_M:g}" stroke="black" stroke-width="0.5"/>\n'
-        "</svg>\n"
-    )
-
-
 def sheet_pdf() -> bytes:
     """The sheet as PDF 1.4, one page in true size."""
     width, height = (POINTS_PER_M * side for side in SHEET_M)
-    side = POINTS_PER_M * SQUARE_M
+    left, low, side = (POINTS_PER_M * length for length in (MARGIN_M[0], 0.008, SQUARE_M))
     squares = "\n".join(
-        f"{POINTS_PER_M * x:.3f} {POINTS_PER_M * y:.3f} {side:.3f} {side:.3f} re"
-        for x, y in board_squares_m()
+        f"{left + column * side:.3f} {POINTS_PER_M * MARGIN_M[1] + row * side:.3f} "
+        f"{side:.3f} {side:.3f} re"
+        for row in range(ROWS)
+        for column in range(COLUMNS)
+        if (row + column) % 2 == 0
     )
-    left, low = POINTS_PER_M * MARGIN_M[0], POINTS_PER_M * 0.008
     drawn = (
         f"{squares}\nf\n{left:.3f} {low:.3f} m {left + POINTS_PER_M * RULER_M:.3f} {low:.3f} l S\n"
         f"BT /F1 12 Tf {left:.3f} {low + 14.0:.3f} Td ({_TEXT}) Tj ET\n"
@@ -108,16 +79,12 @@ def sheet_pdf() -> bytes:
         f"<< /Length {len(drawn)} >>\nstream\n{drawn}endstream",
         "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
     )
-    text, offsets = "%PDF-1.4\n", []
+    text, table = "%PDF-1.4\n", f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n"
     for number, body in enumerate(objects, 1):
-        offsets.append(len(text))
+        table += f"{len(text):010d} 00000 n \n"
         text += f"{number} 0 obj\n{body}\nendobj\n"
-    table = "".join(f"{offset:010d} 00000 n \n" for offset in offsets)
-    trailer = (
-        f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(text)}\n%%EOF\n"
-    )
-    head = f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n"
-    return (text + head + table + trailer).encode("latin-1")
+    trailer = f"<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(text)}\n%%EOF\n"
+    return f"{text}{table}trailer\n{trailer}".encode("latin-1")
 
 
 SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well

@@ -15,8 +15,7 @@ from robot.bringup import chessboard
 from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
 from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
-from robot.bringup.wheel_guides import GUIDES, Guide
-from robot.bringup.wheels import Values
+from robot.bringup.wheels import GUIDES, Guide, Values
 from robot.bringup.yaml_edit import edit_yaml
 from robot.camera.replay import read_picture
 from robot.command_line import number
@@ -41,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     kinds = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     sheet = kinds.add_parser("target", help="draw the chessboard to print")
-    sheet.add_argument("--out", type=Path, required=True, help="a .pdf or .svg file to write")
+    sheet.add_argument("--out", type=Path, required=True, help="a .pdf file to write")
     for name, purpose in PURPOSES.items():
         _add_config(kinds.add_parser(name, help=purpose))
     camera = kinds.add_parser("camera", help="pitch, roll and height of the camera: board on floor")
@@ -91,18 +90,14 @@ def run(options: argparse.Namespace) -> None:
 def keep(path: Path, values: Values, person: Prompts) -> None:
     """Write the values, and show what changed; ConfigError when the robot would refuse them."""
     for edit in edit_yaml(RobotConfig, path, values):
-        person.tell(str(edit))
+        person.tell(edit)
 
 
 def write_target(path: Path) -> None:
-    """Draw the chessboard; ConfigError for another ending than .pdf and .svg."""
-    drawings = {
-        ".pdf": chessboard.sheet_pdf,
-        ".svg": lambda: chessboard.sheet_svg().encode("utf-8"),
-    }
-    if path.suffix not in drawings:
-        raise ConfigError(f"--out: expected a name that ends in .pdf or .svg, got {path}")
-    write_bytes(path, drawings[path.suffix]())
+    """Draw the chessboard; ConfigError for another ending than .pdf."""
+    if path.suffix != ".pdf":
+        raise ConfigError(f"--out: expected a name that ends in .pdf, got {path}")
+    write_bytes(path, chessboard.sheet_pdf())
     print(f"{path}: print it on A4 or Letter at 100 %, and check the 100 mm line with a ruler")
 
 

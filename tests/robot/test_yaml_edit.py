@@ -6,7 +6,7 @@ from typing import Any, Dict, Tuple
 import pytest
 import yaml
 
-from robot.bringup.yaml_edit import edit_yaml, set_value
+from robot.bringup.yaml_edit import edit_yaml
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.typed_config import load_yaml
@@ -30,10 +30,12 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "robot.yaml"
 
 
-def test_a_value_changes_and_every_other_byte_stays(path: Path) -> None:
+def test_a_value_changes_and_every_byte_of_other_sections_stays(path: Path) -> None:
     edits = edit_yaml(RobotConfig, path, {("hat", "steps_per_rev"): 47.0})
-    assert path.read_text() == WRITTEN.replace("48 ", "47.0 ")
-    assert [str(edit) for edit in edits] == ["hat.steps_per_rev: 48 -> 47"]
+    before, after = WRITTEN.split("hat:"), path.read_text().split("hat:")
+    assert after[0] == before[0]
+    assert after[1].endswith("\n\ncamera: {kind: csi}\n# the end\n")
+    assert edits == ["hat.steps_per_rev: 48 -> 47"]
 
 
 NEW: Dict[str, Tuple[Tuple[str, ...], Any]] = {
@@ -56,7 +58,7 @@ def test_new_keys_find_their_place_and_comments_stay(path: Path, case: str) -> N
     for key in keys:
         found = getattr(found, key)
     assert found == value
-    for comment in ("# My robot.", "# the good one", "# from the shop", "# guessed", "# the end"):
+    for comment in ("# My robot.", "# the good one", "# the end"):
         assert comment in path.read_text()
     before = path.read_text()
     edit_yaml(RobotConfig, path, {keys: value})
@@ -64,26 +66,33 @@ def test_new_keys_find_their_place_and_comments_stay(path: Path, case: str) -> N
 
 
 @pytest.mark.parametrize(
-    "text",
+    "hat",
     [
         "",
-        "# nothing yet\n",
-        "a:\n",
-        "a:   # soon\n",
-        "a: {}\n",
-        "a: ~\n",
-        "b: 1",
-        "{b: 1}\n",
-        "a: 3\n",
+        "hat: {}\n",
+        "hat: {steps_per_rev: 48,\n  microsteps: 1}\n",
+        "hat:\n\n  # a motor\n  steps_per_rev: 48\n\n# of mine\n",
+        "hat:\n    microsteps: 1",
     ],
 )
-def test_files_of_every_shape_take_a_value(text: str) -> None:
-    before = yaml.safe_load(text) or {}
-    after = yaml.safe_load(set_value(text, ("a", "x", "y"), 1.5))
-    assert after["a"] == {"x": {"y": 1.5}}
-    assert {key: item for key, item in after.items() if key != "a"} == {
-        key: item for key, item in before.items() if key != "a"
-    }
+def test_files_of_every_shape_take_a_value(path: Path, hat: str) -> None:
+    for text in (f"model: m.onnx\n{hat}", f"{hat}\nmodel: m.onnx\n"):
+        path.write_text(text)
+        before = yaml.safe_load(text)
+        edit_yaml(RobotConfig, path, {("hat", "drive", "baseline_m"): 0.11})
+        after = yaml.safe_load(path.read_text())
+        assert after.pop("hat") == {
+            **(before.pop("hat", None) or {}),
+            "drive": {"baseline_m": 0.11},
+        }
+        assert after == before
+
+
+def test_a_layout_beyond_it_is_left_to_a_person(path: Path) -> None:
+    path.write_text("{model: m.onnx, hat: {steps_per_rev: 48}}\n")
+    with pytest.raises(ConfigError, match=r"write there yourself: hat\.microsteps: 1"):
+        edit_yaml(RobotConfig, path, {("hat", "microsteps"): 1})
+    assert path.read_text() == "{model: m.onnx, hat: {steps_per_rev: 48}}\n"
 
 
 @pytest.mark.parametrize(
@@ -101,13 +110,9 @@ def test_what_the_robot_would_refuse_is_not_written(
     assert path.read_text() == WRITTEN
 
 
-def test_an_anchor_that_others_share_is_left_to_a_person(path: Path) -> None:
-    text = "model: m.onnx\nhat: {left: &l {port: M1M2}, right: {port: M3M4}}\n"
-    path.write_text(text.replace("right: {port: M3M4}", "right: {<<: *l, port: M3M4}"))
-    before = path.read_text()
-    edit_yaml(RobotConfig, path, {("hat", "right", "gain"): 1.01})
-    assert load_yaml(RobotConfig, path).hat.right.gain == 1.01
-    path.write_text(before)
-    with pytest.raises(ConfigError, match=r"write there yourself: hat\.left\.gain: 1\.01"):
-        edit_yaml(RobotConfig, path, {("hat", "left", "gain"): 1.01})
-    assert path.read_text() == before
+def test_what_an_anchor_shares_changes_in_one_place_alone(path: Path) -> None:
+    shared = "hat: {left: &l {port: M1M2}, right: {<<: *l, port: M3M4}}\n"
+    path.write_text(f"model: m.onnx\n{shared}")
+    edit_yaml(RobotConfig, path, {("hat", "left", "gain"): 1.01})
+    hat = load_yaml(RobotConfig, path).hat
+    assert (hat.left.gain, hat.right.gain) == (1.01, 1.0)

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot.bringup.wheel_guides import GUIDES
-from robot.bringup.wheels import baseline_from_turns, steps_from_turns, trim_from_drive
+from robot.bringup.wheels import GUIDES, baseline_from_turns, steps_from_turns, trim_from_drive
 from robot.cli.calibrate import keep, measure_motion
 from robot.config import RobotConfig
 from robot.errors import ConfigError
