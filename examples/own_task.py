@@ -6,7 +6,7 @@
     python examples/own_task.py report runs/keep_right
 
 The file registers its task and is the trainer's command line besides. It changes the reward; a task
-may as well choose its paths (`PathTask._mission`), its ends (`step`), its vehicle, and whether its
+may as well choose its paths (`Task._mission`), its ends (`step`), its vehicle, and whether its
 policies are shown a path. See `sim_pybullet/tasks/`, where the project's own lie.
 """
 

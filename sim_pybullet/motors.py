@@ -61,17 +61,17 @@ class MotorModel:
         """
         return self._counted.copy()
 
-    def step(self, wheel_mps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Advance by one time step under commanded wheel speeds.
 
         Args:
-            wheel_mps: (N, 2) left and right rim speeds [m/s].
+            actions: (N, 2) left and right rim speeds [m/s].
             rng: draws the noise of the wheels.
 
         Returns:
             (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.
         """
-        self._commands.push(wheel_mps)
+        self._commands.push(actions)
         commands = self._commands.read()
         wheels = commands * self._gains
         if self._noise.any():

@@ -1,4 +1,4 @@
-"""``Vehicle``: what carries out the actions of a task, N at once."""
+"""``Vehicle``: what carries out the actions of a task, N at once; the project's robot is one."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.contract import ACTION_WHEELS, MAX_WHEEL_MPS, ActionTable
+from robot.contract import ACTION_TWISTS, ACTION_WHEELS, MAX_WHEEL_MPS, ActionTable
 from robot.navigation.path_batch import PathBatch
-from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import MotorModel
 
 ACTION_TABLE = np.array(ACTION_WHEELS)  # (5, 2) left and right rim speed [m/s]
+LOOKAHEAD_M = 0.14
+_CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]
 
 
 class Vehicle(Protocol):
@@ -40,34 +41,35 @@ class Vehicle(Protocol):
         """(N,) what a driver would choose who knows the true poses (N, 3) and the path."""
 
 
-class WheeledRobots:
+class WheeledRobots(MotorModel):
     """The project's robot: five actions, each a pair of wheel speeds, and its motors."""
 
-    def __init__(self, n_robots: int) -> None:
-        self._motors = MotorModel(n_robots)
-
-    @property
-    def actions(self) -> ActionTable:
-        """Left and right rim speed [m/s] of `robot.contract.Action`."""
-        return tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
-
-    @property
-    def counted(self) -> np.ndarray:
-        """See `sim_pybullet.motors.MotorModel.counted`."""
-        return self._motors.counted
-
-    def reset(self, i: int, look: DriveLook) -> None:
-        """Robot ``i`` stands still, with no command under way."""
-        self._motors.reset(i, look)
+    actions: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Advance by one physics step; (N, 2) forward speed [m/s] and turn rate [rad/s].
-
-        Pairs are left and right rim speed as shares of the greatest in the table.
-        """
+        """As of `Vehicle`; pairs are rim speeds as shares of the greatest in the table."""
         speeds = ACTION_TABLE[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
-        return self._motors.step(speeds, rng)
+        return super().step(speeds, rng)
 
     def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-        """(N,) see `sim_pybullet.expert`."""
+        """(N,) see `expert_actions`."""
         return expert_actions(paths, poses, arc_m)
+
+
+def expert_actions(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
+    """The actions (N,) int64 of N experts: pure pursuit, from the true pose and the path.
+
+    Coulter 1992, "Implementation of the Pure Pursuit Path Tracking Algorithm": the circle that
+    leaves along the robot's heading and meets the path a fixed way ahead. The expert takes the
+    action whose circle is nearest in curvature.
+
+    Args:
+        paths: the path of every robot.
+        poses: (N, 3) true poses: x [m], y [m], heading [rad].
+        arc_m: (N,) where each robot is on its path [m].
+    """
+    delta = paths.points_at(np.asarray(arc_m)[:, None] + LOOKAHEAD_M)[:, 0] - poses[:, :2]
+    heading = poses[:, 2]
+    left = np.cos(heading) * delta[:, 1] - np.sin(heading) * delta[:, 0]
+    curvature = 2.0 * left / np.maximum((delta**2).sum(axis=1), 1e-6)
+    return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)

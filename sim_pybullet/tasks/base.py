@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from robot.errors import ConfigError
+from robot.geometry import Pose, wrap_angle
+from robot.navigation.path import Path
 from robot.navigation.path_batch import PathBatch
-from sim_pybullet.tasks.following import Course
+from sim_pybullet.tasks.following import (
+    MAX_HEADING_ERROR_RAD,
+    START_HEADING_RAD,
+    START_OFFSET,
+    Course,
+)
 from sim_pybullet.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -37,34 +47,53 @@ class TaskStep(NamedTuple):
         return np.asarray(self.terms.sum(axis=0))
 
 
-class Task(Protocol):
-    """One task of N robots, each in an episode of its own."""
+class Task(ABC):
+    """A path for each robot to follow, each in an episode of its own.
 
-    n_robots: int
+    An episode begins on a random map, a little off the path and askew.
+
+    Args:
+        road_maps: M maps or tracks.
+        vehicle: of N robots.
+        n_robots: N.
+        half_widths_m: (M,) distance from the path at which a robot leaves its lane.
+        path: any, until episodes begin.
+        start_spread: multiplies how far from the path and how askew an episode may begin, for
+            training. Good drivers hardly ever see the edge of the lane; there they learn to return.
+
+    Attributes:
+        paths: the path that each robot should follow now.
+        course: where each robot is on its path, after the last ``reset`` or ``step``.
+    """
+
+    guided = False  # whether the policy gets path_input beside the picture
+    frames = 1  # how many of the last pictures the policy gets
     term_names: tuple[str, ...]  # of the reward
     fact_names: tuple[str, ...]  # of what else is worth knowing of a robot's episode
-    guided: bool  # whether the policy gets path_input beside the picture
-    frames: int  # how many of the last pictures the policy gets
 
-    @property
-    def road_maps(self) -> Sequence[Place]:
-        """The maps or tracks that robots may be on."""
-
-    @property
-    def vehicle(self) -> Vehicle:
-        """What carries out the robots' actions."""
-
-    @property
-    def paths(self) -> PathBatch:
-        """The path that each robot should follow now."""
-
-    @property
-    def course(self) -> Course:
-        """Where each robot is on its path, after the last ``reset`` or ``step``."""
+    def __init__(
+        self,
+        road_maps: Sequence[Place],
+        vehicle: Vehicle,
+        n_robots: int,
+        half_widths_m: np.ndarray,
+        path: Path,
+        start_spread: float = 1.0,
+    ) -> None:
+        self.n_robots, self.vehicle = n_robots, vehicle
+        self.road_maps = tuple(road_maps)
+        self.paths = PathBatch([path] * n_robots)
+        self.course = Course(*np.zeros((len(Course._fields), n_robots)))
+        self._half_widths_m, self._spread = half_widths_m, start_spread
+        self._lengths_m = np.zeros(n_robots)  # of the robots' paths
+        self._maps = np.zeros(n_robots, dtype=int)
+        self._steps = np.zeros(n_robots, dtype=int)
+        self._hints = np.zeros(n_robots, dtype=int)
 
     @property
     def half_lane_m(self) -> np.ndarray:
         """(N,) distance from the path at which a robot leaves its lane."""
+        return np.asarray(self._half_widths_m[self._maps])
 
     def reset(
         self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
@@ -73,9 +102,83 @@ class Task(Protocol):
 
         With a number, what could be drawn among several (map, lane, manoeuvre) is taken in turn.
         """
+        count = len(self.road_maps)
+        maps = rng.integers(count, size=len(robots))
+        turn = None
+        if number is not None:
+            maps[:], turn = number % count, number // count
+        poses = np.zeros((len(robots), 3))
+        for k, (i, m) in enumerate(zip(robots.tolist(), maps.tolist(), strict=True)):
+            path, arc_m = self._mission(m, rng, turn)
+            most_m = self._spread * START_OFFSET * self._half_widths_m[m]
+            offset_m = rng.uniform(-most_m, most_m)
+            most_rad = self._spread * START_HEADING_RAD
+            heading_rad = rng.uniform(-most_rad, most_rad)
+            self._start(i, path, m, arc_m, offset_m, heading_rad)
+            x_m, y_m, along_rad = path.pose_at(arc_m)
+            x_m -= offset_m * math.sin(along_rad)
+            y_m += offset_m * math.cos(along_rad)
+            poses[k] = x_m, y_m, wrap_angle(along_rad + heading_rad)
+        return Starts(poses, maps)
 
     def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
-        """Begin an episode for these robots (M,) at these poses (M, 3) of the only map."""
+        """Begin an episode for these robots (M,) at these poses (M, 3) of the only map.
 
+        Raises:
+            ConfigError: there are several maps, or a pose is off the road or turned away from it.
+        """
+        if len(self.road_maps) > 1:
+            raise ConfigError(f"pose: expected to drive on one map, got {len(self.road_maps)}")
+        for i, pose in zip(robots.tolist(), poses.tolist(), strict=True):
+            path = self._path_from(Pose(*pose), rng)
+            at = path.project(pose[0], pose[1])
+            turned_rad = float(wrap_angle(pose[2] - at.heading_rad))
+            most_m, most_rad = float(self._half_widths_m[0]), MAX_HEADING_ERROR_RAD
+            if abs(at.offset_m) > most_m or abs(turned_rad) > most_rad:
+                near = path.pose_at(at.arc_m)
+                raise ConfigError(
+                    f"pose: expected one within {most_m:.2f} m and {most_rad:.2f} rad of the lane, "
+                    f"such as ({near.x_m:.2f}, {near.y_m:.2f}, {near.heading_rad:.2f}), got "
+                    f"({pose[0]:.2f}, {pose[1]:.2f}, {pose[2]:.2f})"
+                )
+            self._start(i, path, 0, at.arc_m, at.offset_m, turned_rad)
+        return Starts(poses, np.zeros(len(robots), dtype=int))
+
+    @abstractmethod
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
         """Judge one decision by the poses (N, 3) that it led to; ``collided`` is (N,) bool."""
+
+    @abstractmethod
+    def _mission(
+        self, road_map: int, rng: np.random.Generator, turn: int | None
+    ) -> tuple[Path, float]:
+        """The path of a robot's next episode on a map, and how far along it [m] it begins.
+
+        ``turn``: what episodes on this map take in turn, their number there; None where they draw.
+        """
+
+    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
+        """The path of an episode that begins at a pose of the first map."""
+        return self._mission(0, rng, None)[0]
+
+    def _start(
+        self, i: int, path: Path, road_map: int, arc_m: float, offset_m: float, turned_rad: float
+    ) -> None:
+        """Begin an episode of robot ``i`` beside a point of a path."""
+        self.paths.replace(i, path)
+        self.course = Course(*(field.copy() for field in self.course))  # the old one was given away
+        for field, value in zip(self.course, (arc_m, offset_m, turned_rad, 0, 0), strict=True):
+            field[i] = value
+        self._hints[i] = self.paths.index_at(self.course.arc_m)[i]
+        self._lengths_m[i], self._maps[i], self._steps[i] = path.length_m, road_map, 0
+
+    def _follow(self, poses: np.ndarray) -> tuple[Course, np.ndarray]:
+        """One more decision: where it led to, and who (N,) has turned away from the path."""
+        at = self.paths.project(poses[:, :2], self._hints)
+        progress_m = self.paths.advance_m(self.course.arc_m, at.arc_m)
+        error = np.asarray(wrap_angle(poses[:, 2] - at.heading_rad))
+        travelled_m = self.course.travelled_m + progress_m
+        self._hints = at.index
+        self.course = Course(at.arc_m.copy(), at.offset_m, error, progress_m, travelled_m)
+        self._steps += 1
+        return self.course, np.abs(error) > MAX_HEADING_ERROR_RAD

@@ -8,9 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S, Action
-from robot.geometry import wrap_angle
-from robot.navigation.path import Path
-from robot.navigation.path_batch import PathBatch
 
 # From the middle of a lane to its edge: the yellow line begins at 0.18 tiles, the white at 0.193.
 HALF_LANE_TILES = 0.19
@@ -30,46 +27,6 @@ class Course(NamedTuple):
     heading_error_rad: np.ndarray  # (N,) the robot's heading less the path's, in (-pi, pi]
     progress_m: np.ndarray  # (N,) along the path in the last decision
     travelled_m: np.ndarray  # (N,) along the path in this episode
-
-
-class PathFollower:
-    """Keeps track of N robots, each on a path of its own.
-
-    Args:
-        path: of all robots until ``start`` gives them another one.
-        n_robots: N.
-    """
-
-    def __init__(self, path: Path, n_robots: int) -> None:
-        self.paths = PathBatch([path] * n_robots)
-        self.course = Course(*np.zeros((len(Course._fields), n_robots)))
-        self._hints = np.zeros(n_robots, dtype=int)
-
-    def start(
-        self, i: int, path: Path, arc_m: float, offset_m: float, heading_error_rad: float
-    ) -> np.ndarray:
-        """Begin an episode of robot ``i`` beside a point of a path; its pose (3,)."""
-        self.paths.replace(i, path)
-        self.course = Course(*(field.copy() for field in self.course))  # the old one was given away
-        for field, value in zip(
-            self.course, (arc_m, offset_m, heading_error_rad, 0, 0), strict=True
-        ):
-            field[i] = value
-        self._hints[i] = self.paths.index_at(self.course.arc_m)[i]
-        x_m, y_m, along_rad = path.pose_at(arc_m)
-        x_m -= offset_m * math.sin(along_rad)
-        y_m += offset_m * math.cos(along_rad)
-        return np.array([x_m, y_m, wrap_angle(along_rad + heading_error_rad)])
-
-    def follow(self, poses: np.ndarray) -> Course:
-        """Where the robots are on their paths after a decision that led to poses (N, 3)."""
-        at = self.paths.project(poses[:, :2], self._hints)
-        progress_m = self.paths.advance_m(self.course.arc_m, at.arc_m)
-        error = np.asarray(wrap_angle(poses[:, 2] - at.heading_rad))
-        travelled_m = self.course.travelled_m + progress_m
-        self._hints = at.index
-        self.course = Course(at.arc_m.copy(), at.offset_m, error, progress_m, travelled_m)
-        return self.course
 
 
 def following_terms(course: Course, half_lane_m: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import TaskStep
+from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -18,7 +18,6 @@ from sim_pybullet.tasks.following import (
     TERM_NAMES,
     following_terms,
 )
-from sim_pybullet.tasks.path_task import PathTask
 from sim_pybullet.tasks.spec import Choices, PaperRow, TaskSpec, register
 from sim_pybullet.vehicle import WheeledRobots
 
@@ -27,7 +26,7 @@ LAPS = 2.0
 _PRACTICE_LAPS = 0.5  # more places, looks and bends for as many decisions
 
 
-class LaneKeeping(PathTask):
+class LaneKeeping(Task):
     """Drive ``laps`` laps along the middle of the outer lane, or of the inner one.
 
     Traffic keeps right: the outer lane goes round counter-clockwise, the inner one clockwise. So
@@ -81,7 +80,6 @@ class LaneKeeping(PathTask):
 
     def _mission(
         self,
-        robot: int,  # noqa: ARG002
         road_map: int,
         rng: np.random.Generator,
         turn: int | None,

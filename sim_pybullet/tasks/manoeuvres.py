@@ -16,7 +16,6 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import TaskSpec, register
 
-ROUNDS = 8  # episodes in a row that a robot drives before its manoeuvres begin anew
 _STRAIGHT_RAD = math.radians(30.0)
 
 
@@ -57,8 +56,7 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
 class Manoeuvres(Navigation):
     """`Navigation` over the manoeuvres of one map instead of random missions.
 
-    Numbered episodes go through the list in turn. Without numbers robot i drives ``ROUNDS`` of them
-    in a row, beginning with the i-th such group, so that all robots together do so.
+    Numbered episodes go through the list in turn.
 
     Args:
         road_maps: one map.
@@ -74,19 +72,14 @@ class Manoeuvres(Navigation):
             raise ConfigError(f"Manoeuvres: expected one map, got {len(road_maps)}")
         super().__init__(road_maps, n_robots)
         self.manoeuvres = manoeuvres(road_maps[0])
-        self._rounds = np.zeros(n_robots, dtype=int)
 
     def _mission(
         self,
-        robot: int,
         road_map: int,  # noqa: ARG002
-        rng: np.random.Generator,  # noqa: ARG002
+        rng: np.random.Generator,
         turn: int | None,
     ) -> tuple[Path, float]:
-        number = turn
-        if number is None:
-            number = robot * ROUNDS + int(self._rounds[robot]) % ROUNDS
-            self._rounds[robot] += 1
+        number = int(rng.integers(len(self.manoeuvres))) if turn is None else turn
         return self.manoeuvres[number % len(self.manoeuvres)].path, 0.0
 
 

@@ -13,7 +13,7 @@ from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import TaskStep
+from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -21,7 +21,6 @@ from sim_pybullet.tasks.following import (
     TERM_NAMES,
     following_terms,
 )
-from sim_pybullet.tasks.path_task import PathTask
 from sim_pybullet.tasks.spec import PaperRow, TaskSpec, register
 from sim_pybullet.vehicle import WheeledRobots
 
@@ -29,7 +28,7 @@ SHORTEST_TILES = 3.0  # from start to destination, along the path
 _DRAWS = 500  # of start and destination, before a map is given up
 
 
-class Navigation(PathTask):
+class Navigation(Task):
     """Drive from a random place of a random map to another one, along the planned path.
 
     Starts and destinations lie on any lane of any tile of road, at least three tiles of path apart;
@@ -81,7 +80,6 @@ class Navigation(PathTask):
 
     def _mission(
         self,
-        robot: int,  # noqa: ARG002
         road_map: int,
         rng: np.random.Generator,
         turn: int | None,  # noqa: ARG002

@@ -98,7 +98,7 @@ class TaskSpec:
             if value is not None and not of_use:
                 raise ConfigError(f"{name}: expected none for the task {self.name}, got {value!r}")
         if self.make is None:
-            return self.kind(places, robots, start_spread=chosen.start_spread)  # type: ignore[call-arg]
+            return self.kind(places, robots, start_spread=chosen.start_spread)  # type: ignore[call-arg, arg-type]
         return self.make(places, robots, chosen)
 
 

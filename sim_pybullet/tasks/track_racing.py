@@ -13,8 +13,7 @@ from robot.navigation.path import Path
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS, TOP_SPEED_MPS, RacingCars
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
-from sim_pybullet.tasks.base import Starts, TaskStep
-from sim_pybullet.tasks.path_task import PathTask
+from sim_pybullet.tasks.base import Starts, Task, TaskStep
 from sim_pybullet.tasks.spec import Choices, TaskSpec, register
 
 BETA = 0.006  # paper B, equation 4: reward per m/s and per metre
@@ -41,7 +40,7 @@ STYLES = {
 }
 
 
-class TrackRacing(PathTask):
+class TrackRacing(Task):
     """Drive ``laps`` laps around a track, seeing the last four pictures.
 
     An episode begins at rest at a random place, a little off the middle and its direction; where
@@ -111,7 +110,6 @@ class TrackRacing(PathTask):
 
     def _mission(
         self,
-        robot: int,  # noqa: ARG002
         road_map: int,
         rng: np.random.Generator,
         turn: int | None,  # noqa: ARG002

@@ -20,7 +20,7 @@ def task_at(arc_m: float, laps: float = 2.0) -> LaneKeeping:
     """A task of one robot that begins in the middle of the lane at an arc length."""
     task = LaneKeeping([LOOP], 1, laps=laps)
     task.reset(np.array([0]), np.random.default_rng(0))
-    task._follower.start(0, lane_loop(LOOP), arc_m, 0.0, 0.0)
+    task._start(0, lane_loop(LOOP), 0, arc_m, 0.0, 0.0)
     return task
 
 

@@ -15,8 +15,8 @@ from robot.inference.translator import TranslatorContract
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from robot.safety.state_machine import State
-from sim_pybullet.expert import expert_actions
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.vehicle import expert_actions
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
 from tools.loop.__main__ import main
