@@ -9,17 +9,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
 
 from robot.contract import FRAME_WIDTH_PX
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
 from robot.typed_config import from_plain, read_yaml
-from sim_pybullet.look_limits import refuse_impossible
 
-Rgb = tuple[float, float, float]
-
-# The second shares no code with the first: floors to judge policies on, see `docs/looks.md`.
-PAINTERS = ("tiles", "strips")
+# Kinds of numbers with the limits beyond which they cannot be, or leave a camera nothing to see.
+Rgb = Annotated[tuple[float, float, float], (0.0, 255.0)]
+Share = Annotated[float, (0.0, 1.0)]
+Seconds = Annotated[float, (0.0, 10.0)]
+Gain = Annotated[float, (0.01, 10.0)]
+Strength = Annotated[float, (0.0, 10.0)]
+Greys = Annotated[float, (0.0, 255.0)]
+Count = Annotated[int, (0, 100)]
+_ANY = (-1e9, 1e9)
 
 
 @dataclass(frozen=True)
@@ -31,21 +36,16 @@ class GroundLook:
     yellow_rgb: Rgb = (224.0, 184.0, 44.0)
     red_rgb: Rgb = (196.0, 40.0, 40.0)
     outside_rgb: Rgb = (96.0, 108.0, 92.0)  # floor, grass and whatever lies beyond the map
-    grain: float = 6.0  # standard deviation of the surface noise, grey levels
+    grain: Greys = 6.0  # standard deviation of the surface noise, grey levels
     seam_depth: float = 14.0  # how much darker the joints of the foam mats are, grey levels
-    wear: float = 0.0  # 0 new paint .. 1 half of it gone
-    line_width_scale: float = 1.0
-    brightness: float = 1.0  # multiplies the whole floor
-    patchiness: float = 0.0  # strength of large soft light and dark areas, 0..1
-    shadows: float = 0.0  # how dark the shadows of window bars, furniture and people are, 0..1
+    wear: Share = 0.0  # 0 new paint .. 1 half of it gone
+    line_width_scale: Annotated[float, (0.1, 5.0)] = 1.0
+    brightness: Strength = 1.0  # multiplies the whole floor
+    patchiness: Share = 0.0  # strength of large soft light and dark areas, 0..1
+    shadows: Share = 0.0  # how dark the shadows of window bars, furniture and people are, 0..1
     texture_seed: int = 0
-    painter: str = "tiles"  # one of PAINTERS
-
-    def __post_init__(self) -> None:
-        if self.painter not in PAINTERS:
-            raise ConfigError(
-                f"ground.painter: unknown {self.painter!r}; {nearest(self.painter, PAINTERS)}"
-            )
+    # The second shares no code with the first: floors to judge policies on, see `docs/looks.md`.
+    painter: Literal["tiles", "strips"] = "tiles"
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class TrackLook:
     kerb_2_rgb: Rgb = (228.0, 228.0, 224.0)
     wall_rgb: Rgb = (172.0, 172.0, 176.0)
     wall_2_rgb: Rgb = (150.0, 150.0, 156.0)
-    wall_height_m: float = 1.0  # in metres of the real track
-    centre_line: float = 1.0  # opacity of a dashed yellow line in the middle
-    dashes_m: float = 10.0  # period of its dashes, in metres of the real track
+    wall_height_m: Annotated[float, (0.0, 100.0)] = 1.0  # in metres of the real track
+    centre_line: Share = 1.0  # opacity of a dashed yellow line in the middle
+    dashes_m: Annotated[float, (0.1, 1000.0)] = 10.0  # their period, in metres of the real track
 
 
 @dataclass(frozen=True)
@@ -76,32 +76,32 @@ class LightLook:
 
     azimuth_rad: float = 0.8
     elevation_rad: float = 1.2
-    ambient: float = 0.6
-    diffuse: float = 0.4
-    gloss: float = 0.0  # how much of the light the floor mirrors: a bright spot on the road, 0..1
-    gloss_width_rad: float = 0.15  # radius of that spot
+    ambient: Strength = 0.6
+    diffuse: Strength = 0.4
+    gloss: Share = 0.0  # how much of the light the floor mirrors: a bright spot on the road, 0..1
+    gloss_width_rad: Annotated[float, (1e-3, math.pi)] = 0.15  # radius of that spot
 
 
 @dataclass(frozen=True)
 class ClutterLook:
     """What stands around the road; nothing on it, and nothing that a robot could meet."""
 
-    boxes: int = 0
-    people: int = 0
+    boxes: Count = 0
+    people: Count = 0
 
 
 @dataclass(frozen=True)
 class CameraLook:
     """How this robot's camera differs from the nominal one."""
 
-    height_m: float = 0.108
+    height_m: Annotated[float, (0.01, 2.0)] = 0.108
     forward_m: float = 0.066
     left_m: float = 0.0
-    pitch_rad: float = math.radians(19.15)
+    pitch_rad: Annotated[float, (-0.5 * math.pi, 0.5 * math.pi)] = math.radians(19.15)
     yaw_rad: float = 0.0
     roll_rad: float = 0.0
-    focal_scale: float = 1.0  # the fisheye's angle of view: below 1 sees more
-    distortion_scale: float = 1.0
+    focal_scale: Annotated[float, (0.2, 5.0)] = 1.0  # below 1 it sees more
+    distortion_scale: Annotated[float, (-2.0, 2.0)] = 1.0
     centre_right_px: float = 0.0  # the lens's axis from the nominal one, in a 160 px wide frame
     centre_down_px: float = 0.0
 
@@ -110,48 +110,48 @@ class CameraLook:
 class SensorLook:
     """What happens to the light after the lens, in this order."""
 
-    shutter_s: float = 0.0  # exposure time: what turns meanwhile is smeared
-    blur_px: float = 0.0  # standard deviation of focus blur, in pixels of a 160 px wide frame
-    infrared: float = 0.0  # share of the light that a sensor without filter takes for pale pink
-    vignetting: float = 0.0  # darkening at the corners, 0..1
-    exposure: float = 1.0
-    white_balance: Rgb = (1.0, 1.0, 1.0)  # gains
-    noise: float = 0.0  # standard deviation, grey levels
-    jpeg_quality: int = 100  # 100 is no compression
+    shutter_s: Share = 0.0  # exposure time: what turns meanwhile is smeared
+    blur_px: Annotated[float, (0.0, 50.0)] = 0.0  # standard deviation, in a 160 px wide frame
+    infrared: Share = 0.0  # share of the light that a sensor without filter takes for pale pink
+    vignetting: Share = 0.0  # darkening at the corners, 0..1
+    exposure: Annotated[float, (0.0, 20.0)] = 1.0
+    white_balance: Annotated[tuple[float, float, float], (0.0, 20.0)] = (1.0, 1.0, 1.0)  # gains
+    noise: Greys = 0.0  # standard deviation, grey levels
+    jpeg_quality: Annotated[int, (1, 100)] = 100  # 100 is no compression
 
 
 @dataclass(frozen=True)
 class DriveLook:
     """How the wheels answer a command."""
 
-    forward_lag_s: float = 0.08  # first-order time constants; steppers follow almost at once
-    turn_lag_s: float = 0.08
-    delay_s: float = 0.0  # between command and wheel
-    gain: float = 1.0  # of both wheels
-    trim: float = 0.0  # right wheel gains this, left loses it
-    turn_gain: float = 1.0  # part of the commanded turn rate that the tyres turn into turning
-    noise: float = 0.02  # standard deviation of each wheel's speed, relative
+    forward_lag_s: Seconds = 0.08  # first-order time constants; steppers follow almost at once
+    turn_lag_s: Seconds = 0.08
+    delay_s: Seconds = 0.0  # between command and wheel
+    gain: Gain = 1.0  # of both wheels
+    trim: Annotated[float, (-1.0, 1.0)] = 0.0  # right wheel gains this, left loses it
+    turn_gain: Gain = 1.0  # part of the commanded turn rate that the tyres turn into turning
+    noise: Share = 0.02  # standard deviation of each wheel's speed, relative
 
 
 @dataclass(frozen=True)
 class TimingLook:
     """When pictures arrive."""
 
-    camera_delay_s: float = 0.0
-    frame_skip: float = 0.0  # probability that a decision sees the previous picture again
+    camera_delay_s: Seconds = 0.0
+    frame_skip: Share = 0.0  # probability that a decision sees the previous picture again
 
 
 @dataclass(frozen=True)
 class PoseLook:
     """Error of the poses that the overhead localizer sends."""
 
-    position_m: float = 0.0  # standard deviation of each coordinate
-    heading_rad: float = 0.0
-    correlation_s: float = 2.0  # the errors drift: Ornstein-Uhlenbeck with this time constant
-    delay_s: float = 0.0
-    dropout_per_s: float = 0.0  # rate at which gaps begin
-    dropout_s: float = 0.0  # longest gap
-    outlier: float = 0.0  # probability that a pose is wrong by up to a metre
+    position_m: Annotated[float, (0.0, 100.0)] = 0.0  # standard deviation of each coordinate
+    heading_rad: Annotated[float, (0.0, math.pi)] = 0.0
+    correlation_s: Annotated[float, (1e-3, 1e6)] = 2.0  # time constant of Ornstein-Uhlenbeck
+    delay_s: Seconds = 0.0
+    dropout_per_s: Annotated[float, (0.0, 100.0)] = 0.0  # rate at which gaps begin
+    dropout_s: Annotated[float, (0.0, 1e6)] = 0.0  # longest gap
+    outlier: Share = 0.0  # probability that a pose is wrong by up to a metre
 
 
 @dataclass(frozen=True)
@@ -222,8 +222,18 @@ def look_from_plain(data: object, where: str = "look") -> Look:
     """A Look from plain nested data, as YAML gives it.
 
     Raises:
-        ConfigError: it does not fit, or cannot be (`sim_pybullet.look_limits`).
+        ConfigError: it does not fit, or is beyond its limits.
     """
     look = from_plain(Look, data, where=where)
-    refuse_impossible(look)
+    for group in get_type_hints(Look):
+        _refuse_impossible(getattr(look, group), f"look.{group}")
     return look
+
+
+def _refuse_impossible(group: Any, where: str) -> None:
+    """ConfigError where a number is not finite, or outside the limits of its kind."""
+    for leaf, kind in get_type_hints(type(group), include_extras=True).items():
+        value, (low, high) = getattr(group, leaf), getattr(kind, "__metadata__", [_ANY])[0]
+        for number in value if isinstance(value, tuple) else (value,):
+            if not isinstance(number, str) and not low <= number <= high:
+                raise ConfigError(f"{where}.{leaf}: expected {low:g} to {high:g}, got {number:g}")

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -145,15 +144,35 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
         ConfigError: an unknown key, a distribution that cannot be drawn, or one whose extremes are
             no Look.
     """
+    if not isinstance(data, dict):
+        return fixed(look_from_plain(data))
     draws = {
-        (group, leaf): _prepared(node, f"{where}.{group}.{leaf}")
-        for group, leaves in (data.items() if isinstance(data, dict) else ())
-        for leaf, node in (leaves.items() if isinstance(leaves, dict) else ())
-        if isinstance(node, dict) and len(node) == 1 and next(iter(node)) in _DRAWS
+        group: {
+            leaf: _prepared(node, f"{where}.{group}.{leaf}")
+            for leaf, node in leaves.items()
+            if isinstance(node, dict) and len(node) == 1 and next(iter(node)) in _DRAWS
+        }
+        for group, leaves in data.items()
+        if isinstance(leaves, dict)
     }
-    turns = max((len(draw.extremes) for draw in draws.values()), default=1)
-    looks = [look_from_plain(_extreme(data, draws, turn)) for turn in range(turns)]
-    return partial(_sample, looks[0], _by_group(looks[0], draws))
+    turns = max((len(d.extremes) for group in draws.values() for d in group.values()), default=1)
+    for turn in reversed(range(turns)):  # one of its extremes in the place of every distribution
+        extremes = {
+            group: {**data[group], **{k: d.extremes[turn % len(d.extremes)] for k, d in ds.items()}}
+            for group, ds in draws.items()
+        }
+        look = look_from_plain({**data, **extremes})
+
+    def sample(rng: np.random.Generator) -> Look:
+        """The look with every leaf drawn that is drawn, in the order of the file."""
+        changed = {}
+        for group, leaves in draws.items():
+            before = getattr(look, group)
+            drawn = {k: _like(getattr(before, k), d.draw(rng)) for k, d in leaves.items()}
+            changed[group] = replace(before, **drawn)
+        return replace(look, **changed)
+
+    return sample
 
 
 def fixed(look: Look) -> Sampler:
@@ -168,40 +187,9 @@ class _Draw(NamedTuple):
     extremes: Sequence[Any]
 
 
-Groups = dict[str, dict[str, Callable[[np.random.Generator], Any]]]
-
-
-def _sample(look: Look, groups: Groups, rng: np.random.Generator) -> Look:
-    """The look with every leaf drawn that is drawn, in the order of the file."""
-    drawn = {
-        name: replace(getattr(look, name), **{leaf: draw(rng) for leaf, draw in leaves.items()})
-        for name, leaves in groups.items()
-    }
-    return replace(look, **drawn)
-
-
-def _by_group(look: Look, draws: dict[tuple[str, str], _Draw]) -> Groups:
-    """What to draw from, group by group, with values of the kinds that a Look has."""
-    groups: Groups = {}
-    for (group, leaf), (draw, _) in draws.items():
-        kind = type(getattr(getattr(look, group), leaf))
-        groups.setdefault(group, {})[leaf] = partial(_drawn_as, kind, draw)
-    return groups
-
-
-def _drawn_as(kind: type, draw: Callable[..., Any], rng: np.random.Generator) -> Any:
-    value = draw(rng)
-    return tuple(map(float, value)) if kind is tuple else kind(value)
-
-
-def _extreme(data: Any, draws: dict[tuple[str, str], _Draw], turn: int) -> Any:
-    """The data with one of its extremes in the place of every distribution."""
-    if not isinstance(data, dict):
-        return data
-    plain = {k: dict(v) if isinstance(v, dict) else v for k, v in data.items()}
-    for (group, leaf), (_, extremes) in draws.items():
-        plain[group][leaf] = extremes[turn % len(extremes)]
-    return plain
+def _like(before: Any, drawn: Any) -> Any:
+    """A value of the kind that a Look has."""
+    return tuple(map(float, drawn)) if isinstance(before, tuple) else type(before)(drawn)
 
 
 def _prepared(node: dict[str, Any], where: str) -> _Draw:
@@ -216,10 +204,8 @@ def _uniform(arguments: Any) -> _Draw:
     low, high = (np.asarray(end, dtype=float) for end in arguments)
     if np.any(high < low):
         raise ValueError("expected [low, high]")
-    if low.ndim or high.ndim:
-        return _Draw(lambda rng: rng.uniform(low, high).tolist(), (low.tolist(), high.tolist()))
-    least, most = float(low), float(high)
-    return _Draw(lambda rng: rng.uniform(least, most), (least, most))
+    ends = low.tolist(), high.tolist()
+    return _Draw(lambda rng: rng.uniform(*ends), ends)
 
 
 def _log_uniform(arguments: Any) -> _Draw:
@@ -256,9 +242,9 @@ def _grey(arguments: Any) -> _Draw:
     if high < low or tint < 0.0:
         raise ValueError("expected [low, high, tint]")
 
-    def draw(rng: np.random.Generator) -> list[float]:
+    def draw(rng: np.random.Generator) -> np.ndarray:
         channels = rng.uniform(low, high) + rng.uniform(-tint, tint, 3)
-        return np.clip(channels, 0.0, 255.0).tolist()
+        return np.clip(channels, 0.0, 255.0)
 
     return _Draw(draw, ([min(max(low, 0.0), 255.0)] * 3, [min(max(high, 0.0), 255.0)] * 3))
 

@@ -29,7 +29,7 @@ def mission(seed: int = 0, remaining_m: float | None = None) -> tuple[Navigation
     task = Navigation([ARENA], 1)
     task.reset(np.array([0]), np.random.default_rng(0))
     arc_m = 0.0 if remaining_m is None else path.length_m - remaining_m
-    task._follower.start(0, path, arc_m, 0.0, 0.0)
+    task._start(0, path, 0, arc_m, 0.0, 0.0)
     task._lengths_m[0] = path.length_m
     return task, path
 
@@ -102,7 +102,7 @@ def test_a_path_that_ends_where_it_begins_is_not_done_at_its_start() -> None:
         if np.hypot(*(path.points_m[0] - path.points_m[-1])) < 0.05
     )
     task, _ = mission()
-    task._follower.start(0, path, 0.0, 0.0, 0.0)
+    task._start(0, path, 0, 0.0, 0.0, 0.0)
     task._lengths_m[0] = path.length_m
     step = task.step(beside(path, 0.0), NOBODY)
     assert not step.success[0]

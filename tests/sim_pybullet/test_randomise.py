@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look, load_look, look_from_plain
-from sim_pybullet.look_limits import _LIMITS
 from sim_pybullet.randomise import (
     is_reality,
     load_look_sampler,
-    look_fields,
     look_sampler,
     shipped_looks,
 )
@@ -146,7 +144,3 @@ def test_gains_are_halved_as_often_as_doubled() -> None:
     assert (draws < 0.5).mean() == pytest.approx(0.25, abs=0.04)
     assert draws.min() >= 0.25
     assert draws.max() <= 4.0
-
-
-def test_limits_name_numbers_of_a_look() -> None:
-    assert set(_LIMITS) <= set(look_fields())

@@ -36,9 +36,12 @@ def world() -> Iterator[BatchWorld]:
 
 def place(task: TrackRacing, offset_m: float, turned_rad: float = 0.0) -> np.ndarray:
     """Begin an episode of car 0 at a point of the straight; poses (1, 3)."""
-    pose = task._follower.start(0, LINE.path, STRAIGHT_M, offset_m, turned_rad)
-    task._poses, task._lengths_m[0] = pose[None], LINE.path.length_m
-    return pose[None]
+    x_m, y_m, along_rad = LINE.path.pose_at(STRAIGHT_M)
+    left = offset_m * np.array((-np.sin(along_rad), np.cos(along_rad)))
+    poses = np.array([(x_m + left[0], y_m + left[1], along_rad + turned_rad)])
+    task._start(0, LINE.path, 0, STRAIGHT_M, offset_m, turned_rad)
+    task._poses = poses
+    return poses
 
 
 @pytest.mark.parametrize(("offset_m", "turned_rad"), [(0.0, 0.0), (0.1, 0.3), (-0.15, -0.5)])
