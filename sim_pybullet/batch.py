@@ -12,7 +12,7 @@ from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
 from robot.inference.translator import Translator
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
-from sim_pybullet.episodes import DrawnEpisodes, Episodes, NumberedEpisodes
+from sim_pybullet.episodes import DrawnEpisodes, NumberedEpisodes
 from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera
@@ -89,7 +89,7 @@ class BatchWorld:
             )
         self.task = task
         self.n_robots = n = task.n_robots
-        self._episodes: Episodes
+        self._episodes: DrawnEpisodes | NumberedEpisodes
         if numbers is None:
             self._episodes = DrawnEpisodes(task.road_maps, looks, n, seed, pool_size)
         else:
@@ -162,19 +162,22 @@ class BatchWorld:
             ContractError: not one action of the vehicle per robot.
         """
         collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
-        poses = self._town.poses
-        judged = _of(self.active, self.task.step(poses, collided))
+        poses, active = self._town.poses, self.active
+        judged = self.task.step(poses, collided)
+        judged = judged._replace(  # nothing ends for robots that have no episode
+            terminated=judged.terminated & active,
+            truncated=judged.truncated & active,
+            success=judged.success & active,
+        )
         course = self.task.course
         if self._guidance is not None:
             self._guidance.update(poses, self._episodes.rng("pose"))
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
-        finished = Finished(
-            ended,
-            _some(observation, ended),
-            tuple(self._recorder.metrics(int(i)) for i in ended),
-        )
+        last = Observation(*(None if part is None else part[ended] for part in observation))
+        metrics = tuple(self._recorder.metrics(int(i)) for i in ended)
+        finished = Finished(ended, last, metrics)
         if len(ended):
             begun = self._begin(ended)
             observation = _replaced(observation, begun, self._observe(begun))
@@ -237,27 +240,15 @@ class BatchWorld:
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
     actions = np.asarray(actions)
     if actions.ndim == 2:
-        if actions.shape != (n_robots, 2) or not (np.abs(actions) <= 1.0).all():  # nor a NaN
-            raise ContractError(
-                f"actions: expected ({n_robots}, 2) numbers from -1 to 1, got {actions!r}"
-            )
-        return actions
-    valid = actions.shape == (n_robots,) and np.issubdtype(actions.dtype, np.integer)
-    if not valid or not np.all((actions >= 0) & (actions < choices)):
-        raise ContractError(
-            f"actions: expected ({n_robots},) whole numbers from 0 to {choices - 1}, "
-            f"got {actions!r}"
-        )
+        wanted = f"({n_robots}, 2) numbers from -1 to 1"
+        valid = actions.shape == (n_robots, 2) and (np.abs(actions) <= 1.0).all()  # nor a NaN
+    else:
+        wanted = f"({n_robots},) whole numbers from 0 to {choices - 1}"
+        whole = actions.shape == (n_robots,) and np.issubdtype(actions.dtype, np.integer)
+        valid = whole and ((actions >= 0) & (actions < choices)).all()
+    if not valid:
+        raise ContractError(f"actions: expected {wanted}, got {actions!r}")
     return actions
-
-
-def _of(active: np.ndarray, step: TaskStep) -> TaskStep:
-    """A step in which nothing ends for robots that have no episode."""
-    return step._replace(
-        terminated=step.terminated & active,
-        truncated=step.truncated & active,
-        success=step.success & active,
-    )
 
 
 def _spread(observation: Observation, robots: np.ndarray, n: int) -> Observation:
@@ -266,11 +257,6 @@ def _spread(observation: Observation, robots: np.ndarray, n: int) -> Observation
     nothing = None if path is None else np.zeros((n, path.shape[1]), path.dtype)
     whole = Observation(np.zeros((n, *image.shape[1:]), image.dtype), nothing)
     return _replaced(whole, robots, observation)
-
-
-def _some(observation: Observation, robots: np.ndarray) -> Observation:
-    path = observation.path
-    return Observation(observation.image[robots], None if path is None else path[robots])
 
 
 def _replaced(whole: Observation, robots: np.ndarray, parts: Observation) -> Observation:

@@ -13,7 +13,7 @@ from robot.errors import ConfigError
 from sim_pybullet.look import GroundLook, Look, TrackLook
 from sim_pybullet.randomise import Sampler, fixed, one_site
 from sim_pybullet.scene import Ground, Scene
-from sim_pybullet.scenery.place import Place, paint_place, place_solids
+from sim_pybullet.scenery.objects import Place, paint_place, place_solids
 
 Looks = Sequence[Look] | Sampler
 
@@ -45,21 +45,16 @@ class PaintedWorld:
 _FLOORS: WeakValueDictionary[tuple[Place, GroundLook, TrackLook], Ground] = WeakValueDictionary()
 
 
-def painted_floor(place: Place, look: Look) -> Ground:
-    """The floor of a map or track, the same object for equal paint as long as anybody has it."""
+def paint_world(place: Place, looks: Looks, rng: np.random.Generator) -> PaintedWorld:
+    """A map or track in a Look drawn from a sampler or a list; equal paint is the same object."""
+    site = one_site(looks, rng) if callable(looks) else fixed(looks[int(rng.integers(len(looks)))])
+    look = site(rng)
+    solids = place_solids(place, look, rng)
     key = (place, look.ground, look.track)
     floor = _FLOORS.get(key)
     if floor is None:
         floor = _FLOORS[key] = paint_place(place, look)
-    return floor
-
-
-def paint_world(place: Place, looks: Looks, rng: np.random.Generator) -> PaintedWorld:
-    """A map or track in a Look drawn from a sampler or a list."""
-    site = one_site(looks, rng) if callable(looks) else fixed(looks[int(rng.integers(len(looks)))])
-    look = site(rng)
-    solids = place_solids(place, look, rng)
-    return PaintedWorld(Scene(painted_floor(place, look), solids, look.sky, look.light), look, site)
+    return PaintedWorld(Scene(floor, solids, look.sky, look.light), look, site)
 
 
 class LookPool:
@@ -69,12 +64,6 @@ class LookPool:
     list. With a sampler an episode takes floor, clutter, sky, light and camera from a painted world
     and everything else from a Look of its own, of the same site where the sampler has several:
     what one file says of floor, camera, sensor, drive and timing belongs together.
-
-    Args:
-        road_maps: M maps or tracks.
-        looks: a list of Looks, or a sampler of them.
-        rng: draws Looks and the optional objects of the maps.
-        size: painted worlds per map, with a sampler.
 
     Raises:
         ConfigError: an empty list, or a size below 1.

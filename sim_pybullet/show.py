@@ -23,7 +23,7 @@ from sim_pybullet.racing.track import Track, centre_line, is_track, load_track
 from sim_pybullet.randomise import Sampler, load_look_sampler
 from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scenery.place import Place, place_scene
+from sim_pybullet.scenery.objects import Place, build_scene
 from sim_pybullet.sensing.camera_feed import CameraFeed
 
 COLUMNS = 6
@@ -68,7 +68,7 @@ def draws(place: Place, sample: Sampler, count: int, rng: np.random.Generator) -
     poses = lane_poses(place, count, rng)
     for i, pose in enumerate(poses):
         look = sample(rng)
-        feed.begin(i, place_scene(place, look, rng), look, pose)
+        feed.begin(i, build_scene(place, look, rng), look, pose)
     turned = poses + (0.0, 0.0, 1.0) * rng.uniform(-_TURN_RAD, _TURN_RAD, (count, 1))
     feed.record(turned)
     return feed.pictures(rng)
@@ -80,7 +80,7 @@ def compared(place: Place, sample: Sampler, count: int, rng: np.random.Generator
     pictures: list[np.ndarray] = []
     for pose in lane_poses(place, count, rng)[:, None]:
         look = sample(rng)
-        scene, ray = place_scene(place, look, rng), RayCamera(ImageSpec(), 1)
+        scene, ray = build_scene(place, look, rng), RayCamera(ImageSpec(), 1)
         ray.set_robot(0, scene, look.rig())
         reference = PyBulletCamera(scene, look.rig(), ImageSpec())
         pictures += [*reference.render(pose), *ray.render(pose), *palette[ray.segment(pose)]]

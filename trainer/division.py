@@ -19,7 +19,7 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap, load_map, shipped_maps
 from robot.typed_config import from_plain, read_yaml
 from sim_pybullet.randomise import is_reality, load_look_sampler, looks_of
-from sim_pybullet.scenery.place import Place
+from sim_pybullet.scenery.objects import Place
 
 FILE = Path(__file__).parent / "division.yaml"
 PARTS = ("training", "choosing", "judging")

@@ -11,7 +11,7 @@ from robot.inference.translator import Translator, open_translator
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera, NoCamera
-from sim_pybullet.scenery.place import Place
+from sim_pybullet.scenery.objects import Place
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig

@@ -1,4 +1,4 @@
-"""Things on a map as simple solids, and the whole ``Scene`` of a map under a Look."""
+"""What there is to see: a Duckietown map or a race track, painted and built alike under a Look."""
 
 from __future__ import annotations
 
@@ -9,37 +9,45 @@ import numpy as np
 from robot.errors import MapError, nearest
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.classes import SemanticClass
-from sim_pybullet.look import Look, Rgb
+from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
-from sim_pybullet.scene import Scene, Solid
+from sim_pybullet.racing.track import Track
+from sim_pybullet.racing.track_ground import paint_track, track_walls
+from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids
 from sim_pybullet.scenery.map_objects import MapObject, objects_of
-from sim_pybullet.scenery.object_parts import CLASSES, COLOURS, PARTS, SIGN_FACES, Part, sign_parts
+from sim_pybullet.scenery.object_parts import CLASSES, COLOURS, PARTS, SIGN_FACES, sign_parts
 
+Place = RoadMap | Track  # what there is to drive on
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
 
 
-def build_scene(road_map: RoadMap, look: Look, rng: np.random.Generator) -> Scene:
-    """The floor, the objects, the clutter, sky and light of a map.
+def build_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:
+    """The floor, what stands on it, sky and light; errors and ``rng`` as of `place_solids`."""
+    solids = place_solids(place, look, rng)
+    return Scene(paint_place(place, look), solids, look.sky, look.light)
 
-    ``rng`` decides which optional objects are there and where the clutter is; the rest
-    follows from map and Look.
+
+def paint_place(place: Place, look: Look) -> Ground:
+    """The floor of a map or a track."""
+    return (
+        paint_track(place, look) if isinstance(place, Track) else paint_ground(place, look.ground)
+    )
+
+
+def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[Solid, ...]:
+    """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter.
 
     Raises:
         MapError: an object of a kind that nobody can draw, with the nearest one.
     """
-    ground = paint_ground(road_map, look.ground)
-    solids = standing_solids(road_map, rng) + clutter_solids(road_map, look.clutter, rng)
-    return Scene(ground, solids, look.sky, look.light)
-
-
-def standing_solids(road_map: RoadMap, rng: np.random.Generator) -> tuple[Solid, ...]:
-    """The solids of all objects that stand there in an episode; ``rng`` picks the optional ones."""
+    if isinstance(place, Track):
+        return track_walls(place, look)
     solids: list[Solid] = []
-    for item in objects_of(road_map):
+    for item in objects_of(place):
         if not item.optional or rng.random() < OPTIONAL_SHARE:
             solids += object_solids(item)
-    return tuple(solids)
+    return tuple(solids) + clutter_solids(place, look.clutter, rng)
 
 
 def object_solids(item: MapObject) -> tuple[Solid, ...]:
@@ -54,25 +62,19 @@ def object_solids(item: MapObject) -> tuple[Solid, ...]:
         raise MapError(
             f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, valid)}"
         )
-    return tuple(_solid(item, part, kind) for part in parts)
-
-
-def _solid(item: MapObject, part: Part, kind: SemanticClass) -> Solid:
     scale = item.height_m
     c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
-    return Solid(
-        shape=part.shape,
-        x_m=item.x_m + scale * (c * part.forward - s * part.left),
-        y_m=item.y_m + scale * (s * part.forward + c * part.left),
-        heading_rad=item.heading_rad,
-        size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
-        rgb=_colour(item, part),
-        kind=kind,
-        base_m=scale * part.base,
-        collides=part.collides,
+    return tuple(
+        Solid(
+            shape=part.shape,
+            x_m=item.x_m + scale * (c * part.forward - s * part.left),
+            y_m=item.y_m + scale * (s * part.forward + c * part.left),
+            heading_rad=item.heading_rad,
+            size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
+            rgb=COLOURS.get(item.color or "", part.rgb) if part.own_colour else part.rgb,
+            kind=kind,
+            base_m=scale * part.base,
+            collides=part.collides,
+        )
+        for part in parts
     )
-
-
-def _colour(item: MapObject, part: Part) -> Rgb:
-    """The map's colour on the parts that carry the object's own colour."""
-    return COLOURS.get(item.color or "", part.rgb) if part.own_colour else part.rgb

@@ -22,7 +22,7 @@ from sim_pybullet.tasks.following import (
 from sim_pybullet.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from sim_pybullet.scenery.place import Place
+    from sim_pybullet.scenery.objects import Place
 
 
 class Starts(NamedTuple):

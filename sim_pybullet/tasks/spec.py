@@ -19,7 +19,7 @@ from sim_pybullet.tasks.base import Task
 
 if TYPE_CHECKING:
     from sim_pybullet.pool import Looks
-    from sim_pybullet.scenery.place import Place
+    from sim_pybullet.scenery.objects import Place
 
 WHEELED: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
 

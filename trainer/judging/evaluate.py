@@ -23,7 +23,7 @@ from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
-from sim_pybullet.scenery.place import Place
+from sim_pybullet.scenery.objects import Place
 from sim_pybullet.tasks.spec import WHEELED, Choices, find_task
 from trainer.judging.drive_log import DriveLog, Tracer
 from trainer.options import task_of

@@ -31,7 +31,7 @@ from robot.typed_config import to_plain
 from sim_pybullet.pool import LookPool
 from sim_pybullet.racing.track import centre_line, is_track
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scenery.place import Place
+from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.sensor import apply_sensor
 from trainer.division import maps_named, refuse_judging_maps
 from trainer.envs import find_looks, load_places

@@ -11,13 +11,12 @@ from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, Look, TrackLook
 from sim_pybullet.racing.racing_cars import TOP_SPEED_MPS
 from sim_pybullet.racing.track import SCALE, centre_line, load_track
-from sim_pybullet.racing.track_ground import STONE_M, paint_track
-from sim_pybullet.racing.track_walls import track_walls
+from sim_pybullet.racing.track_ground import STONE_M, paint_track, track_walls
 from sim_pybullet.randomise import load_look_sampler, load_looks, shipped_looks
 from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground
-from sim_pybullet.scenery.place import place_scene
+from sim_pybullet.scenery.objects import build_scene
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)
@@ -83,7 +82,7 @@ def test_walls_stand_at_the_edge_of_the_grass_and_on_no_road() -> None:
 
 
 def test_both_cameras_draw_the_same_track() -> None:
-    scene = place_scene(
+    scene = build_scene(
         TRACK, load_look_sampler("tracks/city")(np.random.default_rng(0)), np.random.default_rng(0)
     )
     spec, count = ImageSpec(160, 120), 4
