@@ -175,7 +175,8 @@ class BatchWorld:
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
-        last = Observation(*(None if part is None else part[ended] for part in observation))
+        image, path = observation
+        last = Observation(image[ended], None if path is None else path[ended])
         metrics = tuple(self._recorder.metrics(int(i)) for i in ended)
         finished = Finished(ended, last, metrics)
         if len(ended):

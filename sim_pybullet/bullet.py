@@ -6,6 +6,7 @@ Lengths in metres, angles in radians, in the client's own frame; z is up.
 from __future__ import annotations
 
 import math
+import os
 import tempfile
 import weakref
 from collections.abc import Sequence
@@ -21,10 +22,15 @@ from sim_pybullet.look import Rgb
 from sim_pybullet.rendering.pinhole_cover import PinholeView
 from sim_pybullet.rendering.solid_mesh import Mesh
 from sim_pybullet.scene import Solid
-from sim_pybullet.stderr import stderr_muted
 
-with stderr_muted():  # it announces its build time
+_stderr, _nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+os.dup2(_nowhere, 2)  # it announces its build time
+try:
     import pybullet
+finally:
+    os.dup2(_stderr, 2)
+    os.close(_nowhere)
+    os.close(_stderr)
 
 STATIC: Final = 1  # collision groups, one bit each
 ROBOT: Final = 2

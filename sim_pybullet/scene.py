@@ -11,7 +11,7 @@ from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook, SkyLook
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ground:
     """The floor as one picture, seen from above; row 0 is the north edge, column 0 the west edge.
 
@@ -46,7 +46,7 @@ class Solid:
     collides: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """Floor, solids, sky and light."""
 

@@ -1,4 +1,4 @@
-"""The one protocol that both cameras keep."""
+"""The protocol of the cameras of a batch, and one that draws nothing."""
 
 from __future__ import annotations
 
@@ -10,26 +10,12 @@ from robot.lens import CameraRig
 from sim_pybullet.scene import Scene
 
 
-class Camera(Protocol):
-    """Draws what N robots see.
-
-    Poses are (N, 3) float64 rows of x [m], y [m], heading [rad] in the world frame of each robot's
-    Scene. Pictures come back in fresh arrays: they share no memory with the camera or each other.
-    """
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """(H, W, 3) of one picture."""
-
-    def render(self, poses: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3) uint8 RGB, before any sensor effect."""
-
-    def segment(self, poses: np.ndarray) -> np.ndarray:
-        """(N, H, W) uint8, values of SemanticClass."""
-
-
 class BatchCamera(Protocol):
-    """Draws what N robots see, each in a world of its own, all or some of them."""
+    """Draws what N robots see, each in a world of its own, all or some of them.
+
+    Poses are rows of x [m], y [m], heading [rad] in the world frame of each robot's Scene. Pictures
+    come back in fresh arrays: they share no memory with the camera or each other.
+    """
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -43,7 +29,7 @@ class BatchCamera(Protocol):
 
 
 class NoCamera:
-    """Keeps `BatchCamera` for who needs no pictures: a black dot."""
+    """Keeps `BatchCamera` for who needs no pictures: black dots."""
 
     shape = (1, 1, 3)
 
@@ -53,10 +39,6 @@ class NoCamera:
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Nothing to do."""
 
-    def render(
-        self,
-        poses: np.ndarray,  # noqa: ARG002
-        robots: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:  # noqa: ARG002
         """(M, 1, 1, 3) zeros."""
         return np.zeros((self._count if robots is None else len(robots), *self.shape), np.uint8)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit, prange
@@ -16,7 +17,6 @@ from numba import njit, prange
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.rendering.rays import LEVELS
 from sim_pybullet.scene import Ground
-from sim_pybullet.weak_cache import WeakCache
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class MipTexture:
     levels: np.ndarray
 
 
-_PACKED: WeakCache[MipTexture] = WeakCache()
+_PACKED: WeakKeyDictionary[Ground, dict[float, MipTexture]] = WeakKeyDictionary()
 
 
 def mip_texture(ground: Ground, shade: float) -> MipTexture:
@@ -36,7 +36,10 @@ def mip_texture(ground: Ground, shade: float) -> MipTexture:
 
     It is kept as long as the Ground lives: all cameras read the same one.
     """
-    return _PACKED.get(ground, shade, lambda: _build(ground, shade))
+    packed = _PACKED.setdefault(ground, {})
+    if shade not in packed:
+        packed[shade] = _build(ground, shade)
+    return packed[shade]
 
 
 def _build(ground: Ground, shade: float) -> MipTexture:

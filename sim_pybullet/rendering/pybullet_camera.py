@@ -23,8 +23,7 @@ _AWAY_M = (0.0, 0.0, -1000.0)
 
 
 class PyBulletCamera:
-    """Draws one scene through one rig, robot after robot; keeps
-    ``sim_pybullet.rendering.camera.Camera``.
+    """Draws one scene through one rig, robot after robot.
 
     PyBullet draws pinhole views that cover the whole lens, ``oversample`` times as fine as the
     picture; each pixel then averages the views where its exact rays meet them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
@@ -12,16 +13,18 @@ from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
 from sim_pybullet.rendering.mip_texture import mip_texture
-from sim_pybullet.rendering.ray_tables import RigTables, SolidRows
+from sim_pybullet.rendering.ray_tables import RigTables, with_room
 from sim_pybullet.rendering.rays import LEVELS, floor_shade
 from sim_pybullet.rendering.sky import background
 from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
-from sim_pybullet.rendering.solid_table import light_row
+from sim_pybullet.rendering.solid_table import light_row, solid_rows
 from sim_pybullet.scene import Scene
+
+_ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 class RayCamera:
-    """Draws N robots' pictures in one call; keeps ``sim_pybullet.rendering.camera.Camera``.
+    """Draws N robots' pictures in one call; keeps `sim_pybullet.rendering.camera.BatchCamera`.
 
     Every robot may have its own scene and rig. Equal rigs share tables and scenes with the same
     ``Ground`` under the same light share its packed floor, so a Scene with other solids costs
@@ -42,7 +45,8 @@ class RayCamera:
         self._eyes = np.zeros((n_robots, 3))
         self._lights = np.zeros((n_robots, 5))
         self._tables = RigTables(n_robots, image)
-        self._solids = SolidRows(n_robots)
+        self._rows = np.zeros((n_robots, 0, 13))  # of the solids in each robot's scene
+        self._counts = np.zeros(n_robots, np.int64)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -54,7 +58,11 @@ class RayCamera:
         ground, light = scene.ground, scene.light
         texture = mip_texture(ground, floor_shade(light))
         self._scenes[i] = scene
-        self._solids.put(i, scene)
+        if scene not in _ROWS:
+            _ROWS[scene] = solid_rows(scene.solids)
+        rows = _ROWS[scene]
+        self._rows = with_room(self._rows, len(rows))
+        self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
         self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
         self._addresses[i] = texture.texels.ctypes.data
         self._levels[i] = texture.levels
@@ -114,14 +122,14 @@ class RayCamera:
         return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
     def _solid_views(self, poses: np.ndarray, robots: np.ndarray) -> SolidViews:
-        tables = self._tables
+        tables, first = self._tables, robots * self._rows.shape[1]
         return SolidViews(
             poses,
             self._eyes[robots],
             self._lights[robots],
-            self._solids.rows,
-            self._solids.first[robots],
-            self._solids.last[robots],
+            self._rows.reshape(-1, 13),
+            first,
+            first + self._counts[robots],
             tables.slots[robots],
             tables.directions,
             tables.cells,
