@@ -6,8 +6,8 @@ Each pixel's ray meets the floor, or a sheet above it, at a known point: no mesh
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -45,19 +45,6 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class OverheadLook:
-    """What differs from a clean, evenly lit picture."""
-
-    brightness: float = 1.0
-    gradient: float = 0.0  # relative fall of the light from one side of the arena to the other
-    gradient_rad: float = 0.0  # from where, in the world
-    shadows: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius [m], depth 0..1
-    white_balance: Rgb = (1.0, 1.0, 1.0)
-    blur_px: float = 0.6  # standard deviation
-    noise: float = 3.0  # standard deviation, grey levels
-
-
-@dataclass(frozen=True)
 class Hanging:
     """Where the camera hangs and how it is turned."""
 
@@ -74,25 +61,36 @@ class Hanging:
         return straight @ tilt
 
 
-@dataclass
 class OverheadCamera:
-    """Draws what hangs above ``ground`` sees; pictures are (H, W, 3) uint8 RGB."""
+    """Draws what hangs above ``ground`` sees; pictures are (H, W, 3) uint8 RGB.
 
-    ground: Ground
-    hanging: Hanging = Hanging()
-    lens: Lens = OVERHEAD_LENS
-    look: OverheadLook = OverheadLook()
-    _light: np.ndarray = field(init=False, repr=False)  # (H, W, 3) float32
-    _floor: np.ndarray = field(init=False, repr=False)  # lit, sharp, float32
-    _work: np.ndarray = field(init=False, repr=False)  # the same, with this picture's sheets
-    _empty: np.ndarray = field(init=False, repr=False)  # lit and blurred, uint8
+    Args:
+        ground: the floor.
+        hanging: where the camera hangs.
+        lens: of the camera.
+        light: of floor points (H, W, 2) [m], what each pixel's colours are multiplied by (H, W, 3);
+            else it is even.
+        blur_px: standard deviation.
+        noise: standard deviation, grey levels.
+    """
 
-    def __post_init__(self) -> None:
-        v, u = np.mgrid[0 : self.lens.height_px, 0 : self.lens.width_px].astype(float)
+    def __init__(
+        self,
+        ground: Ground,
+        hanging: Hanging = Hanging(),
+        lens: Lens = OVERHEAD_LENS,
+        light: Callable[[np.ndarray], np.ndarray] | None = None,
+        blur_px: float = 0.6,
+        noise: float = 3.0,
+    ) -> None:
+        self.hanging, self.lens = hanging, lens
+        self._ground, self._blur_px, self._noise = ground, blur_px, noise
+        v, u = np.mgrid[0 : lens.height_px, 0 : lens.width_px].astype(float)
         floor_m = self.to_plane(np.stack((u, v), axis=-1), 0.0)
-        self._light = self._light_on(floor_m).astype(np.float32)
-        self._floor = self._sample_ground(floor_m) * self._light
-        self._work = self._floor.copy()
+        even = np.ones((lens.height_px, lens.width_px, 3))
+        self._light = (even if light is None else light(floor_m)).astype(np.float32)
+        self._floor = self._sample_ground(floor_m) * self._light  # lit, sharp, float32
+        self._work = self._floor.copy()  # the same, with this picture's sheets
         self._empty = _to_bytes(self._blurred(self._floor))
 
     def to_plane(self, pixels: np.ndarray, height_m: float) -> np.ndarray:
@@ -112,7 +110,7 @@ class OverheadCamera:
         """One picture of the floor with these sheets on it, the higher above the lower."""
         windows = [self._draw(sheet) for sheet in sorted(sheets, key=lambda s: s.height_m)]
         picture = self._empty.copy()
-        reach = math.ceil(4.0 * self.look.blur_px) + 1
+        reach = math.ceil(4.0 * self._blur_px) + 1
         for u0, v0, u1, v1 in windows:
             left, top = max(u0 - 2 * reach, 0), max(v0 - 2 * reach, 0)
             drawn = self._blurred(self._work[top : v1 + 2 * reach, left : u1 + 2 * reach])
@@ -122,13 +120,13 @@ class OverheadCamera:
             target[:] = _to_bytes(inner[: target.shape[0], : target.shape[1]])
         for u0, v0, u1, v1 in windows:
             self._work[v0:v1, u0:u1] = self._floor[v0:v1, u0:u1]
-        return _with_noise(picture, self.look.noise, rng)
+        return _with_noise(picture, self._noise, rng)
 
     def _blurred(self, lit: np.ndarray) -> np.ndarray:
-        return cv2.GaussianBlur(lit, (0, 0), self.look.blur_px) if self.look.blur_px > 0.0 else lit
+        return cv2.GaussianBlur(lit, (0, 0), self._blur_px) if self._blur_px > 0.0 else lit
 
     def _sample_ground(self, floor_m: np.ndarray) -> np.ndarray:
-        ground = self.ground
+        ground = self._ground
         column = ((floor_m[..., 0] - ground.west_m) / ground.texel_m - 0.5).astype(np.float32)
         row = ((ground.north_m - floor_m[..., 1]) / ground.texel_m - 0.5).astype(np.float32)
         column, row = (np.nan_to_num(a, nan=-1e4) for a in (column, row))
@@ -137,17 +135,6 @@ class OverheadCamera:
         smooth = cv2.GaussianBlur(ground.rgb, (0, 0), max(0.5, 0.0012 / ground.texel_m))
         drawn = cv2.remap(smooth, column, row, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, outside)
         return drawn.astype(np.float32)
-
-    def _light_on(self, floor_m: np.ndarray) -> np.ndarray:
-        look = self.look
-        middle = np.array(self.hanging.position_m[:2])
-        along = (floor_m - middle) @ (math.cos(look.gradient_rad), math.sin(look.gradient_rad))
-        light = look.brightness * np.clip(1.0 + look.gradient * along / 2.5, 0.1, 2.0)
-        for x, y, radius, depth in look.shadows:
-            distance = np.linalg.norm(floor_m - (x, y), axis=-1) / radius
-            light *= 1.0 - depth / (1.0 + np.exp((distance - 1.0) * 12.0))
-        light = np.nan_to_num(light, nan=look.brightness)
-        return light[..., None] * np.array(look.white_balance)
 
     def _draw(self, sheet: Sheet) -> tuple[int, int, int, int]:
         """Paint a sheet into the working picture; the slice u0, v0, u1, v1 that it changed."""
@@ -227,15 +214,14 @@ def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> 
     return picture
 
 
-def board_rgb(marker: Marker, paint: dict[str, Rgb] | None = None) -> np.ndarray:
+def board_rgb(marker: Marker) -> np.ndarray:
     """The marker's board as a picture of 2 px per mm, front edge up."""
-    colours = PAINT if paint is None else paint
     board = marker.board
     rows, columns = round(board.length_m * 2000), round(board.width_m * 2000)
     picture = np.empty((rows, columns, 3), np.uint8)
-    picture[:] = np.array(colours["blue"], np.uint8)
+    picture[:] = np.array(PAINT["blue"], np.uint8)
     if marker.kind == "two_colour":
-        picture[: round(board.front_m * 2000)] = np.array(colours[marker.front], np.uint8)
+        picture[: round(board.front_m * 2000)] = np.array(PAINT[marker.front], np.uint8)
     if marker.kind == "tag":
         side = round(board.tag_m * 1.25 * 2000)  # black square and one white cell around it
         tag = cv2.resize(draw_tag(marker.tag), (side, side), interpolation=cv2.INTER_NEAREST)
@@ -248,38 +234,26 @@ def robot_sheets(marker: Marker, pose: Pose, board: np.ndarray | None = None) ->
     """A robot as sheets: its dark body in slices, and its board on top."""
     body = np.full((1, 1, 3), BODY_RGB, np.uint8)
     top = marker.board.height_m
-    slices = [
-        Sheet(pose.x_m, pose.y_m, pose.heading_rad, 0.16, 0.13, top * i / 3.0, body)
-        for i in range(3)
-    ]
+    slices = [Sheet(*pose, 0.16, 0.13, top * i / 3.0, body) for i in range(3)]
     middle = pose.to_world(np.array([marker.board.forward_m, 0.0]))
     rgb = board_rgb(marker) if board is None else board
     size = (marker.board.length_m, marker.board.width_m, top)
     return [*slices, Sheet(middle[0], middle[1], pose.heading_rad, *size, rgb)]
 
 
-def coloured(
-    colour: str, x_m: float, y_m: float, heading_rad: float, size_m: Sequence[float]
-) -> Sheet:
-    """A piece of one colour: size is (length, width, height above the floor)."""
-    rgb = np.full((1, 1, 3), PAINT[colour], np.uint8)
-    return Sheet(x_m, y_m, heading_rad, size_m[0], size_m[1], size_m[2], rgb)
-
-
 def known_calibration(
     camera: OverheadCamera, robots: tuple[Marker, ...], map_size_m: tuple[float, float]
 ) -> Calibration:
-    """The exact calibration of a drawn camera, for tests that are not about calibrating."""
+    """The exact calibration of a drawn camera, where nobody calibrates it."""
     rotation = camera.hanging.rotation.T
     place = np.array(camera.hanging.position_m)
     ray_from_floor = rotation @ np.column_stack((np.eye(3)[:, :2], -place))
     homography = np.linalg.inv(ray_from_floor)
     homography /= homography[2, 2]
-    x, y, z = camera.hanging.position_m
     return Calibration(
         lens=camera.lens,
         homography=tuple(float(v) for v in homography.ravel()),
-        camera_m=(x, y, z),
+        camera_m=camera.hanging.position_m,
         map_size_m=map_size_m,
         robots=robots,
         residual_mm=0.0,

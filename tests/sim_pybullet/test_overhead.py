@@ -9,23 +9,27 @@ from robot.geometry import Pose
 from sim_pybullet.overhead import (
     Hanging,
     OverheadCamera,
-    OverheadLook,
     board_rgb,
-    coloured,
     known_calibration,
     robot_sheets,
 )
 from sim_pybullet.scene import Ground
-from tests.sim_pybullet.wanderers import HANGING_FRAMES, ROBOTS, Score, arena, drive
-
-CLEAN = OverheadLook(blur_px=0.0, noise=0.0)
+from tests.sim_pybullet.wanderers import (
+    HANGING_FRAMES,
+    ROBOTS,
+    Lamps,
+    Score,
+    arena,
+    coloured,
+    drive,
+)
 
 
 @pytest.fixture(scope="module")
 def bare():
     ground = np.full((132, 110, 3), 60, np.uint8)
     floor = Ground(ground, np.zeros((132, 110), np.uint8), 0.02, 0.0, 2.64, (60.0, 60.0, 60.0))
-    return OverheadCamera(floor, Hanging(tilt_rad=(0.04, -0.03)), look=CLEAN)
+    return OverheadCamera(floor, Hanging(tilt_rad=(0.04, -0.03)), blur_px=0.0, noise=0.0)
 
 
 def test_pixels_and_places_are_inverse(bare):
@@ -72,7 +76,7 @@ def test_sheets_outside_the_picture_change_nothing(bare):
 
 
 def test_the_same_generator_draws_the_same_picture():
-    camera = OverheadCamera(arena()[1], look=OverheadLook(noise=4.0))
+    camera = OverheadCamera(arena()[1], noise=4.0)
     sheets = robot_sheets(Marker(), Pose(1.0, 1.2, 0.4))
     first = camera.render(sheets, np.random.default_rng(7))
     again = camera.render(sheets, np.random.default_rng(7))
@@ -94,14 +98,14 @@ def test_boards_show_their_marker():
 
 
 def test_light_falls_off_to_one_side_and_into_shadow():
-    look = OverheadLook(gradient=0.4, gradient_rad=0.0, blur_px=0.0, noise=0.0)
+    light = Lamps(gradient=0.4, gradient_rad=0.0)
     ground = np.full((132, 110, 3), 100, np.uint8)
     floor = Ground(ground, np.zeros((132, 110), np.uint8), 0.02, 0.0, 2.64, (100.0, 100.0, 100.0))
-    camera = OverheadCamera(floor, look=look)
+    camera = OverheadCamera(floor, light=light, blur_px=0.0, noise=0.0)
     picture = camera.render([], np.random.default_rng(0)).mean(axis=2)
     west, east = (camera.to_pixels(np.array([x, 1.3, 0.0])).astype(int) for x in (0.2, 2.0))
     assert picture[west[1], west[0]] < 90 < 110 < picture[east[1], east[0]]
-    shaded = OverheadCamera(floor, look=OverheadLook(shadows=((0.5, 0.5, 0.3, 0.5),), noise=0.0))
+    shaded = OverheadCamera(floor, light=Lamps(shadows=((0.5, 0.5, 0.3, 0.5),)), noise=0.0)
     picture = shaded.render([], np.random.default_rng(0)).mean(axis=2)
     spot = shaded.to_pixels(np.array([0.5, 0.5, 0.0])).astype(int)
     assert picture[spot[1], spot[0]] == pytest.approx(50, abs=2)

@@ -20,12 +20,11 @@ from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.look import GroundLook
 from sim_pybullet.overhead import (
+    PAINT,
     Hanging,
     OverheadCamera,
-    OverheadLook,
     Sheet,
     board_rgb,
-    coloured,
     robot_sheets,
 )
 from sim_pybullet.painting.ground import paint_ground
@@ -51,29 +50,59 @@ def arena() -> tuple[RoadMap, Ground]:
     return road_map, paint_ground(road_map, GroundLook())
 
 
-def random_look(rng: np.random.Generator) -> OverheadLook:
-    """Lamps on one side, shadows of people, warm or cold light, a camera that is no good."""
+@dataclass(frozen=True)
+class Lamps:
+    """Light that is not even, as of `OverheadCamera`."""
+
+    middle_m: tuple[float, float] = (1.1, 1.32)
+    brightness: float = 1.0
+    gradient: float = 0.0  # relative fall of the light from one side of the arena to the other
+    gradient_rad: float = 0.0  # from where, in the world
+    shadows: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius [m], depth 0..1
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def __call__(self, floor_m: np.ndarray) -> np.ndarray:
+        """(H, W, 3) factors at floor points (H, W, 2)."""
+        towards = (math.cos(self.gradient_rad), math.sin(self.gradient_rad))
+        along = (floor_m - self.middle_m) @ towards
+        light = self.brightness * np.clip(1.0 + self.gradient * along / 2.5, 0.1, 2.0)
+        for x, y, radius, depth in self.shadows:
+            distance = np.linalg.norm(floor_m - (x, y), axis=-1) / radius
+            light *= 1.0 - depth / (1.0 + np.exp((distance - 1.0) * 12.0))
+        light = np.nan_to_num(light, nan=self.brightness)
+        return np.asarray(light[..., None] * np.array(self.white_balance))
+
+
+def random_camera(rng: np.random.Generator) -> OverheadCamera:
+    """A camera that is no good, hung by hand, a few centimetres and degrees off.
+
+    Lamps are on one side, people cast shadows, the light is warm or cold.
+    """
+    place = (1.1 + rng.normal(0, 0.03), 1.32 + rng.normal(0, 0.03), 2.5 + rng.normal(0, 0.02))
+    tilt = (rng.normal(0, 0.02), rng.normal(0, 0.02))
+    yaw = rng.choice([0.5, -0.5]) * math.pi + rng.normal(0, 0.03)
     shadows = tuple(
         (rng.uniform(0, 2.2), rng.uniform(0, 2.6), rng.uniform(0.2, 0.6), rng.uniform(0.2, 0.5))
         for _ in range(2)
     )
-    return OverheadLook(
+    light = Lamps(
+        middle_m=place[:2],
         brightness=rng.uniform(0.75, 1.15),
         gradient=rng.uniform(0.0, 0.5),
         gradient_rad=rng.uniform(-math.pi, math.pi),
         shadows=shadows,
         white_balance=(rng.uniform(0.93, 1.07), 1.0, rng.uniform(0.93, 1.07)),
-        blur_px=rng.uniform(0.4, 1.0),
-        noise=rng.uniform(1.0, 5.0),
     )
+    blur_px, noise = rng.uniform(0.4, 1.0), rng.uniform(1.0, 5.0)
+    hanging = Hanging(place, yaw, tilt)
+    return OverheadCamera(arena()[1], hanging, light=light, blur_px=blur_px, noise=noise)
 
 
-def random_camera(rng: np.random.Generator) -> OverheadCamera:
-    """A camera hung by hand, a few centimetres and degrees off."""
-    place = (1.1 + rng.normal(0, 0.03), 1.32 + rng.normal(0, 0.03), 2.5 + rng.normal(0, 0.02))
-    tilt = (rng.normal(0, 0.02), rng.normal(0, 0.02))
-    yaw = rng.choice([0.5, -0.5]) * math.pi + rng.normal(0, 0.03)
-    return OverheadCamera(arena()[1], Hanging(place, yaw, tilt), look=random_look(rng))
+def coloured(
+    colour: str, x_m: float, y_m: float, heading_rad: float, size_m: tuple[float, float, float]
+) -> Sheet:
+    """A piece of one colour: size is (length, width, height above the floor)."""
+    return Sheet(x_m, y_m, heading_rad, *size_m, np.full((1, 1, 3), PAINT[colour], np.uint8))
 
 
 def clicked(

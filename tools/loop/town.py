@@ -14,7 +14,6 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import (
     OverheadCamera,
-    OverheadLook,
     board_rgb,
     known_calibration,
     robot_sheets,
@@ -55,7 +54,7 @@ class VirtualTown:
         self._fields = self.hat.fields_rad
         self._board = board_rgb(self._marker)
         ground = self.world.scene.ground
-        self._above = OverheadCamera(ground, look=OverheadLook())
+        self._above = OverheadCamera(ground)
         size_m = (road_map.width_m, road_map.height_m)
         self.calibration: Calibration = known_calibration(self._above, (self._marker,), size_m)
         self.bus_server = BusServer(self.sockets.bus, self.bus, self._note_step)
