@@ -35,8 +35,7 @@ class Command:
 
 
 Group = Mapping[str, Command]
-_RUN, _SEE = "trainer.commands", "trainer.transfer.cli"
-_PARSE, _TRY = "trainer.transfer.parse_cli", "trainer.experiments.cli"
+_RUN, _SEE, _TRY = "trainer.commands", "trainer.transfer.cli", "trainer.experiments.cli"
 COMMANDS: Mapping[str, Command | Group] = {
     "train": Command(f"{_RUN}:train_command", "train a policy"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
@@ -47,14 +46,16 @@ COMMANDS: Mapping[str, Command | Group] = {
     "summary": Command(f"{_RUN}:summary_command", "how large the policies of a preset are"),
     "collect": Command(f"{_SEE}:collect_command", "gather frames from simulator or pictures"),
     "translate": {
-        "train": Command(f"{_SEE}:train_command", "CycleGAN between simulator and photographs"),
-        "judge": Command(f"{_SEE}:judge_command", "KID, FID, and whether lines stay in place"),
+        "train": Command(
+            f"{_SEE}:translate_train_command", "CycleGAN between simulator and photographs"
+        ),
+        "judge": Command(f"{_SEE}:translate_judge_command", "KID, and whether lines stay in place"),
     },
     "parse": {
-        "train": Command(f"{_PARSE}:train_command", "teach SegNet to label frames"),
-        "evaluate": Command(f"{_PARSE}:evaluate_command", "score a parser on held-out frames"),
-        "export": Command(f"{_PARSE}:export_command", "write a parser as a translator, ONNX"),
-        "translate": Command(f"{_PARSE}:through_command", "virtual to parsing to real"),
+        "train": Command(f"{_SEE}:parse_train_command", "teach SegNet to label frames"),
+        "evaluate": Command(f"{_SEE}:parse_evaluate_command", "score a parser on held-out frames"),
+        "export": Command(f"{_SEE}:parse_export_command", "write a parser as a translator, ONNX"),
+        "translate": Command(f"{_SEE}:parse_translate_command", "virtual to parsing to real"),
     },
     "experiment": {
         "six-models": Command(f"{_TRY}:six_models_command", "ways to reality: paper A, 4.4"),

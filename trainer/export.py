@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from torch import nn
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
+from robot.inference.translator import TranslatorContract
 from robot.output import write_json
 from sim_pybullet.tasks.spec import find_task
 from trainer.config import RunConfig
@@ -116,32 +118,55 @@ def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
 
 
 def export_network(network: nn.Module, contract: PolicyContract, path: Path) -> None:
-    """Write ``network`` with its contract: ``image`` uint8 (N, H, W, 3) [, ``path``] -> ``values``.
+    """Write a policy: ``image`` uint8 (N, H, W, 3) [, ``path``] -> ``values``."""
+    inputs = {"image": torch.zeros((2, *contract.picture_shape), dtype=torch.uint8)}
+    if contract.path_points:
+        inputs["path"] = torch.zeros(2, contract.path_points)
+    with atomically(path) as temporary:
+        write_onnx(network, inputs, "values", contract, temporary)
+
+
+def write_onnx(
+    network: nn.Module,
+    inputs: Mapping[str, torch.Tensor],
+    output: str,
+    contract: PolicyContract | TranslatorContract,
+    path: Path,
+    size: Sequence[int] = (),
+) -> None:
+    """Write a network of batches, with its contract in the file's metadata.
 
     torch's older exporter is used on purpose: the newer one needs onnxscript and cannot write
     opset 17.
+
+    Args:
+        network: takes the inputs in their order.
+        inputs: examples by name; the first axis of each counts the batch.
+        output: its name.
+        contract: of the file.
+        path: of it.
+        size: of the output's other axes, where tracing leaves them open.
     """
-    inputs = ["image"] if contract.path_points == 0 else ["image", "path"]
-    examples: list[torch.Tensor] = [torch.zeros((2, *contract.picture_shape), dtype=torch.uint8)]
-    if contract.path_points:
-        examples.append(torch.zeros(2, contract.path_points))
-    with atomically(path) as temporary, warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the tracer's, of sizes that are fixed here
         torch.onnx.export(
             network.cpu().eval(),
-            tuple(examples),
-            str(temporary),
+            tuple(inputs.values()),
+            str(path),
             dynamo=False,
             opset_version=OPSET,
-            input_names=inputs,
-            output_names=["values"],
-            dynamic_axes={name: {0: "n"} for name in (*inputs, "values")},
+            input_names=list(inputs),
+            output_names=[output],
+            dynamic_axes={name: {0: "n"} for name in (*inputs, output)},
         )
-        model = onnx.load(str(temporary))
-        model.ir_version = IR_VERSION
-        _put_contract(model, contract)
-        onnx.checker.check_model(model)
-        onnx.save(model, str(temporary))
+    model = onnx.load(str(path))
+    model.ir_version = IR_VERSION
+    onnx.helper.set_model_props(model, {contract.METADATA_KEY: contract.to_json()})
+    axes = model.graph.output[0].type.tensor_type.shape.dim[1:]
+    for axis, length in zip(axes, size, strict=False):
+        axis.dim_value = length
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
 
 
 def run_onnx(path: Path, observations: dict[str, np.ndarray]) -> np.ndarray:
@@ -209,7 +234,3 @@ class _Batches(CalibrationDataReader):
 
     def get_next(self) -> dict[str, np.ndarray] | None:
         return next(self._batches, None)
-
-
-def _put_contract(model: onnx.ModelProto, contract: PolicyContract) -> None:
-    onnx.helper.set_model_props(model, {PolicyContract.METADATA_KEY: contract.to_json()})

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -17,9 +18,7 @@ import numpy as np
 
 from robot.camera.replay import read_picture
 from robot.camera.source import fit_to_frame
-from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.inference.preprocess import preprocess_batch
 from trainer.experiments.records import Drive, turns
 
 See = Callable[[np.ndarray], np.ndarray]  # frames (N, 120, 160, 3) -> pictures (N, H, W, 3), uint8
@@ -40,38 +39,39 @@ class Stacks(NamedTuple):
     turns: np.ndarray  # (N,) int64 values of `Turn`: what the person did
     every: int = 1  # of how many pictures one is in the stack
 
-    @property
-    def reach(self) -> int:
-        """How many pictures before its newest one a stack begins."""
-        return (STACK - 1) * self.every
-
     def stacked(self, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 of the chosen moments, the oldest picture first."""
         last = self.last[chosen]
-        parts = [self.pictures[last - back * self.every] for back in range(STACK - 1, -1, -1)]
+        parts = [self.pictures[last - back * self.every] for back in reversed(range(STACK))]
         return np.concatenate(parts, axis=-1)
 
 
-def load_stacks(drive: Drive, image: ImageSpec, every: int = 1, see: See | None = None) -> Stacks:
+def frames_of(drive: Drive) -> np.ndarray:
+    """(N, 120, 160, 3) uint8 RGB; of pictures that are not 4:3 the middle is taken.
+
+    Raises:
+        ConfigError: a file is no picture.
+    """
+    return np.stack([fit_to_frame(read_picture(file)) for file in drive.files])
+
+
+def make_stacks(drive: Drive, frames: np.ndarray, see: See, every: int = 1) -> Stacks:
     """All moments of a drive that have the pictures of a stack before them.
 
     Args:
-        drive: pictures of any size and kind; of others than 4:3 the middle is taken.
-        image: a policy's picture.
+        drive: for its angles.
+        frames: of the drive.
+        see: makes pictures of them.
         every: of how many pictures one is taken into a stack.
-        see: makes pictures of frames in another way than a policy does.
 
     Raises:
-        ConfigError: the drive is too short, or a file is no picture.
+        ConfigError: the drive is too short.
     """
-    if len(drive) <= (STACK - 1) * every:
-        raise ConfigError(
-            f"drive: expected more than {(STACK - 1) * every} pictures, got {len(drive)}"
-        )
-    frames = np.stack([fit_to_frame(read_picture(file)) for file in drive.files])
-    pictures = preprocess_batch(frames, image) if see is None else see(frames)
-    last = np.arange((STACK - 1) * every, len(drive))
-    return Stacks(pictures, last, turns(drive.steering_deg)[last], every)
+    first = (STACK - 1) * every
+    if len(drive) <= first:
+        raise ConfigError(f"drive: expected more than {first} pictures, got {len(drive)}")
+    last = np.arange(first, len(drive))
+    return Stacks(see(frames), last, turns(drive.steering_deg)[last], every)
 
 
 def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
@@ -84,7 +84,7 @@ def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
     """
     end = round(TRAINING_SHARE * len(stacks.pictures))
     training = stacks.last < end
-    test = stacks.last - stacks.reach >= end + GAP_FRAMES
+    test = stacks.last - (STACK - 1) * stacks.every >= end + GAP_FRAMES
     if not training.any() or not test.any():
         raise ConfigError(
             f"drive: expected enough pictures to train and to test on, got {len(stacks.pictures)}"
@@ -99,26 +99,15 @@ class Turning:
 
     correlation: float  # of angle and turning, where it is greatest; 0 for angles all alike
     late_frames: int  # pictures from an angle to the turning that agrees with it best
-    px_per_deg: float  # shift between two pictures of a 160 px wide frame for a degree of steering
 
 
-def shifts_px(drive: Drive) -> np.ndarray:
-    """(N - 1,) by how much the far world moves to the left between pictures: to the right we turn.
-
-    Raises:
-        ConfigError: a file is no picture.
-    """
+def shifts_px(frames: np.ndarray) -> np.ndarray:
+    """(N - 1,) by how much the far world moves to the left between frames: to the right we turn."""
     rows, columns = _FAR
     shape = columns.stop - columns.start, rows.stop - rows.start
     window = cv2.createHanningWindow(shape, cv2.CV_32F)
-    before, found = None, []
-    for file in drive.files:
-        grey = cv2.cvtColor(fit_to_frame(read_picture(file)), cv2.COLOR_RGB2GRAY)[_FAR]
-        now = np.asarray(grey, np.float32)
-        if before is not None:
-            found.append(-cv2.phaseCorrelate(before, now, window)[0][0])
-        before = now
-    return np.array(found)
+    far = [cv2.cvtColor(each, cv2.COLOR_RGB2GRAY)[_FAR].astype(np.float32) for each in frames]
+    return np.array([-cv2.phaseCorrelate(a, b, window)[0][0] for a, b in pairwise(far)])
 
 
 def turning(steering_deg: np.ndarray, moved_px: np.ndarray) -> Turning:
@@ -128,33 +117,16 @@ def turning(steering_deg: np.ndarray, moved_px: np.ndarray) -> Turning:
         ConfigError: they go against each other.
     """
     smooth = np.convolve(moved_px, np.full(_SMOOTHED, 1.0 / _SMOOTHED), mode="same")
-    best = Turning(0.0, 0, 0.0)
+    best = Turning(0.0, 0)
     for late in range(min(_LATEST, len(smooth) // 2)):
         angle, seen = steering_deg[: len(smooth) - late], smooth[late:]
-        if angle.std() == 0.0 or seen.std() == 0.0:
-            continue
-        correlation = float(np.corrcoef(angle, seen)[0, 1])
-        if abs(correlation) > abs(best.correlation):
-            slope = correlation * float(seen.std() / angle.std())
-            best = Turning(correlation, late, slope)
+        if angle.std() > 0.0 and seen.std() > 0.0:
+            correlation = float(np.corrcoef(angle, seen)[0, 1])
+            if abs(correlation) > abs(best.correlation):
+                best = Turning(correlation, late)
     if best.correlation < _AGAINST:
         raise ConfigError(
             "angles: expected positive ones where the pictures turn right, got a correlation of "
             f"{best.correlation:.2f}; change the sign of the angles"
         )
     return best
-
-
-def goes_on_turning(moved_px: np.ndarray, px_per_deg: float, reach: int) -> np.ndarray:
-    """(N,) values of `Turn` of who steers as the last pictures turned, and looks at nothing else.
-
-    Args:
-        moved_px: (N - 1,), see `shifts_px`.
-        px_per_deg: of a `Turning`, above 0.
-        reach: how many shifts are seen.
-    """
-    sums = np.concatenate(([0.0], np.cumsum(moved_px)))
-    count = np.arange(len(sums))
-    first = np.maximum(0, count - reach)
-    mean = (sums - sums[first]) / np.maximum(1, count - first)
-    return turns(mean / px_per_deg)

@@ -7,8 +7,8 @@ looks: seen through a translator into the look of the test, in ten looks, or as 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from trainer.experiments.options import Figure5Options
+from trainer.experiments.cli import Figure5Options
 from trainer.experiments.tables import half_interval
 from trainer.options import TrainOptions
 from trainer.run import RunFolder, atomically
 from trainer.sweeps.jobs import TrainJob
-from trainer.training.checkpoint import Evaluated, read_state
+from trainer.training.checkpoint import read_state
 
 _COLOURS = {"oracle": "black", "translated": "darkred", "dr": "steelblue", "none": "darkorange"}
 _GRID = 200  # steps at which seeds are averaged
@@ -58,6 +58,8 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     from trainer.transfer.through_parsing import translate_through
 
     path = out / "translator"
+    if (path / "sim_to_real.onnx").exists():
+        return path / "sim_to_real.onnx"
     halves = {
         "frames": (options.map, options.look),
         "test_frames": (options.test_map, options.test_look),
@@ -65,11 +67,9 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     for name, (place, look) in halves.items():
         if not (out / name).exists():
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
-            source = Source("simulator", (place,), options.frames, look)
             out.mkdir(parents=True, exist_ok=True)
+            source = Source("simulator", (place,), options.frames, look)
             collect_simulator(out / name, source, lambda _: None)
-    if (path / "sim_to_real.onnx").exists():
-        return path / "sim_to_real.onnx"
     wanted = ThroughOptions(
         sim=str(out / "frames"),
         real=str(out / "test_frames"),
@@ -82,41 +82,31 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     return translate_through(path, run, console)
 
 
-def run_folder(out: Path, variant: str, seed: int) -> RunFolder:
-    """Of one training."""
-    return RunFolder(out / f"{variant}_{seed}")
-
-
 def trainings(out: Path, options: Figure5Options, translator: Path) -> list[TrainJob]:
     """All of them, seed by seed, so that every kind has come equally far."""
-    return [
-        TrainJob(
-            run_folder(out, name, seed).path,
-            _training(options, variant, seed, translator),
-            resume=True,
-        )
-        for seed in range(options.seeds)
-        for name, variant in VARIANTS.items()
-    ]
+    jobs = []
+    for seed in range(options.seeds):
+        for name, variant in VARIANTS.items():
+            look = options.looks if variant.randomised else options.look
+            training = TrainOptions(
+                task="track",
+                algo=options.algo,
+                preset=options.preset,
+                map=(options.test_map if variant.at_the_test else options.map,),
+                steps=options.steps,
+                seed=seed,
+                look=options.test_look if variant.at_the_test else look,
+                translate=str(translator) if variant.translated else None,
+                judge_map=(options.test_map,),
+                judge_look=options.test_look,
+                full=True,
+            )
+            jobs.append(TrainJob(_run(out, name, seed), training, resume=True))
+    return jobs
 
 
-def _training(
-    options: Figure5Options, variant: Variant, seed: int, translator: Path
-) -> TrainOptions:
-    look = options.looks if variant.randomised else options.look
-    return TrainOptions(
-        task="track",
-        algo=options.algo,
-        preset=options.preset,
-        map=(options.test_map if variant.at_the_test else options.map,),
-        steps=options.steps,
-        seed=seed,
-        look=options.test_look if variant.at_the_test else look,
-        translate=str(translator) if variant.translated else None,
-        judge_map=(options.test_map,),
-        judge_look=options.test_look,
-        full=True,
-    )
+def _run(out: Path, variant: str, seed: int) -> Path:
+    return out / f"{variant}_{seed}"
 
 
 @dataclass(frozen=True)
@@ -134,11 +124,6 @@ class Curve:
         """Of what the seeds learned."""
         return float(np.mean(self.learned))
 
-    @property
-    def margin(self) -> float:
-        """Half of Student's 95 % interval of `mean`; NaN with one seed."""
-        return float(half_interval(np.array(self.learned)))
-
 
 @dataclass(frozen=True)
 class Figure5:
@@ -150,51 +135,44 @@ class Figure5:
 
     @property
     def claims(self) -> dict[str, bool]:
-        """Which neighbours in the paper's order are in this order here, by their means."""
-        pairs = zip(self.curves, self.curves[1:], strict=False)
-        return {f"{a.variant} over {b.variant}": a.mean >= b.mean for a, b in pairs}
+        """Of each driver but the first, whether the one above it in the paper is above it here."""
+        return {below.variant: above.mean >= below.mean for above, below in pairwise(self.curves)}
 
 
 def gather(out: Path, options: Figure5Options) -> Figure5:
     """What all trainings have recorded."""
     curves = []
     for name in VARIANTS:
-        seeds = range(options.seeds)
-        runs = [read_state(run_folder(out, name, s).checkpoint).evaluations for s in seeds]
-        last = [_last(run) for run in runs]
+        runs = [RunFolder(_run(out, name, seed)) for seed in range(options.seeds)]
+        records = [read_state(run.checkpoint).evaluations for run in runs]
+        ends = [[e for e in r if e.step >= (1.0 - LAST_SHARE) * r[-1].step] for r in records]
         curves.append(
             Curve(
                 name,
-                tuple(tuple(e.step for e in run) for run in runs),
-                tuple(tuple(e.mean_reward for e in run) for run in runs),
-                tuple(float(np.mean([e.mean_reward for e in run])) for run in last),
-                tuple(float(np.mean([e.success_rate for e in run])) for run in last),
+                tuple(tuple(e.step for e in record) for record in records),
+                tuple(tuple(e.mean_reward for e in record) for record in records),
+                tuple(float(np.mean([e.mean_reward for e in end])) for end in ends),
+                tuple(float(np.mean([e.success_rate for e in end])) for end in ends),
             )
         )
     return Figure5(options, tuple(curves))
 
 
-def _last(evaluations: Sequence[Evaluated]) -> list[Evaluated]:
-    begin = (1.0 - LAST_SHARE) * evaluations[-1].step
-    return [e for e in evaluations if e.step >= begin]
-
-
 def as_table(found: Figure5) -> RichTable:
-    """A row for each kind of driver."""
+    """A row for each kind of driver, and whether the one above it holds its place."""
     options = found.options
     title = f"{options.algo} on {options.test_map} in {options.test_look}, {options.steps:,} steps"
     columns = ("driver", "reward of a lap", "each seed", "laps driven", "paper's order", "holds")
     table = RichTable(*columns, title=title)
-    above = [None, *found.curves]
-    for place, (curve, better) in enumerate(zip(found.curves, above, strict=False), start=1):
-        holds = "" if better is None else str(better.mean >= curve.mean)
+    for place, curve in enumerate(found.curves, start=1):
+        margin = float(half_interval(np.array(curve.learned)))
         table.add_row(
             VARIANTS[curve.variant].title,
-            f"{curve.mean:.1f} ± {curve.margin:.1f}",
+            f"{curve.mean:.1f} ± {margin:.1f}",
             ", ".join(f"{reward:.1f}" for reward in curve.learned),
             f"{np.mean(curve.success):.0%}",
             str(place),
-            holds,
+            str(found.claims.get(curve.variant, "")),
         )
     return table
 

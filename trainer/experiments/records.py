@@ -4,7 +4,6 @@ Three layouts are known by what lies in the folder::
 
     data.txt                       Sully Chen: ``<file> <degrees>[,<date>]`` a line, steering wheel
     manifest.json, *.catalog       Donkeycar tub, version 2: ``user/angle`` in [-1, 1]
-    record_<k>.json                Donkeycar tub, version 1: the same
     labels.csv                     columns ``file`` and ``angle`` in [-1, 1]
 
 Angles are positive to the right in all of them, and here.
@@ -73,33 +72,18 @@ def load_drive(folder: Path) -> Drive:
     readers: dict[str, Callable[[Path], Iterable[_Row | None]]] = {
         "labels.csv": _labels_csv,
         "data.txt": _sully_chen,
-        "manifest.json": _tub_2,
-        "record_*.json": _tub_1,
+        "manifest.json": _tub,
     }
-    for pattern, read in readers.items():
-        if any(folder.glob(pattern)):
-            found: list[_Row | None] = list(read(folder))
-            break
-    else:
+    name = next((name for name in readers if (folder / name).exists()), None)
+    if name is None:
         raise ConfigError(f"{folder}: expected one of {', '.join(readers)}, found none of them")
+    found = list(readers[name](folder))
     rows = [row for row in found if row is not None]
     if not rows:
         raise ConfigError(f"{folder}: expected a recorded drive, got one without a picture")
     steering_deg = np.array([row.steering_deg for row in rows])
-    if read is _sully_chen:
-        _refuse_other_units(steering_deg, folder)
     files = _pictures(folder, [row.file for row in rows])
     return Drive(files, steering_deg, len(found) - len(rows))
-
-
-def _refuse_other_units(steering_deg: np.ndarray, folder: Path) -> None:
-    """A steering wheel that never leaves 3.2 degrees tells of radians, or of shares."""
-    most = float(np.abs(steering_deg).max())
-    if 0.0 < most <= _LEAST_DEG:
-        raise ConfigError(
-            f"{folder / 'data.txt'}: expected degrees of the steering wheel, got no angle beyond "
-            f"{most:.3g}; multiply radians by 57.3, and put shares of full lock into labels.csv"
-        )
 
 
 def _labels_csv(folder: Path) -> Iterator[_Row]:
@@ -111,33 +95,41 @@ def _labels_csv(folder: Path) -> Iterator[_Row]:
             yield _scaled(row["file"], row["angle"], f"{path}:{line}")
 
 
-def _sully_chen(folder: Path) -> Iterator[_Row]:
-    path = folder / "data.txt"
+def _sully_chen(folder: Path) -> list[_Row]:
+    path, rows = folder / "data.txt", []
     for number, line in enumerate(_lines(path), start=1):
-        if not line.strip():
-            continue
-        name, _, rest = line.strip().partition(" ")
-        yield _Row(name, _number(rest.split(",")[0], f"{path}:{number}"))
+        if line.strip():
+            name, _, rest = line.strip().partition(" ")
+            rows.append(_Row(name, _number(rest.split(",")[0], f"{path}:{number}")))
+    most = max((abs(row.steering_deg) for row in rows), default=0.0)
+    if 0.0 < most <= _LEAST_DEG:  # of radians, or of shares
+        raise ConfigError(
+            f"{path}: expected degrees of the steering wheel, got no angle beyond {most:.3g}; "
+            "multiply radians by 57.3, and put shares of full lock into labels.csv"
+        )
+    return rows
 
 
-def _tub_2(folder: Path) -> Iterator[_Row | None]:
+def _tub(folder: Path) -> Iterator[_Row | None]:
     lines = [line for line in _lines(folder / "manifest.json") if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
-    deleted = set(last.get("deleted_indexes", ()))
     for path in _catalogs(folder, last.get("paths")):
         for number, line in enumerate(_lines(path), start=1):
             record = _record(line)
             if record is None:
                 yield None
-            elif record.get("_index") not in deleted:
-                yield _normalised(record, f"{path}:{number}")
+            elif record.get("_index") not in last.get("deleted_indexes", ()):
+                file, angle = record.get("cam/image_array"), record.get("user/angle")
+                known = isinstance(file, str) and angle is not None
+                yield _scaled(str(file), angle, f"{path}:{number}") if known else None
 
 
 def _catalogs(folder: Path, named: Any) -> list[Path]:
     """Those that the manifest names; more may lie there: given up, or macOS's ._ files."""
     if isinstance(named, list):
         return [folder / Path(str(name)).name for name in named]
-    return sorted((p for p in folder.glob("*.catalog") if p.name[0] != "."), key=_by_number)
+    found = [path for path in folder.glob("*.catalog") if path.name[0] != "."]
+    return sorted(found, key=lambda path: [int(number) for number in re.findall(r"\d+", path.stem)])
 
 
 def _lines(path: Path) -> list[str]:
@@ -148,12 +140,6 @@ def _lines(path: Path) -> list[str]:
         raise ConfigError(f"{path}: expected a part of the drive, got: {error.strerror}") from error
 
 
-def _tub_1(folder: Path) -> Iterator[_Row | None]:
-    for path in sorted(folder.glob("record_*.json"), key=_by_number):
-        record = _record(" ".join(_lines(path)))
-        yield None if record is None else _normalised(record, str(path))
-
-
 def _record(text: str) -> dict[str, Any] | None:
     """A line of a tub; None for a broken one: half written, or the NULs of a power cut."""
     try:
@@ -161,14 +147,6 @@ def _record(text: str) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return record if isinstance(record, dict) else None
-
-
-def _normalised(record: dict[str, Any], where: str) -> _Row | None:
-    """None where a picture or an angle is absent."""
-    file, angle = record.get("cam/image_array"), record.get("user/angle")
-    if not isinstance(file, str) or angle is None:
-        return None
-    return _scaled(file, angle, where)
 
 
 def _scaled(file: str, angle: Any, where: str) -> _Row:
@@ -183,29 +161,24 @@ def _scaled(file: str, angle: Any, where: str) -> _Row:
 def _number(text: Any, where: str) -> float:
     try:
         value = float(text)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{where}: expected an angle, got {text!r}") from error
+    except (TypeError, ValueError):
+        value = np.nan
     if not np.isfinite(value):
-        raise ConfigError(f"{where}: expected a finite angle, got {value}")
+        raise ConfigError(f"{where}: expected an angle, got {text!r}")
     return value
 
 
 def _pictures(folder: Path, names: list[str]) -> tuple[Path, ...]:
-    found = [_picture(folder, name) for name in names]
-    missing = [name for name, path in zip(names, found, strict=True) if path is None]
+    """Each beside the records, or where the programs put them."""
+    files, missing = list[Path](), list[Path]()
+    for name in names:
+        base = Path(name).name
+        places = (folder / name, folder / "images" / base, folder / "data" / base, folder / base)
+        found = next((path for path in places if path.is_file()), None)
+        (missing if found is None else files).append(found or Path(name))
     if missing:
         raise ConfigError(
             f"{folder}: expected a picture for each of {len(names)} records, found none for "
             f"{len(missing)}, the first {missing[0]}; take these records out"
         )
-    return tuple(path for path in found if path is not None)
-
-
-def _picture(folder: Path, name: str) -> Path | None:
-    base = Path(name).name
-    places = (folder / name, folder / "images" / base, folder / "data" / base, folder / base)
-    return next((path for path in places if path.is_file()), None)
-
-
-def _by_number(path: Path) -> tuple[int, ...]:
-    return tuple(int(digits) for digits in re.findall(r"\d+", path.stem))
+    return tuple(files)

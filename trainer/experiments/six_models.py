@@ -20,7 +20,7 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.pool import LookPool
 from sim_pybullet.randomise import load_look_sampler, looks_of
 from trainer.algorithms import find_algorithm
-from trainer.experiments.options import SixModelsOptions
+from trainer.experiments.cli import SixModelsOptions
 from trainer.experiments.tables import half_interval
 from trainer.judging.explain import Explainer, overlay
 from trainer.options import EvaluateOptions, TrainOptions
@@ -54,11 +54,6 @@ VARIANTS = {
     "cyclegan": Variant("CycleGAN", "nominal", translated=True),
     "dr_cyclegan": Variant("both", "randomised", translated=True),
 }
-
-
-def episodes(options: SixModelsOptions) -> dict[str, int]:
-    """Of each test."""
-    return {"laps": options.lap_drives, "paths": PATHS, "tasks": MISSIONS}
 
 
 class Model(NamedTuple):
@@ -113,33 +108,52 @@ def trainings(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> l
     return jobs
 
 
+class Trial(NamedTuple):
+    """What models are asked to do."""
+
+    task: str
+    maps: tuple[str, ...]
+    pose_error: str | None
+    episodes: int
+
+
+def trials(options: SixModelsOptions) -> dict[str, Trial]:
+    """The three by name."""
+    arena, error = (options.test_map,), options.pose_error
+    return {
+        "laps": Trial("four_laps", (), None, options.lap_drives),
+        "paths": Trial("manoeuvres", arena, error, PATHS),
+        "tasks": Trial("navigation", arena, error, MISSIONS),
+    }
+
+
 def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list[EvaluateJob]:
     """The three tests of each of these models. The policy sees what is there, untranslated."""
-    places: dict[str, tuple[str, tuple[str, ...], str | None]] = {
-        "laps": ("four_laps", (), None),
-        "paths": ("manoeuvres", (options.test_map,), options.pose_error),
-        "tasks": ("navigation", (options.test_map,), options.pose_error),
-    }
     jobs = []
     for model in among:
-        for test, (task, maps, pose_error) in places.items():
-            file = model.judged(out, test)
+        for name, trial in trials(options).items():
+            file = model.judged(out, name)
             job = EvaluateOptions(
                 model=str(RunFolder(file.parent).onnx),
-                task=task,
-                map=maps,
+                task=trial.task,
+                map=trial.maps,
                 look=options.look,
-                pose_error=pose_error,
-                episodes=episodes(options)[test],
+                pose_error=trial.pose_error,
+                episodes=trial.episodes,
                 seed=FIRST_SEED,
             )
             jobs.append(EvaluateJob(file, job, drives=True))
     return jobs
 
 
-def of_kind(all_models: Sequence[Model], algorithm: str, variant: str) -> list[Model]:
-    """The models that differ by their seeds only."""
-    return [m for m in all_models if (m.algorithm, m.variant) == (algorithm, variant)]
+def kinds(options: SixModelsOptions) -> list[list[Model]]:
+    """The models that differ by their seeds only, together; in the order of the paper's tables."""
+    everyone = models(options)
+    return [
+        [model for model in everyone if model[:2] == first[:2]]
+        for first in everyone
+        if first.seed == 0
+    ]
 
 
 @dataclass(frozen=True)
@@ -173,17 +187,12 @@ class Transfer:
 
 def gather(out: Path, options: SixModelsOptions) -> Transfer:
     """The figures of all tests; they must have been run."""
-    everyone = models(options)
     rows = []
-    for variant in VARIANTS:
-        for algorithm in ALGORITHMS:
-            kind = of_kind(everyone, algorithm, variant)
-            if kind:
-                counts = [
-                    tuple(_successes(m, out, test) for m in kind) for test in episodes(options)
-                ]
-                rows.append(TransferRow(algorithm, variant, *counts))
-    return Transfer(options, episodes(options), tuple(rows))
+    for kind in kinds(options):
+        counts = [tuple(_successes(m, out, test) for m in kind) for test in trials(options)]
+        rows.append(TransferRow(*kind[0][:2], *counts))
+    episodes = {name: trial.episodes for name, trial in trials(options).items()}
+    return Transfer(options, episodes, tuple(rows))
 
 
 def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
@@ -192,46 +201,25 @@ def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
     Ours are each seed's, with the 95 % interval of their mean.
     """
     laps, paths, tasks = (f"of {count}" for count in transfer.episodes.values())
-    rows: list[tuple[str, ...]] = [
-        (
-            "transfer",
-            "algorithm",
-            f"four laps {laps}",
-            f"paths {paths}",
-            "verdict",
-            "paper",
-            f"missions {tasks}",
-            "paper",
-        )
-    ]
+    asked = (f"four laps {laps}", f"paths {paths}", "verdict", "paper", f"missions {tasks}")
+    rows: list[tuple[str, ...]] = [("transfer", "algorithm", *asked, "paper")]
     for row in transfer.rows:
-        theirs = PAPER.get((row.algorithm, row.variant))
-        rows.append(
-            (
-                VARIANTS[row.variant].title,
-                find_algorithm(row.algorithm).title,
-                _each(row.laps),
-                _each(row.paths),
-                row.verdict,
-                str(theirs[0]) if theirs else _paper_verdict(row),
-                _each(row.tasks),
-                str(theirs[1]) if theirs else "–",
-            )
-        )
+        failed = "failure" if row.variant in ("none", "dr") else "–"
+        theirs = PAPER.get((row.algorithm, row.variant), (failed, "–"))
+        names = VARIANTS[row.variant].title, find_algorithm(row.algorithm).title
+        ours = _each(row.laps), _each(row.paths), row.verdict
+        rows.append((*names, *ours, str(theirs[0]), _each(row.tasks), str(theirs[1])))
     return rows
 
 
 def draw_transfer_curves(out: Path, options: SixModelsOptions, path: Path) -> None:
     """A panel for each kind of navigator, mean and band over its seeds."""
-    everyone, panels = models(options), []
-    for variant, (title, _, _) in VARIANTS.items():
-        for algorithm in ALGORITHMS:
-            runs = [
-                RunFolder(m.run(out, "navigation")) for m in of_kind(everyone, algorithm, variant)
-            ]
-            if runs:
-                records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
-                panels.append((f"{find_algorithm(algorithm).title}, transfer by {title}", records))
+    panels = []
+    for kind in kinds(options):
+        runs = [RunFolder(model.run(out, "navigation")) for model in kind]
+        records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
+        algorithm, variant = find_algorithm(kind[0].algorithm), VARIANTS[kind[0].variant]
+        panels.append((f"{algorithm.title}, transfer by {variant.title}", records))
     draw_panels(panels, path)
 
 
@@ -245,10 +233,6 @@ def _each(counts: tuple[int, ...]) -> str:
     if len(counts) < 2:
         return seeds
     return f"{seeds} ({mean(counts):.1f} ± {half_interval(np.array(counts)):.1f})"
-
-
-def _paper_verdict(row: TransferRow) -> str:
-    return "failure" if row.variant in ("none", "dr") else "–"
 
 
 def judged_frames(options: SixModelsOptions) -> np.ndarray:

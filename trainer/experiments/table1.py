@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,14 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.inference.preprocess import preprocess_batch
 from trainer.experiments.drive_pictures import (
     See,
     Stacks,
     Turning,
-    goes_on_turning,
-    load_stacks,
+    frames_of,
+    make_stacks,
     shifts_px,
     split_by_time,
     turning,
@@ -91,56 +92,34 @@ def foretell(
     drive = load_drive(data)
     if drive.skipped:
         console.print(f"{data}: skipped {drive.skipped} broken records", markup=False)
-    every = pictures_apart(rate_hz)
-    image = preset("track", "ppo", "fast").image
-    training, test = split_by_time(load_stacks(drive, image, every))
+    frames, every = frames_of(drive), max(1, round(DECISION_S * rate_hz))
+
+    def halves(see: See) -> tuple[Stacks, Stacks]:
+        return split_by_time(make_stacks(drive, frames, see, every))
+
+    usual = partial(preprocess_batch, spec=preset("track", "ppo", "fast").image)
+    training, test = halves(usual)
     for part, name in ((training, "first 60 %"), (test, "rest")):
         _refuse_one_turn(part, name, drive)
-    moved_px = shifts_px(drive)
-    of_angles = turning(drive.steering_deg, moved_px)
+    of_angles = turning(drive.steering_deg, shifts_px(frames))
     rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
-    rows += _going_on(drive, moved_px, training, test)
+    kinds: dict[str, See] = {"supervised": usual}  # and as policies see through translators
+    translators = set[str]()
     for name, seed, policy in policies:
-        seen = split_by_time(load_stacks(drive, policy.image, every, policy.see))[1].stacked()
-        rows.append(compare(name, seed, test.turns, policy.turns(seen)))
-    for kind, (pictures, how) in _supervised(policies, image).items():
-        part, rest = split_by_time(load_stacks(drive, pictures, every, how))
+        seen = halves(policy.see)[1]
+        rows.append(compare(name, seed, seen.turns, policy.turns(seen.stacked())))
+        if policy.translator and policy.translator not in translators:
+            translators.add(policy.translator)
+            kinds[f"supervised, as {name} sees"] = policy.see
+    for kind, see in kinds.items():
+        part, rest = halves(see)
         for seed in range(seeds):
-            checkpoint = out / f"{_stem(kind)}_{seed}_{steps}.pt"
-            network = teach_turns(part, steps, seed, checkpoint, console)
+            stem = re.sub(r"[^A-Za-z0-9]+", "_", kind)
+            network = teach_turns(part, steps, seed, out / f"{stem}_{seed}_{steps}.pt", console)
             rows.append(compare(kind, seed, rest.turns, network.turns(rest.stacked())))
     counts = len(training.last), len(test.last)
     parts = shares(training.turns), shares(test.turns)
     return Table(str(data), *counts, *parts, of_angles, tuple(rows))
-
-
-def _supervised(
-    policies: Sequence[Named], image: ImageSpec
-) -> dict[str, tuple[ImageSpec, See | None]]:
-    """What supervised networks see: the task's pictures; and for each translator that a policy sees
-    the drive through, pictures of that size, and what it makes of them."""
-    kinds: dict[str, tuple[ImageSpec, See | None]] = {"supervised": (image, None)}
-    through: dict[str, str] = {}  # the first policy of each translator
-    for name, _, policy in policies:
-        if policy.translator and through.setdefault(policy.translator, name) == name:
-            kinds.setdefault(f"supervised, size of {name}", (policy.image, None))
-            kinds.setdefault(f"supervised, as {name} sees", (policy.image, policy.see))
-    return kinds
-
-
-def pictures_apart(rate_hz: float) -> int:
-    """Of how many pictures one is taken, so that a stack's are a decision apart.
-
-    Raises:
-        ConfigError: no such rate.
-    """
-    if not rate_hz > 0.0:
-        raise ConfigError(f"rate: expected pictures in a second, above 0, got {rate_hz}")
-    return max(1, round(DECISION_S * rate_hz))
-
-
-def _stem(look: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "_", look)
 
 
 def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
@@ -152,16 +131,6 @@ def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
             f"{', '.join(done)}; the angles go from {low:.3g} to {high:.3g} degrees: another part "
             "of the drive, or other units?"
         )
-
-
-def _going_on(drive: Drive, moved_px: np.ndarray, training: Stacks, test: Stacks) -> list[Accuracy]:
-    """Who goes on turning as the pictures turn, the scale of it from the training part."""
-    end = int(training.last[-1])
-    scale = turning(drive.steering_deg[: end + 1], moved_px[:end])
-    if scale.px_per_deg <= 0.0:
-        return []
-    guessed = goes_on_turning(moved_px, scale.px_per_deg, test.reach)[test.last]
-    return [compare("goes on turning", 0, test.turns, guessed)]
 
 
 def compare(driver: str, seed: int, wanted: np.ndarray, guessed: np.ndarray) -> Accuracy:
@@ -219,31 +188,32 @@ def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:
 
 def draw_table(table: Table, path: Path) -> None:
     """Bars of each driver's accuracy with every seed's interval, the paper's figures beside."""
-    drivers = list(dict.fromkeys(row.driver for row in table.rows))
+    drivers = _by_driver(table)
     figure = Figure(figsize=(8.0, 1.2 + 0.42 * len(drivers)), layout="constrained")
     axis = figure.subplots()
-    for y, driver in enumerate(drivers):
-        rows = [row for row in table.rows if row.driver == driver]
-        axis.barh(y - 0.17, mean(rows), 0.32, color="steelblue", label="here" if y == 0 else None)
-        for k, row in enumerate(rows):
-            place = y - 0.17 + 0.08 * (k - (len(rows) - 1) / 2)
-            axis.plot([row.low, row.high], [place, place], color="black", linewidth=1)
-            axis.plot(row.accuracy, place, "o", color="black", markersize=3)
-        if driver in PAPER:
-            axis.barh(y + 0.17, PAPER[driver], 0.32, color="lightgrey")
-    axis.barh(0, 0.0, 0.0, color="lightgrey", label="paper B, other data")
-    axis.set_yticks(range(len(drivers)), drivers)
+    places = np.arange(len(drivers))
+    means = [np.mean([row.accuracy for row in rows]) for rows in drivers.values()]
+    axis.barh(places - 0.17, means, 0.32, color="steelblue", label="here")
+    paper = [PAPER.get(driver, 0.0) for driver in drivers]
+    axis.barh(places + 0.17, paper, 0.32, color="lightgrey", label="paper B, other data")
+    for place, rows in zip(places, drivers.values(), strict=True):
+        seen = np.array([(row.accuracy, row.low, row.high) for row in rows]).T
+        at = place - 0.17 + 0.08 * (np.arange(len(rows)) - (len(rows) - 1) / 2)
+        axis.hlines(at, seen[1], seen[2], color="black", linewidth=1)
+        axis.plot(seen[0], at, "o", color="black", markersize=3)
+    axis.set_yticks(places, list(drivers))
     axis.invert_yaxis()
     axis.set(xlim=(0, 1), xlabel="turns foretold", title=f"{table.test_frames} test frames")
     axis.legend(frameon=False, fontsize="small")
-    axis.grid(axis="x", alpha=0.25)
     with atomically(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
 
 
-def mean(rows: Sequence[Accuracy]) -> float:
-    """The mean accuracy of one driver's seeds."""
-    return float(np.mean([row.accuracy for row in rows]))
+def _by_driver(table: Table) -> dict[str, list[Accuracy]]:
+    drivers: dict[str, list[Accuracy]] = {}
+    for row in table.rows:
+        drivers.setdefault(row.driver, []).append(row)
+    return drivers
 
 
 def as_table(table: Table) -> RichTable:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 
 from robot.errors import ContractError
 from robot.inference.translator import OnnxTranslator, TranslatorContract
-from trainer.export import IR_VERSION, OPSET
+from trainer.export import write_onnx
 from trainer.run import atomically
 from trainer.transfer.metrics import through
 
@@ -29,31 +27,11 @@ def export_translator(network: torch.nn.Module, contract: TranslatorContract, pa
     Raises:
         ContractError: they disagree by more than a grey level.
     """
-    network = network.cpu().eval()
     rng = np.random.default_rng(0)
     pictures = rng.integers(0, 256, (3, *contract.image.shape), dtype=np.uint8)
-    axes = {name: {0: "n"} for name in ("image", "translation")}
-    with atomically(path) as temporary, warnings.catch_warnings():
-        # The tracer warns of sizes that it takes as fixed: here they are.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            network,
-            (torch.from_numpy(pictures),),
-            str(temporary),
-            dynamo=False,
-            opset_version=OPSET,
-            input_names=["image"],
-            output_names=["translation"],
-            dynamic_axes=axes,
-        )
-        model = onnx.load(str(temporary))
-        model.ir_version = IR_VERSION
-        onnx.helper.set_model_props(model, {TranslatorContract.METADATA_KEY: contract.to_json()})
-        shape = model.graph.output[0].type.tensor_type.shape
-        for axis, size in zip(shape.dim[1:], contract.image.shape, strict=True):
-            axis.dim_value = size
-        onnx.checker.check_model(model)
-        onnx.save(model, str(temporary))
+    example = {"image": torch.from_numpy(pictures)}
+    with atomically(path) as temporary:
+        write_onnx(network, example, "translation", contract, temporary, contract.image.shape)
         _check_equal(network, OnnxTranslator(temporary), pictures)
 
 

@@ -1,6 +1,6 @@
 """How well a translator or a parser does: distances between sets of pictures, lines kept, classes.
 
-KID and FID are told from features that need no download: those of a fixed network of random
+KID is told from features that need no download: those of a fixed network of random
 filters, three convolutions drawn from seed 0, each followed by rectification and halving, averaged
 over a grid of 2 x 2 cells at every depth, and standardised by the set compared with. A deviation
 there counts for no less than one grey level: pictures are rounded to that, and the filters keep the
@@ -86,22 +86,6 @@ def kernel_distance(made: np.ndarray, real: np.ndarray, seed: int = 0) -> float:
     return float(np.mean(distances))
 
 
-def frechet_distance(made: np.ndarray, real: np.ndarray, dimensions: int = 32) -> float:
-    """FID (Heusel et al. 2017) between normal distributions fitted to the main directions.
-
-    Only the ``dimensions`` principal directions of ``real`` are compared: a covariance of more
-    could not be estimated from some hundred pictures.
-    """
-    made, real = _standardised(made, real)
-    _, _, directions = np.linalg.svd(real - real.mean(0), full_matrices=False)
-    a, b = made @ directions[:dimensions].T, real @ directions[:dimensions].T
-    of_a, of_b = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
-    # the trace of a root is the sum of the roots of the eigenvalues, here none below 0
-    shared = np.sqrt(np.linalg.eigvals(of_a @ of_b).real.clip(0.0)).sum()
-    apart = ((a.mean(0) - b.mean(0)) ** 2).sum()
-    return float(apart + np.trace(of_a) + np.trace(of_b) - 2.0 * shared)
-
-
 def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
     """(N, H, W) uint8, 1 on lines, told by brightness alone: a judge that learned nothing.
 
@@ -128,11 +112,6 @@ def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
         if both and seen[bright].mean() - seen[~bright].mean() > _LEAST_CONTRAST:
             mask[floor] = light[floor] > level
     return masks
-
-
-def painted_lines(paint: np.ndarray) -> np.ndarray:
-    """(N, H, W) bool, where white or yellow lines are; ``paint`` as of `bright_lines`."""
-    return np.asarray((paint[:, :2] > 127).any(1))
 
 
 def overlap(found: np.ndarray, expected: np.ndarray) -> float:

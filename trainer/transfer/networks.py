@@ -30,10 +30,9 @@ def as_bytes(pictures: torch.Tensor) -> torch.Tensor:
 
 
 def resized(pictures: torch.Tensor, size: Sequence[int], mode: str = "nearest") -> torch.Tensor:
-    """(N, C, H, W) -> (N, C, *size); nothing is done where it has that size."""
-    if tuple(pictures.shape[2:]) == tuple(size):
-        return pictures
-    return functional.interpolate(pictures, tuple(size), mode=mode)
+    """(N, C, H, W) -> (N, C, *size)."""
+    same = tuple(pictures.shape[2:]) == tuple(size)
+    return pictures if same else functional.interpolate(pictures, tuple(size), mode=mode)
 
 
 def painted(scores: torch.Tensor, colours: torch.Tensor) -> torch.Tensor:
@@ -63,14 +62,10 @@ class PictureTranslator(nn.Module):
 
 
 class UNet(nn.Module):
-    """Halvings and back, with skips (Ronneberger et al. 2015).
+    """Halvings ``down``, ``deep`` at the narrowest place, and ``up`` again with skips.
 
-    Args:
-        down: layers that halve.
-        deep: at the narrowest place.
-        up: what leads back, or all of it but the last. Beside what each gives, enlarged where it
-            has to be, goes what the halving that it undoes was given.
-        last: gives the picture.
+    Ronneberger et al. 2015. Beside what each layer of ``up`` gives, enlarged where it has to be,
+    goes what the halving that it undoes was given; ``last`` gives the picture.
     """
 
     def __init__(
@@ -114,7 +109,7 @@ class Changing(nn.Module):
 
 
 class AtSize(nn.Module):
-    """A network that sees pictures of one size, between pictures of any."""
+    """A network that sees pictures of one size (H, W), between pictures of any."""
 
     def __init__(self, inner: nn.Module, size: tuple[int, int]) -> None:
         super().__init__()

@@ -1,30 +1,40 @@
-"""A CycleGAN run: trained from beginning to end, or from where it was cut off; exported."""
+"""A CycleGAN run: trained from beginning to end, or from where it was cut off; exported.
+
+Critics and generators chase each other, and more updates are not always better: pictures come
+closer to photographs and then drift away again, and lines fade or are drawn anew. So the best
+generators are kept, judged on pictures that none of them learned from.
+"""
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from rich.console import Console
+from torch import nn
 
 from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.resumable import Loop, Stateful
+from trainer.sequences import ends
 from trainer.transfer.cyclegan import Batch, CycleGan, TranslationConfig
 from trainer.transfer.export import export_translator
+from trainer.transfer.judge import FEWEST, Judge, Score
 from trainer.transfer.metrics import through
 from trainer.transfer.networks import PictureTranslator, as_floats
-from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, load_paint, load_pictures
-from trainer.transfer.validation import Best, Validation, held_out, held_out_photographs
+from trainer.transfer.pictures import SHEET_ROWS, Pictures, draw_sheet, load_paint, load_pictures
 
-VALIDATE_EVERY = 125
+JUDGE_EVERY = 125
+HELD_OUT_EVERY = 8  # one picture of so many is not learned from
 _LARGEST_SHIFT = 0.05  # of the picture: photographs are cut a little differently each time
 
 
 class UnpairedPictures:
     """Draws batches: simulated pictures with their paint, and photographs.
 
-    ``validation`` judges by simulated pictures and photographs that are not drawn.
+    ``judge`` has the simulated pictures and photographs that are not drawn.
     """
 
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
@@ -35,9 +45,7 @@ class UnpairedPictures:
         self._paint = load_paint(self.sim, config.image)
         self._device = device
         out, away = held_out(self.sim), held_out_photographs(self.real)
-        self.validation = Validation(
-            self.sim.part(out), self._paint[out], self.real.images[away], device
-        )
+        self.judge = Judge(self.sim.part(out), self._paint[out], self.real.images[away])
         self.sim, self._paint = self.sim.part(~out), self._paint[~out]
         self.real = self.real.part(~away)
 
@@ -48,6 +56,36 @@ class UnpairedPictures:
         parts = (self.sim.images[sim], photographs, self._paint[sim])
         first, second, paint = (torch.from_numpy(part).to(self._device) for part in parts)
         return Batch(as_floats(first), as_floats(second), paint.float() / 255.0)
+
+
+class Best:
+    """The best generators of a training so far."""
+
+    def __init__(self) -> None:
+        self.score: Score | None = None
+        self.steps = 0  # updates until then
+        self.weights: list[dict[str, Any]] = []  # of sim-to-real, real-to-sim
+
+    def offer(self, score: Score, model: CycleGan) -> None:
+        """Keep the newest generators, which have this score, if none so far were better."""
+        if score.better_than(self.score):
+            self.score, self.steps = score, model.steps
+            self.weights = [copy.deepcopy(each.state_dict()) for each in model.kept]
+
+    def generators(self, model: CycleGan) -> tuple[nn.Module, nn.Module]:
+        """Sim-to-real and real-to-sim with the weights kept, in place of the model's newest."""
+        for generator, weights in zip(model.kept, self.weights, strict=True):
+            generator.load_state_dict(weights)
+        return model.kept_to_real, model.kept_to_sim
+
+    def state_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {**vars(self), "score": self.score and tuple(self.score)}
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
+        """Take it up again."""
+        vars(self).update(state_dict)
+        self.score = self.score and Score(*self.score)
 
 
 def train_translation(out: Path, config: TranslationConfig, console: Console) -> Best:
@@ -67,8 +105,9 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
 
     def step(*_: object) -> str:
         losses = model.step(pictures.draw(config.batch, model.rng))
-        if model.steps % VALIDATE_EVERY == 0 or model.steps == config.steps:
-            best.offer(pictures.validation.score(model.kept_to_real), model)
+        if model.steps % JUDGE_EVERY == 0 or model.steps == config.steps:
+            kept = PictureTranslator(model.kept_to_real)
+            best.offer(pictures.judge.score(lambda some: through(kept, some, device)), model)
         return f"cycle {losses['cycle']:.2f}, structure {losses['structure']:.2f}"
 
     parts: dict[str, Stateful] = {"model": model, "best": best}
@@ -84,6 +123,28 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
     back = through(generators[1], made)
     draw_sheet(out / "sheet.png", {"picture": given, "translation": made, "cycle": back})
     return best
+
+
+def held_out(sim: Pictures) -> np.ndarray:
+    """(N,) bool: spread over every collection of two pictures or more."""
+    chosen = np.zeros(len(sim.images), bool)
+    for number in np.unique(sim.folder):
+        mine = np.flatnonzero(sim.folder == number)
+        chosen[mine[1 :: min(HELD_OUT_EVERY, max(2, len(mine) // FEWEST))]] = True
+    return chosen
+
+
+def held_out_photographs(real: Pictures) -> np.ndarray:
+    """(N,) bool: the end of every drive of every folder, see `trainer.sequences`.
+
+    Neighbours in a drive look alike, so photographs here and there would not be strangers.
+    """
+    chosen = np.zeros(len(real.images), bool)
+    for number in np.unique(real.folder):
+        mine = np.flatnonzero(real.folder == number)
+        names = [real.files[i].stem for i in mine]
+        chosen[mine] = ends(names, 1.0 / HELD_OUT_EVERY, FEWEST)
+    return chosen
 
 
 def onnx_file(out: Path, direction: str) -> Path:

@@ -1,5 +1,6 @@
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,8 @@ from hypothesis import strategies as st
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from trainer.experiments.drive_pictures import STACK, load_stacks, split_by_time
+from robot.inference.preprocess import preprocess_batch
+from trainer.experiments.drive_pictures import STACK, frames_of, make_stacks, split_by_time
 from trainer.experiments.records import FULL_LOCK_DEG, Drive, Turn, load_drive, turns
 
 ANGLES = (-0.5, 0.0, 0.2, 0.9)
@@ -27,7 +29,7 @@ def write_pictures(folder: Path, names: list[str]) -> None:
 def write_layout(folder: Path, layout: str) -> None:
     """The same drive as each program writes it."""
     files = [f"{k}_cam.jpg" for k in range(len(ANGLES))]
-    inner = {"sully": "", "labels": "images", "tub2": "images", "tub1": ""}[layout]
+    inner = {"sully": "", "labels": "images", "tub": "images"}[layout]
     write_pictures(folder / inner, files)
     rows = [
         {"_index": k, "cam/image_array": file, "user/angle": angle}
@@ -42,9 +44,6 @@ def write_layout(folder: Path, layout: str) -> None:
     elif layout == "labels":
         lines = [f"dev/{f},{k},{a},0.5" for k, (f, a) in enumerate(zip(files, ANGLES, strict=True))]
         (folder / "labels.csv").write_text("\n".join(["file,index,angle,throttle", *lines]))
-    elif layout == "tub1":
-        for k, row in enumerate(rows):
-            (folder / f"record_{k + 9}.json").write_text(json.dumps(row))
     else:
         thrown = {"_index": 77, "cam/image_array": "gone.jpg", "user/angle": 0.1}
         first, rest = [*rows[:2], thrown], rows[2:]
@@ -54,7 +53,7 @@ def write_layout(folder: Path, layout: str) -> None:
         (folder / "manifest.json").write_text('["a"]\n{}\n{"deleted_indexes": [77]}\n')
 
 
-@pytest.mark.parametrize("layout", ["sully", "labels", "tub1", "tub2"])
+@pytest.mark.parametrize("layout", ["sully", "labels", "tub"])
 def test_every_layout_gives_the_same_drive(tmp_path: Path, layout: str) -> None:
     write_layout(tmp_path, layout)
     drive = load_drive(tmp_path)
@@ -69,7 +68,7 @@ def test_every_layout_gives_the_same_drive(tmp_path: Path, layout: str) -> None:
 
 
 def test_a_tub_is_what_its_manifest_names_and_broken_lines_are_counted(tmp_path: Path) -> None:
-    write_layout(tmp_path, "tub2")
+    write_layout(tmp_path, "tub")
     names = ["catalog_10.catalog", "catalog_9.catalog"]
     (tmp_path / "manifest.json").write_text(f"[]\n{json.dumps({'paths': names})}\n")
     (tmp_path / "._catalog_9.catalog").write_bytes(b"\0\5\x16\7\xb0\xff Mac OS X")
@@ -132,12 +131,13 @@ def test_turns_follow_the_angle_and_mirror_with_it(a: float, b: float) -> None:
 def test_training_and_test_share_no_picture(tmp_path: Path) -> None:
     write_pictures(tmp_path, [f"{k:03d}.jpg" for k in range(100)])
     drive = Drive(tuple(sorted(tmp_path.glob("*.jpg"))), np.linspace(-20, 20, 100))
-    stacks = load_stacks(drive, IMAGE)
+    frames, see = frames_of(drive), partial(preprocess_batch, spec=IMAGE)
+    stacks = make_stacks(drive, frames, see)
     assert stacks.stacked().shape == (97, 20, 40, 3 * STACK)
     assert (np.diff(stacks.stacked()[5, 0, 0, ::3].astype(int)) >= 0).all()
     training, test = split_by_time(stacks)
     assert training.last.max() + 20 < test.last.min() - (STACK - 1) + 1
-    apart = load_stacks(drive, IMAGE, 2)
+    apart = make_stacks(drive, frames, see, 2)
     assert np.array_equal(apart.stacked([0])[0, ..., ::3][..., -1], apart.pictures[6, ..., 0])
     assert np.array_equal(apart.stacked([0])[0, ..., 0], apart.pictures[0, ..., 0])
     training, test = split_by_time(apart)
@@ -152,6 +152,6 @@ def test_pictures_of_other_sizes_and_grey_ones_are_taken(tmp_path: Path, kind: s
     for k in range(5):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.full(shape, 40 * k, np.uint8))
     drive = Drive(tuple(sorted(tmp_path.glob("*.png"))), np.zeros(5))
-    stacks = load_stacks(drive, IMAGE)
+    stacks = make_stacks(drive, frames_of(drive), partial(preprocess_batch, spec=IMAGE))
     assert stacks.pictures.shape == (5, *IMAGE.shape)
     assert (stacks.pictures[3] == 120).all()

@@ -12,11 +12,11 @@ from trainer.experiments.six_models import (
     SixModelsOptions,
     TransferRow,
     drives,
-    episodes,
     gather,
     models,
     table_rows,
     trainings,
+    trials,
 )
 from trainer.experiments.tables import half_interval
 from trainer.sweeps.jobs import inputs
@@ -95,10 +95,10 @@ def test_every_model_is_judged_by_its_own_run_untranslated(tmp_path):
 
 def test_the_tables_count_successes_and_judge_as_the_paper(tmp_path):
     for k, model in enumerate(models(OPTIONS)):
-        for test, count in episodes(OPTIONS).items():
-            file = model.judged(tmp_path, test)
+        for name, trial in trials(OPTIONS).items():
+            file = model.judged(tmp_path, name)
             file.parent.mkdir(exist_ok=True)
-            file.write_text(json.dumps({"episodes": count, "failures": list(range(k))}))
+            file.write_text(json.dumps({"episodes": trial.episodes, "failures": list(range(k))}))
     transfer = gather(tmp_path, OPTIONS)
     assert [row.paths for row in transfer.rows[:2]] == [(32, 24), (31, 23)]
     assert transfer.rows[-1].tasks == (43, 35)

@@ -62,7 +62,7 @@ def test_who_sees_through_something_has_supervised_networks_that_see_likewise(
     assert found["plain"] > 0.9  # it steers to the light,
     assert found["ours"] < 0.6  # and sees it dark
     kinds = [name for name in found if name.startswith("supervised")]
-    assert kinds == ["supervised", "supervised, size of ours", "supervised, as ours sees"]
+    assert kinds == ["supervised", "supervised, as ours sees"]
     assert min(found[kind] for kind in kinds) > 0.8
 
 

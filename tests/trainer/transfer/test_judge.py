@@ -12,16 +12,10 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from trainer.presets import preset
 from trainer.transfer.cyclegan import CycleGan, translation_preset
+from trainer.transfer.judge import Judge, Score
 from trainer.transfer.networks import as_bytes
 from trainer.transfer.pictures import Pictures, load_paint, load_pictures
-from trainer.transfer.unpaired import UnpairedPictures
-from trainer.transfer.validation import (
-    Best,
-    Score,
-    Validation,
-    held_out,
-    held_out_photographs,
-)
+from trainer.transfer.unpaired import Best, UnpairedPictures, held_out, held_out_photographs
 
 FAST: ImageSpec = preset("lane", "dueling", "fast").image
 SCORES = [Score(kid, lanes) for kid, lanes in product((0.5, 2.0), (0.7, 0.855, 0.87, 0.95))]
@@ -63,16 +57,15 @@ def test_one_picture_is_too_few(sim: Path, real: Path) -> None:
     one = np.arange(len(pictures.images)) == 0
     paint = load_paint(pictures, FAST)
     with pytest.raises(ConfigError, match="got too few"):
-        Validation(pictures.part(one), paint[one], photographs.images, torch.device("cpu"))
+        Judge(pictures.part(one), paint[one], photographs.images)
 
 
 def test_the_identity_keeps_all_lines(sim: Path, real: Path) -> None:
     pictures, photographs = (load_pictures([folder], FAST) for folder in (sim, real))
     paint = load_paint(pictures, FAST)
-    validation = Validation(pictures, paint, photographs.images, torch.device("cpu"))
-    assert validation.score(torch.nn.Identity()).lanes == 1.0
-    dark = validation.score(torch.nn.Threshold(9.0, -1.0))
-    assert dark.lanes == 0.0
+    asked = Judge(pictures, paint, photographs.images)
+    assert asked.score(lambda some: some).lanes == 1.0
+    assert asked.score(np.zeros_like).lanes == 0.0
 
 
 def test_photographs_held_out_are_the_end_of_every_drive() -> None:
@@ -92,7 +85,7 @@ def test_nobody_is_judged_by_photographs_that_taught(
     """Every photograph has a colour of its own; which are drawn, and which are judged by?"""
     judged: set[int] = set()
     monkeypatch.setattr(
-        "trainer.transfer.validation.features",
+        "trainer.transfer.judge.features",
         lambda pictures: judged.update(pictures[:, 0, 0, 0].tolist()),
     )
     for folder, first in (("a", 20), ("b", 120)):
