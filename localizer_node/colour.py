@@ -36,17 +36,8 @@ def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
     return cv2.bitwise_or(below, cv2.inRange(hsv, (low, *floor), (180, 255, 255)))
 
 
-def coarse_rects(mask: np.ndarray, min_area_px: float) -> List[Tuple[int, int, int, int]]:
-    """Bounding boxes (u0, v0, u1, v1) of the components of at least this area."""
-    import cv2
-
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_16U)
-    kept = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= min_area_px]
-    return [(int(u), int(v), int(u + w), int(v + h)) for u, v, w, h, _ in kept]
-
-
 def blobs(image: np.ndarray, mask: np.ndarray, min_area_px: float) -> List[Blob]:
-    """The components of a mask of a small RGB picture (H, W, 3), largest first."""
+    """The components of a mask of an RGB picture (H, W, 3), largest first."""
     import cv2
 
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -70,8 +61,9 @@ def _blob(
     cv2.drawContours(filled, [outline], -1, 255, cv2.FILLED, offset=(-u0, -v0))
     shape = cv2.moments(filled, binaryImage=True)
     weight = _coverage(image[window], mask[window], filled)
-    m = cv2.moments(weight)
-    centre = (u0 + m["m10"] / m["m00"], v0 + m["m01"] / m["m00"])
+    v, u = np.indices(weight.shape)
+    total = max(float(weight.sum()), 1e-9)
+    centre = (u0 + float((u * weight).sum()) / total, v0 + float((v * weight).sum()) / total)
     area = shape["m00"]
     covariance = (shape["mu20"] / area, shape["mu11"] / area, shape["mu02"] / area)
     return Blob(centre, covariance, area)

@@ -97,15 +97,13 @@ def locate(arguments: argparse.Namespace) -> None:
         return
     for one in found:
         heading = "?" if one.heading_rad is None else f"{math.degrees(one.heading_rad):.1f}"
-        name = one.robot or "unread"
-        print(f"{name}: x {one.x_m:.3f} m, y {one.y_m:.3f} m, heading {heading} degrees")
+        print(f"{one.robot}: x {one.x_m:.3f} m, y {one.y_m:.3f} m, heading {heading} degrees")
     if not found:
         print("no robot found")
 
 
 def _located(found: List[Detection], inputs: Dict[str, str]) -> Dict[str, Any]:
-    named = [d for d in found if d.robot]
-    best = named[0] if named else None
+    best = found[0] if found else None
     return {
         "schema": SCHEMA,
         "inputs": inputs,

@@ -14,7 +14,6 @@ from localizer_node.rectify import Rectifier, map_outline
 Rgb = Tuple[int, int, int]
 OUTLINE_RGB: Rgb = (250, 210, 60)
 FOUND_RGB: Rgb = (60, 230, 110)
-NAMELESS_RGB: Rgb = (240, 90, 80)
 ARROW_M = 0.18
 
 
@@ -37,16 +36,15 @@ def annotated(
 def _draw(picture: np.ndarray, rectifier: Rectifier, found: Detection, height_m: float) -> None:
     import cv2
 
-    colour = FOUND_RGB if found.robot else NAMELESS_RGB
     start = (round(found.u_px), round(found.v_px))
-    cv2.circle(picture, start, 4, colour, 2, cv2.LINE_AA)
+    cv2.circle(picture, start, 4, FOUND_RGB, 2, cv2.LINE_AA)
     if found.heading_rad is not None:
         ahead = np.array([math.cos(found.heading_rad), math.sin(found.heading_rad)])
         tip = rectifier.to_pixels(np.array([found.x_m, found.y_m]) + ARROW_M * ahead, height_m)
         end = (round(float(tip[0])), round(float(tip[1])))
-        cv2.arrowedLine(picture, start, end, colour, 2, cv2.LINE_AA, tipLength=0.25)
+        cv2.arrowedLine(picture, start, end, FOUND_RGB, 2, cv2.LINE_AA, tipLength=0.25)
     degrees = "?" if found.heading_rad is None else f"{math.degrees(found.heading_rad):.0f}"
-    label = f"{found.robot or 'unread'} {found.x_m:.2f} {found.y_m:.2f} {degrees}"
+    label = f"{found.robot} {found.x_m:.2f} {found.y_m:.2f} {degrees}"
     where = (start[0] + 14, start[1] - 14)
     cv2.putText(picture, label, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, label, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, label, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, FOUND_RGB, 1, cv2.LINE_AA)

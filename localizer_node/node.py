@@ -10,7 +10,6 @@ import numpy as np
 
 from localizer_node.calibration import Calibration
 from localizer_node.detect import Detection, Detector
-from localizer_node.rectify import Rect
 from localizer_node.track import RobotPose, Tracker
 from robot.errors import ContractError
 
@@ -66,9 +65,8 @@ def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]
 class Localizer:
     """Follows the robots from picture to picture.
 
-    ``publish`` is told the poses of every picture, even if there are none. While all robots are in
-    sight, only the neighbourhoods of where they must be are searched. A picture that repeats the
-    last one says nothing of where the robots are now: it has no poses.
+    ``publish`` is told the poses of every picture, even if there are none. A picture that repeats
+    the last one says nothing of where the robots are now: it has no poses.
 
     Attributes:
         frame: number of the last picture.
@@ -82,7 +80,6 @@ class Localizer:
         self._detector = Detector(calibration)
         self._tracker = Tracker(calibration)
         self._publish = publish
-        self._all_seen = False
 
     def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
         """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
@@ -99,22 +96,9 @@ class Localizer:
         if self._repeats == REPEATS_TOLD:
             logger.warning("the overhead camera repeats its picture; no poses until it goes on")
         self._last = image
-        poses = () if self._repeats else self._locate(image, t_capture_s)
+        poses: Tuple[RobotPose, ...] = ()
+        if not self._repeats:
+            poses = self._tracker.update(self._detector.detect(image), t_capture_s, self.frame)
         if self._publish is not None:
             self._publish(poses)
         return poses
-
-    def _locate(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
-        detections = self._detector.detect(image, self._regions(t_capture_s))
-        poses = self._tracker.update(detections, t_capture_s, self.frame)
-        self._all_seen = len(poses) == len(self.calibration.robots)
-        return poses
-
-    def _regions(self, t_s: float) -> Optional[List[Rect]]:
-        if not self._all_seen:
-            return None
-        reach = max(m.board.length_m for m in self.calibration.robots)
-        return [
-            self._detector.window_px(x, y, reach + spread)
-            for x, y, spread in self._tracker.predicted(t_s).values()
-        ]

@@ -13,17 +13,19 @@ import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
 from localizer_node.detect import Detection
-from localizer_node.kalman import FloorFilter, HeadingFilter
+from localizer_node.kalman import RateFilter
 from robot.errors import ContractError
 
 GATE = 5.0  # standard deviations
-SIGMA_M = {"two_colour": 0.003, "tag": 0.002, "plain": 0.004}
-SIGMA_RAD = math.radians(0.8)
+SIGMA_M, SIGMA_RAD = 0.003, math.radians(0.8)  # of a clean sighting
+START_MPS, START_RADPS = 0.3, 2.0  # standard deviations of the rates at first
+ACCELERATION_MPS2 = 2.0  # standard deviation: a stepper starts and stops within a tenth of a second
+ACCELERATION_RADPS2 = 40.0  # from one hard turn to the other as fast
 MAX_SPEED_MPS = 0.8  # nothing of ours drives faster
 CONFIRM_HITS = 3  # pictures in which a robot is seen before its pose is told
 REACQUIRE_HITS = 8  # as many at one other place in a row: it was carried there
+ELSEWHERE_M = 0.05  # within which that is one place
 FORGET_S = 1.0  # without being seen
-CLEAR_RATIO = 3.0  # how much nearer the one board must be to its track than any other
 
 
 @dataclass(frozen=True)
@@ -43,17 +45,20 @@ class RobotPose:
 
 
 class _Track:
-    """One robot; its filter follows the middle of the board, which is known before the front is."""
+    """One robot; its filter follows the middle of the board, which is known without a front."""
 
     def __init__(self, marker: Marker, detection: Detection) -> None:
         self.marker = marker
-        self.floor = FloorFilter(middle_of(detection, marker), SIGMA_M[detection.kind])
-        self.heading: Optional[HeadingFilter] = None
+        middle_m = middle_of(detection, marker)
+        self.floor = RateFilter(middle_m, SIGMA_M, START_MPS, ACCELERATION_MPS2)
+        self.heading: Optional[RateFilter] = None
+        if detection.heading_rad is not None:
+            angle, rates = np.array([detection.heading_rad]), (START_RADPS, ACCELERATION_RADPS2)
+            self.heading = RateFilter(angle, SIGMA_RAD * doubt(detection), *rates, is_angle=True)
         self.hits = 1
         self.unseen_s = 0.0
         self.confidence = detection.confidence
         self.elsewhere: List[np.ndarray] = []
-        self._learn_heading(detection)
 
     def predict(self, dt_s: float) -> None:
         self.floor.predict(dt_s)
@@ -61,40 +66,44 @@ class _Track:
             self.heading.predict(dt_s)
         self.unseen_s += dt_s
 
-    def reach_m(self, sigma_m: float) -> float:
+    @property
+    def reach_m(self) -> float:
         """How far from its prediction this robot may be seen."""
-        spread = math.sqrt(float(self.floor.covariance[0, 0]) + sigma_m**2)
+        spread = math.sqrt(float(self.floor.covariance[0, 0]) + SIGMA_M**2)
         return min(GATE * spread, 0.03 + MAX_SPEED_MPS * (self.unseen_s + 0.05))
 
     def gap_m(self, detection: Detection) -> float:
         """How far a detection is from where this robot should be."""
-        return float(np.linalg.norm(middle_of(detection, self.marker) - self.floor.position_m))
+        return float(np.linalg.norm(middle_of(detection, self.marker) - self.floor.value))
 
     def update(self, detection: Detection) -> None:
-        sigma = SIGMA_M[detection.kind] * doubt(detection)
-        self.floor.update(middle_of(detection, self.marker), sigma)
-        self._learn_heading(detection)
+        self.floor.update(middle_of(detection, self.marker), SIGMA_M * doubt(detection))
+        if self.heading is not None and detection.heading_rad is not None:
+            self.heading.update(np.array([detection.heading_rad]), SIGMA_RAD * doubt(detection))
         self.hits += 1
         self.unseen_s = 0.0
         self.elsewhere = []
         self.confidence += 0.3 * (detection.confidence - self.confidence)
 
-    def _learn_heading(self, detection: Detection) -> None:
-        if detection.heading_rad is None:
-            return
-        sigma = SIGMA_RAD * doubt(detection)
-        if self.heading is None:
-            self.heading = HeadingFilter(detection.heading_rad, sigma)
-        else:
-            self.heading.update(detection.heading_rad, sigma)
-
     def carried_to(self, detection: Detection) -> bool:
         """Seen out of reach once more; True when it was seen there often enough in a row."""
         place = middle_of(detection, self.marker)
-        if self.elsewhere and np.linalg.norm(place - self.elsewhere[-1]) > 0.05:
+        if self.elsewhere and np.linalg.norm(place - self.elsewhere[-1]) > ELSEWHERE_M:
             self.elsewhere = []
         self.elsewhere.append(place)
         return len(self.elsewhere) >= REACQUIRE_HITS
+
+    def pose(self, frame: int, t_s: float) -> RobotPose:
+        """Of the robot's origin, behind the middle of the board."""
+        (x, y), (vx, vy), turn, heading_rad = self.floor.value, self.floor.rate, 0.0, None
+        if self.heading is not None:
+            heading_rad, turn = float(self.heading.value[0]), float(self.heading.rate[0])
+            ahead_m = self.marker.board.forward_m
+            c, s = ahead_m * math.cos(heading_rad), ahead_m * math.sin(heading_rad)
+            x, y, vx, vy = x - c, y - s, vx + turn * s, vy - turn * c
+        confidence = float(np.clip(self.confidence, 0.0, 1.0))
+        place = (float(x), float(y), heading_rad, float(vx), float(vy), turn)
+        return RobotPose(self.marker.robot, *place, confidence, frame, t_s)
 
 
 def doubt(detection: Detection) -> float:
@@ -117,7 +126,7 @@ class Tracker:
     def __init__(self, calibration: Calibration) -> None:
         self._markers: Dict[str, Marker] = {m.robot: m for m in calibration.robots}
         self._tracks: Dict[str, _Track] = {}
-        self._t_s: Optional[float] = None
+        self._t_s = -math.inf
 
     def update(
         self, detections: Sequence[Detection], t_s: float, frame: int
@@ -127,45 +136,30 @@ class Tracker:
         Raises:
             ContractError: ``t_s`` is not later than the last picture's.
         """
-        self._advance(t_s)
-        taken: Dict[str, Detection] = {}
-        for robot in self._markers:
-            chosen = self._named(robot, [d for d in detections if d.robot == robot])
-            if chosen is not None:
-                taken[robot] = chosen
-        self._add_nameless([d for d in detections if not d.robot], taken)
-        for robot, detection in taken.items():
-            if robot in self._tracks:
-                self._tracks[robot].update(detection)
-            else:
-                self._tracks[robot] = _Track(self._markers[robot], detection)
-        lost = [r for r, track in self._tracks.items() if track.unseen_s > FORGET_S]
-        for robot in lost:
-            del self._tracks[robot]
-        poses = (self._pose(robot, frame, t_s) for robot in taken)
-        return tuple(pose for pose in poses if pose is not None)
-
-    def predicted(self, t_s: float) -> Dict[str, Tuple[float, float, float]]:
-        """x, y and reach [m] of where each followed robot will be seen at ``t_s``."""
-        dt_s = max(t_s - (t_s if self._t_s is None else self._t_s), 0.0)
-        result = {}
-        for robot, track in self._tracks.items():
-            x, y = track.floor.position_m + dt_s * track.floor.velocity_mps
-            result[robot] = (float(x), float(y), 0.03 + MAX_SPEED_MPS * (track.unseen_s + dt_s))
-        return result
-
-    def _advance(self, t_s: float) -> None:
-        dt_s = 0.0 if self._t_s is None else t_s - self._t_s
-        if self._t_s is not None and dt_s <= 0.0:
+        if t_s <= self._t_s:
             raise ContractError(
                 f"tracker: expected pictures in the order they were taken, got one of {t_s:.4f} s "
                 f"after one of {self._t_s:.4f} s; use one monotonic clock"
             )
-        self._t_s = t_s
         for track in self._tracks.values():
-            track.predict(dt_s)
+            track.predict(t_s - self._t_s)
+        self._t_s = t_s
+        poses = []
+        for robot, marker in self._markers.items():
+            seen = self._chosen(robot, [d for d in detections if d.robot == robot])
+            if seen is None:
+                continue
+            if robot in self._tracks:
+                self._tracks[robot].update(seen)
+            else:
+                self._tracks[robot] = _Track(marker, seen)
+            if self._tracks[robot].hits >= CONFIRM_HITS:
+                poses.append(self._tracks[robot].pose(frame, t_s))
+        for robot in [r for r, track in self._tracks.items() if track.unseen_s > FORGET_S]:
+            del self._tracks[robot]
+        return tuple(poses)
 
-    def _named(self, robot: str, candidates: List[Detection]) -> Optional[Detection]:
+    def _chosen(self, robot: str, candidates: List[Detection]) -> Optional[Detection]:
         """The one of several detections of this name that is this robot."""
         if not candidates:
             return None
@@ -174,41 +168,10 @@ class Tracker:
             ranked = sorted(candidates, key=lambda d: -d.confidence)
             clear = len(ranked) == 1 or ranked[0].confidence > 1.5 * ranked[1].confidence
             return ranked[0] if clear else None
-        gaps = [track.gap_m(d) for d in candidates]
-        near = candidates[int(np.argmin(gaps))]
-        if min(gaps) <= track.reach_m(SIGMA_M[near.kind]):
+        near = min(candidates, key=track.gap_m)
+        if track.gap_m(near) <= track.reach_m:
             return near
         if len(candidates) == 1 and track.carried_to(near):
             del self._tracks[robot]
             return near
         return None
-
-    def _add_nameless(self, boards: List[Detection], taken: Dict[str, Detection]) -> None:
-        """Boards whose tag could not be read go to the one track that they clearly continue."""
-        names = [r for r in self._tracks if r not in taken and self._markers[r].kind == "tag"]
-        if not (boards and names):
-            return
-        tracks = [self._tracks[r] for r in names]
-        gaps = np.array([[track.gap_m(board) for board in boards] for track in tracks])
-        for i, name in enumerate(names):
-            j = int(np.argmin(gaps[i]))
-            rivals = [*np.delete(gaps[i], j), *np.delete(gaps[:, j], i)]
-            within = gaps[i, j] <= tracks[i].reach_m(SIGMA_M["plain"])
-            if within and min(rivals, default=math.inf) > max(CLEAR_RATIO * gaps[i, j], 0.06):
-                taken[name] = boards[j]
-
-    def _pose(self, robot: str, frame: int, t_s: float) -> Optional[RobotPose]:
-        track = self._tracks[robot]
-        if track.hits < CONFIRM_HITS:
-            return None
-        known = track.heading
-        (x, y), (vx, vy), turn = track.floor.position_m, track.floor.velocity_mps, 0.0
-        if known is not None:
-            turn = known.turn_radps
-            ahead = self._markers[robot].board.forward_m
-            c, s = ahead * math.cos(known.heading_rad), ahead * math.sin(known.heading_rad)
-            x, y, vx, vy = x - c, y - s, vx + turn * s, vy - turn * c
-        heading = None if known is None else known.heading_rad
-        confidence = float(np.clip(track.confidence, 0.0, 1.0))
-        place = (float(x), float(y), heading, float(vx), float(vy), float(turn))
-        return RobotPose(robot, *place, confidence, frame, t_s)

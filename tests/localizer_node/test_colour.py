@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from localizer_node.calibration import DEFAULT_COLOURS, Colour
-from localizer_node.colour import blobs, coarse_rects, mask_of, to_hsv
+from localizer_node.colour import blobs, mask_of, to_hsv
 from tests.localizer_node.rigs import FLOOR_RGB, PAINT
 
 BLUE = DEFAULT_COLOURS[0]
@@ -58,4 +58,3 @@ def test_blobs_come_largest_first_and_specks_not_at_all():
     image[5, 50] = PAINT["blue"]
     found = blobs(image, mask_of(to_hsv(image), BLUE), 20.0)
     assert [round(b.centre_px[0]) for b in found] == [47, 15]
-    assert coarse_rects(mask_of(to_hsv(image), BLUE), 20.0)[-1] == (40, 40, 55, 55)

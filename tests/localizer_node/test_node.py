@@ -84,7 +84,7 @@ def test_a_robot_at_rest_is_told_where_only_noise_changes():
     assert told == [0, 0] + [1] * 7
 
 
-def test_a_robot_that_leaves_its_window_is_searched_everywhere():
+def test_a_robot_that_was_carried_off_is_found_again():
     localizer = Localizer(RIG.calibration(ROBOTS[:1]))
 
     def at(x, y):

@@ -2,8 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from localizer_node.calibration import Board, Marker
 from localizer_node.detect import Detection
@@ -102,58 +100,7 @@ def test_a_lost_robot_is_forgotten_and_starts_afresh():
     followed = tracker()
     feed(followed, [[seen("a", 1.0, 1.0, 0.0)]] * 5)
     feed(followed, [[]] * 40, start=5)
-    assert followed.predicted(50 * DT_S) == {}
     assert feed(followed, [[seen("a", 2.0, 2.0, 0.0)]] * 3, start=50)["a"].x_m == pytest.approx(2.0)
-
-
-def test_predictions_reach_where_the_robot_will_be():
-    followed = tracker()
-    feed(followed, line("a", 20, heading=0.0))
-    x, y, reach = followed.predicted(21 * DT_S)["a"]
-    assert math.hypot(x - (0.5 + 0.3 * 21 * DT_S), y - 0.5) < 0.01 < reach
-
-
-TAGS = (Marker("a", "tag", tag=1), Marker("b", "tag", tag=2))
-
-
-def test_a_tag_that_cannot_be_read_for_a_while_keeps_its_robot():
-    followed = tracker(*TAGS)
-    named = [[seen("a", 0.5, 0.5, 0.0, "tag"), seen("b", 1.5, 0.5, 0.0, "tag")]] * 10
-    feed(followed, named)
-    unread = [[seen("", 0.5 + 0.01 * i, 0.5, None, "tag")] for i in range(1, 10)]
-    poses = feed(followed, unread, start=10)
-    assert set(poses) == {"a"}
-    assert poses["a"].x_m == pytest.approx(0.59, abs=0.01)
-    assert poses["a"].heading_rad == pytest.approx(0.0, abs=0.05)
-
-
-def test_unread_boards_close_together_belong_to_nobody():
-    followed = tracker(*TAGS)
-    feed(followed, [[seen("a", 0.5, 0.5, 0.0, "tag"), seen("b", 0.62, 0.5, 0.0, "tag")]] * 10)
-    between = [seen("", 0.55, 0.5, None, "tag")]
-    assert feed(followed, [between], start=10) == {}
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
-def test_tags_are_never_swapped_however_they_cross(seed):
-    """Two robots that meet; tags readable at random; every pose told is the right robot's."""
-    rng = np.random.default_rng(seed)
-    followed = tracker(*TAGS)
-    angle = rng.uniform(0.4, 2.7)
-    for i in range(120):
-        t = (i - 60) * DT_S * 0.3
-        places = {"a": (1.0 + t, 1.0), "b": (1.0 + t * math.cos(angle), 1.07 + t * math.sin(angle))}
-        detections = []
-        for robot, (x, y) in places.items():
-            x, y = x + rng.normal(0, 0.003), y + rng.normal(0, 0.003)
-            if i < 5 or rng.random() < 0.3:
-                detections.append(seen(robot, x, y, 0.0 if robot == "a" else angle, "tag"))
-            elif rng.random() < 0.8:
-                detections.append(seen("", x, y, None, "tag"))
-        for pose in followed.update(detections, i * DT_S, i):
-            x, y = places[pose.robot]
-            assert math.hypot(pose.x_m - x, pose.y_m - y) < 0.03
 
 
 PLAIN = Marker("p", "plain", board=Board(0.18, 0.11))
