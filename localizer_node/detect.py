@@ -1,6 +1,7 @@
 """Robots in one picture: blue boards of the right size on the floor, their fronts, their tags.
 
-Sizes are compared in metres, after the lens and the board's height are undone.
+Coarse to fine: the blue of every n-th pixel says where to look; sizes are compared in metres,
+after the lens and the board's height are undone.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from localizer_node.tags import Tag, TagReader
 BASELINE_TOLERANCE = 0.25  # relative, between the middles of rear and front
 TAG_TOLERANCE = 0.25
 MAP_MARGIN_M = 0.05
+COARSE_SIDE_PX = 8  # what the shorter side of a board keeps in the coarse mask
 TAG_SIDE_PX = 48  # smaller tags are enlarged to about this before they are read
 
 
@@ -48,6 +50,7 @@ class Detector:
         self._plain = [m for m in self._markers if m.kind == "plain"]
         self._tagged = [m for m in self._markers if m.kind == "tag"]
         self._reader = TagReader() if self._tagged else None
+        self._blue = calibration.colour(calibration.board_colour)
         heights = [m.board.height_m for m in self._markers]
         self._board_height_m = float(np.mean(heights)) if heights else 0.0
         self._scales = self._px_per_m()
@@ -66,18 +69,49 @@ class Detector:
         """The robots in an RGB picture (H, W, 3), inside the region of interest."""
         if not self._markers:
             return ()
+        found: List[Optional[Detection]] = []
+        for rows, columns in self._windows(image):
+            found += self._in_window(image, rows, columns)
+        return tuple(d for d in found if d is not None and self._inside(d))
+
+    def _windows(self, image: np.ndarray) -> List[Tuple[slice, slice]]:
+        """Where every n-th pixel shows blue, with room for a board around it; none overlap."""
+        import cv2
+
         u0, v0, u1, v1 = self.rectifier.roi_rect()
-        crop, corner_px = image[v0:v1, u0:u1], np.array((u0, v0))
+        shortest_px = min(s for m in self._markers for s in m.blue_m) * self._scales[0]
+        longest_px = max(m.board.length_m for m in self._markers) * self._scales[1]
+        n = int(np.clip(shortest_px / COARSE_SIDE_PX, 1, 4))
+        room = np.ones((2 * int(0.7 * longest_px / n) + 3,) * 2, np.uint8)
+        size = ((u1 - u0) // n, (v1 - v0) // n)
+        small = cv2.resize(image[v0:v1, u0:u1], size, interpolation=cv2.INTER_NEAREST)
+        near = cv2.dilate(mask_of(to_hsv(small), self._blue), room)
+        while True:  # boxes around what touches, until none does
+            outlines, _ = cv2.findContours(near, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+            boxes = [cv2.boundingRect(outline) for outline in outlines]
+            filled = np.zeros_like(near)
+            for u, v, width, height in boxes:
+                filled[v : v + height, u : u + width] = 255
+            if np.array_equal(filled, near):
+                break
+            near = filled
+        return [
+            (slice(v0 + n * v, v0 + n * (v + h)), slice(u0 + n * u, u0 + n * (u + w)))
+            for u, v, w, h in boxes
+        ]
+
+    def _in_window(
+        self, image: np.ndarray, rows: slice, columns: slice
+    ) -> List[Optional[Detection]]:
+        crop, corner_px = image[rows, columns], np.array((columns.start, rows.start))
         hsv = to_hsv(crop)
-        blue = mask_of(hsv, self.calibration.colour(self.calibration.board_colour))
-        rears = self._parts(blobs(crop, blue, self._least_px(0)), corner_px)
+        rears = self._parts(blobs(crop, mask_of(hsv, self._blue), self._least_px(0)), corner_px)
         found = [self._bare(marker, rear) for marker in self._plain for rear in rears]
         for marker in self._two_colour:
             mask = mask_of(hsv, self.calibration.colour(marker.front))
             fronts = self._parts(blobs(crop, mask, self._least_px(1)), corner_px)
             found += self._pairs(marker, rears, fronts)
-        found += self._read_tags(image, rears)
-        return tuple(d for d in found if d is not None and self._inside(d))
+        return [*found, *self._read_tags(image, rears)]
 
     def _least_px(self, part: int) -> float:
         """A third of the area of the smallest rear (0) or front (1) part."""
