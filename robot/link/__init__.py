@@ -9,7 +9,6 @@
 | ``keys`` | ``keygen``, roles and the allow-lists |
 | ``allow_list`` | lets in whom its allow-list and the roles let in |
 | ``listener``, ``sockets`` | ZeroMQ: publish and subscribe |
-| ``command_server``, ``command_client`` | commands, with answers |
-| ``operator_lock`` | one operator at a time |
+| ``command_server``, ``command_client`` | commands, with answers; one operator at a time |
 | ``config`` | hosts, ports, and the sockets of each program |
 """

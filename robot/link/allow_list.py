@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Callable, Dict, List, Tuple
 
-from robot.link.keys import Keys, Peer
+from robot.link.keys import Keys
 from robot.link.roles import ADMITS
 from robot.link.telemetry import Reading
 from robot.link.wire import tidy_text
@@ -46,8 +46,7 @@ class AllowList:
         self.refused: Counter[str] = Counter()
         self._clock = clock
         self._names = {peer.public: name for name, peer in keys.peers.items()}
-        self._peers: Dict[str, Peer] = dict(keys.peers)
-        self._own = (keys.public, keys.role)
+        self._peers, self._own = keys.peers, (keys.public, keys.role)
         self._told_s: Dict[Tuple[str, str], float] = {}
         self._newest = ""
         self.socket = context.socket(zmq.REP)

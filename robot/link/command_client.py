@@ -12,7 +12,6 @@ from robot.errors import ContractError
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import UNSENT
 from robot.link.sockets import DEAF_S, Clock, Link, new_session
-from robot.link.wire import MESSAGE_LIMIT_BYTES
 
 BEAT_S = 0.1
 STOP_REPEAT_S = 0.1
@@ -43,7 +42,7 @@ class CommandClient:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._pending: Dict[str, _Pending] = {}
-        self._socket = link.connect(zmq.DEALER, endpoint, MESSAGE_LIMIT_BYTES, Command.KIND)
+        self._socket = link.connect(zmq.DEALER, endpoint, Command.LIMIT_BYTES, Command.KIND)
 
     def send(
         self, kind: str, mission: Optional[Mission] = None, action: Optional[int] = None

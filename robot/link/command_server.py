@@ -1,7 +1,8 @@
-"""The robot's ear: commands of monitors, each done once, old ones refused."""
+"""The robot's ear: commands of monitors, each done once, old ones refused, one hand at a time."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections import OrderedDict
 from typing import Callable, List, Optional, Tuple
@@ -14,16 +15,59 @@ from robot.link.commands import (
     Ack,
     Command,
 )
-from robot.link.operator_lock import OperatorLock
 from robot.link.sockets import Clock, Link, new_session
-from robot.link.wire import MESSAGE_LIMIT_BYTES, tidy_text
+from robot.link.wire import tidy_text
 
 MAX_SERVED = 32  # commands in one call, so that a flood cannot hold up the control loop
 REMEMBERED = 256
 CLOCK_ROUNDING_S = 1e-3
+HELD_S = 1.0  # a holder who is silent for longer no longer keeps others from it
+# By then the robot has stopped for want of its holder, and whoever else is there may arm it.
+FORGOTTEN_S = 2.0
+MOVES = ("arm", "mission", "manual")
+RELEASES = ("stop", "disarm")
 
 Sender = Tuple[str, str]  # name of its key, its session
 Handler = Callable[[Command], None]  # raises DuckpilotError to refuse, with the reason
+
+
+class OperatorLock:
+    """Who may make the robot move, when several operators are connected; for one thread.
+
+    Whoever armed it has it, for as long as they are heard. Others may watch, and may always stop
+    it; after that it is free. Times [s] are of the robot's clock.
+    """
+
+    def __init__(self) -> None:
+        self._holder: Optional[Sender] = None
+        self._echo_s = -math.inf  # the newest time that anybody has shown to know
+        self._holder_echo_s = -math.inf
+
+    def heard(self, sender: Sender, echo_s: float) -> None:
+        """``sender`` has shown to know what the robot said at ``echo_s``."""
+        self._echo_s = max(self._echo_s, echo_s)
+        if sender == self._holder:
+            self._holder_echo_s = max(self._holder_echo_s, echo_s)
+
+    def problem(self, sender: Sender, kind: str, now_s: float) -> str:
+        """Why ``sender`` may not command this; "" when it may."""
+        held = self._holder is not None and now_s - self._holder_echo_s <= HELD_S
+        if kind not in MOVES or sender == self._holder or not held:
+            return ""
+        return "another operator has armed the robot; to take over, stop it, then arm it yourself"
+
+    def done(self, sender: Sender, kind: str, echo_s: float) -> None:
+        """A command of ``sender``, who knew what the robot said at ``echo_s``, was done."""
+        if kind in MOVES:
+            self._holder, self._holder_echo_s = sender, echo_s
+        elif kind in RELEASES:
+            self._holder = None
+
+    def age_s(self, now_s: float) -> float:
+        """How long nobody was heard who counts: the holder, or anybody where there is none."""
+        if self._holder is not None and now_s - self._holder_echo_s <= FORGOTTEN_S:
+            return now_s - self._holder_echo_s
+        return now_s - self._echo_s
 
 
 class CommandServer:
@@ -39,7 +83,7 @@ class CommandServer:
         self._clock = clock
         self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
         self._lock = OperatorLock()
-        self._socket = link.bind(zmq.ROUTER, endpoint, MESSAGE_LIMIT_BYTES, Command.KIND)
+        self._socket = link.bind(zmq.ROUTER, endpoint, Command.LIMIT_BYTES, Command.KIND)
 
     def serve(self, handle: Handler) -> None:
         """Read what has come, give each new command to ``handle`` once, and answer all."""
@@ -92,7 +136,9 @@ class CommandServer:
                 reason = tidy_text(str(error), REASON_LIMIT_BYTES) or "refused"
         ack = Ack(command.id, not reason, reason, self.session, self._clock())
         if command.kind != "beat":
-            self._remember(sender, ack)
+            self._answers[sender, ack.id] = ack
+            while len(self._answers) > REMEMBERED:
+                self._answers.popitem(last=False)
         return ack
 
     def _staleness(self, command: Command) -> str:
@@ -104,11 +150,6 @@ class CommandServer:
         if not -CLOCK_ROUNDING_S <= age_s <= MAX_ECHO_AGE_S:
             return f"the command is {age_s:.1f} s old; send it again"
         return ""
-
-    def _remember(self, sender: Sender, ack: Ack) -> None:
-        self._answers[(sender, ack.id)] = ack
-        while len(self._answers) > REMEMBERED:
-            self._answers.popitem(last=False)
 
 
 def _user(parts: List) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from dataclasses import dataclass
 from typing import Deque, Optional, Tuple
 
 from robot.contract import MAX_WHEEL_MPS
@@ -61,10 +60,6 @@ class StreamGate:
         capture_s = t_sent_s if t_capture_s is None else min(t_capture_s, t_sent_s)
         self._delay_s = self._queueing_s(t_sent_s, now_s) + (t_sent_s - capture_s)
 
-    def refuse(self, reason: str) -> None:
-        """Count a message that is not used."""
-        self.refused[reason] += 1
-
     def age_s(self, now_s: float) -> float:
         """Age [s] of the newest message taken; infinite when there was none."""
         return now_s - self._arrival_s + self._delay_s
@@ -89,38 +84,37 @@ class StreamGate:
         return lag_s - self._fastest_s
 
 
-@dataclass(frozen=True)
-class PoseLimits:
-    """How fast a pose may move, and where it can be: x_min, y_min, x_max, y_max [m]."""
-
-    v_max_mps: float = 1.25 * MAX_WHEEL_MPS
-    margin_m: float = 0.10  # measurement noise and detection glitches
-    bounds_m: Optional[Tuple[float, float, float, float]] = None
-    min_confidence: float = 0.1
+MAX_SPEED_MPS = 1.25 * MAX_WHEEL_MPS  # at which a pose may move
+MARGIN_M = 0.10  # of measurement noise and detection glitches
+MIN_CONFIDENCE = 0.1
+Bounds = Tuple[float, float, float, float]  # x_min, y_min, x_max, y_max [m]
 
 
 class PoseGate:
     """A ``StreamGate`` that also refuses poses of another robot, off the map, or out of reach.
 
-    A jump is farther than ``v_max_mps`` x time + ``margin_m`` from the last pose taken: a robot
+    A jump is farther than ``MAX_SPEED_MPS`` x time + ``MARGIN_M`` from the last pose taken: a robot
     that was carried elsewhere is believed again once it could have driven there, and by then its
     pose is stale, so it stands.
     """
 
-    def __init__(self, robot: str, limits: Optional[PoseLimits] = None) -> None:
+    def __init__(self, robot: str, bounds_m: Optional[Bounds] = None) -> None:
         self.latest: Optional[PoseMessage] = None
         self.stream = StreamGate()
-        self._robot = robot
-        self._limits = limits or PoseLimits()
+        self._robot, self._bounds_m = robot, bounds_m
         self._taken_s = -math.inf
 
     def take(self, message: PoseMessage, now_s: float) -> bool:
         """Whether this pose may be used; it is then ``latest``."""
         stream = self.stream
         reason = stream.problem(message.session, message.sequence, now_s)
-        reason = reason or self._identity_problem(message) or self._place_problem(message, now_s)
+        if not reason and message.robot != self._robot:
+            reason = "another robot"
+        if not reason and message.confidence < MIN_CONFIDENCE:
+            reason = "low confidence"
+        reason = reason or self._place_problem(message, now_s)
         if reason:
-            stream.refuse(reason)
+            stream.refused[reason] += 1
             return False
         stream.take(message.sequence, message.t_sent_s, now_s, message.t_capture_s)
         self.latest, self._taken_s = message, now_s
@@ -130,15 +124,10 @@ class PoseGate:
         """Age [s] of ``latest`` since its picture was taken; infinite when there is none."""
         return self.stream.age_s(now_s)
 
-    def _identity_problem(self, message: PoseMessage) -> str:
-        if message.robot != self._robot:
-            return "another robot"
-        return "low confidence" if message.confidence < self._limits.min_confidence else ""
-
     def _place_problem(self, message: PoseMessage, now_s: float) -> str:
-        bounds_m, latest = self._limits.bounds_m, self.latest
-        if bounds_m is not None:
-            x_min, y_min, x_max, y_max = bounds_m
+        latest = self.latest
+        if self._bounds_m is not None:
+            x_min, y_min, x_max, y_max = self._bounds_m
             if not (x_min <= message.x_m <= x_max and y_min <= message.y_m <= y_max):
                 return "off the map"
         if latest is None:
@@ -147,5 +136,5 @@ class PoseGate:
         if message.session == latest.session:
             elapsed_s = max(elapsed_s, message.t_capture_s - latest.t_capture_s)
         moved_m = math.hypot(message.x_m - latest.x_m, message.y_m - latest.y_m)
-        reach_m = self._limits.v_max_mps * elapsed_s + self._limits.margin_m
+        reach_m = MAX_SPEED_MPS * elapsed_s + MARGIN_M
         return "jump" if moved_m > reach_m else ""

@@ -93,32 +93,28 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
 def renew(folder: Union[str, Path]) -> str:
     """Write the roles into a machine's keys that were made before keys had one; its role.
 
-    The keys stay the same, so each machine is renewed by itself. Peers are what their files are
-    called; the machine is what its folder is called, or else the one that is not among its peers.
+    Peers are what their files are called, the machine is what its folder is called.
 
     Raises:
-        ConfigError: no keys, or names that do not tell the roles.
+        ConfigError: no keys, names that do not tell the roles, or files that cannot be written.
     """
-    folder = Path(folder)
-    allowed = sorted((folder / ALLOWED).glob("*.key"))
-    roles = {path: path.stem for path in allowed}
-    left = [role for role in ROLES if role not in roles.values()]
-    own = folder.resolve().name if folder.resolve().name in left else left[0] if left else ""
-    if len(left) != 1 and folder.resolve().name not in left:
-        raise ConfigError(
-            f"{folder}: expected a folder with the name of its machine, got one that does not tell "
-            f"whose keys it holds; call it {' or '.join(ROLES)}"
-        )
-    roles.update({folder / SECRET: own, folder / PUBLIC: own})
-    lines = {path: _line_with_role(path, role) for path, role in roles.items()}
+    folder = Path(folder).resolve()
+    roles = {path: path.stem for path in sorted((folder / ALLOWED).glob("*.key"))}
+    roles.update({folder / SECRET: folder.name, folder / PUBLIC: folder.name})
+    old = {path: words[0] for path, words in ((p, _words(p)) for p in roles) if len(words) == 1}
+    for path in old:
+        if roles[path] not in ROLES:
+            raise ConfigError(
+                f"{path}: expected a name that tells the role ({', '.join(ROLES)}), got "
+                f"{roles[path]!r}; rename it, or write the role and a space before the key"
+            )
+    lines = {path: _line(roles[path], _key(path, key)) for path, key in old.items()}
     try:
         for path, line in lines.items():
-            _replace(path, line)
+            path.write_bytes(line)
     except OSError as error:
-        raise ConfigError(
-            f"{folder}: expected keys that may be written, got: {error.strerror}"
-        ) from error
-    return own
+        raise ConfigError(f"{folder}: expected keys to write to, got: {error.strerror}") from error
+    return _words(folder / SECRET)[0]
 
 
 def load_keys(folder: Union[str, Path]) -> Keys:
@@ -160,31 +156,10 @@ def _line(role: str, key: bytes) -> bytes:
     return b"%s %s\n" % (role.encode("ascii"), key)
 
 
-def _line_with_role(path: Path, role: str) -> bytes:
-    words = _words(path)
-    if len(words) == 2:
-        return " ".join(words).encode("ascii", "replace") + b"\n"  # it has one already
-    if role not in ROLES:
-        raise ConfigError(
-            f"{path}: expected a name that tells the role ({', '.join(ROLES)}), got {role!r}; "
-            "write the role and a space in front of the key in this file"
-        )
-    return _line(role, _key(path, words[-1] if words else ""))
-
-
 def _write(path: Path, line: bytes, mode: int) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     with os.fdopen(descriptor, "wb") as file:
         file.write(line)
-
-
-def _replace(path: Path, line: bytes) -> None:
-    """With the same mode; a power cut leaves the old file or the new one."""
-    hidden = path.with_name(f".{path.name}.new")
-    if hidden.exists():
-        hidden.unlink()
-    _write(hidden, line, path.stat().st_mode & 0o777)
-    os.replace(hidden, path)
 
 
 def _read(path: Path, folder: Path) -> Tuple[str, bytes]:

@@ -25,7 +25,6 @@ from robot.link.wire import (
     require_size,
 )
 
-FRAME_LIMIT_BYTES = 65536
 FAR_M = 1000.0  # no arena is larger
 MAX_TIME_S = 1e10
 MAX_SIDE_PX = 4096
@@ -108,7 +107,7 @@ class PosesMessage(Message):
 
 
 @dataclass(frozen=True)
-class FrameMessage:
+class FrameMessage(Message):
     """One camera picture as JPEG, behind a small binary header (big-endian)."""
 
     jpeg: bytes
@@ -120,13 +119,14 @@ class FrameMessage:
     t_sent_s: float = 0.0
 
     KIND: ClassVar[str] = "frame"
+    LIMIT_BYTES: ClassVar[int] = 65536
     HEADER: ClassVar[struct.Struct] = struct.Struct("!4sH32sQddHH")
     MAGIC: ClassVar[bytes] = b"DPFR"
 
     def __post_init__(self) -> None:
         if not (self.jpeg.startswith(b"\xff\xd8") and self.jpeg.endswith(b"\xff\xd9")):
             raise ContractError(f"frame: expected JPEG bytes, got {self.jpeg[:8]!r}…")
-        require_size("frame", self.jpeg, FRAME_LIMIT_BYTES - self.HEADER.size)
+        require_size("frame", self.jpeg, self.LIMIT_BYTES - self.HEADER.size)
         require_number("frame width_px", self.width_px, 1, MAX_SIDE_PX)
         require_number("frame height_px", self.height_px, 1, MAX_SIDE_PX)
         require_number("frame t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
@@ -142,7 +142,7 @@ class FrameMessage:
     @classmethod
     def from_bytes(cls, data: bytes) -> FrameMessage:
         """Read ``to_bytes``; ContractError for anything else. The JPEG is not decoded."""
-        require_size("frame", data, FRAME_LIMIT_BYTES)
+        require_size("frame", data, cls.LIMIT_BYTES)
         size = cls.HEADER.size
         if len(data) < size:
             raise ContractError(f"frame: expected at least {size} bytes, got {len(data)}")

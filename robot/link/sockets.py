@@ -11,29 +11,24 @@ parts and breaks topic filters (libzmq #626, #1688, #3323).
 from __future__ import annotations
 
 import contextlib
+import secrets
 import time
-from typing import TYPE_CHECKING, List, Optional, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Type, TypeVar
 
-from robot.errors import ConfigError
+from robot.errors import ConfigError, ContractError
 from robot.link.allow_list import AllowList
 from robot.link.keys import Keys
 from robot.link.listener import Listeners
+from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.roles import ADMITS, BOUND_BY
-from robot.link.telemetry import Reading
+from robot.link.telemetry import Reading, Telemetry
 
 if TYPE_CHECKING:
     import zmq
 
-
-import secrets
-from dataclasses import replace
-from typing import Callable, Generic, Type, TypeVar, Union
-
-from robot.errors import ContractError
-from robot.link.messages import FRAME_LIMIT_BYTES, FrameMessage, PosesMessage
-from robot.link.telemetry import Telemetry
-from robot.link.wire import MESSAGE_LIMIT_BYTES
-
+Clock = Callable[[], float]
+M = TypeVar("M", PosesMessage, FrameMessage, Telemetry)
 LOOPBACK = ("tcp://127.0.0.1:", "tcp://localhost:", "tcp://[::1]:", "inproc://", "ipc://")
 ENVELOPE_BYTES = 64  # what CURVE adds to a message, with room to spare
 HEARTBEAT_MS = 200
@@ -199,15 +194,6 @@ class Link:
             )
 
 
-Clock = Callable[[], float]
-M = TypeVar("M", PosesMessage, FrameMessage, Telemetry)
-
-
-def limit_bytes(kind: Union[Type[PosesMessage], Type[FrameMessage], Type[Telemetry]]) -> int:
-    """The largest message [bytes] of a stream of this class."""
-    return FRAME_LIMIT_BYTES if kind is FrameMessage else MESSAGE_LIMIT_BYTES
-
-
 def new_session() -> str:
     """A name for one run of a publisher or of the robot: 16 random hexadecimal digits."""
     return secrets.token_hex(8)
@@ -225,7 +211,7 @@ class Publisher(Generic[M]):
         self._link = link
         self._clock = clock
         self._sequence = 0
-        self._socket = link.bind(zmq.PUB, endpoint, limit_bytes(kind), kind.KIND)
+        self._socket = link.bind(zmq.PUB, endpoint, kind.LIMIT_BYTES, kind.KIND)
 
     def send(self, message: M) -> M:
         """Stamp the message with session, sequence and time, and publish it.
@@ -266,7 +252,7 @@ class Subscriber(Generic[M]):
         self._alive_s = clock()  # last heard or connected
         self._kind: Type[M] = kind
         self._socket = link.connect(
-            zmq.SUB, endpoint, limit_bytes(kind), kind.KIND, newest_only=True
+            zmq.SUB, endpoint, kind.LIMIT_BYTES, kind.KIND, newest_only=True
         )
 
     def receive(self) -> Optional[M]:
@@ -276,7 +262,9 @@ class Subscriber(Generic[M]):
         try:
             data = self._socket.recv(zmq.NOBLOCK)
         except zmq.Again:
-            self._reconnect_if_deaf()
+            if self._clock() - self._alive_s > DEAF_S:
+                self._alive_s = self._clock()
+                self._link.reconnect(self._socket, self._endpoint)
             return None
         self._alive_s = self._clock()
         try:
@@ -285,8 +273,3 @@ class Subscriber(Generic[M]):
             self.refused += 1
             self.last_refusal = str(error)
             return None
-
-    def _reconnect_if_deaf(self) -> None:
-        if self._clock() - self._alive_s > DEAF_S:
-            self._alive_s = self._clock()
-            self._link.reconnect(self._socket, self._endpoint)

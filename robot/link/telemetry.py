@@ -148,26 +148,16 @@ class Telemetry(Message):
     def __post_init__(self) -> None:
         require_name("telemetry robot", self.robot)
         require_one_of("telemetry state", self.state, STATES)
-        for what, text, limit in (
-            ("reason", self.reason, TEXT_LIMIT_BYTES),
-            ("model", self.model, 64),
-            ("map", self.map, 64),
-        ):
-            require_text(f"telemetry {what}", text, limit)
+        require_text("telemetry reason", self.reason, TEXT_LIMIT_BYTES)
+        require_text("telemetry model", self.model, 64)
+        require_text("telemetry map", self.map, 64)
         require_number("telemetry action", self.action, 0, len(self.actions) - 1)
-        self._check_lists()
-        require_number("telemetry fps", self.fps, 0.0, 1e4)
-        require_number("telemetry lag_s", self.lag_s, 0.0, MAX_AGE_S)
-        require_stamp(self.session, self.sequence, self.t_sent_s)
-
-    def _check_lists(self) -> None:
         require_length("telemetry values", self.values, MOST_ACTIONS)
-        require_length("telemetry actions", self.actions, MOST_ACTIONS)
-        for wheels in self.actions:
-            for speed in wheels:
-                require_number("telemetry actions", speed, -FAST_MPS, FAST_MPS)
         for value in self.values:
             require_number("telemetry values", value, -BIG, BIG)
+        require_length("telemetry actions", self.actions, MOST_ACTIONS)
+        for speed in (speed for wheels in self.actions for speed in wheels):
+            require_number("telemetry actions", speed, -FAST_MPS, FAST_MPS)
         if self.pose is not None:
             _require_xy("telemetry pose", self.pose[:2])
             require_number("telemetry heading", self.pose[2], -math.pi - 1e-6, math.pi + 1e-6)
@@ -176,6 +166,9 @@ class Telemetry(Message):
             _require_xy("telemetry path", point)
         require_length("telemetry inputs", self.inputs, MAX_ENTRIES)
         require_length("telemetry health", self.health, MAX_ENTRIES)
+        require_number("telemetry fps", self.fps, 0.0, 1e4)
+        require_number("telemetry lag_s", self.lag_s, 0.0, MAX_AGE_S)
+        require_stamp(self.session, self.sequence, self.t_sent_s)
 
 
 def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:

@@ -16,11 +16,10 @@ from robot.errors import ConfigError, ContractError, nearest
 from robot.typed_config import from_plain
 
 SCHEMA = 1
-MESSAGE_LIMIT_BYTES = 4096
 MAX_COUNT = 2**53  # integers beyond this are not the same number in a browser
 DECIMALS = 6  # a micrometre, a microsecond
 
-T = TypeVar("T")
+M = TypeVar("M", bound="Message")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
 
 
@@ -28,46 +27,40 @@ class Message:
     """A frozen dataclass that is one JSON part; ``KIND`` is its name on the wire."""
 
     KIND: ClassVar[str]
+    LIMIT_BYTES: ClassVar[int] = 4096
 
     def to_bytes(self) -> bytes:
-        """One JSON part."""
-        return encode(self)
+        """UTF-8 JSON with the message's name and ``schema``; numbers keep six decimals.
+
+        Raises:
+            ContractError: larger than ``LIMIT_BYTES``.
+        """
+        fields = {"schema": SCHEMA, "message": self.KIND, **plain(self)}
+        text = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        data = text.encode()
+        require_size(f"{self.KIND} message", data, self.LIMIT_BYTES)
+        return data
 
     @classmethod
-    def from_bytes(cls: Type[T], data: bytes) -> T:
-        """Read ``to_bytes``; ContractError for anything else."""
-        return decode(cls, data)
+    def from_bytes(cls: Type[M], data: bytes) -> M:
+        """What ``to_bytes`` wrote.
 
-
-def encode(message: Any) -> bytes:
-    """One message as UTF-8 JSON with its name and ``schema``; numbers keep six decimals.
-
-    Raises:
-        ContractError: larger than ``MESSAGE_LIMIT_BYTES``.
-    """
-    fields = {"schema": SCHEMA, "message": message.KIND, **plain(message)}
-    data = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-    require_size(f"{message.KIND} message", data, MESSAGE_LIMIT_BYTES)
-    return data
-
-
-def decode(kind: Type[T], data: bytes) -> T:
-    """The message of class ``kind`` that ``encode`` wrote.
-
-    Raises:
-        ContractError: not such a message, of another schema, or with a value out of range.
-    """
-    name: str = kind.KIND  # type: ignore[attr-defined]
-    require_size(f"{name} message", data, MESSAGE_LIMIT_BYTES)
-    fields = _parse(name, data)
-    for key, expected in (("schema", SCHEMA), ("message", name)):
-        got = fields.pop(key, None)
-        if got != expected or isinstance(got, bool):
-            raise ContractError(f"{name} message: expected {key} {expected!r}, got {_short(got)}")
-    try:
-        return from_plain(kind, fields, where=name)
-    except (ConfigError, OverflowError) as error:
-        raise ContractError(_clip(str(error))) from error
+        Raises:
+            ContractError: not such a message, of another schema, or with a value out of range.
+        """
+        name = cls.KIND
+        require_size(f"{name} message", data, cls.LIMIT_BYTES)
+        fields = _parse(name, data)
+        for key, expected in (("schema", SCHEMA), ("message", name)):
+            got = fields.pop(key, None)
+            if got != expected or isinstance(got, bool):
+                raise ContractError(
+                    f"{name} message: expected {key} {expected!r}, got {_short(got)}"
+                )
+        try:
+            return from_plain(cls, fields, where=name)
+        except (ConfigError, OverflowError) as error:
+            raise ContractError(_clip(str(error))) from error
 
 
 def require_size(what: str, data: bytes, limit_bytes: int) -> None:

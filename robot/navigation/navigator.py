@@ -15,7 +15,7 @@ import numpy as np
 
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
-from robot.link.freshness import PoseGate, PoseLimits
+from robot.link.freshness import PoseGate
 from robot.link.messages import PoseMessage
 from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, MissionStatus, thin_path
 from robot.link.wire import tidy_text
@@ -70,7 +70,7 @@ class MissionNavigator:
         self._road_map = road_map
         self._graph = LaneGraph(road_map)
         self._receive, self._odometry = receive, odometry
-        self._gate = PoseGate(robot, PoseLimits(bounds_m=bounds))
+        self._gate = PoseGate(robot, bounds)
         self._fusion, self._way = PoseFusion(), WayCheck()
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer = odometry()

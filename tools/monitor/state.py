@@ -148,7 +148,7 @@ class MonitorState:
         if reason:
             if gate.refused[reason] == 0:
                 self.note("warn", f"{stream}: {reason}")
-            gate.refuse(reason)
+            gate.refused[reason] += 1
             return False
         gate.take(message.sequence, message.t_sent_s, now_s)
         return True

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.link.freshness import PoseGate, PoseLimits, StreamGate
+from robot.link.freshness import PoseGate, StreamGate
 from robot.link.messages import PoseMessage
 
 CLOCK_DRIFT, TAKEOVER_S = 2e-4, 1.0
@@ -19,7 +19,7 @@ SENDER_AHEAD_S = 5000.0  # the sender's clock says something else altogether
 def offer(gate: StreamGate, session: str, sequence: int, now_s: float, late_s: float = 0.0) -> bool:
     reason = gate.problem(session, sequence, now_s)
     if reason:
-        gate.refuse(reason)
+        gate.refused[reason] += 1
         return False
     gate.take(sequence, SENDER_AHEAD_S + now_s - late_s, now_s)
     return True
@@ -114,7 +114,7 @@ def test_an_earlier_session_may_come_back_after_silence() -> None:
     ],
 )
 def test_impossible_poses_are_refused_and_counted(message: PoseMessage, reason: str) -> None:
-    gate = PoseGate("duck", PoseLimits(bounds_m=(-0.01, -1.0, 4.0, 4.0)))
+    gate = PoseGate("duck", (-0.01, -1.0, 4.0, 4.0))
     assert gate.take(pose(1, 0.0), now_s=0.0)
     assert not gate.take(message, now_s=0.1)
     assert gate.stream.refused[reason] == 1

@@ -11,12 +11,12 @@ import pytest
 
 from robot.errors import ConfigError, ContractError
 from robot.link.allow_list import AllowList
+from robot.link.command_server import OperatorLock
 from robot.link.commands import Ack, Command, Mission
 from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.operator_lock import OperatorLock
-from robot.link.sockets import Link, Publisher, Subscriber, limit_bytes, new_session
+from robot.link.sockets import Link, Publisher, Subscriber, new_session
 from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry, thin_path
 from robot.link.wire import plain, require_length, require_size, tidy_text
 from tests.robot.link.conftest import free_base_port
@@ -182,7 +182,7 @@ def test_a_message_has_four_kilobytes_and_a_frame_sixty_four() -> None:
     assert PosesMessage.from_bytes(padded) == poses()
     with pytest.raises(ContractError, match="expected at most 4096 bytes, got 4097"):
         PosesMessage.from_bytes(padded[:-1] + b" }")
-    assert [limit_bytes(kind) for kind in (PosesMessage, Telemetry, FrameMessage)] == [
+    assert [kind.LIMIT_BYTES for kind in (PosesMessage, Telemetry, FrameMessage)] == [
         *(4096, 4096, 65536)
     ]
     assert FrameMessage.HEADER.size == 66

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot.link.command_server import FORGOTTEN_S, HELD_S, OperatorLock
 from robot.link.commands import KINDS
-from robot.link.operator_lock import FORGOTTEN_S, HELD_S, OperatorLock
 
 
 def test_the_holder_alone_keeps_the_robot_driving() -> None:
