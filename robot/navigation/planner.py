@@ -24,16 +24,6 @@ _OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near 
 _TURNED_RAD = math.radians(6.0)  # likewise along the heading of a robot that stands there
 _SHORTEST = 1e-3  # of a lane: a route to where the robot already stands
 
-Edge = Tuple[int, int]  # node at the lane's end, lane
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The way of fewest lanes between two nodes: these in order (indices), and how many."""
-
-    lanes: Tuple[int, ...]
-    cost: float
-
 
 @dataclass(frozen=True, eq=False)
 class Route:
@@ -52,8 +42,9 @@ class LaneGraph:
     """The lanes of a road map as a directed graph.
 
     Attributes:
-        lanes: the edges, as in ``road_map.lanes``.
+        lanes: as in ``road_map.lanes``.
         lane_nodes: for every lane the nodes where it begins and ends.
+        edges: for every node the lanes that leave it: (node at the end, lane).
         node_poses: (nodes, 3) x [m], y [m], heading [rad].
 
     Raises:
@@ -68,34 +59,32 @@ class LaneGraph:
             )
         self.road_map = road_map
         self.lanes = road_map.lanes
-        control = np.array([lane.control_points_m for lane in self.lanes])
         numbers: Dict[Tuple[int, int], int] = {}
-        self.lane_nodes: Tuple[Tuple[int, int], ...] = tuple(
-            (
-                numbers.setdefault(border_point(points[0], road_map.tile_size_m), len(numbers)),
-                numbers.setdefault(border_point(points[3], road_map.tile_size_m), len(numbers)),
-            )
-            for points in control
-        )
-        self.node_poses = _node_poses(control, self.lane_nodes)
-        edges: List[List[Edge]] = [[] for _ in range(self.nodes)]
-        for lane, (start, end) in enumerate(self.lane_nodes):
-            edges[start].append((end, lane))
-        self._edges = [tuple(leaving) for leaving in edges]
-        self._bounds: Dict[int, List[float]] = {}
-        self._plans: Dict[Tuple[int, int], Plan] = {}
 
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        return len(self.node_poses)
+        def node(point_m: np.ndarray) -> int:
+            return numbers.setdefault(border_point(point_m, road_map.tile_size_m), len(numbers))
 
-    def edges_from(self, node: int) -> Tuple[Edge, ...]:
-        """The lanes that leave a node: (node at the end, lane)."""
-        return self._edges[node]
+        control = [lane.control_points_m for lane in self.lanes]
+        self.lane_nodes = tuple((node(points[0]), node(points[3])) for points in control)
+        self.nodes = len(numbers)
+        self.edges: List[List[Tuple[int, int]]] = [[] for _ in range(self.nodes)]
+        self.node_poses = np.zeros((self.nodes, 3))
+        for lane, (points, (start, end)) in enumerate(zip(control, self.lane_nodes)):
+            self.edges[start].append((end, lane))
+            for place, point, along in (
+                (end, points[3], points[3] - points[2]),
+                (start, points[0], points[1] - points[0]),
+            ):
+                self.node_poses[place] = (*point, math.atan2(along[1], along[0]))
+        heading = self.node_poses[:, 2]
+        ahead = np.stack((np.cos(heading), np.sin(heading)), axis=1)
+        # the tiles that the nodes lead into
+        self._tiles = np.floor(self.node_poses[:, :2] / road_map.tile_size_m + 0.25 * ahead)
+        self._plans: Dict[Tuple[int, int], Tuple[int, ...]] = {}
 
-    def plan(self, start: int, goal: int) -> Plan:
-        """The cheapest way from node to node; kept, since simulated robots ask for it often.
+    def plan(self, start: int, goal: int) -> Tuple[int, ...]:
+        """The fewest lanes from node to node, in order; kept, since simulated robots ask for it
+        often.
 
         Raises:
             PlanError: no way.
@@ -104,45 +93,31 @@ class LaneGraph:
             self._plans[start, goal] = self._search(start, goal)
         return self._plans[start, goal]
 
-    def _search(self, start: int, goal: int) -> Plan:
-        """A* with a consistent lower bound."""
-        bounds = self._bounds_to(goal)
+    def _search(self, start: int, goal: int) -> Tuple[int, ...]:
+        """A*. Each lane leads into a neighbouring tile: a lower bound of what is left is the
+        difference in rows and in columns.
+        """
+        bounds = np.abs(self._tiles - self._tiles[goal]).sum(axis=1).tolist()
         reached: Dict[int, float] = {start: 0.0}
         came: Dict[int, Tuple[int, int]] = {}
         frontier = [(bounds[start], 0.0, start)]
         while frontier:
             _, minus_spent, node = heapq.heappop(frontier)
             if node == goal:
-                return Plan(_trace(came, start, goal), -minus_spent)
+                return _trace(came, start, goal)
             if -minus_spent > reached[node]:
                 continue
-            for after, lane in self._edges[node]:
+            for after, lane in self.edges[node]:
                 spent = 1.0 - minus_spent
                 if spent < reached.get(after, math.inf):
                     reached[after] = spent
                     came[after] = (node, lane)
                     heapq.heappush(frontier, (spent + bounds[after], -spent, after))
-        raise PlanError(self._no_way(start, goal))
-
-    def _bounds_to(self, goal: int) -> List[float]:
-        """A lower bound of the cost from every node; kept, since a goal is asked for often.
-
-        Each lane leads into a neighbouring tile, hence the difference in rows plus that in columns
-        between the tiles that the nodes lead into.
-        """
-        if goal not in self._bounds:
-            poses = self.node_poses
-            ahead = np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
-            tiles = np.floor(poses[:, :2] / self.road_map.tile_size_m + 0.25 * ahead)
-            self._bounds[goal] = np.abs(tiles - tiles[goal]).sum(axis=1).tolist()
-        return self._bounds[goal]
-
-    def _no_way(self, start: int, goal: int) -> str:
         places = [
             "({:.2f}, {:.2f}) m heading {:.0f} deg".format(x, y, math.degrees(heading))
             for x, y, heading in (self.node_poses[start], self.node_poses[goal])
         ]
-        return (
+        raise PlanError(
             f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn; "
             "start in the other direction or choose a destination on a lane ahead"
         )
@@ -231,41 +206,26 @@ def route_between(
         end_t = min(max(goal_t, start_t + _SHORTEST), 1.0)
         return Route((start_lane,), (_part(first, min(start_t, end_t - _SHORTEST), end_t),), 0.0)
     plan = graph.plan(graph.lane_nodes[start_lane][1], graph.lane_nodes[goal_lane][0])
-    lanes = [*plan.lanes, goal_lane]
-    curves = [graph.lanes[lane].control_points_m for lane in plan.lanes]
+    lanes = [*plan, goal_lane]
+    curves = [graph.lanes[lane].control_points_m for lane in plan]
     curves.append(_part(last, 0.0, max(goal_t, _SHORTEST)))
     driven = goal_t
     if start_t < 1.0 - _SHORTEST:
         lanes.insert(0, start_lane)
         curves.insert(0, _part(first, start_t, 1.0))
         driven += 1.0 - start_t
-    return Route(tuple(lanes), tuple(curves), plan.cost + driven)
+    return Route(tuple(lanes), tuple(curves), len(plan) + driven)
 
 
 def _part(control: np.ndarray, t0: float, t1: float) -> np.ndarray:
     """The control points (4, 2) of a Bezier between two of its parameters (its blossom)."""
-    arguments = ((t0, t0, t0), (t0, t0, t1), (t0, t1, t1), (t1, t1, t1))
     points = []
-    for triple in arguments:
-        level = control.tolist()
+    for triple in ((t0, t0, t0), (t0, t0, t1), (t0, t1, t1), (t1, t1, t1)):
+        level = control
         for t in triple:
-            level = [
-                [(1.0 - t) * a + t * b for a, b in zip(one, other)]
-                for one, other in zip(level, level[1:])
-            ]
+            level = (1.0 - t) * level[:-1] + t * level[1:]
         points.append(level[0])
     return np.array(points)
-
-
-def _node_poses(control: np.ndarray, lane_nodes: Tuple[Tuple[int, int], ...]) -> np.ndarray:
-    poses = np.zeros((1 + max(node for pair in lane_nodes for node in pair), 3))
-    for points, (start, end) in zip(control, lane_nodes):
-        for node, place, along in (
-            (end, points[3], points[3] - points[2]),
-            (start, points[0], points[1] - points[0]),
-        ):
-            poses[node] = (*place, math.atan2(along[1], along[0]))
-    return poses
 
 
 def _trace(came: Dict[int, Tuple[int, int]], start: int, goal: int) -> Tuple[int, ...]:

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
-from robot.geometry import Pose, wrap_angle
-from robot.navigation.lane_index import LaneIndex
-from robot.navigation.lanes import Lane, tile_lanes
+from robot.navigation.lanes import Lane, LaneIndex, tile_lanes
 from robot.navigation.tiles import Tile, parse_tile
 from robot.typed_config import read_yaml
 
@@ -36,8 +34,6 @@ class RoadMap:
     tile_size_m: float
     tiles: Tuple[Tuple[Tile, ...], ...]  # rows from north to south
     objects: Any = field(default=None, repr=False, compare=False)
-    start_tile: Optional[Tuple[int, int]] = None  # (row, column)
-    start_pose: Optional[Pose] = None
     compat: bool = False
 
     @property
@@ -105,8 +101,8 @@ def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
     ``compat`` draws the lanes where gym-duckietown 6.1.34 does: its ``3way_right`` and
     ``curve_right`` curves (see `robot.navigation.lanes`), and places its objects.
 
-    A map without road (a calibration board, say) loads; what needs a road then says so. A
-    ``start_tile`` beyond the grid is dropped, as the simulator does.
+    A map without road (a calibration board, say) loads; what needs a road then says so. Where the
+    reference simulator would start (``start_tile``, ``start_pose``) means nothing here.
 
     Raises:
         MapError: no such map, or not one that can be read, with row, column and valid choices.
@@ -130,10 +126,7 @@ def read_map(data: Any, name: str, compat: bool = False) -> RoadMap:
     if tile_size_m <= 0.0:
         raise MapError(f"{name}: tile_size: expected a length above 0 m, got {tile_size_m}")
     tiles = _read_tiles(data.get("tiles"), name)
-    road_map = RoadMap(name, tile_size_m, tiles, data.get("objects"), compat=compat)
-    start_tile = _start_tile(data.get("start_tile"), road_map)
-    start_pose = _start_pose(data.get("start_pose"), start_tile, road_map)
-    return replace(road_map, start_tile=start_tile, start_pose=start_pose)
+    return RoadMap(name, tile_size_m, tiles, data.get("objects"), compat)
 
 
 def _find(source: Union[str, Path]) -> Path:
@@ -164,30 +157,6 @@ def _read_tiles(rows: Any, name: str) -> Tuple[Tuple[Tile, ...], ...]:
     return tuple(
         tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
         for i, row in enumerate(rows)
-    )
-
-
-def _start_tile(value: Any, grid: RoadMap) -> Optional[Tuple[int, int]]:
-    """(row, column) from the file's [column, row]."""
-    if value is None:
-        return None
-    column, row = (int(item) for item in numbers(value, 2, f"{grid.name}: start_tile"))
-    return (row, column) if 0 <= row < grid.rows and 0 <= column < grid.columns else None
-
-
-def _start_pose(value: Any, start_tile: Optional[Tuple[int, int]], grid: RoadMap) -> Optional[Pose]:
-    """The file's [[x, height, z], angle]: metres from the start tile's north-west corner."""
-    if value is None or start_tile is None:
-        return None
-    where = f"{grid.name}: start_pose"
-    if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise MapError(f"{where}: expected [[x, 0, z], angle], got {value!r}")
-    east_m, _, south_m = numbers(value[0], 3, where)
-    row, column = start_tile
-    return Pose(
-        column * grid.tile_size_m + east_m,
-        (grid.rows - row) * grid.tile_size_m - south_m,
-        float(wrap_angle(number(value[1], where))),
     )
 
 

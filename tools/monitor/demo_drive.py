@@ -20,9 +20,7 @@ CURVATURES = tuple(twist.turn_radps / twist.forward_mps for twist in ACTION_TWIS
 
 
 def start_pose(road_map: RoadMap) -> Pose:
-    """The map's own start, or a third into its first straight lane."""
-    if road_map.start_pose is not None:
-        return road_map.start_pose
+    """A third into the map's first straight lane."""
     straight = [lane for lane in road_map.lanes if _is_straight(lane.control_points_m)]
     if not straight:
         raise ContractError(f"{road_map.name}: expected a map with a straight road, got none")

@@ -258,10 +258,10 @@ def past_a_turn() -> Path:
     route = plan_route(GRAPH, START, GOAL)
     for number, lane in enumerate(route.lanes):
         begins = GRAPH.lane_nodes[lane][0]
-        for end, other in GRAPH.edges_from(begins):
+        for end, other in GRAPH.edges[begins]:
             if other == lane or number == 0:
                 continue
-            after = [GRAPH.lanes[n].control_points_m for _, n in GRAPH.edges_from(end)[:1]]
+            after = [GRAPH.lanes[n].control_points_m for _, n in GRAPH.edges[end][:1]]
             curves = [*route.curves_m[:number], GRAPH.lanes[other].control_points_m, *after]
             return Path.from_beziers(curves)
     raise AssertionError("no junction on the way")

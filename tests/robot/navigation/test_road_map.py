@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import MapError
-from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
 from robot.navigation.tiles import FLOOR_KINDS, ORIENTATIONS, ROAD_SIDES, STEPS, parse_tile
 
@@ -64,14 +63,6 @@ def test_every_file_loads_and_its_lanes_stay_on_their_tiles(data_dir: Path) -> N
             centre = np.array([lane.tile_column + 0.5, road_map.rows - lane.tile_row - 0.5])
             offset = np.abs(lane.control_points_m / road_map.tile_size_m - centre)
             assert offset.max() == pytest.approx(0.5)
-
-
-def test_start_tile_and_pose(data_dir: Path) -> None:
-    maps = data_dir / "maps" / "duckietown"
-    board = load_map(maps / "calibration_map_ext.yaml")
-    assert board.start_tile == (3, 0)
-    assert board.start_pose == pytest.approx(Pose(0.48, 4 * 0.585 - 0.2925, 0.0))
-    assert load_map(maps / "straight_road_down.yaml").start_tile is None
 
 
 @pytest.mark.parametrize("name", ["loop", "arena", "town"])
@@ -153,7 +144,6 @@ GOOD: Dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}
         ({"tile_size": "big"}, "expected a number"),
         ({"tile_size": None}, "expected a number"),
         ({"object": {}}, "did you mean 'objects'"),
-        ({"start_tile": 3}, "start_tile: expected 2 numbers"),
     ],
 )
 def test_bad_maps_are_refused(change: dict[str, Any], message: str) -> None:
