@@ -146,7 +146,7 @@ def robot_figures(model: Path) -> dict[str, float]:
 
 def hat_figures() -> dict[str, float]:
     """One atomic update of both motors: on the emulator, and on the wire."""
-    from robot.hat.clock import MonotonicClock
+    from robot.computer.clock import MonotonicClock
     from robot.hat.config import HatConfig
     from sim_pybullet.virtual.hat import VirtualHat
     from sim_pybullet.virtual.i2c import VirtualI2cBus

@@ -5,8 +5,8 @@ from __future__ import annotations
 import statistics
 from typing import NamedTuple
 
+from robot.computer.clock import Clock
 from robot.hat.bus import I2cBus, bus_time_s
-from robot.hat.clock import Clock
 from robot.hat.config import HatConfig
 from robot.hat.pca9685 import Pca9685
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from robot.computer.clock import Clock
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
-from robot.hat.clock import Clock
 from robot.hat.config import HatConfig
 from robot.hat.stepping import Steps
 from robot.parts import Motors

@@ -11,10 +11,10 @@ from typing import List
 
 import numpy as np
 
+from robot.computer.clock import MonotonicClock
 from robot.computer.footprint import measure_footprint
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
-from robot.hat.clock import MonotonicClock
 from robot.inference.policy import OnnxPolicy, time_decisions
 from robot.output import expect_writable, write_json
 from robot.parts import Tick

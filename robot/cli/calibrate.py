@@ -19,10 +19,10 @@ from robot.bringup.wheels import GUIDES, Guide, Values
 from robot.bringup.yaml_edit import edit_yaml
 from robot.camera.replay import read_picture
 from robot.command_line import number
+from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.systemd import interrupt, on_ending
 from robot.config import RobotConfig
 from robot.errors import ConfigError
-from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.output import write_bytes

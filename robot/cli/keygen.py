@@ -9,8 +9,7 @@ import argparse
 from pathlib import Path
 from typing import List
 
-from robot.link.keys import SECRET, keygen, renew
-from robot.link.roles import ROLES
+from robot.link.keys import ROLES, SECRET, keygen, renew
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,9 +12,9 @@ import os
 from pathlib import Path
 from typing import List, NamedTuple, Optional, Union
 
+from robot.computer.clock import Clock, MonotonicClock
 from robot.errors import ConfigError, HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, open_bus
-from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.pca9685 import Pca9685
 
 ATTEMPTS = 3

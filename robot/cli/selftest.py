@@ -13,9 +13,9 @@ from typing import ContextManager
 from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.selftest import run_selftest
+from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.systemd import interrupt, on_ending
 from robot.config import RobotConfig
-from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.typed_config import load_yaml

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Optional, TypeVar
 
-from robot.computer.alarm import Alarm
+from robot.computer.clock import Alarm
 from robot.errors import HardwareError
 
 T = TypeVar("T", bound="Worker")

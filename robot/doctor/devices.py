@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Iterator, List, Optional, Tuple
 
 from robot.camera.replay import open_reel
+from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig
 from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import FAIL, OK, WARN, Finding, refused
 from robot.doctor.machine import CameraLook, Machine
 from robot.errors import ConfigError, HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.pca9685 import Pca9685
 from robot.lens import Mount

@@ -6,9 +6,9 @@ import math
 from contextlib import contextmanager
 from typing import Iterator, Optional
 
+from robot.computer.clock import Clock
 from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.clock import Clock
 from robot.hat.config import HatConfig
 from robot.hat.stepper_hat import StepperHat
 from robot.hat.stepping import StepPlanner, pose_after

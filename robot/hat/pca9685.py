@@ -9,9 +9,9 @@ from __future__ import annotations
 import errno
 from typing import NoReturn, Optional, Sequence
 
+from robot.computer.clock import Clock
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
-from robot.hat.clock import Clock
 
 MODE1, MODE2, LED0_ON_L, ALL_LED_OFF_H, PRE_SCALE = 0x00, 0x01, 0x06, 0xFD, 0xFE
 AUTO_INCREMENT, SLEEP = 0x20, 0x10  # bits of MODE1; ALLCALL stays 0: nobody else answers for us

@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import chain, cycle
 from typing import Dict, Optional, Sequence
 
+from robot.computer.clock import Clock
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
-from robot.hat.clock import Clock
 from robot.hat.coils import ring_levels
 from robot.hat.config import HatConfig, MotorConfig
 from robot.hat.pca9685 import Pca9685

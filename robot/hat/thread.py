@@ -13,12 +13,11 @@ import threading
 from contextlib import ExitStack, contextmanager
 from typing import Iterator, Optional, Union
 
-from robot.computer.alarm import Alarm
+from robot.computer.clock import Alarm, Clock, MonotonicClock
 from robot.computer.threads import Silence, Worker
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.hat.bus import I2cBus, SmbusBus, SocketBus, open_bus
-from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat

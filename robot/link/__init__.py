@@ -5,8 +5,7 @@
 | ``messages``, ``telemetry``, ``commands`` | the messages, as frozen dataclasses |
 | ``wire`` | JSON to and from them, strictly |
 | ``freshness`` | age, order and plausibility at the receiver |
-| ``roles`` | who speaks and who listens on which stream |
-| ``keys`` | ``keygen``, roles and the allow-lists |
+| ``keys`` | ``keygen``; roles: who speaks and who listens on which stream |
 | ``allow_list`` | lets in whom its allow-list and the roles let in |
 | ``listener``, ``sockets`` | ZeroMQ: publish and subscribe |
 | ``command_server``, ``command_client`` | commands, with answers; one operator at a time |

@@ -11,8 +11,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Callable, Dict, List, Tuple
 
-from robot.link.keys import Keys
-from robot.link.roles import ADMITS
+from robot.link.keys import ADMITS, Keys
 from robot.link.telemetry import Reading
 from robot.link.wire import tidy_text
 

@@ -1,4 +1,4 @@
-"""Where the three machines are; the sockets of each program. ``roles`` tells the streams."""
+"""Where the three machines are; the sockets of each program. ``keys`` tells the streams."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from robot.errors import ConfigError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.commands import Command
-from robot.link.keys import load_keys
-from robot.link.roles import BOUND_BY
+from robot.link.keys import BOUND_BY, load_keys
 from robot.link.sockets import Link, M, Publisher, Subscriber
 
 

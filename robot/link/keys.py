@@ -1,4 +1,4 @@
-"""Key pairs and allow-lists for the encrypted links (CURVE: Curve25519, as in CurveCP).
+"""Key pairs, allow-lists and roles for the encrypted links (CURVE: Curve25519, as in CurveCP).
 
 ``keygen`` makes one folder per machine, complete in itself: copy ``robot/`` to the robot,
 ``localizer/`` to the localizer, ``monitor/`` to the monitor, and delete the rest.
@@ -8,7 +8,14 @@
     DIR/robot/allowed/monitor.key   public keys of those that the robot speaks to
 
 Each file is one line: the role of the key's owner, a space, the key. What a key may do follows from
-the role that the allow-list of its reader gives it, not from what its owner says of itself.
+the role that the allow-list of its reader gives it, not from what its owner says of itself:
+
+| stream | bound by | port | who may connect |
+|---|---|---|---|
+| pose | localizer | base_port | robot, monitor: they listen |
+| telemetry | robot | base_port + 1 | monitor: it listens |
+| frame | robot | base_port + 2 | monitor: it listens |
+| command | robot | base_port + 3 | monitor: it commands |
 """
 
 from __future__ import annotations
@@ -20,7 +27,20 @@ from pathlib import Path
 from typing import Dict, List, Sequence, Tuple, Union
 
 from robot.errors import ConfigError, nearest
-from robot.link.roles import ROLES
+
+ROLES = ("robot", "localizer", "monitor")
+BOUND_BY: Dict[str, str] = {
+    "pose": "localizer",
+    "telemetry": "robot",
+    "frame": "robot",
+    "command": "robot",
+}
+ADMITS: Dict[str, Tuple[str, ...]] = {
+    "pose": ("robot", "monitor"),
+    "telemetry": ("monitor",),
+    "frame": ("monitor",),
+    "command": ("monitor",),
+}
 
 SECRET, PUBLIC, ALLOWED = "secret.key", "public.key", "allowed"
 READ_LIMIT = 1000  # characters: a key has 40

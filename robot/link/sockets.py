@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, T
 
 from robot.errors import ConfigError, ContractError
 from robot.link.allow_list import AllowList
-from robot.link.keys import Keys
+from robot.link.keys import ADMITS, BOUND_BY, Keys
 from robot.link.listener import Listeners
 from robot.link.messages import FrameMessage, PosesMessage
-from robot.link.roles import ADMITS, BOUND_BY
 from robot.link.telemetry import Reading, Telemetry
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Callable, Deque, Optional, Tuple
 
-from robot.computer.alarm import Alarm
+from robot.computer.clock import Alarm
 from robot.computer.threads import Worker
 from robot.config import RecordingConfig
 from robot.link.telemetry import Reading

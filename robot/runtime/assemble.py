@@ -10,12 +10,12 @@ from typing import Callable, ContextManager, Iterator, List, Optional, Protocol,
 from robot.camera.replay import ReplayCamera
 from robot.camera.source import Camera, NewestFrame, Stream
 from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
+from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.health import Health
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
 from robot.geometry import Pose
-from robot.hat.clock import Clock, MonotonicClock
 from robot.hat.thread import MotorThread, motors_on, own_bus
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import TranslatingPolicy, open_translator

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from robot.camera.source import Frame
+from robot.computer.clock import Clock, MonotonicClock
 from robot.contract import PATH_POINTS
-from robot.hat.clock import Clock, MonotonicClock
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance

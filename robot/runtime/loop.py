@@ -14,13 +14,14 @@ from typing import Any, Callable, Iterable, Optional, Tuple, TypeVar
 import numpy as np
 
 from robot.camera.source import Camera, Frame
+from robot.computer.clock import Clock
 from robot.contract import CONTROL_DT_S
 from robot.errors import ContractError, HardwareError
 from robot.geometry import WheelSpeeds
-from robot.hat.clock import Clock
 from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
 from robot.parts import (
+    WAY_DOUBTS,
     Eyes,
     Guidance,
     Motors,
@@ -220,12 +221,7 @@ class Runtime:
             link_age_s=link_age_s,
             manual_age_s=None if self._manual is None else now_s - self._manual[1],
             no_mission=no_mission,
-            off_path=way.off_path,
-            off_map=way.off_map,
-            pose_jump=way.pose_jump,
-            pose_doubt=way.pose_doubt,
-            not_moving=way.not_moving,
-            duplicate_publisher=way.duplicate_publisher,
+            **{doubt: getattr(way, doubt) for doubt in WAY_DOUBTS},
         )
 
     def _count_repeats(self, frame: Optional[Frame]) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Callable
 
+from robot.computer.clock import Clock
 from robot.computer.threads import Silence, Worker
 from robot.errors import HardwareError
-from robot.hat.clock import Clock
 from robot.parts import Tick
 
 ROUNDING_S = 1e-6  # of sums of times

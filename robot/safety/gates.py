@@ -120,38 +120,52 @@ class Trip(NamedTuple):
     sentence: str
 
 
+# A doubt that an input names, by its reason.
+_DOUBTS = {
+    Reason.DUPLICATE_PUBLISHER: "two localizers send poses of this robot; switch one off",
+    Reason.POSE_JUMP: "the overhead pose jumped farther than the robot can drive",
+    Reason.NOT_MOVING: "the wheels step, but the overhead poses stand; is the robot held, lifted "
+    "or blocked, or the overhead picture frozen?",
+    Reason.POSE_DOUBT: "the overhead poses tell another way than the wheels; do they drift, or are "
+    "they another robot's?",
+    Reason.NO_MISSION: "no destination is set",
+    Reason.OFF_MAP: "the robot is off the map",
+    Reason.OFF_PATH: "the robot has left its planned path",
+}
+
+
 def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[Trip]:
-    """Every gate that does not hold, the gravest first.
+    """Every gate that does not hold, the gravest of a kind first.
 
     Args:
         inputs: as of now.
         loop_age_s: since the gates were last looked at [s].
         limits: the greatest ages that pass.
     """
-    if _old(loop_age_s, limits.loop_age_s):
-        yield Trip(Reason.LOOP_LATE, _late("the control loop", loop_age_s, limits.loop_age_s))
-    if _old(inputs.frame_age_s, limits.frame_age_s):
-        sentence = _late("the camera's newest frame", inputs.frame_age_s, limits.frame_age_s)
-        yield Trip(Reason.FRAME_STALE, sentence)
-    if inputs.frame_repeats >= limits.frozen_frames:
-        yield Trip(
-            Reason.FRAME_FROZEN,
-            f"the camera sent the same picture {inputs.frame_repeats + 1} times while driving",
-        )
+    operator = "the operator's last sign of life"
+    manual_age_s = math.inf if inputs.manual_age_s is None else inputs.manual_age_s
+    for reason, what, age_s, limit_s in (
+        (Reason.LOOP_LATE, "the control loop", loop_age_s, limits.loop_age_s),
+        (Reason.FRAME_STALE, "the camera's newest frame", inputs.frame_age_s, limits.frame_age_s),
+        (Reason.POSE_STALE, "the newest overhead pose", inputs.pose_age_s, limits.pose_age_s),
+        (Reason.LINK_LOST, operator, inputs.link_age_s, limits.link_age_s),
+        (Reason.MANUAL_STALE, "the last manual command", manual_age_s, limits.manual_age_s),
+    ):
+        if age_s is not None and _old(age_s, limit_s):
+            yield Trip(reason, _late(what, age_s, limit_s))
     yield from _picture_trips(inputs, limits)
     if not inputs.values_finite:
         yield Trip(Reason.NON_FINITE, "the policy gave no finite values")
-    yield from _pose_trips(inputs, limits)
-    if inputs.link_age_s is not None and _old(inputs.link_age_s, limits.link_age_s):
-        sentence = _late("the operator's last sign of life", inputs.link_age_s, limits.link_age_s)
-        yield Trip(Reason.LINK_LOST, sentence)
-    manual_age_s = math.inf if inputs.manual_age_s is None else inputs.manual_age_s
-    if _old(manual_age_s, limits.manual_age_s):
-        sentence = _late("the last manual command", manual_age_s, limits.manual_age_s)
-        yield Trip(Reason.MANUAL_STALE, sentence)
+    for reason, sentence in _DOUBTS.items():
+        if getattr(inputs, reason.value):
+            yield Trip(reason, sentence)
 
 
 def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
+    if inputs.frame_repeats >= limits.frozen_frames:
+        times = inputs.frame_repeats + 1
+        sentence = f"the camera sent the same picture {times} times while driving"
+        yield Trip(Reason.FRAME_FROZEN, sentence)
     if _old(inputs.blind_s, limits.blind_s):
         sentence = _late("the last picture that shows anything", inputs.blind_s, limits.blind_s)
         yield Trip(Reason.PICTURE_BLIND, f"{sentence}; is the lens covered?")
@@ -160,30 +174,6 @@ def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
     if _old(inputs.still_s, limits.still_s):
         sentence = f"the wheels turn, but for {inputs.still_s:.1f} s the picture has not moved"
         yield Trip(Reason.PICTURE_STILL, f"{sentence}; is the robot held, or the picture?")
-
-
-def _pose_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
-    if inputs.duplicate_publisher:
-        sentence = "two localizers send poses of this robot; switch one off"
-        yield Trip(Reason.DUPLICATE_PUBLISHER, sentence)
-    if inputs.pose_jump:
-        sentence = "the overhead pose jumped farther than the robot can drive"
-        yield Trip(Reason.POSE_JUMP, sentence)
-    if inputs.not_moving:
-        sentence = "the wheels step, but the overhead poses stand; is the robot held, lifted or"
-        yield Trip(Reason.NOT_MOVING, f"{sentence} blocked, or the overhead picture frozen?")
-    if inputs.pose_doubt:
-        sentence = "the overhead poses tell another way than the wheels; do they drift, or are they"
-        yield Trip(Reason.POSE_DOUBT, f"{sentence} another robot's?")
-    if inputs.pose_age_s is not None and _old(inputs.pose_age_s, limits.pose_age_s):
-        sentence = _late("the newest overhead pose", inputs.pose_age_s, limits.pose_age_s)
-        yield Trip(Reason.POSE_STALE, sentence)
-    if inputs.no_mission:
-        yield Trip(Reason.NO_MISSION, "no destination is set")
-    if inputs.off_map:
-        yield Trip(Reason.OFF_MAP, "the robot is off the map")
-    if inputs.off_path:
-        yield Trip(Reason.OFF_PATH, "the robot has left its planned path")
 
 
 def _old(age_s: float, limit_s: float) -> bool:

@@ -48,28 +48,15 @@ TRANSITIONS: Dict[Tuple[State, Command], State] = {
     (State.AUTO, Command.MANUAL): State.MANUAL,
     (State.MANUAL, Command.AUTO): State.AUTO,
     (State.FAULT, Command.CLEAR): State.DISARMED,
-    (State.READY, Command.STOP): State.HOLD,
-    (State.AUTO, Command.STOP): State.HOLD,
-    (State.MANUAL, Command.STOP): State.HOLD,
-    (State.READY, Command.DISARM): State.DISARMED,
-    (State.AUTO, Command.DISARM): State.DISARMED,
-    (State.MANUAL, Command.DISARM): State.DISARMED,
-    (State.HOLD, Command.DISARM): State.DISARMED,
+    **{(state, Command.STOP): State.HOLD for state in (State.READY, *MOVING)},
+    **{(state, Command.DISARM): State.DISARMED for state in (State.READY, State.HOLD, *MOVING)},
 }
 ALWAYS_TAKEN: FrozenSet[Command] = frozenset((Command.STOP, Command.DISARM))
 
+_ASTRAY = frozenset((Reason.POSE_STALE, Reason.OFF_MAP, Reason.OFF_PATH, Reason.NO_MISSION))
 _ROBOT = frozenset((Reason.LOOP_LATE, Reason.FRAME_STALE, Reason.FRAME_FROZEN, Reason.LINK_LOST))
-_ROUTE = frozenset(
-    (
-        Reason.DUPLICATE_PUBLISHER,
-        Reason.POSE_JUMP,
-        Reason.POSE_DOUBT,
-        Reason.NOT_MOVING,
-        Reason.POSE_STALE,
-        Reason.OFF_MAP,
-        Reason.OFF_PATH,
-        Reason.NO_MISSION,
-    )
+_ROUTE = _ASTRAY | frozenset(
+    (Reason.DUPLICATE_PUBLISHER, Reason.POSE_JUMP, Reason.POSE_DOUBT, Reason.NOT_MOVING)
 )
 _PICTURE = frozenset((Reason.PICTURE_BLIND, Reason.PICTURE_WRONG, Reason.PICTURE_STILL))
 # The gates of each armed state. A person who drives by hand may bring a lost robot back to its
@@ -84,17 +71,7 @@ WATCHED: Dict[State, FrozenSet[Reason]] = {
 GROWS_OLD: FrozenSet[Reason] = frozenset((Reason.LOOP_LATE, Reason.POSE_STALE, Reason.LINK_LOST))
 # What comes in the same turn as the wish to drive; the gates look at it before the wheels turn.
 COMES_WITH_THE_WISH: FrozenSet[Reason] = frozenset((Reason.MANUAL_STALE, Reason.NO_MISSION))
-HOLDS: FrozenSet[Reason] = frozenset(
-    (
-        Reason.POSE_STALE,
-        Reason.OFF_MAP,
-        Reason.OFF_PATH,
-        Reason.NO_MISSION,
-        Reason.LINK_LOST,
-        Reason.MANUAL_STALE,
-        Reason.ARRIVED,
-    )
-)
+HOLDS: FrozenSet[Reason] = _ASTRAY | {Reason.LINK_LOST, Reason.MANUAL_STALE, Reason.ARRIVED}
 
 
 class Verdict(NamedTuple):

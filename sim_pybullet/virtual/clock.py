@@ -8,7 +8,7 @@ from robot.hat.driver import MotorDriver
 
 
 class VirtualClock:
-    """A clock for lock-step simulation (``robot.hat.clock.Clock``)."""
+    """A clock for lock-step simulation (``robot.computer.clock.Clock``)."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now_s = start_s

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.hat.clock import Clock
+from robot.computer.clock import Clock
 from sim_pybullet.virtual.coil import CoilDrive, bridge_spans, coil_drive
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers

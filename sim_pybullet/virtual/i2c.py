@@ -7,7 +7,7 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple, NoReturn, Protocol
 
-from robot.hat.clock import Clock
+from robot.computer.clock import Clock
 
 
 class I2cDevice(Protocol):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from robot.hat.clock import Clock
+from robot.computer.clock import Clock
 from sim_pybullet.virtual.pwm import FULL, ChipMisuseError, PwmOutputs
 
 AI, SLEEP, ALLCALL = 0x20, 0x10, 0x01  # MODE1, table 5

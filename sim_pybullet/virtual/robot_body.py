@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from robot.computer.clock import Clock
 from robot.contract import DRIVE
-from robot.hat.clock import Clock
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import MotorModel
 from sim_pybullet.virtual.hat import VirtualHat

@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from robot.camera.source import Frame
+from robot.computer.clock import Clock
 from robot.contract import ImageSpec
 from robot.geometry import Pose
-from robot.hat.clock import Clock
 from robot.hat.driver import MotorDriver
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look

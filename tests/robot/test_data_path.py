@@ -12,7 +12,7 @@ from typing import Any, List, Set
 import numpy as np
 
 from robot.camera.source import NewestFrame
-from robot.hat.clock import MonotonicClock
+from robot.computer.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.thread import motors_on
 from robot.inference.policy import OnnxPolicy

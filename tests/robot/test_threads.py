@@ -17,10 +17,9 @@ import pytest
 
 import robot
 from robot.camera.source import NewestFrame
-from robot.computer.alarm import Alarm
+from robot.computer.clock import Alarm, MonotonicClock
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat

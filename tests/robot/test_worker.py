@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from robot.camera.source import Camera, Frame, NewestFrame
+from robot.computer.clock import MonotonicClock
 from robot.computer.threads import Worker
 from robot.config import RecordingConfig
 from robot.errors import HardwareError
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import pytest
 
 from robot.cli import main
+from robot.computer.clock import MonotonicClock
 from robot.computer.footprint import ROOT
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from sim_pybullet.virtual.hat import VirtualHat

@@ -18,10 +18,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.camera.streams import SocketStream
+from robot.computer.clock import MonotonicClock
 from robot.errors import ContractError, HardwareError, PlanError
 from robot.geometry import Pose
 from robot.hat.bus import SocketBus
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy

@@ -22,8 +22,7 @@ from localizer_node.calibration import save_calibration
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.hat.config import HatConfig
 from robot.link.config import LinkConfig
-from robot.link.keys import keygen
-from robot.link.roles import BOUND_BY
+from robot.link.keys import BOUND_BY, keygen
 from robot.navigation.road_map import load_map
 from robot.safety.gates import SafetyLimits
 from robot.typed_config import to_plain

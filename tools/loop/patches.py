@@ -77,7 +77,7 @@ def _replace_condition_wait(stepper: Stepper) -> None:
 
 def _replace_alarms() -> None:
     """An alarm's wait is one of a condition, as above; its pipe would not be in step."""
-    from robot.computer.alarm import Alarm
+    from robot.computer.clock import Alarm
 
     def begin(alarm: Any) -> None:
         event = threading.Event()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import select
 import time
 
+from robot.computer.clock import MonotonicClock
 from robot.computer.threads import Worker
-from robot.hat.clock import MonotonicClock
 from tools.loop.timekeeper import Service, Timekeeper
 
 LOOK_S = 0.05

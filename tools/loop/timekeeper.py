@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from robot.hat.clock import Clock
+from robot.computer.clock import Clock
 
 
 class BenchError(RuntimeError):

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
+from robot.computer.clock import Clock
 from robot.geometry import Pose
-from robot.hat.clock import Clock
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import (

@@ -10,9 +10,9 @@ from typing import Iterator
 import numpy as np
 import pytest
 
+from robot.computer.clock import MonotonicClock
 from robot.computer.threads import Worker
 from robot.config import CameraConfig, RobotConfig
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.typed_config import load_yaml

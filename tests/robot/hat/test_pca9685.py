@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smbus2.smbus2 import I2C_M_RD
 
+from robot.computer.clock import MonotonicClock
 from robot.errors import HardwareError
 from robot.hat.bus import SmbusBus, bus_time_s
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.pca9685 import Pca9685, channel_bytes
 from sim_pybullet.virtual.clock import VirtualClock

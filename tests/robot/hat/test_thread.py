@@ -3,9 +3,9 @@ from typing import Callable, Tuple
 
 import pytest
 
+from robot.computer.clock import MonotonicClock
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.clock import MonotonicClock
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat

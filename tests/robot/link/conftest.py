@@ -11,8 +11,7 @@ from typing import Callable, Iterator
 import pytest
 
 from robot.link.config import LinkConfig
-from robot.link.keys import keygen
-from robot.link.roles import BOUND_BY
+from robot.link.keys import BOUND_BY, keygen
 from robot.link.sockets import Link
 
 

@@ -14,11 +14,11 @@ import pytest
 
 from robot.camera.replay import ReplayCamera
 from robot.camera.source import Frame, NewestFrame
+from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.clock import MonotonicClock
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting

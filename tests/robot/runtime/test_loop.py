@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from robot.camera.source import Frame
+from robot.computer.clock import MonotonicClock
 from robot.contract import ACTION_WHEELS, CONTROL_DT_S, MAX_WHEEL_MPS, Action, PolicyContract
 from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
-from robot.hat.clock import MonotonicClock
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Sight
 from robot.runtime.loop import Runtime

@@ -1,4 +1,7 @@
-"""Waiting for another thread, at most for a while, by a clock that nobody can set."""
+"""Time by a clock that nobody can set, and waiting by it, also for another thread.
+
+A test or a simulator can supply its own clock.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,35 @@ import math
 import os
 import select
 import threading
-from typing import Optional
+import time
+from typing import Optional, Protocol
 
 # Descriptors from here on are too great for select; poll takes them, but counts in milliseconds,
 # which is coarse for motor steps.
 _SELECTABLE = 1024
+
+
+class Clock(Protocol):
+    """A clock that never jumps, and waiting by it."""
+
+    def now(self) -> float:
+        """Time since some fixed moment [s]."""
+
+    def sleep(self, duration_s: float) -> None:
+        """Return once ``duration_s`` [s] have passed; at once where it is not positive."""
+
+
+class MonotonicClock:
+    """The steady clock of the operating system."""
+
+    def now(self) -> float:
+        """``time.monotonic`` [s]."""
+        return time.monotonic()
+
+    def sleep(self, duration_s: float) -> None:
+        """``time.sleep``, which does not mind the wall clock being set."""
+        if duration_s > 0.0:
+            time.sleep(duration_s)
 
 
 class Alarm:
