@@ -62,15 +62,15 @@ class MissionNavigator:
         odometry: Callable[[], Pose],
         robot: str,
     ) -> None:
-        margin, width, height = MAP_MARGIN_M, road_map.width_m, road_map.height_m
-        bounds = (-margin, -margin, width + margin, height + margin)
+        east, north = road_map.width_m + MAP_MARGIN_M, road_map.height_m + MAP_MARGIN_M
         self.status: Optional[MissionStatus] = None
         self.path_points: Tuple[XY, ...] = ()  # of the mission, for the monitor
         self.overhead: Optional[PoseMessage] = None  # the newest that came, believed or not
         self._road_map = road_map
+        self._beside_m = OFF_PATH_TILES * road_map.tile_size_m
         self._graph = LaneGraph(road_map)
         self._receive, self._odometry = receive, odometry
-        self._gate = PoseGate(robot, bounds)
+        self._gate = PoseGate(robot, (-MAP_MARGIN_M, -MAP_MARGIN_M, east, north))
         self._fusion, self._way = PoseFusion(), WayCheck()
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer = odometry()
@@ -185,10 +185,6 @@ class MissionNavigator:
             off_path=astray or turned,
         )
 
-    @property
-    def _beside_m(self) -> float:
-        return OFF_PATH_TILES * self._road_map.tile_size_m
-
     def _lost(self, at: PathPosition, pose: Pose) -> Tuple[bool, bool]:
         """Whether the robot is too far beside its path, and too far turned from it."""
         turned_rad = abs(float(wrap_angle(pose.heading_rad - at.heading_rad)))
@@ -228,27 +224,22 @@ class MissionNavigator:
         if message is None:
             return
         self.overhead = message
-        jumps = self._unbelievable
-        if self._gate.take(message, now_s):
-            age_s = float(self._fusion.age_s(now_s)[0])
-            heading_rad = math.nan if message.heading_rad is None else message.heading_rad
-            measured = np.array([[message.x_m, message.y_m, heading_rad]])
-            captured_s = now_s - self._gate.age_s(now_s)
-            self._fusion.measure(measured, np.array([captured_s]))
-            self._compare(message, captured_s)
-            self._jumps = int(self._fusion.rejected[0])
-            if self._fusion.age_s(now_s)[0] < age_s:
-                self._arrived_s = now_s
-        elif self._unbelievable > jumps:
-            self._jumps += 1
-
-    def _compare(self, message: PoseMessage, captured_s: float) -> None:
-        """The way that the poses tell with that of the steps; a heading may be the filter's."""
-        heading_rad = message.heading_rad
-        if heading_rad is None and self.pose is not None:
+        jumps = self._refused_places
+        if not self._gate.take(message, now_s):
+            self._jumps += self._refused_places - jumps
+            return
+        age_s = float(self._fusion.age_s(now_s)[0])
+        heading_rad = math.nan if message.heading_rad is None else message.heading_rad
+        captured_s = now_s - self._gate.age_s(now_s)
+        measured = np.array([[message.x_m, message.y_m, heading_rad]])
+        self._fusion.measure(measured, np.array([captured_s]))
+        if math.isnan(heading_rad) and self.pose is not None:
             heading_rad = self.pose.heading_rad
-        if heading_rad is not None:
+        if not math.isnan(heading_rad):
             self._way.see(captured_s, Pose(message.x_m, message.y_m, heading_rad))
+        self._jumps = int(self._fusion.rejected[0])
+        if self._fusion.age_s(now_s)[0] < age_s:
+            self._arrived_s = now_s
 
     def _pose_age_s(self, now_s: float) -> float:
         """Time without a pose [s], and the delay of the last one beyond what is usual.
@@ -259,7 +250,6 @@ class MissionNavigator:
         return max(now_s - self._arrived_s, captured_ago_s - USUAL_DELAY_S)
 
     @property
-    def _unbelievable(self) -> int:
-        """Poses refused for their place so far."""
+    def _refused_places(self) -> int:
         refused = self._gate.stream.refused
         return refused["jump"] + refused["off the map"]

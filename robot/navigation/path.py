@@ -9,9 +9,9 @@ from typing import FrozenSet, List, Optional, Sequence, Tuple
 import numpy as np
 
 from robot.errors import MapError, PlanError
-from robot.geometry import Pose, bezier_points, bezier_tangents
+from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.lanes import Lane, border_point
-from robot.navigation.path_batch import NO_HINT, PathBatch, segments_of
+from robot.navigation.path_batch import NO_HINT, PathBatch
 from robot.navigation.road_map import RoadMap
 
 SPACING_M = 0.02
@@ -80,12 +80,7 @@ class Path:
         """
         hints = np.array([NO_HINT if hint is None else hint])
         found = self.batch.project(np.array([[x_m, y_m]]), hints)
-        return PathPosition(
-            int(found.index[0]),
-            float(found.arc_m[0]),
-            float(found.offset_m[0]),
-            float(found.heading_rad[0]),
-        )
+        return PathPosition(**{name: column.item() for name, column in vars(found).items()})
 
     def point_at(self, arc_m: np.ndarray) -> np.ndarray:
         """Points (..., 2) at arc lengths (...) [m]; an open path goes on straight at its ends."""
@@ -100,8 +95,14 @@ class Path:
 
     @cached_property
     def segments(self) -> np.ndarray:
-        """What a `PathBatch` keeps of it."""
-        return segments_of(self)
+        """What a `PathBatch` keeps: between two points each; a closed path returns to its first."""
+        starts = np.arange(len(self.points_m) - (0 if self.closed else 1))
+        ends = (starts + 1) % len(self.points_m)
+        vector = self.points_m[ends] - self.points_m[starts]
+        heading = self.headings_rad[starts]
+        turn = np.asarray(wrap_angle(self.headings_rad[ends] - heading))
+        inverse = 1.0 / np.maximum((vector**2).sum(axis=1), np.finfo(float).tiny)
+        return np.column_stack((self.points_m[starts], vector, inverse, heading, turn))
 
     @cached_property
     def batch(self) -> PathBatch:

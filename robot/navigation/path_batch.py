@@ -178,14 +178,3 @@ class PathBatch:
 
     def _heading(self, segment: np.ndarray, fraction: np.ndarray) -> np.ndarray:
         return np.asarray(wrap_angle(segment[..., _HEADING] + fraction * segment[..., _TURN]))
-
-
-def segments_of(path: Path) -> np.ndarray:
-    """The segments (S, _WIDTH) between a path's points; a closed one returns to its first."""
-    ends = np.arange(1, len(path.points_m) + (1 if path.closed else 0)) % len(path.points_m)
-    starts = np.arange(len(ends))
-    vector = path.points_m[ends] - path.points_m[starts]
-    heading = path.headings_rad[starts]
-    turn = np.asarray(wrap_angle(path.headings_rad[ends] - heading))
-    inverse = 1.0 / np.maximum((vector**2).sum(axis=1), np.finfo(float).tiny)
-    return np.column_stack((path.points_m[starts], vector, inverse, heading, turn))

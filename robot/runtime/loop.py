@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from typing import Any, Callable, Iterable, Optional, Tuple, TypeVar
+from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple, TypeVar
 
 import numpy as np
 
@@ -39,6 +39,16 @@ from robot.safety.wheel_limits import STILL, Drive
 
 T = TypeVar("T")
 logger = logging.getLogger(__name__)
+
+
+class _Seen(NamedTuple):
+    """What a turn saw and decided."""
+
+    link_age_s: Optional[float]
+    frame: Optional[Frame]
+    way: Guidance
+    sight: Sight
+    action: Optional[int]
 
 
 class Runtime:
@@ -122,7 +132,8 @@ class Runtime:
         action = best_action(values)
         self._drove = None
         sight = self._try(Reason.CAMERA, self._see, frame, guidance) or Sight()
-        inputs = self._try(Reason.RUNTIME, self._act, frame, guidance, sight, action, link_age_s)
+        seen = _Seen(link_age_s, frame, guidance or Guidance(), sight, action)
+        inputs = self._try(Reason.RUNTIME, self._act, seen)
         duration_s = self._clock.now() - began_s
         tick = Tick(
             *(self._number, began_s, frame, values, action, self._wheels, self.safety.verdict),
@@ -177,38 +188,23 @@ class Runtime:
         path = None if guidance is None else guidance.path
         return values_of(self._policy, None if frame is None else frame.image, path)
 
-    def _act(
-        self,
-        frame: Optional[Frame],
-        guidance: Optional[Guidance],
-        sight: Sight,
-        action: Optional[int],
-        link_age_s: Optional[float],
-    ) -> Inputs:
+    def _act(self, seen: _Seen) -> Inputs:
         """Look at the gates, then drive or rest. After this only a subscriber can still fail."""
         with self._guard_motion:
             now_s = self._clock.now()
-            inputs = self._inputs(now_s, frame, guidance, sight, action is not None, link_age_s)
+            inputs = self._inputs(now_s, seen)
             self.safety.check(inputs)
-            if guidance is not None and guidance.arrived:
+            if seen.way.arrived:
                 self.safety.arrived()
-            wanted = self._wanted(action)
+            wanted = self._wanted(seen.action)
             if wanted is not None:
                 self._try(Reason.MOTORS, self._drive, wanted, now_s)
             self._rest_unless_moving()
         return inputs
 
-    def _inputs(
-        self,
-        now_s: float,
-        frame: Optional[Frame],
-        guidance: Optional[Guidance],
-        sight: Sight,
-        decided: bool,
-        link_age_s: Optional[float],
-    ) -> Inputs:
+    def _inputs(self, now_s: float, seen: _Seen) -> Inputs:
+        frame, way, sight = seen.frame, seen.way, seen.sight
         navigates = self._policy.contract.path_points > 0
-        way = guidance or Guidance()
         no_mission = navigates and way.path is None
         return Inputs(
             frame_age_s=math.inf if frame is None else now_s - frame.time_s,
@@ -216,9 +212,9 @@ class Runtime:
             blind_s=sight.blind_s,
             still_s=sight.still_s,
             picture_wrong=sight.wrong,
-            values_finite=decided or no_mission,  # without a path nobody asked it
+            values_finite=seen.action is not None or no_mission,  # without a path nobody asked it
             pose_age_s=way.pose_age_s if navigates else None,
-            link_age_s=link_age_s,
+            link_age_s=seen.link_age_s,
             manual_age_s=None if self._manual is None else now_s - self._manual[1],
             no_mission=no_mission,
             **{doubt: getattr(way, doubt) for doubt in WAY_DOUBTS},

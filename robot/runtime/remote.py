@@ -19,15 +19,7 @@ START_WITHIN_M = 0.15  # a robot's length: as well as a person puts it down
 
 
 def expect_at_start(pose: Optional[Pose], start_m: Optional[Tuple[float, float]]) -> None:
-    """A mission from somewhere is for a robot that is there.
-
-    Args:
-        pose: where the robot is.
-        start_m: x, y of the world [m]; None for a mission from wherever it is.
-
-    Raises:
-        PlanError: it is farther away than ``START_WITHIN_M``; says how far.
-    """
+    """A mission from ``start_m`` [m] is for a robot that is there; PlanError where it is not."""
     if start_m is None or pose is None:
         return
     away_m = math.dist(start_m, (pose.x_m, pose.y_m))
@@ -42,9 +34,7 @@ def expect_at_start(pose: Optional[Pose], start_m: Optional[Tuple[float, float]]
 class RemoteOperator:
     """Serves the commands of the link; keeps ``robot.parts.Operator``.
 
-    Args:
-        server: the robot's end of the link.
-        navigator: plans missions; None for a robot that keeps its lane.
+    A robot that keeps its lane has no navigator.
     """
 
     def __init__(self, server: CommandServer, navigator: Optional[MissionNavigator]) -> None:

@@ -89,12 +89,12 @@ class Reporter:
 
 
 def _ages(inputs: Inputs, limits: SafetyLimits) -> Tuple[InputAge, ...]:
-    ages = [InputAge("camera", _age(inputs.frame_age_s), limits.frame_age_s)]
-    if inputs.pose_age_s is not None:
-        ages.append(InputAge("pose", _age(inputs.pose_age_s), limits.pose_age_s))
-    if inputs.link_age_s is not None:
-        ages.append(InputAge("operator", _age(inputs.link_age_s), limits.link_age_s))
-    return tuple(ages)
+    every = (
+        ("camera", inputs.frame_age_s, limits.frame_age_s),
+        ("pose", inputs.pose_age_s, limits.pose_age_s),
+        ("operator", inputs.link_age_s, limits.link_age_s),
+    )
+    return tuple(InputAge(name, _age(s), limit_s) for name, s, limit_s in every if s is not None)
 
 
 def _age(age_s: float) -> Optional[float]:
