@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from robot.navigation.lane_index import LaneIndex
 
 from robot.errors import PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents
 from robot.navigation import guidance, navigator
 from robot.navigation.guidance import path_input
-from robot.navigation.lane_index import LaneIndex
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.path_batch import PathBatch
 from robot.navigation.planner import LaneGraph, plan_route, route_between
