@@ -8,7 +8,7 @@ from typing import Callable, Iterator, NamedTuple
 
 import numpy as np
 
-from robot.camera.replay import Reel, open_reel
+from robot.camera.replay import play
 from robot.camera.source import Stream
 from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
 from robot.errors import ContractError, HardwareError
@@ -48,7 +48,7 @@ def open_source(
     if csi:
         command = csi_command(int(csi.group(1) or 0), 0, fps, size_px)
         return _live(GstStream(command, size_px), clock)
-    return _played(open_reel(source), fps)
+    return (Frame(picture, i / fps) for i, picture in enumerate(play(source)))
 
 
 def _live(stream: Stream, clock: Callable[[], float]) -> Iterator[Frame]:
@@ -61,12 +61,3 @@ def _live(stream: Stream, clock: Callable[[], float]) -> Iterator[Frame]:
             yield Frame(picture, clock())
     finally:
         stream.close()
-
-
-def _played(reel: Reel, fps: int) -> Iterator[Frame]:
-    number = 0
-    picture = reel.picture(number)
-    while picture is not None:
-        yield Frame(picture, number / fps)
-        number += 1
-        picture = reel.picture(number)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, List, Optional, Protocol, Union
+from typing import Any, Callable, Iterator, List, Optional, Union
 
 import numpy as np
 
@@ -12,13 +12,6 @@ from robot.errors import ConfigError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".tif", ".tiff")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
-
-
-class Reel(Protocol):
-    """Pictures by number."""
-
-    def picture(self, index: int) -> Optional[np.ndarray]:
-        """(H, W, 3) uint8 RGB; None past the end. Numbers never go back."""
 
 
 class ReplayCamera:
@@ -38,7 +31,7 @@ class ReplayCamera:
     def __init__(self, path: Union[str, Path], fps: float, clock: Callable[[], float]) -> None:
         if not fps > 0.0:
             raise ConfigError(f"fps: expected a positive number, got {fps}")
-        self._reel = open_reel(path)
+        self._pictures = enumerate(play(path))
         self._fps = fps
         self._clock = clock
         self._started_s: Optional[float] = None
@@ -49,30 +42,43 @@ class ReplayCamera:
         now_s = self._clock()
         if self._started_s is None:
             self._started_s = now_s
-        index = int((now_s - self._started_s) * self._fps)
-        if self._frame is None or index > self._frame.sequence:
-            picture = self._reel.picture(index)
+        due = int((now_s - self._started_s) * self._fps)
+        number = -1 if self._frame is None else self._frame.sequence
+        while number < due:
+            number, picture = next(self._pictures, (due, None))
             if picture is not None:
-                taken_s = self._started_s + index / self._fps
-                self._frame = Frame(fit_to_frame(picture), index, taken_s)
+                taken_s = self._started_s + number / self._fps
+                self._frame = Frame(fit_to_frame(picture), number, taken_s)
         return self._frame
 
 
-def open_reel(path: Union[str, Path]) -> Reel:
-    """The pictures at a path.
+def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
+    """The pictures at a path one after the other, (H, W, 3) uint8 RGB.
 
     Raises:
         ConfigError: no such path, no pictures in the folder, or a file that is no video.
     """
     path = Path(path)
     if path.is_dir():
-        return _Folder(picture_files(path))
+        return (read_picture(file) for file in picture_files(path))
     if path.suffix.lower() in VIDEOS and path.is_file():
-        return _Video(path)
+        import cv2
+
+        capture = cv2.VideoCapture(str(path))
+        if not capture.isOpened():
+            raise ConfigError(f"{path}: expected a video, got a file that OpenCV cannot play")
+        return _frames_of(capture)
     raise ConfigError(
         f"{path}: expected a folder of pictures or a video ({', '.join(VIDEOS)}), got "
         f"{'another file' if path.exists() else 'no such path'}"
     )
+
+
+def _frames_of(capture: Any) -> Iterator[np.ndarray]:
+    good, picture = capture.read()
+    while good:
+        yield np.ascontiguousarray(picture[..., ::-1])
+        good, picture = capture.read()
 
 
 def picture_files(folder: Path) -> List[Path]:
@@ -113,29 +119,3 @@ def read_picture(path: Path) -> np.ndarray:
     if picture is None:
         raise ConfigError(f"{path}: expected a picture, got a file that OpenCV cannot read")
     return np.ascontiguousarray(picture[..., ::-1])
-
-
-class _Folder:
-    def __init__(self, files: List[Path]) -> None:
-        self._files = files
-
-    def picture(self, index: int) -> Optional[np.ndarray]:
-        return read_picture(self._files[index]) if index < len(self._files) else None
-
-
-class _Video:
-    def __init__(self, path: Path) -> None:
-        import cv2
-
-        self._capture = cv2.VideoCapture(str(path))
-        self._next = 0
-        if not self._capture.isOpened():
-            raise ConfigError(f"{path}: expected a video, got a file that OpenCV cannot play")
-
-    def picture(self, index: int) -> Optional[np.ndarray]:
-        while self._next <= index:
-            if not self._capture.grab():
-                return None
-            self._next += 1
-        good, picture = self._capture.retrieve()
-        return np.ascontiguousarray(picture[..., ::-1]) if good else None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import List, NamedTuple, Optional, Union
+from typing import List, Optional, Tuple, Union
 
 from robot.computer.clock import Clock, MonotonicClock
 from robot.errors import ConfigError, HardwareError
@@ -21,37 +21,13 @@ ATTEMPTS = 3
 ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and stops
 
 
-class Place(NamedTuple):
-    """Where HATs are looked for."""
-
-    bus: Union[int, str]  # number of /dev/i2c-N, or the socket of a virtual bus
-    addresses: List[int]
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument(
-        "--config", type=Path, help="the robot's YAML file, for its bus and addresses"
+        "--config",
+        type=Path,
+        help="the robot's YAML file, for its bus and addresses; else the usual ones are tried",
     )
-    parser.add_argument(
-        "--bus", type=int, help="number of /dev/i2c-N; without it 1 and 7 are tried"
-    )
-    parser.add_argument(
-        "--address",
-        type=_address,
-        action="append",
-        help="of the HAT, such as 0x6F; without it 0x6F and 0x60 are tried",
-    )
-
-
-def _address(text: str) -> int:
-    try:
-        address = int(text, 0)
-    except ValueError:
-        address = 0
-    if not 0x40 <= address <= 0x77:
-        raise argparse.ArgumentTypeError(f"expected 0x40 to 0x77, got {text}")
-    return address
 
 
 def run(options: argparse.Namespace) -> None:
@@ -63,17 +39,13 @@ def run(options: argparse.Namespace) -> None:
     """
     wrong: Optional[ConfigError] = None
     buses: List[Union[int, str]] = [n for n in USUAL_BUSES if os.path.exists(f"/dev/i2c-{n}")]
-    addresses = [*USUAL_ADDRESSES]
+    buses, addresses = buses or [USUAL_BUSES[0]], [*USUAL_ADDRESSES]
     if options.config is not None:
         try:
             bus, addresses = configured(options.config)
             buses = [bus]
         except ConfigError as error:  # switching off must not wait for somebody to mend it
             wrong = error
-    if options.bus is not None:
-        buses = [options.bus]
-    addresses = options.address or addresses
-    buses = buses or [USUAL_BUSES[0]]
     told = [switch_off(open_bus(each), addresses, MonotonicClock()) for each in buses]
     for line in filter(None, told):
         print(line, flush=True)
@@ -83,8 +55,8 @@ def run(options: argparse.Namespace) -> None:
         raise HardwareError(f"expected a HAT on bus {' or '.join(map(str, buses))}, found none")
 
 
-def configured(path: Path) -> Place:
-    """Bus and addresses of a robot's file; nothing else of it is looked at.
+def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
+    """Bus (or the socket of a virtual one) and addresses of a robot's file; else it may be wrong.
 
     Raises:
         ConfigError: it cannot be read, or says neither.
@@ -95,13 +67,22 @@ def configured(path: Path) -> Place:
     try:
         hat = (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("hat") or {}
         bus = hat.get("socket") or int(hat.get("bus", USUAL_BUSES[0]))
-        addresses = [_address(str(address)) for address in hat.get("addresses", USUAL_ADDRESSES)]
-    except (*wrong, argparse.ArgumentTypeError) as error:
+        addresses = [int(str(address), 0) for address in hat.get("addresses", USUAL_ADDRESSES)]
+        if not all(0x40 <= address <= 0x77 for address in addresses):
+            raise ValueError(f"addresses {addresses}, where 0x40 to 0x77 are a HAT's")
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        yaml.YAMLError,
+    ) as error:
         told = " ".join(str(error).split())
         raise ConfigError(
             f"{path}: expected a robot's YAML file with its hat, got: {told}"
         ) from error
-    return Place(bus, addresses)
+    return bus, addresses
 
 
 def switch_off(bus: I2cBus, addresses: List[int], clock: Clock) -> str:

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Iterator, List, Optional, Tuple
 
-from robot.camera.replay import open_reel
+from robot.camera.replay import play
 from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig
 from robot.contract import CONTROL_DT_S
@@ -81,7 +81,7 @@ def check_camera(machine: Machine, config: CameraConfig) -> Finding:
     name = "camera"
     try:
         if config.kind == "replay":
-            open_reel(config.path)
+            play(config.path)
             return Finding(name, WARN, f"a replay of {config.path}", "for driving: csi or v4l2")
         look = machine.watch(config, WATCH_S)
     except (ConfigError, HardwareError) as error:

@@ -22,7 +22,7 @@ from onnxruntime import InferenceSession, SessionOptions
 from rich.console import Console
 from rich.progress import track
 
-from robot.camera.replay import PICTURES, VIDEOS, open_reel, picture_files, read_picture
+from robot.camera.replay import PICTURES, VIDEOS, picture_files, play, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
@@ -123,11 +123,10 @@ def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
         ConfigError: none of these.
     """
     if source.suffix.lower() in VIDEOS:
-        reel, index = open_reel(source), 0
-        while (picture := reel.picture(index)) is not None:
+        index = -1
+        for index, picture in enumerate(play(source)):
             yield f"{index:06d}", fit_to_frame(picture)
-            index += 1
-        if index == 0:
+        if index < 0:
             raise ConfigError(f"{source}: expected a video with pictures, got none")
         return
     single = source.is_file() and source.suffix.lower() in PICTURES

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import count as counted
 from itertools import islice
 from pathlib import Path
 
@@ -20,7 +19,7 @@ import cv2
 import numpy as np
 import yaml
 
-from robot.camera.replay import open_reel
+from robot.camera.replay import play
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
@@ -96,12 +95,7 @@ def pictures_at(path: Path, every: int = 1) -> Iterator[np.ndarray]:
     if path.suffix == ".mcap":
         yield from (frame for _, frame in islice(read_frames(path), 0, None, every))
         return
-    reel = open_reel(path)
-    for index in counted(step=every):
-        picture = reel.picture(index)
-        if picture is None:
-            return
-        yield picture
+    yield from islice(play(path), 0, None, every)
 
 
 def collect_pictures(out: Path, pictures: Iterable[np.ndarray], source: Source, tick: Tick) -> int:
