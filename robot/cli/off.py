@@ -70,14 +70,7 @@ def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
         addresses = [int(str(address), 0) for address in hat.get("addresses", USUAL_ADDRESSES)]
         if not all(0x40 <= address <= 0x77 for address in addresses):
             raise ValueError(f"addresses {addresses}, where 0x40 to 0x77 are a HAT's")
-    except (
-        OSError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-        yaml.YAMLError,
-    ) as error:
+    except wrong as error:
         told = " ".join(str(error).split())
         raise ConfigError(
             f"{path}: expected a robot's YAML file with its hat, got: {told}"
