@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from robot.navigation.lane_index import LaneIndex
 
 from robot.errors import PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents
 from robot.navigation import guidance, navigator
 from robot.navigation.guidance import path_input
+from robot.navigation.lanes import LaneIndex
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.path_batch import PathBatch
 from robot.navigation.planner import LaneGraph, plan_route, route_between
@@ -135,7 +135,7 @@ def test_a_route_is_cut_from_its_first_and_last_lane() -> None:
     graph = LaneGraph(load_map("arena"))
     first = 0
     end = graph.lane_nodes[first][1]
-    _, last = graph.edges_from(end)[0]
+    _, last = graph.edges[end][0]
     route = route_between(graph, first, 0.25, last, 0.5)
     assert route.lanes == (first, last)
     assert route.cost == pytest.approx(0.75 + 0.5)
