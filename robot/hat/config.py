@@ -103,14 +103,13 @@ class HatConfig:
     def _check_bus(self) -> None:
         _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
         _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
-        _expect(len(self.addresses) > 0, "addresses", "at least one address", self)
-        for address in self.addresses:
-            # The six address pins span 0x40-0x7F; 0x70 is the all-call address, 0x78 on reserved.
-            if not (0x40 <= address <= 0x77 and address != 0x70):
-                raise ConfigError(
-                    f"addresses: expected 0x40 to 0x77 but not 0x70, got 0x{address:02X}; "
-                    "the boards are sold as 0x6F or 0x60"
-                )
+        # The six address pins span 0x40-0x7F; 0x70 is the all-call address, 0x78 on reserved.
+        wrong = [f"0x{a:02X}" for a in self.addresses if not 0x40 <= a <= 0x77 or a == 0x70]
+        if wrong or not self.addresses:
+            raise ConfigError(
+                "addresses: expected at least one address, each 0x40 to 0x77 but not 0x70, got "
+                f"{', '.join(wrong) or 'none'}; the boards are sold as 0x6F or 0x60"
+            )
 
     def _check_bus_share(self) -> None:
         rate_hz = self.max_speed_mps / min(self.wheel_steps_m)

@@ -164,8 +164,7 @@ def real_motors(config: HatConfig) -> Iterator[MotorThread]:
     """The motors on the configured I2C bus, which belongs to this program meanwhile.
 
     Raises:
-        HardwareError: there is no such bus or HAT, this user may not use it, or another program
-            drives it.
+        HardwareError: as ``own_bus``, or there is no HAT.
     """
     with own_bus(config) as bus, motors_on(bus, config) as motors:
         yield motors

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import secrets
 import time
-from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
 
 from robot.errors import ContractError
@@ -16,13 +15,6 @@ from robot.link.sockets import DEAF_S, Clock, Link, new_session
 BEAT_S = 0.1
 STOP_REPEAT_S = 0.1
 ANSWER_WITHIN_S = 1.0
-
-
-@dataclass
-class _Pending:
-    command: Command
-    first_s: float
-    sent_s: float
 
 
 class CommandClient:
@@ -41,22 +33,21 @@ class CommandClient:
         self._robot_time_s = 0.0
         self._heard_s = -math.inf
         self._beat_s = -math.inf
-        self._pending: Dict[str, _Pending] = {}
+        self._pending: Dict[str, Tuple[Command, float]] = {}  # unanswered, and when it was sent
         self._socket = link.connect(zmq.DEALER, endpoint, Command.LIMIT_BYTES, Command.KIND)
 
     def send(
         self, kind: str, mission: Optional[Mission] = None, action: Optional[int] = None
     ) -> str:
         """Send a command once (STOP: until it is acked); ``poll`` gives the answer to this id."""
-        for pending in self._pending.values():
-            if kind == pending.command.kind == "stop":
-                return pending.command.id
+        for pending, _ in self._pending.values():
+            if kind == pending.kind == "stop":
+                return pending.id
         echo = (self._robot_session, self._robot_time_s)
         command = Command(secrets.token_hex(8), self.session, kind, mission, action, *echo)
-        now_s = self._clock()
         self._transmit(command)
         if kind != "beat":
-            self._pending[command.id] = _Pending(command, now_s, now_s)
+            self._pending[command.id] = (command, self._clock())
         return command.id
 
     def poll(self, beat: bool = True) -> Tuple[Ack, ...]:
@@ -72,14 +63,13 @@ class CommandClient:
         if beat and now_s - self._beat_s >= BEAT_S:
             self._beat_s = now_s
             self.send("beat")
-        for pending in list(self._pending.values()):
-            stop = pending.command.kind == "stop"
-            if stop and now_s - pending.sent_s >= STOP_REPEAT_S:
-                pending.sent_s = now_s
-                self._transmit(pending.command)
-            if not stop and now_s - pending.first_s >= ANSWER_WITHIN_S:
-                del self._pending[pending.command.id]
-                acks.append(Ack(pending.command.id, False, "the robot does not answer"))
+        for command, sent_s in list(self._pending.values()):
+            if command.kind == "stop" and now_s - sent_s >= STOP_REPEAT_S:
+                self._pending[command.id] = (command, now_s)
+                self._transmit(command)
+            if command.kind != "stop" and now_s - sent_s >= ANSWER_WITHIN_S:
+                del self._pending[command.id]
+                acks.append(Ack(command.id, False, "the robot does not answer"))
         return tuple(acks)
 
     def silence_s(self) -> float:

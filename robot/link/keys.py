@@ -102,7 +102,12 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
     pairs = {name: zmq.curve_keypair() for name in machines}
     try:
         for name, folder in folders.items():
-            _write_folder(folder, name, pairs)
+            (folder / ALLOWED).mkdir(parents=True)
+            folder.chmod(0o700)
+            _write(folder / SECRET, _line(name, pairs[name][1]), 0o600)
+            _write(folder / PUBLIC, _line(name, pairs[name][0]), 0o644)
+            for peer in set(machines) - {name}:
+                _write(folder / ALLOWED / f"{peer}.key", _line(peer, pairs[peer][0]), 0o644)
     except OSError as error:
         raise ConfigError(
             f"{directory}: expected a place to write keys to, got: {error.strerror}"
@@ -159,17 +164,6 @@ def load_keys(folder: Union[str, Path]) -> Keys:
         )
     paths = sorted((folder / ALLOWED).glob("*.key"))
     return Keys(role, public, secret, {path.stem: Peer(*_read(path, folder)) for path in paths})
-
-
-def _write_folder(folder: Path, name: str, pairs: Dict[str, Tuple[bytes, bytes]]) -> None:
-    (folder / ALLOWED).mkdir(parents=True)
-    folder.chmod(0o700)
-    public, secret = pairs[name]
-    _write(folder / SECRET, _line(name, secret), 0o600)
-    _write(folder / PUBLIC, _line(name, public), 0o644)
-    for peer, (theirs, _) in pairs.items():
-        if peer != name:
-            _write(folder / ALLOWED / f"{peer}.key", _line(peer, theirs), 0o644)
 
 
 def _line(role: str, key: bytes) -> bytes:

@@ -16,7 +16,7 @@ import numpy as np
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.link.freshness import PoseGate
-from robot.link.messages import PoseMessage
+from robot.link.messages import PoseMessage, PosesMessage
 from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, MissionStatus, thin_path
 from robot.link.wire import tidy_text
 from robot.navigation.fusion import PoseFusion
@@ -47,9 +47,9 @@ class MissionNavigator:
 
     Args:
         road_map: where it drives.
-        receive: the newest overhead pose since the last call, or None; never blocks.
+        receive: the newest overhead poses since the last call, or None; never blocks.
         odometry: step odometry, from anywhere.
-        robot: its name in the poses.
+        robot: its name among them.
 
     Raises:
         MapError: the map has no road.
@@ -58,7 +58,7 @@ class MissionNavigator:
     def __init__(
         self,
         road_map: RoadMap,
-        receive: Callable[[], Optional[PoseMessage]],
+        receive: Callable[[], Optional[PosesMessage]],
         odometry: Callable[[], Pose],
         robot: str,
     ) -> None:
@@ -69,7 +69,7 @@ class MissionNavigator:
         self._road_map = road_map
         self._beside_m = OFF_PATH_TILES * road_map.tile_size_m
         self._graph = LaneGraph(road_map)
-        self._receive, self._odometry = receive, odometry
+        self._receive, self._odometry, self._robot = receive, odometry, robot
         self._gate = PoseGate(robot, (-MAP_MARGIN_M, -MAP_MARGIN_M, east, north))
         self._fusion, self._way = PoseFusion(), WayCheck()
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
@@ -220,7 +220,8 @@ class MissionNavigator:
         self._way.stepped(now_s, self._odometer)
 
     def _measure(self, now_s: float) -> None:
-        message = self._receive()
+        poses = self._receive()
+        message = None if poses is None else poses.of(self._robot)
         if message is None:
             return
         self.overhead = message

@@ -20,8 +20,7 @@ from robot.hat.thread import MotorThread, motors_on, own_bus
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.lens import CameraRig
-from robot.link.config import LinkConfig
-from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
+from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
 from robot.navigation.navigator import MissionNavigator
@@ -92,7 +91,12 @@ def open_robot(
             audience.insert(1, wheels)
         if link is not None and config.link is not None:
             if navigates:
-                navigator = open_navigator(config, config.link, link, wheels)
+                navigator = MissionNavigator(
+                    load_map(config.map),
+                    config.link.subscriber(link, PosesMessage).receive,
+                    lambda: wheels.pose,
+                    config.name,
+                )
                 audience.append(navigator)
             everybody.append(RemoteOperator(config.link.command_server(link), navigator))
         audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
@@ -154,20 +158,6 @@ def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
     if config.kind == "socket":
         return SocketStream(config.path, FRAME_PX)
     return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)
-
-
-def open_navigator(
-    config: RobotConfig, streams: LinkConfig, link: Link, motors: DrivenMotors
-) -> MissionNavigator:
-    """Plans on the configured map, from the localizer's poses and the motors' steps."""
-    poses = streams.subscriber(link, PosesMessage)
-    road_map = load_map(config.map)
-
-    def receive() -> Optional[PoseMessage]:
-        seen = poses.receive()
-        return None if seen is None else seen.of(config.name)
-
-    return MissionNavigator(road_map, receive, lambda: motors.pose, config.name)
 
 
 def open_reports(

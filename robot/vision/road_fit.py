@@ -50,13 +50,6 @@ SHARE = 0.6  # of another reading's fit that the picture as it is must not reach
 MIRRORED, UPSIDE_DOWN, SHEARED, SHIFTED, ROLLED = 0.55, 0.7, 0.75, 1.0, 0.95
 
 
-class Lines(NamedTuple):
-    """How lines stand out in brightness and in yellow, (A, N) each, from A poses and bends."""
-
-    bright: np.ndarray
-    yellow: np.ndarray
-
-
 class Reading(NamedTuple):
     """A way in which a picture may be wrong, and where (N,) its pixels then lie."""
 
@@ -127,8 +120,9 @@ class RoadFit:
         chosen = near.any(axis=0) & ((rows + columns) % 2 == 0)
         self._near = np.tile(near[:, chosen], (len(aside_m) * len(yaws_rad), 1)).astype(np.float32)
         points = np.nan_to_num(floors[:, chosen])
-        around = [_moved(points, yaw_rad, left_m) for left_m in aside_m for yaw_rad in yaws_rad]
-        self._points_m = np.concatenate(around).astype(np.float32)  # (A, N, 2), robot frame
+        around = [Pose(0.0, left_m, yaw_rad) for left_m in aside_m for yaw_rad in yaws_rad]
+        turned = [pose.to_world(points) for pose in around]
+        self._points_m = np.concatenate(turned).astype(np.float32)  # (A, N, 2), robot frame
         middle = 0.5 * (COLUMNS - 1), 0.5 * (ROWS - 1)
         self.readings = readings(columns[chosen] - middle[0], rows[chosen] - middle[1])
         self._pixels = np.array([_pixels(reading) for reading in self.readings])
@@ -142,13 +136,13 @@ class RoadFit:
         """
         raise NotImplementedError
 
-    def _fits(self, frame: np.ndarray, lines: Lines) -> np.ndarray:
+    def _fits(self, frame: np.ndarray, bright: np.ndarray, yellow: np.ndarray) -> np.ndarray:
         picture = small_picture(frame)
         deviation = 1.2 * np.abs(picture[self._pixels[0]]).mean(axis=0) + LEAST_LEVELS
         scaled = np.clip(picture / deviation, -CLIPPED, CLIPPED)
         beyond = np.zeros((1, 2), np.float32)  # a reading's pixels beyond the picture
         seen = np.concatenate((scaled, beyond))[self._pixels]  # (readings, N, 2)
-        fit = lines.bright @ seen[..., 0].T + lines.yellow @ seen[..., 1].T
+        fit = bright @ seen[..., 0].T + yellow @ seen[..., 1].T
         per_pixel = fit * np.float32(10.0 / self._near.shape[1])
         return np.asarray(per_pixel.reshape(-1, len(PITCHES_RAD), len(self.readings)).max(axis=0))
 
@@ -168,7 +162,7 @@ class MapFit(RoadFit):
         ahead, left = self._points_m[..., 0], self._points_m[..., 1]
         x_m = np.float32(pose.x_m) + c * ahead - s * left
         cover = self._paint.at(x_m, np.float32(pose.y_m) + s * ahead + c * left)
-        return self._fits(frame, _lines(cover, self._near))
+        return self._fits(frame, *_lines(cover, self._near))
 
 
 class LaneFit(RoadFit):
@@ -190,7 +184,7 @@ class LaneFit(RoadFit):
 
     def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:  # noqa: ARG002
         """See ``RoadFit.fits``; no pose is needed."""
-        return self._fits(frame, self._lines)
+        return self._fits(frame, *self._lines)
 
 
 class Verdict:
@@ -224,12 +218,6 @@ def _floor(rig: CameraRig, pitch_rad: float) -> np.ndarray:
     return CameraRig(rig.lens.scaled(COLUMNS, ROWS), mount).to_floor(pixels)
 
 
-def _moved(points_m: np.ndarray, yaw_rad: float, left_m: float) -> np.ndarray:
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    ahead, left = points_m[..., 0], points_m[..., 1]
-    return np.stack((c * ahead - s * left, s * ahead + c * left + left_m), axis=-1)
-
-
 def _pixels(reading: Reading) -> np.ndarray:
     """Indices (N,) into a flat picture; one beyond its end for pixels outside of it."""
     columns = np.rint(reading.columns + 0.5 * (COLUMNS - 1)).astype(int)
@@ -238,15 +226,18 @@ def _pixels(reading: Reading) -> np.ndarray:
     return np.where(inside, rows * COLUMNS + columns, COLUMNS * ROWS)
 
 
-def _lines(cover: np.ndarray, near: np.ndarray) -> Lines:
-    """From white, yellow and known (A, N, 3) to what stands out among the known and near."""
+def _lines(cover: np.ndarray, near: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """How lines stand out in brightness and in yellow, (A, N) each, among the known and near.
+
+    ``cover`` is white, yellow and known (A, N, 3), from A poses and bends.
+    """
     weights = cover[..., 2] * near
     share = weights / (weights.sum(axis=1, keepdims=True) + np.float32(1e-6))
 
     def stands_out(paint: np.ndarray) -> np.ndarray:
         return np.asarray((paint - (paint * share).sum(axis=1, keepdims=True)) * weights)
 
-    return Lines(stands_out(cover[..., 0] + cover[..., 1]), stands_out(cover[..., 1]))
+    return stands_out(cover[..., 0] + cover[..., 1]), stands_out(cover[..., 1])
 
 
 def _bent_lane(points_m: np.ndarray, bend_pm: float) -> np.ndarray:

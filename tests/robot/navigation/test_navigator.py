@@ -9,7 +9,7 @@ import pytest
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
-from robot.link.messages import PoseMessage
+from robot.link.messages import PosesMessage, Sighting
 from robot.navigation.guidance import path_input
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.path import Path
@@ -32,7 +32,7 @@ class World:
         self.now_s = 50.0
         self.pose = start
         self.odometry = Pose(3.0, -2.0, 1.0)
-        self.messages: List[PoseMessage] = []
+        self.messages: List[PosesMessage] = []
         self.session, self.sequence = "a" * 16, 0
         self.navigator = MissionNavigator(
             TOWN,
@@ -46,9 +46,9 @@ class World:
         self.sequence += 1
         heading_rad = float(wrap_angle(pose.heading_rad))
         self.messages = [
-            PoseMessage(
-                *("robot", pose.x_m, pose.y_m, heading_rad, 0.9, self.now_s),
-                *(session or self.session, self.sequence, self.now_s),
+            PosesMessage(
+                (Sighting("robot", pose.x_m, pose.y_m, heading_rad, 0.9),),
+                *(self.now_s, session or self.session, self.sequence, self.now_s),
             )
         ]
 
@@ -189,7 +189,7 @@ def late(world: World, delay_s: float) -> Guidance:
     world.sequence += 1
     sent_s = world.now_s + CONTROL_DT_S
     stamp = (sent_s - delay_s, world.session, world.sequence, sent_s)
-    world.messages = [PoseMessage("robot", *world.pose, 0.9, *stamp)]
+    world.messages = [PosesMessage((Sighting("robot", *world.pose, 0.9),), *stamp)]
     return world.turn(seen=False)
 
 
