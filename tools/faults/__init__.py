@@ -1,15 +1,15 @@
 """Every fault that a robot can meet, against the whole system on the loop bench."""
 
 FAMILIES = {  # of cases, and the module that has each
-    "camera": "camera",
-    "pictures": "pictures",
-    "I2C": "i2c",
-    "model": "models",
-    "localizer": "localizer",
+    "camera": "eyes",
+    "pictures": "eyes",
+    "I2C": "hardware",
+    "model": "programs",
+    "localizer": "poses",
     "programs": "programs",
     "network": "network",
     "strangers": "strangers",
-    "missions": "missions",
-    "ways": "ways",
-    "recording": "recording",
+    "missions": "programs",
+    "ways": "poses",
+    "recording": "hardware",
 }

@@ -9,17 +9,25 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tools.faults.stage import Stage
 
-Act = Callable[["Stage"], None]
+Act = Callable[["Stage"], object]
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
+HOLD = ("HOLD",)
+HOLD_OR_FAULT = ("HOLD", "FAULT")
 
 
-def nothing(_: Stage) -> None:
-    """Neither breaks nor mends."""
-
-
-def fine(_: Stage) -> str:
-    """No complaint."""
+def nothing(_: Stage) -> str:
+    """Neither breaks nor mends nor complains."""
     return ""
+
+
+def change(part: Callable[[Stage], object], **values: object) -> Act:
+    """Set attributes of a part of the stage."""
+
+    def act(stage: Stage) -> None:
+        for name, value in values.items():
+            setattr(part(stage), name, value)
+
+    return act
 
 
 @dataclass(frozen=True)
@@ -27,15 +35,15 @@ class Case:
     """One fault, met while the robot drives a mission (unless ``moving`` is False).
 
     Attributes:
-        name: short, unique.
+        name: short, unique in its family.
         what: the fault in words.
         inject: breaks something.
         threshold_s: age at which the fault counts as one [s]; the wheels must have stopped
             ``STOP_BUDGET_S`` later.
+        says: what the reason shown must contain, a regular expression.
         states: one of which the robot must show; empty where it must go on driving.
-        says: what the reason shown must contain.
-        before: prepares the bench, before the robot drives off.
         heal: mends it; nothing may begin to move by that.
+        before: prepares the bench, before the robot drives off.
         silent: the page must say that the robot is silent.
         check: a last look before mending; what is wrong, or "".
         drives_again: mended, and armed by a person, it must drive without a new start.
@@ -45,13 +53,13 @@ class Case:
     what: str
     inject: Act
     threshold_s: float = 0.0
-    states: tuple[str, ...] = ("FAULT",)
     says: str = ""
+    states: tuple[str, ...] = ("FAULT",)
     heal: Act = nothing
     before: Act = nothing
     moving: bool = True
     silent: bool = False
-    check: Callable[[Stage], str] = fine
+    check: Callable[[Stage], str] = nothing
     drives_again: bool = False
 
     @property

@@ -26,7 +26,7 @@ from tools.loop.timekeeper import BenchError
 def every_case() -> list[tuple[str, Case]]:
     """All cases with their families, in order."""
     modules = {name: importlib.import_module(f"tools.faults.{m}") for name, m in FAMILIES.items()}
-    return [(family, case) for family, module in modules.items() for case in module.CASES]
+    return [(family, case) for family, module in modules.items() for case in module.CASES[family]]
 
 
 def chosen(options: argparse.Namespace) -> list[tuple[str, Case]]:
@@ -52,8 +52,7 @@ def meet(options: argparse.Namespace) -> int:
     outcomes = _done(options.json)
     cv2.setNumThreads(1)
     try:
-        with tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder:
-            _play(cases, outcomes, options, Path(folder))
+        _play(cases, outcomes, options)
     except BenchError as error:
         print(f"faults: {error}", file=sys.stderr)
         return 1
@@ -69,10 +68,7 @@ def meet(options: argparse.Namespace) -> int:
 
 
 def _play(
-    cases: list[tuple[str, Case]],
-    outcomes: list[Outcome],
-    options: argparse.Namespace,
-    folder: Path,
+    cases: list[tuple[str, Case]], outcomes: list[Outcome], options: argparse.Namespace
 ) -> None:
     done = {(o.family, o.name) for o in outcomes}
     todo = [(family, case) for family, case in cases if (family, case.name) not in done]
@@ -81,11 +77,17 @@ def _play(
     bench = BenchOptions(
         options.model, seed=options.seed, lockstep=not options.realtime, record=True
     )
-    with Stage(bench, folder) as stage, tqdm(total=len(cases), initial=len(done)) as bar:
+    with (
+        tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
+        Stage(bench, Path(folder)) as stage,
+        tqdm(total=len(cases), initial=len(done)) as bar,
+    ):
         for family, case in todo:
             bar.set_description(f"{family}: {case.name}")
             outcomes.append(stage.play(family, case))
-            _write(options.json, outcomes)
+            if options.json:
+                rows = [asdict(outcome) for outcome in outcomes]
+                write_json(options.json, {"schema": 1, "outcomes": rows})
             bar.update()
 
 
@@ -96,8 +98,3 @@ def _done(path: Path | None) -> list[Outcome]:
         return [Outcome(**row) for row in read_figures(path)["outcomes"]]
     except (KeyError, TypeError) as error:
         raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others") from error
-
-
-def _write(path: Path | None, outcomes: list[Outcome]) -> None:
-    if path is not None:
-        write_json(path, {"schema": 1, "outcomes": [asdict(outcome) for outcome in outcomes]})

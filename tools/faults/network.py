@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from tools.faults.case import Act, Case
+from tools.faults.case import HOLD, Case, change
 from tools.faults.stage import Stage
 
-HOLD = ("HOLD",)
-LINK_AGE_S = POSE_AGE_S = 1.0
-
-
-def _bad(network: str, **changes: float) -> Act:
-    def inject(stage: Stage) -> None:
-        stage.bench.time.lossy(True)
-        for name, value in changes.items():
-            setattr(stage.bench.networks[network], name, value)
-
-    return inject
+AGE_S = 1.0
 
 
 def _good(stage: Stage) -> None:
@@ -23,31 +13,28 @@ def _good(stage: Stage) -> None:
         network.cut, network.delay_s, network.loss = False, 0.0, 0.0
 
 
-def _case(network: str, name: str, what: str, changes: dict[str, float], **more: object) -> Case:
-    return Case(name, what, _bad(network, **changes), heal=_good, **more)  # type: ignore[arg-type]
+def _bad(network: str, name: str, what: str, says: str = "", **values: float) -> Case:
+    """With ``says`` the robot holds, else it drives on."""
+
+    def inject(stage: Stage) -> None:
+        stage.bench.time.lossy(True)
+        change(lambda stage: stage.bench.networks[network], **values)(stage)
+
+    name = f"{network} {name}"
+    if not says:
+        return Case(name, what, inject, states=(), heal=_good)
+    silent = network == "monitor"
+    return Case(name, what, inject, AGE_S, says, HOLD, heal=_good, silent=silent)
 
 
-_POSES_OLD: dict[str, object] = {
-    "threshold_s": POSE_AGE_S,
-    "states": HOLD,
-    "says": "overhead pose",
-}
-_OPERATOR_OLD: dict[str, object] = {
-    "threshold_s": LINK_AGE_S,
-    "states": HOLD,
-    "says": "operator",
-}
-
-_BOTH: dict[str, object] = {**_OPERATOR_OLD, "silent": True}
-_FINE: dict[str, object] = {"states": ()}
-
-CASES = (
-    _case("poses", "poses cut", "no packet passes", {"cut": True}, **_POSES_OLD),
-    _case("poses", "poses 2 s late", "each packet", {"delay_s": 2.0}, **_POSES_OLD),
-    _case("poses", "poses 0.15 s late", "each packet", {"delay_s": 0.15}, **_FINE),
-    _case("poses", "poses lossy", "a fifth is sent again", {"loss": 0.2}, **_FINE),
-    _case("monitor", "monitor cut", "no packet passes", {"cut": True}, **_BOTH),
-    _case("monitor", "monitor 2 s late", "each packet", {"delay_s": 2.0}, **_BOTH),
-    _case("monitor", "monitor 0.15 s late", "each packet", {"delay_s": 0.15}, **_FINE),
-    _case("monitor", "monitor lossy", "a fifth again", {"loss": 0.2, "again_s": 0.2}, **_FINE),
+NETWORK = (
+    _bad("poses", "cut", "no packet passes", "overhead pose", cut=True),
+    _bad("poses", "2 s late", "each packet", "overhead pose", delay_s=2.0),
+    _bad("poses", "0.15 s late", "each packet", delay_s=0.15),
+    _bad("poses", "lossy", "a fifth is sent again", loss=0.2),
+    _bad("monitor", "cut", "no packet passes", "operator", cut=True),
+    _bad("monitor", "2 s late", "each packet", "operator", delay_s=2.0),
+    _bad("monitor", "0.15 s late", "each packet", delay_s=0.15),
+    _bad("monitor", "lossy", "a fifth again", loss=0.2, again_s=0.2),
 )
+CASES = {"network": NETWORK}

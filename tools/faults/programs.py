@@ -1,50 +1,135 @@
-"""Signals to robot and monitor, and a second program at the robot's motors."""
+"""The policy's file, signals to programs, a second program, and missions that nobody can drive."""
 
 from __future__ import annotations
 
 import math
+import re
 import signal
 import subprocess
 import time
+from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
+
+from robot.geometry import Pose
 from robot.recording.reader import read_turns
-from tools.faults.case import Act, Case
-from tools.faults.i2c import RELEASED_S, coils_off
+from tools.faults.case import HOLD, HOLD_OR_FAULT, Act, Case
+from tools.faults.hardware import RELEASED_S, coils_off
 from tools.faults.stage import Stage
+from tools.loop.pursuit import write_pursuit
 
+SLOW_S = 0.35
 LINK_AGE_S = 1.0
 LOSS_S = 1.0
 PATIENCE_S = 60.0  # real time that a command may take
-HOLD = ("HOLD",)
 
 
-def _ended(name: str, how: int) -> Act:
+def _own_model(stage: Stage) -> None:
+    stage.bench.use_model(stage.bench.options.model)
+
+
+def _refused(name: str, what: str, make: Callable[[Path, Path], Path], says: str) -> Case:
+    """The robot is started with a file that ``make`` makes of a folder and a good file."""
+
     def inject(stage: Stage) -> None:
-        stage.bench.end(name, how)
+        bench = stage.bench
+        bench.stop("robot")
+        bench.use_model(make(bench.folder, bench.options.model))
+        bench.start_and_end("robot")
 
-    return inject
+    def check(stage: Stage) -> str:
+        process = stage.bench.processes["robot"]
+        code, last = process.child.returncode, process.said().strip().splitlines()[-1]
+        right = code == 2 and says in last
+        return "" if right else f"expected status 2 and a line with {says!r}, got {code}: {last}"
 
-
-def _paused(name: str) -> Act:
-    def inject(stage: Stage) -> None:
-        stage.bench.freeze(name)
-
-    return inject
-
-
-def _page_closed(stage: Stage) -> None:
-    stage.bench.operator.watching = False
+    return Case(name, what, inject, moving=False, silent=True, check=check, heal=_own_model)
 
 
-def _page_open(stage: Stage) -> None:
-    stage.bench.operator.watching = True
+def _damaged(folder: Path, good: Path) -> Path:
+    data = bytearray(good.read_bytes())
+    data[100:2000] = bytes(1900)
+    (folder / "damaged.onnx").write_bytes(data)
+    return folder / "damaged.onnx"
+
+
+def _answers_nan(stage: Stage) -> None:
+    """It drives, and answers NaN as soon as the picture's first pixel is not black."""
+    bench = stage.bench
+    see = bench.town.world.see
+
+    def first_pixel_black() -> np.ndarray:
+        picture = see()
+        picture[38:46, :6] = 0
+        return picture
+
+    bench.town.camera.see = first_pixel_black
+    bench.stop("robot")
+    bench.use_model(write_pursuit(bench.folder / "nan.onnx", nan_unless_black=True))
+    bench.revive()
+    stage.ready()
+
+
+def _show_all(stage: Stage) -> None:
+    stage.bench.town.camera.see = stage.bench.town.world.see
+
+
+def _own_model_again(stage: Stage) -> None:
+    _show_all(stage)
+    if stage.bench.model != stage.bench.options.model:
+        stage.bench.stop("robot")
+        _own_model(stage)
+
+
+MODEL = (
+    _refused("missing", "no such file", lambda folder, _: folder / "none.onnx", "none.onnx"),
+    _refused("damaged", "bytes overwritten", _damaged, "onnx"),
+    _refused(
+        *("wrong contract", "seven path points"),
+        lambda folder, _: write_pursuit(folder / "other.onnx", points=7),
+        "path",
+    ),
+    Case(
+        *("NaN", "it answers NaN to some pictures", _show_all, 0.1, "finite"),
+        before=_answers_nan,
+        heal=_own_model_again,
+    ),
+    Case(
+        *("slow", f"a decision takes {SLOW_S:g} s", lambda stage: stage.bench.time.slow(SLOW_S)),
+        *(0.2, "loop|frame"),
+        heal=lambda stage: stage.bench.time.slow(0.0),
+    ),
+)
+
+
+def _gone(name: str, how: int, check: Callable[[Stage], str]) -> Case:
+    """The robot's program is ended."""
+    inject: Act = lambda stage: stage.bench.end("robot", how)  # noqa: E731
+    return Case(f"robot {name}", "", inject, silent=True, check=check)
+
+
+def _unwatched(name: str, inject: Act) -> Case:
+    return Case(f"monitor {name}", "", inject, LINK_AGE_S, "operator", HOLD)
+
+
+def _watching(watched: bool) -> Act:
+    return lambda stage: setattr(stage.bench.operator, "watching", watched)
 
 
 def _coils_off(stage: Stage) -> str:
     return coils_off(stage) or _recorded(stage)
 
 
-def _beside(*arguments: str) -> Act:
+def _recorded(stage: Stage) -> str:
+    """Nothing is lost from the recording but its last second."""
+    newest = max(stage.bench.recordings.iterdir(), key=lambda path: path.stat().st_mtime)
+    last_s = max((turn.time_s for turn, _ in read_turns(newest)), default=-math.inf)
+    lost_s = stage.bench.town.moved_s - last_s
+    return "" if lost_s <= LOSS_S else f"{lost_s:.1f} s are lost from the recording"
+
+
+def _beside(command: str) -> Act:
     """Another of the robot's commands, with the robot's own file; time stands still meanwhile.
 
     It must not find out more of the bench's time than a real one would of the robot's. What it
@@ -53,10 +138,10 @@ def _beside(*arguments: str) -> Act:
 
     def inject(stage: Stage) -> None:
         bench = stage.bench
-        config = ["--config", str(bench.folder / "robot.yaml")]
+        words = ["-m", "robot", command, "--config", str(bench.folder / "robot.yaml")]
         with (bench.folder / "beside.log").open("w+b") as said:
             program = subprocess.Popen(
-                [bench.options.robot_python, "-m", "robot", *arguments, *config],
+                [bench.options.robot_python, *words],
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=subprocess.STDOUT,
@@ -78,46 +163,85 @@ def _switched_off(stage: Stage) -> str:
     return coils_off(stage)
 
 
-def _refused(stage: Stage) -> str:
+def _second_refused(stage: Stage) -> str:
     status, _, told = stage.note.strip().partition(" ")
     if status != "1" or len(told.splitlines()) != 1 or "the only program that drives" not in told:
         return f"expected the second to be refused in one line, it says: {stage.note}"
     return ""
 
 
-def _recorded(stage: Stage) -> str:
-    """Nothing is lost from the recording but its last second."""
-    newest = max(stage.bench.recordings.iterdir(), key=lambda path: path.stat().st_mtime)
-    last_s = max((turn.time_s for turn, _ in read_turns(newest)), default=-math.inf)
-    lost_s = stage.bench.town.moved_s - last_s
-    return "" if lost_s <= LOSS_S else f"{lost_s:.1f} s are lost from the recording"
-
-
-CASES = (
-    Case("robot SIGTERM", "", _ended("robot", signal.SIGTERM), silent=True, check=_coils_off),
-    Case("robot SIGHUP", "", _ended("robot", signal.SIGHUP), silent=True, check=_coils_off),
-    Case("robot SIGKILL", "", _ended("robot", signal.SIGKILL), silent=True, check=_recorded),
-    Case("robot SIGSTOP", "and SIGCONT", _paused("robot"), silent=True),
+PROGRAMS = (
+    _gone("SIGTERM", signal.SIGTERM, _coils_off),
+    _gone("SIGHUP", signal.SIGHUP, _coils_off),
+    _gone("SIGKILL", signal.SIGKILL, _recorded),
+    Case("robot SIGSTOP", "and SIGCONT", lambda stage: stage.bench.freeze("robot"), silent=True),
     Case(
         *("robot off", "another program, while it drives", _beside("off")),
-        threshold_s=RELEASED_S,
-        says="another program",
+        *(RELEASED_S, "another program"),
         check=_switched_off,
         drives_again=True,
     ),
     Case(
         *("second robot drive", "with the same file", _beside("drive")),
         states=(),
-        check=_refused,
+        check=_second_refused,
     ),
-    Case("monitor SIGTERM", "", _ended("monitor", signal.SIGTERM), LINK_AGE_S, HOLD, "operator"),
-    Case("monitor SIGKILL", "", _ended("monitor", signal.SIGKILL), LINK_AGE_S, HOLD, "operator"),
-    Case("monitor SIGSTOP", "", _paused("monitor"), LINK_AGE_S, HOLD, "operator"),
+    _unwatched("SIGTERM", lambda stage: stage.bench.end("monitor", signal.SIGTERM)),
+    _unwatched("SIGKILL", lambda stage: stage.bench.end("monitor", signal.SIGKILL)),
+    _unwatched("SIGSTOP", lambda stage: stage.bench.freeze("monitor")),
     Case(
-        *("page not watched", "it shows nothing any more", _page_closed),
-        threshold_s=2.0,  # a second until the monitor falls silent, and one until the robot minds
-        states=HOLD,
-        says="operator",
-        heal=_page_open,
+        *("page not watched", "it shows nothing any more", _watching(False)),
+        2.0,  # a second until the monitor falls silent, and one until the robot minds
+        *("operator", HOLD),
+        heal=_watching(True),
     ),
 )
+
+
+def _nowhere(name: str, place: tuple[float, float]) -> Case:
+    def inject(stage: Stage) -> None:
+        accepted, reason = stage.bench.operator.ask("mission", place, arm=True)
+        stage.note = "accepted" if accepted else reason
+
+    def check(stage: Stage) -> str:
+        return "" if "road" in stage.note else f"expected to hear of the road, got: {stage.note}"
+
+    what, says = f"arm and drive to {place}", "started|disarm"
+    return Case(name, what, inject, 0.0, says, ("DISARMED",), moving=False, check=check)
+
+
+def _from_elsewhere(stage: Stage) -> None:
+    stage.note = stage.bench.operator.ask("mission", stage.goal, arm=True, start=stage.goal)[1]
+
+
+def _told_how_far(stage: Stage) -> str:
+    away_m = math.dist(stage.goal, stage.bench.town.pose[:2])
+    found = re.search(r"it is ([0-9.]+) m from there", stage.note)
+    near = found is not None and abs(float(found[1]) - away_m) < 0.05
+    return "" if near else f"expected to hear of {away_m:.2f} m, got: {stage.note}"
+
+
+def _carry(name: str, what: str, where: Callable[[Pose], Pose]) -> Case:
+    def inject(stage: Stage) -> None:
+        stage.bench.town.world.place(where(stage.bench.town.pose))
+
+    # five unbelievable poses in a row, or no believable one for so long
+    return Case(name, what, inject, 1.0, states=HOLD_OR_FAULT)
+
+
+MISSIONS = (
+    _nowhere("unreachable", (0.66, 2.0)),
+    _nowhere("off the map", (9.0, 9.0)),
+    Case(
+        *("wrong start", "a mission from where the robot is not", _from_elsewhere),
+        states=("DISARMED",),
+        moving=False,
+        check=_told_how_far,
+    ),
+    _carry("carried away", "somebody puts it down at (0.66, 2.0)", lambda _: Pose(0.66, 2.0, 0.0)),
+    _carry(
+        *("turned round", "somebody turns it"),
+        lambda pose: pose._replace(heading_rad=pose.heading_rad + 2.2),
+    ),
+)
+CASES = {"model": MODEL, "programs": PROGRAMS, "missions": MISSIONS}

@@ -56,18 +56,20 @@ class Stage:
 
     def play(self, family: str, case: Case) -> Outcome:
         """Meet one fault; whatever goes wrong with that is told in the outcome."""
-        bench = self.bench
+        lockstep = self.bench.options.lockstep
+        outcome = Outcome(
+            *(family, case.name, case.what, math.nan, case.threshold_s), "", "", "", lockstep
+        )
         try:
             self.ready()
             case.before(self)
             if case.moving:
                 self.drive_off()
-            outcome = self._meet(family, case)
+            outcome = self._meet(case, outcome)
             if case.drives_again and outcome.passed:
                 outcome = replace(outcome, problem=self._again_problem())
         except (BenchError, OSError) as error:
-            where = (family, case.name, case.what, math.nan, case.threshold_s)
-            outcome = Outcome(*where, "", "", f"the bench: {error}", bench.options.lockstep)
+            outcome = replace(outcome, problem=f"the bench: {error}")
         self.recover(case)
         return outcome
 
@@ -126,8 +128,13 @@ class Stage:
         self.stand_in = StandIn(bench, keys)
         if keys is not None:
             return
+
+        def heard() -> bool:
+            bench.operator.look()
+            return bench.operator.age_s("pose") < 0.3
+
         self.run(TAKEOVER_S)
-        bench.until(self._hears, SETTLE_S, "stand-in poses", CONNECT_S)
+        bench.until(heard, SETTLE_S, "stand-in poses", CONNECT_S)
 
     def recover(self, case: Case) -> None:
         """Everything as it was, with whatever programs must be started again."""
@@ -141,56 +148,44 @@ class Stage:
             self.stand_in.close()
             self.stand_in = None
 
-    def _meet(self, family: str, case: Case) -> Outcome:
-        bench, town = self.bench, self.bench.town
-        began_s = bench.now_s
+    def _meet(self, case: Case, outcome: Outcome) -> Outcome:
+        town, began_s = self.bench.town, self.bench.now_s
         case.inject(self)
-        after_s = SILENT_S if case.silent else AFTER_S
-        self.run(case.threshold_s + STOP_BUDGET_S + after_s)
+        self.run(case.threshold_s + STOP_BUDGET_S + (SILENT_S if case.silent else AFTER_S))
         stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else math.nan
         state, reason = self._shown()
-        problems = [self._stop_problem(case, stopped_s), self._shown_problem(case, state, reason)]
+        problems = [self._stop_problem(case, stopped_s), _shown_problem(case, state, reason)]
         problems.append(case.check(self))
         if not case.goes_on:
             problems.append(self._resume_problem(case))
         told = "; ".join(filter(None, problems))
-        where = (family, case.name, case.what, stopped_s, case.threshold_s)
-        return Outcome(*where, state, reason, told, bench.options.lockstep)
+        return replace(outcome, stopped_s=stopped_s, state=state, reason=reason, problem=told)
 
     def _shown(self) -> tuple[str, str]:
         """State and reason on the page, or at the robot's terminal where there is no page."""
-        state, reason = self._shown_anywhere()
-        return state, reason.replace(f"{self.bench.folder}/", "")
-
-    def _shown_anywhere(self) -> tuple[str, str]:
-        bench = self.bench
-        if bench.page_lives and not bench.operator.snapshot.get("silent"):
-            return bench.operator.state, bench.operator.reason
-        last = bench.processes["robot"].said().strip().rpartition("\n")[2]
-        if bench.page_lives:
-            silence_s = bench.operator.snapshot["silence_s"]
-            return "silent", f"silent for {silence_s:.1f} s; at the robot's terminal {last}"
-        told = re.match(r"([A-Z]+): (.*)", last)
-        return (told[1], told[2]) if told else ("", last)
+        bench, state = self.bench, ""
+        page = bench.operator if bench.page_lives else None
+        reason = bench.processes["robot"].said().strip().rpartition("\n")[2]
+        if page and not page.snapshot.get("silent"):
+            state, reason = page.state, page.reason
+        elif page:
+            silence_s = page.snapshot["silence_s"]
+            state = "silent"
+            reason = f"silent for {silence_s:.1f} s; at the robot's terminal {reason}"
+        elif told := re.match(r"([A-Z]+): (.*)", reason):
+            state, reason = told[1], told[2]
+        return state, reason.replace(f"{bench.folder}/", "")
 
     def _stop_problem(self, case: Case, stopped_s: float) -> str:
+        if not case.moving:
+            return ""
         if case.goes_on:
             moving = self.bench.now_s - self.bench.town.moved_s < 0.3
-            return "" if moving or not case.moving else "expected it to drive on, it stands"
-        if not case.moving or stopped_s <= case.threshold_s + STOP_BUDGET_S:
+            return "" if moving else "expected it to drive on, it stands"
+        if stopped_s <= case.threshold_s + STOP_BUDGET_S:
             return ""
         late_ms = 1000.0 * (stopped_s - case.threshold_s)
         return f"the last step came {late_ms:.0f} ms after the threshold"
-
-    def _shown_problem(self, case: Case, state: str, reason: str) -> str:
-        if case.goes_on:
-            return "" if state == "AUTO" or not case.moving else f"expected AUTO, got {state}"
-        wanted = ("silent",) if case.silent else case.states
-        if state not in wanted:
-            return f"expected {' or '.join(wanted)}, shown is {state}: {reason}"
-        if case.says and not re.search(case.says, reason):
-            return f"expected a reason with {case.says!r}, shown is {reason!r}"
-        return ""
 
     def _resume_problem(self, case: Case) -> str:
         """Mended, nothing may move, and nobody may be armed."""
@@ -222,9 +217,14 @@ class Stage:
                 ways[(x_m, y_m)] = plan_path(graph, self.start, (x_m, y_m)).length_m
         return max(ways, key=lambda place: ways[place])
 
-    def _hears(self) -> bool:
-        self.bench.operator.look()
-        return self.bench.operator.age_s("pose") < 0.3
+
+def _shown_problem(case: Case, state: str, reason: str) -> str:
+    wanted = ("silent",) if case.silent else case.states or ("AUTO",) * case.moving
+    if wanted and state not in wanted:
+        return f"expected {' or '.join(wanted)}, shown is {state}: {reason}"
+    if case.says and not re.search(case.says, reason):
+        return f"expected a reason with {case.says!r}, shown is {reason!r}"
+    return ""
 
 
 def _straightness(points: np.ndarray) -> float:

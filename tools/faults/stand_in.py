@@ -19,6 +19,8 @@ from tools.loop.wire_watch import let_sockets_wait
 if TYPE_CHECKING:
     from tools.loop.bench import Bench
 
+Lie = Callable[[Pose, float], Pose]  # of a true pose, and the time since it began [s]
+
 
 class StandIn:
     """Publishes the robot's true pose with the localizer's own keys, and lies when told to.
@@ -31,15 +33,12 @@ class StandIn:
     def __init__(self, bench: Bench, keys: Keys | None = None) -> None:
         config = bench.link_configs["localizer"]
         self.late_s = 0.0
-        self.jump_m = 0.0
-        self.lie: Callable[[Pose, float], Pose] | None = None  # of a true pose, since it began [s]
-        self._lies_since_s = 0.0
         self.clock_step_s = 0.0
         self.backwards = False
         self.twins = False  # two sessions at once
-        self.instead: Callable[[], bytes] | None = None  # makes bytes to send in place of poses
-        self.count = 1  # how many at a time
+        self.instead: list[bytes] = []  # sent in place of poses
         self._bench = bench
+        self.lies(lambda pose, _: pose)
         if bench.options.lockstep:
             let_sockets_wait()
         self._link = config.open() if keys is None else Link(keys)
@@ -56,38 +55,31 @@ class StandIn:
         self._bench.time.forget(self._event)
         self._link.close()
 
-    def lies(self, lie: Callable[[Pose, float], Pose]) -> None:
-        """From now on tell what ``lie`` makes of the true pose and the time since [s]."""
-        self.lie, self._lies_since_s = lie, self._bench.now_s
-
-    def _told(self) -> Pose:
-        true = self._bench.town.pose
-        if self.lie is None:
-            return true
-        told = self.lie(true, self._bench.now_s - self._lies_since_s)
-        return told._replace(heading_rad=float(wrap_angle(told.heading_rad)))
+    def lies(self, lie: Lie) -> None:
+        """From now on tell what ``lie`` makes of the true pose."""
+        self._lie, self._lies_since_s = lie, self._bench.now_s
 
     def _send(self, data: bytes) -> None:
         self._link.admit()
         self._socket.send(data)
 
-    def _now_s(self) -> float:
-        return self._bench.now_s + self.clock_step_s
-
     def _tell(self) -> None:
-        if self.instead is not None:
-            for _ in range(self.count):
-                self._send(self.instead())
-            return
+        for data in self.instead:
+            self._send(data)
+        if not self.instead:
+            self._tell_pose()
+
+    def _tell_pose(self) -> None:
         self._sequence += 1
-        x_m, y_m, heading_rad = (float(v) for v in self._told())
-        seen = Sighting(ROBOT, x_m + self.jump_m, y_m, heading_rad, 0.95)
-        now_s = self._now_s()
+        bench_s = self._bench.now_s
+        x_m, y_m, heading_rad = self._lie(self._bench.town.pose, bench_s - self._lies_since_s)
+        seen = Sighting(ROBOT, float(x_m), float(y_m), float(wrap_angle(heading_rad)), 0.95)
+        now_s = bench_s + self.clock_step_s
         session = self._sessions[self._sequence % 2 if self.twins else 0]
         sequence = 10**6 - self._sequence if self.backwards else 10**6 + self._sequence
         stamped = PosesMessage((seen,), now_s, session, sequence, now_s)
-        self._waiting.append((self._bench.now_s + self.late_s, stamped))
-        while self._waiting and self._waiting[0][0] <= self._bench.now_s:
+        self._waiting.append((bench_s + self.late_s, stamped))
+        while self._waiting and self._waiting[0][0] <= bench_s:
             sent = self._waiting.popleft()[1]
             self._send(sent.to_bytes())
             self._bench.time.published(sent.KIND, sent.session, sent.sequence)

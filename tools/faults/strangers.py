@@ -8,18 +8,18 @@ import socket
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import zmq
 
 from robot.link.commands import Command, Mission
 from robot.link.keys import Keys, keygen, load_keys, renew
 from robot.link.messages import UNSENT
-from tools.faults.case import Act, Case
+from tools.faults.case import HOLD, Act, Case
 from tools.faults.stage import Stage
 
 MEGABYTE = 2**20
 CALLERS = 1500
 FLOOD = 300  # messages at once, ten times a second
+POSE_AGE_S = 1.0
 
 
 def _stranger(stage: Stage) -> Keys:
@@ -37,16 +37,6 @@ def _nobody(_: Stage) -> Keys | None:
 def _monitors(stage: Stage) -> Keys:
     """A second program with the monitor's keys."""
     return load_keys(stage.bench.keys["monitor"])
-
-
-def _stolen(machine: str) -> Callable[[Stage], Keys]:
-    """Another machine's keys, in the hands of one who knows where the robot's ear is."""
-
-    def keys(stage: Stage) -> Keys:
-        own = load_keys(stage.bench.keys[machine])
-        return replace(own, role="monitor", peers=_monitors(stage).peers)
-
-    return keys
 
 
 def _commands(keys_of: Callable[[Stage], Keys | None], data: Callable[[Stage], list[bytes]]) -> Act:
@@ -81,11 +71,10 @@ def _old_arm(stage: Stage) -> list[bytes]:
 
 
 def _junk(stage: Stage) -> list[bytes]:
-    rng: np.random.Generator = stage.rng
     good = Command("a", "b", "arm").to_bytes()
     spoilt = bytearray(good)
-    spoilt[int(rng.integers(len(good)))] = int(rng.integers(256))
-    return [rng.bytes(int(rng.integers(1, 300))), bytes(spoilt)]
+    spoilt[int(stage.rng.integers(len(good)))] = int(stage.rng.integers(256))
+    return [stage.rng.bytes(int(stage.rng.integers(1, 300))), bytes(spoilt)]
 
 
 def _takes_over(stage: Stage) -> list[bytes]:
@@ -97,23 +86,30 @@ def _takes_over(stage: Stage) -> list[bytes]:
     return [command.to_bytes() for command in asked]
 
 
-def _names(thief: str) -> Callable[[Stage], str]:
-    """The robot must say who tried, in its log and on the page."""
-    told = f"the key of {thief} at 127.0.0.1 was turned away from 'command'"
+def _stolen(name: str, thief: str) -> Case:
+    """Another machine's keys, in the hands of one who knows where the robot's ear is.
+
+    The robot must say who tried, in its log and on the page.
+    """
+
+    def keys(stage: Stage) -> Keys:
+        own = load_keys(stage.bench.keys[thief])
+        return replace(own, role="monitor", peers=_monitors(stage).peers)
 
     def check(stage: Stage) -> str:
+        told = f"the key of {thief} at 127.0.0.1 was turned away from 'command'"
         shown = [reading["name"] for reading in stage.bench.operator.robot["health"]]
         if told not in stage.bench.processes["robot"].said():
             return f"expected {told!r} in the robot's log"
         return "" if f"turned away: {thief}" in shown else f"the page does not tell: {shown}"
 
-    return check
+    inject = _commands(keys, _takes_over)
+    return Case(name, "STOP, arm, mission", inject, states=(), check=check)
 
 
 def _localizer_with_the_monitors_keys(stage: Stage) -> None:
     """It publishes where the robot listens, and says that it is the localizer."""
-    own = load_keys(stage.bench.keys["monitor"])
-    stage.replace_localizer(replace(own, role="localizer"))
+    stage.replace_localizer(replace(_monitors(stage), role="localizer"))
 
 
 def _robot_with_old_keys(stage: Stage) -> None:
@@ -125,31 +121,31 @@ def _robot_with_old_keys(stage: Stage) -> None:
     stage.note = stage.bench.start_and_end("robot").said().strip().rpartition("\n")[2]
 
 
+def _refused_old_key(stage: Stage) -> str:
+    status = stage.bench.processes["robot"].child.returncode
+    told = "renew it: python -m robot keygen --renew"
+    if status != 2 or told not in stage.note:
+        return f"expected status 2 and {told!r}, got {status}: {stage.note}"
+    return ""
+
+
 def _renewed(stage: Stage) -> None:
-    for name in stage.bench.keys:
-        renew(stage.bench.keys[name])
+    for folder in stage.bench.keys.values():
+        renew(folder)
 
 
-def _poses(data: Callable[[Stage], bytes], count: int = 1) -> Act:
+def _instead_of_poses(name: str, what: str, data: bytes, count: int) -> Case:
     def inject(stage: Stage) -> None:
         assert stage.stand_in is not None
-        stage.stand_in.instead = lambda: data(stage)
-        stage.stand_in.count = count
+        stage.stand_in.instead = [data] * count
 
-    return inject
-
-
-def _stand_in(stage: Stage) -> None:
-    stage.replace_localizer()
+    met = (POSE_AGE_S, "overhead pose", HOLD)
+    return Case(name, what, inject, *met, before=Stage.replace_localizer)
 
 
 def _stopped_then_replayed(stage: Stage) -> None:
     stage.bench.operator.ask("stop")
     _commands(_monitors, _old_arm)(stage)
-
-
-def _flood_of_commands(_: Stage) -> list[bytes]:
-    return [b"\0" * 100] * FLOOD
 
 
 def _crowd(stage: Stage) -> None:
@@ -164,30 +160,16 @@ def _crowd(stage: Stage) -> None:
                 stage.run(0.1)
 
 
-def _refused_old_key(stage: Stage) -> str:
-    status = stage.bench.processes["robot"].child.returncode
-    told = "renew it: python -m robot keygen --renew"
-    if status != 2 or told not in stage.note:
-        return f"expected status 2 and {told!r}, got {status}: {stage.note}"
-    return ""
+def _ignored(name: str, what: str, inject: Act) -> Case:
+    return Case(name, what, inject, states=())
 
 
-CASES = (
-    Case(
-        *("localizer's key", "STOP, arm, mission", _commands(_stolen("localizer"), _takes_over)),
-        states=(),
-        check=_names("localizer"),
-    ),
-    Case(
-        *("robot's own key", "STOP, arm, mission", _commands(_stolen("robot"), _takes_over)),
-        states=(),
-        check=_names("robot"),
-    ),
+STRANGERS = (
+    _stolen("localizer's key", "localizer"),
+    _stolen("robot's own key", "robot"),
     Case(
         *("monitor's key tells poses", "true ones", _localizer_with_the_monitors_keys),
-        threshold_s=1.0,
-        states=("HOLD",),
-        says="overhead pose",
+        *(POSE_AGE_S, "overhead pose", HOLD),
     ),
     Case(
         *("old key", "without a role", _robot_with_old_keys),
@@ -196,42 +178,26 @@ CASES = (
         check=_refused_old_key,
         heal=_renewed,
     ),
-    Case("wrong key", "a stranger's STOP", _commands(_stranger, _stop), states=()),
-    Case("no key", "a STOP without encryption", _commands(_nobody, _stop), states=()),
+    _ignored("wrong key", "a stranger's STOP", _commands(_stranger, _stop)),
+    _ignored("no key", "a STOP without encryption", _commands(_nobody, _stop)),
     Case(
         *("replayed command", "STOP, then this morning's arm and mission", _stopped_then_replayed),
-        states=("HOLD",),
-        says="stop",
+        *(0.0, "stop", HOLD),
     ),
-    Case(
-        "flood of commands",
-        f"{10 * FLOOD} a second",
-        _commands(_monitors, _flood_of_commands),
-        states=(),
+    _ignored(
+        *("flood of commands", f"{10 * FLOOD} a second"),
+        _commands(_monitors, lambda _: [b"\0" * 100] * FLOOD),
     ),
-    Case("crowd", f"{CALLERS} connections without a key", _crowd, states=()),
-    Case("1 MB command", "", _commands(_monitors, lambda _: [bytes(MEGABYTE)]), states=()),
-    Case("fuzzed commands", "", _commands(_monitors, _junk), states=()),
-    Case(
+    _ignored("crowd", f"{CALLERS} connections without a key", _crowd),
+    _ignored("1 MB command", "", _commands(_monitors, lambda _: [bytes(MEGABYTE)])),
+    _ignored("fuzzed commands", "", _commands(_monitors, _junk)),
+    _instead_of_poses(
         "flood of poses",
         f"{10 * FLOOD} pieces of junk a second instead of poses",
-        _poses(lambda _: b"\0" * 99, FLOOD),
-        threshold_s=1.0,
-        states=("HOLD",),
-        says="overhead pose",
-        before=_stand_in,
+        b"\0" * 99,
+        FLOOD,
     ),
-    Case(
-        *("1 MB pose", "ten a second instead of poses", _poses(lambda _: bytes(MEGABYTE))),
-        threshold_s=1.0,
-        states=("HOLD",),
-        says="overhead pose",
-        before=_stand_in,
-    ),
-    Case(
-        *("second monitor", "its STOP counts", _commands(_monitors, _stop)),
-        threshold_s=0.1,
-        states=("HOLD",),
-        says="stop",
-    ),
+    _instead_of_poses("1 MB pose", "ten a second instead of poses", bytes(MEGABYTE), 1),
+    Case("second monitor", "its STOP counts", _commands(_monitors, _stop), 0.1, "stop", HOLD),
 )
+CASES = {"strangers": STRANGERS}
