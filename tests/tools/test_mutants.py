@@ -1,13 +1,19 @@
 """The mutation tool: what it changes, and that its lists fit the source."""
 
-import subprocess
-import sys
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
-from tools.mutants.__main__ import ROOT, TESTS, all_mutants, choose_tests, explained, named_mutants
+from tools.mutants.__main__ import (
+    ROOT,
+    TESTS,
+    all_mutants,
+    explained,
+    likely_tests,
+    named_mutants,
+    try_mutant,
+)
 from tools.mutants.mutations import Mutant, mutants_of
 
 SOURCE = dedent(
@@ -58,46 +64,42 @@ def test_every_mutant_is_another_program_with_a_name_of_its_own() -> None:
 
 
 def test_the_likeliest_tests_come_first() -> None:
-    mutant = Mutant("robot/a.py", "f", 1, "1", "2", 0, 1)
-    calls = {
-        "tests/test_a.py": (0.0, []),
-        "tests/test_a.py::test_slow": (3.0, ["robot/a.py:f"]),
-        "tests/test_a.py::test_other": (0.1, []),
-        "tests/test_b.py": (0.0, []),
-        "tests/test_b.py::test_quick": (1.0, ["robot/a.py:f"]),
-        "tests/test_b.py::test_unrelated": (1.0, ["robot/b.py:f"]),
-        "tests/test_b.py::test_broken": (-1.0, ["robot/a.py:f"]),
-    }
-    tests, seconds = choose_tests(mutant, calls)
-    assert [test.split("::")[1] for test in tests] == ["test_quick", "test_slow", "test_other"]
-    assert seconds == pytest.approx(4.1)
+    tests = likely_tests(
+        Mutant("robot/safety/wheel_limits.py", "f", 1, "1", "2", 0, 1), "robot/safety"
+    )
+    assert tests[2] == "tests/robot/safety/test_wheel_limits.py"
+    assert "tests/robot/runtime/test_loop.py" in tests
+
+
+TREE = {
+    "source.py": "def double(x):\n    return x * 2\n",
+    "test_source.py": "from source import double\n\ndef test_it():\n    assert double(3) == 6\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "outcome"),
+    [("x * 2", "x / 2", "killed"), ("x * 2", "2 * x", "survived"), ("x * 2", "x x", "invalid")],
+)
+def test_a_mutant_is_killed_by_the_test_that_fails_and_leaves_nothing(
+    tmp_path: Path, before: str, after: str, outcome: str
+) -> None:
+    for name, text in TREE.items():
+        (tmp_path / name).write_text(text)
+    start = TREE["source.py"].index(before)
+    mutant = Mutant("source.py", "", 2, before, after, start, start + len(before))
+    by = "test_source.py::test_it" if outcome == "killed" else ""
+    assert try_mutant(tmp_path, mutant, ["test_source.py"]) == (outcome, by)
+    assert (tmp_path / "source.py").read_text() == TREE["source.py"]
 
 
 def test_each_named_fault_still_fits_the_source() -> None:
     named = named_mutants()  # raises where a text is gone
     assert named
-    assert all((ROOT / test.split("::")[0]).exists() for _, _, tests in named for test in tests)
+    assert all((ROOT / test.split("::")[0]).exists() for _, tests in named for test in tests)
 
 
 def test_each_explanation_is_of_a_mutant_that_exists() -> None:
     names = {mutant.name for package in TESTS for mutant in all_mutants(package)}
     gone = set(explained()) - names
     assert not gone, "remove them from tests/mutants/explained.toml: their lines have changed"
-
-
-def test_a_worker_tries_its_own_copy_and_not_what_the_command_line_has_loaded(
-    tmp_path: Path,
-) -> None:
-    code = (
-        "import sys, tools.mutants.__main__\n"
-        "from tools.mutants import trial\n"
-        "trial._HEAVY = ()\n"
-        "trial.prepare(sys.argv[1])\n"
-        "import robot.errors, robot.navigation.navigator\n"
-        "print(robot.errors.__file__, robot.navigation.navigator.__file__)\n"
-    )
-    command = [sys.executable, "-c", code, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    files = done.stdout.split()
-    assert len(files) == 2
-    assert all(file.startswith(str(tmp_path)) for file in files)

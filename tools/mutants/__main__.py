@@ -1,21 +1,30 @@
 """Which changes to the source would no test notice?"""
 
 import argparse
+import contextlib
 import hashlib
 import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
+from queue import SimpleQueue
 
-from tools.mutants import trial
+import pytest
+
 from tools.mutants.mutations import Mutant, mutants_of
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parents[2]
 EXPLAINED = ROOT / "tests" / "mutants" / "explained.toml"
 NAMED = ROOT / "tests" / "mutants" / "named.toml"
-OUT = ROOT / "runs" / "mutants"
+RESULTS = ROOT / "runs" / "mutants" / "results.jsonl"
 TESTS = {
     "robot/safety": ["tests/robot/safety", "tests/robot/runtime"],
     "robot/hat": ["tests/robot/hat", "tests/sim_pybullet/virtual"],
@@ -34,7 +43,8 @@ TESTS = {
     "trainer/transfer": ["tests/trainer/transfer"],
     "trainer/judging": ["tests/trainer/judging"],
 }  # the tests that belong to each package
-_TESTS_S = 60.0  # of tests for one mutant at most, the likeliest first
+LIMIT_S = 900.0  # tests that take longer have noticed
+_LEFT_BEHIND = shutil.ignore_patterns(".git", ".venv*", "runs", ".mypy_cache", ".ruff_cache")
 
 
 def main() -> None:
@@ -43,27 +53,25 @@ def main() -> None:
     parser.add_argument("packages", nargs="*", help=f"of {', '.join(TESTS)} (default: all)")
     parser.add_argument("--sample", type=int, help="only so many mutants of each package")
     parser.add_argument("--seed", type=int, default=0, help="which sample (default: 0)")
-    parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--workers", type=int, default=2, help="at once (default: 2)")
     parser.add_argument("--again", action="store_true", help="try the survivors once more")
-    parser.add_argument(
-        "--named", nargs="?", const="", metavar="PATH", help="those of tests/mutants/named.toml"
-    )
-    parser.add_argument("--report", action="store_true", help="only the table of what was tried")
+    parser.add_argument("--named", action="store_true", help="those of tests/mutants/named.toml")
     args = parser.parse_args()
     if unknown := sorted(set(args.packages) - set(TESTS)):
         parser.error(f"expected packages of {', '.join(TESTS)}; got {', '.join(unknown)}")
     packages = args.packages or list(TESTS)
-    if args.report:
-        return report(packages)
-    OUT.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
-        pool = ProcessPoolExecutor(args.workers, initializer=trial.prepare, initargs=(scratch,))
-        with pool:
-            if args.named is not None:
-                raise SystemExit(try_named(pool, args.named))
-            for package in packages:
-                mutants = sorted(all_mutants(package), key=lambda each: _lot(args.seed, each.name))
-                try_package(pool, package, mutants[: args.sample], args.again)
+    if args.named:
+        outcomes = [outcome for _, outcome in try_all(named_mutants(), args.workers)]
+        raise SystemExit(len(outcomes) - outcomes.count("killed"))
+    done = results()
+    for package in packages:
+        mutants = sorted(all_mutants(package), key=lambda each: _lot(args.seed, each.name))
+        settled = ("killed", "invalid") if args.again else ("killed", "invalid", "survived")
+        new = [m for m in mutants[: args.sample] if done.get(m.name) not in settled]
+        for mutant, outcome in try_all([(m, likely_tests(m, package)) for m in new], args.workers):
+            RESULTS.parent.mkdir(parents=True, exist_ok=True)
+            with RESULTS.open("a") as file:
+                print(json.dumps({"name": mutant.name, "outcome": outcome}), file=file)
     report(packages)
 
 
@@ -73,8 +81,8 @@ def all_mutants(package: str) -> list[Mutant]:
     return [m for path in paths for m in mutants_of(str(path.relative_to(ROOT)), path.read_bytes())]
 
 
-def named_mutants() -> list[tuple[Mutant, str, list[str]]]:
-    """The faults that must be noticed: mutant, what it is, the tests that notice it.
+def named_mutants() -> list[tuple[Mutant, list[str]]]:
+    """The faults that must be noticed, with the tests that notice them.
 
     Raises ValueError where a text to be replaced does not stand in its file exactly once.
     """
@@ -86,7 +94,7 @@ def named_mutants() -> list[tuple[Mutant, str, list[str]]]:
         start = len(source[: source.index(entry["before"])].encode())
         end = start + len(entry["before"].encode())
         mutant = Mutant(entry["path"], "", 0, entry["before"], entry["after"], start, end)
-        found.append((mutant, entry["what"], entry["tests"]))
+        found.append((mutant, entry["tests"]))
     return found
 
 
@@ -95,87 +103,85 @@ def explained() -> dict[str, str]:
     return {each["name"]: each["why"] for each in tomllib.loads(EXPLAINED.read_text())["survivor"]}
 
 
-def try_named(pool: ProcessPoolExecutor, path: str) -> int:
-    """How many of the named mutants survive, among those of files whose path begins so."""
-    tries = [
-        (what, pool.submit(trial.try_mutant, mutant, tests, 900.0))
-        for mutant, what, tests in named_mutants()
-        if mutant.path.startswith(path)
-    ]
-    outcomes = []
-    for what, future in tries:
-        outcome, by = future.result()
-        outcomes.append(outcome)
-        print(f"{outcome:9} {what}  {by}", flush=True)
-    return len(outcomes) - outcomes.count("killed")
+def likely_tests(mutant: Mutant, package: str) -> list[str]:
+    """The package's test files, those named like the mutant's module first."""
+    paths = [path for each in TESTS[package] for path in _test_files(ROOT / each)]
+    name = f"test_{Path(mutant.path).stem}.py"
+    paths.sort(key=lambda path: (path.name != name, path))
+    return ["-m", "not slow", *(str(path.relative_to(ROOT)) for path in paths)]
 
 
-def try_package(
-    pool: ProcessPoolExecutor, package: str, mutants: list[Mutant], again: bool
-) -> None:
-    """Try what was not tried yet; each outcome is a line of runs/mutants/results.jsonl."""
-    done = _results()
-    open_ones = [m for m in mutants if done.get(m.name) not in ("killed", "invalid")]
-    if not again:
-        open_ones = [m for m in open_ones if m.name not in done]
-    calls = cover(pool, package) if open_ones else {}
-    tries = {}
-    for mutant in open_ones:
-        tests, seconds = choose_tests(mutant, calls)
-        limit = 60.0 + 3 * seconds  # numba may have to compile again
-        tries[pool.submit(trial.try_mutant, mutant, tests, limit)] = mutant
-    with (OUT / "results.jsonl").open("a") as file:
-        for count, future in enumerate(as_completed(tries), start=1):
-            mutant, (outcome, by) = tries[future], future.result()
-            line = {"name": mutant.name, "line": mutant.line, "outcome": outcome, "by": by}
-            print(json.dumps(line), file=file, flush=True)
-            print(f"{package} {count}/{len(tries)} {outcome:9} {mutant.name}  {by}", flush=True)
+def try_all(tries: list[tuple[Mutant, list[str]]], workers: int) -> Iterator[tuple[Mutant, str]]:
+    """Each mutant with its outcome, as it is known; every worker has a tree of its own."""
+    with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
+        trees: SimpleQueue[Path] = SimpleQueue()
+        for number in range(min(workers, len(tries))):
+            tree = Path(scratch) / str(number) / ROOT.name
+            shutil.copytree(ROOT, tree, ignore=_LEFT_BEHIND, symlinks=True)
+            trees.put(tree)
+
+        def attempt(mutant: Mutant, tests: list[str]) -> tuple[str, str]:
+            tree = trees.get()
+            try:
+                return try_mutant(tree, mutant, tests)
+            finally:
+                trees.put(tree)
+
+        with ThreadPoolExecutor(workers) as pool:
+            futures = {pool.submit(attempt, *each): each[0] for each in tries}
+            for count, future in enumerate(as_completed(futures), start=1):
+                mutant, (outcome, by) = futures[future], future.result()
+                print(f"{count}/{len(tries)} {outcome:9} {mutant.name}  {by}", flush=True)
+                yield mutant, outcome
 
 
-def cover(pool: ProcessPoolExecutor, package: str) -> trial.Calls:
-    """What each test of a package calls, remembered in runs/mutants/ while its file is the same."""
-    known = OUT / "calls.json"
-    remembered = json.loads(known.read_text()) if known.exists() else {}
-    paths = {path for each in TESTS[package] for path in _test_files(ROOT / each)}
-    keys = {
-        f"{package} {path.relative_to(ROOT)} {_lot(0, path.read_text())}": path for path in paths
-    }
-    tries = {
-        pool.submit(trial.cover, str(path.relative_to(ROOT)), package): key
-        for key, path in keys.items()
-        if key not in remembered
-    }
-    for future in as_completed(tries):
-        remembered[tries[future]] = future.result()
-        known.write_text(json.dumps(remembered))
-        print(f"recorded {tries[future]}", flush=True)
-    return {test: call for key in keys for test, call in remembered[key].items()}
+def try_mutant(tree: Path, mutant: Mutant, tests: list[str]) -> tuple[str, str]:
+    """``killed``, ``survived`` or ``invalid``, and the test that killed."""
+    target = tree / mutant.path
+    source = target.read_bytes()
+    changed = mutant.apply(source)
+    try:
+        compile(changed, mutant.path, "exec")
+    except SyntaxError:
+        return "invalid", ""
+    target.write_bytes(changed)
+    try:
+        status, told = run_tests(tree, tests)
+    finally:
+        target.write_bytes(source)
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", told, re.MULTILINE)
+    if status in (0, pytest.ExitCode.NO_TESTS_COLLECTED):
+        return "survived", ""
+    return "killed", failed[1] if failed else told[-100:]
 
 
-def choose_tests(mutant: Mutant, calls: trial.Calls) -> tuple[list[str], float]:
-    """The tests for a mutant, likeliest and fastest first, and the seconds that they take."""
-    stem = f"/test_{Path(mutant.path).stem}.py"
-    scope = f"{mutant.path}:{mutant.scope}"
-    ranked = []
-    for test, (seconds, called) in calls.items():
-        shared = calls.get(test.split("::")[0], (0.0, []))[1]  # by imports and fixtures
-        in_module = any(each.startswith(f"{mutant.path}:") for each in called)
-        imported = not mutant.scope and f"{mutant.path}:<module>" in shared
-        marks = (scope in called, stem in test, in_module, scope in shared, imported)
-        if "::" in test and seconds >= 0 and any(marks):
-            ranked.append((marks.index(True), seconds, test))
-    tests: list[str] = []
-    total = 0.0
-    for _, seconds, test in sorted(ranked):
-        if total + seconds <= _TESTS_S or not tests:
-            tests.append(test)
-            total += seconds
-    return tests, total
+def run_tests(tree: Path, tests: list[str]) -> tuple[int, str]:
+    """pytest's exit status and what it says; no child of it outlives it."""
+    data = os.environ.get("DUCKPILOT_DATA", str(ROOT.parent / "shared" / "data"))
+    own = {"DUCKPILOT_DATA": data, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+    program = subprocess.Popen(
+        [*command, f"--basetemp={tree.parent / 'temporary'}", *tests],
+        cwd=tree,
+        env={**os.environ, **own, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        told, _ = program.communicate(timeout=LIMIT_S)
+    except subprocess.TimeoutExpired:
+        told = f"not done after {LIMIT_S:.0f} s"
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(program.pid, signal.SIGKILL)
+    return program.wait(), told
 
 
 def report(packages: Iterable[str]) -> None:
     """Print the survivors that nobody explained, and the table."""
-    done, excused, rows = _results(), explained(), []
+    done, excused, rows = results(), explained(), []
     for package in packages:
         names = [mutant.name for mutant in all_mutants(package)]
         killed = sum(done.get(name) == "killed" for name in names)
@@ -185,16 +191,15 @@ def report(packages: Iterable[str]) -> None:
         for name in survivors:
             if name not in excused:
                 print(f"survived: {name}")
-    rows.append(("in all", *(sum(column) for column in list(zip(*rows, strict=True))[1:])))
-    print("| package | mutants | tried | killed | survived | of these explained | survived, % |")
-    print("|---|---|---|---|---|---|---|")
+    print("| package | mutants | tried | killed | survived | of these explained |")
+    print("|---|---|---|---|---|---|")
     for row in rows:
-        print("|", *(f"{each} |" for each in row), f"{100 * row[4] / max(row[2], 1):.1f} |")
+        print("|", *(f"{each} |" for each in row))
 
 
-def _results() -> dict[str, str]:
-    file = OUT / "results.jsonl"
-    lines = map(json.loads, file.read_text().splitlines() if file.exists() else [])
+def results() -> dict[str, str]:
+    """The outcomes so far, by the mutants' names."""
+    lines = map(json.loads, RESULTS.read_text().splitlines() if RESULTS.exists() else [])
     return {line["name"]: line["outcome"] for line in lines}
 
 
