@@ -11,18 +11,18 @@ from tools.monitor.map_drawing import draw_map
 def test_the_drawing_fits_the_map(name: str) -> None:
     road_map = load_map(name)
     drawing = draw_map(road_map)
-    points = np.array(drawing.lanes).reshape(-1, 2)
-    assert len(drawing.lanes) == len(road_map.lanes)
+    points = np.array(drawing["lanes"]).reshape(-1, 2)
+    assert len(drawing["lanes"]) == len(road_map.lanes)
     assert points.min() >= -1e-3
-    assert (points <= (drawing.width_m + 1e-3, drawing.height_m + 1e-3)).all()
-    tiles = len(drawing.floor) + len(road_map.road_tiles)
+    assert (points <= (drawing["width_m"] + 1e-3, drawing["height_m"] + 1e-3)).all()
+    tiles = len(drawing["floor"]) + len(road_map.road_tiles)
     assert tiles == road_map.rows * road_map.columns
 
 
 @pytest.mark.parametrize("name", ["loop", "arena", "town"])
 def test_centre_lines_run_where_tiles_meet(name: str) -> None:
     road_map = load_map(name)
-    lines = np.array(draw_map(road_map).centre_lines).reshape(-1, 4, 2)
+    lines = np.array(draw_map(road_map)["centre_lines"]).reshape(-1, 4, 2)
     junctions = sum(tile.is_junction for tile in road_map.road_tiles)
     assert len(lines) == len(road_map.road_tiles) - junctions
     size = road_map.tile_size_m

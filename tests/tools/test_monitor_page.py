@@ -16,7 +16,7 @@ import pytest
 from robot.navigation.road_map import RoadMap, load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
-from tools.monitor.demo_drive import start_pose
+from tools.monitor.demo_robot import start_pose
 
 CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

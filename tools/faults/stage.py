@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import PlanError
-from robot.geometry import Pose, wrap_angle
+from robot.geometry import wrap_angle
 from robot.link.keys import Keys
 from robot.navigation.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
+from tools.lane_places import on_straight_lane
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.timekeeper import BenchError
 
@@ -39,10 +40,7 @@ class Stage:
         self.rng = np.random.default_rng(options.seed)
         self.stand_in: StandIn | None = None
         self.note = ""  # from a case's injection to its check
-        lane = max(self.bench.road_map.lanes, key=lambda lane: _straightness(lane.control_points_m))
-        a, b = np.asarray(lane.control_points_m)[[0, 3]]
-        at = a + 0.1 * (b - a)
-        self.start = Pose(float(at[0]), float(at[1]), math.atan2(b[1] - a[1], b[0] - a[0]))
+        self.start = on_straight_lane(self.bench.road_map, 0.1)
         self.goal = self._far_place()
         self.bench.town.world.place(self.start)
 
@@ -225,11 +223,3 @@ def _shown_problem(case: Case, state: str, reason: str) -> str:
     if case.says and not re.search(case.says, reason):
         return f"expected a reason with {case.says!r}, shown is {reason!r}"
     return ""
-
-
-def _straightness(points: np.ndarray) -> float:
-    """The chord [m] of a straight lane, 0 of a bent one."""
-    chord = points[3] - points[0]
-    inner = points[1:3] - points[0]
-    bent = np.abs(chord[0] * inner[:, 1] - chord[1] * inner[:, 0]).max() > 1e-6
-    return 0.0 if bent else float(np.hypot(*chord))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import secrets
+import signal
 import socket
 import subprocess
 import sys
@@ -47,6 +49,7 @@ def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
     arguments = parse(argv, prog)
 
     def work() -> None:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
         with ExitStack() as stack:
             serve(arguments, stack)
 
@@ -113,8 +116,8 @@ def _listening(host: str, port: int) -> socket.socket:
 
 @contextmanager
 def _demo_robot(road_map: str, base_port: int) -> Iterator[None]:
-    ports = ["--base-port", str(base_port), "--map", road_map]
-    process = subprocess.Popen([sys.executable, "-m", "tools.monitor.demo_robot", *ports])
+    words = ["--base-port", str(base_port), "--map", road_map, "--parent", str(os.getpid())]
+    process = subprocess.Popen([sys.executable, "-m", "tools.monitor.demo_robot", *words])
     try:
         yield
     finally:

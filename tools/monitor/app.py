@@ -93,7 +93,7 @@ def create_app(
     app.add_exception_handler(RequestValidationError, _malformed)
     app.add_middleware(AccessGate, token=token, host=host)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
-    _add_pages(app, monitor, asdict(draw_map(road_map)))
+    _add_pages(app, monitor, draw_map(road_map))
     _add_control(app, monitor)
     return app
 

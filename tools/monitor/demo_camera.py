@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -19,27 +18,8 @@ GRID_ROWS, GRID_COLUMNS = 12, 16
 SPOT_CELLS = 1.6  # standard deviation of the spot
 
 
-class Camera(Protocol):
-    """What the demo robot sees with."""
-
-    def frame(self, pose: Pose) -> FrameMessage:
-        """The picture from a pose."""
-
-    def attention(self, pose: Pose, target_m: np.ndarray) -> Attention:
-        """Where in the picture the driver looks: a spot at a place (2,) on the floor."""
-
-
-def make_camera(road_map: RoadMap) -> Camera | None:
-    """The ray camera in this map; None without the simulator (extra ``trainer``)."""
-    try:
-        import numba  # noqa: F401
-    except ImportError:
-        return None
-    return RoadCamera(road_map)
-
-
-class RoadCamera:
-    """Pictures of a road map as the policy would get them, as JPEG."""
+class DemoCamera:
+    """Pictures of a road map as the policy would get them; ImportError without the simulator."""
 
     def __init__(self, road_map: RoadMap) -> None:
         from sim_pybullet.look import NOMINAL
@@ -47,14 +27,13 @@ class RoadCamera:
         from sim_pybullet.scenery.objects import build_scene
 
         self._rig = NOMINAL.rig()
-        self._image = ImageSpec()
-        self._camera = RayCamera(self._image, 1, threads=1)
+        self._camera = RayCamera(ImageSpec(), 1, threads=1)
         scene = build_scene(road_map, NOMINAL, np.random.default_rng(0))
         self._camera.set_robot(0, scene, self._rig)
         self._camera.render(np.zeros((1, 3)))  # compiles, which may take half a minute once
 
     def frame(self, pose: Pose) -> FrameMessage:
-        """The picture from a pose."""
+        """The picture from a pose, as JPEG."""
         picture = self._camera.render(np.array([pose]))[0]
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         _, data = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), quality)

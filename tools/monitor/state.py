@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from robot.link.commands import Ack
@@ -19,7 +19,7 @@ SILENT_S = 1.0
 LIMITS_S = {"telemetry": SILENT_S, "picture": 0.5, "localizer": 0.5, "answers": 1.0}
 LOG_LENGTH = 200
 LEVEL_OF_STATE = {"HOLD": "warn", "FAULT": "bad"}
-LEVEL_OF_PHASE = {"failed": "bad", "stopped": "warn", "arrived": "good"}
+LEVEL_OF_PHASE = {"driving": "info", "failed": "bad", "stopped": "warn", "arrived": "good"}
 
 
 @dataclass(frozen=True)
@@ -33,23 +33,13 @@ class LogEntry:
 
 
 @dataclass(frozen=True)
-class Overhead:
-    """The localizer's newest position."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float | None
-    confidence: float
-
-
-@dataclass(frozen=True)
 class Snapshot:
     """What the page shows. Ages are those of this moment."""
 
     robot: Telemetry | None
     silent: bool
     silence_s: float | None  # None: never heard
-    overhead: Overhead | None
+    overhead: PoseMessage | None  # the newest position by the localizer
     heard: tuple[InputAge, ...]  # what reaches this monitor
     frame_sequence: int
     drives: int  # changes when a drive was recorded
@@ -115,10 +105,10 @@ class MonitorState:
 
     def note_answer(self, what: str, ack: Ack) -> None:
         """Log what the robot made of a command."""
-        if not ack.accepted:
-            self.note("refused", f"{what}: {ack.reason}")
-        else:
+        if ack.accepted:
             self.note("info", what)
+        else:
+            self.note("refused", f"{what}: {ack.reason}")
 
     def log_after(self, number: int) -> tuple[LogEntry, ...]:
         """The lines since that number, oldest first."""
@@ -136,7 +126,7 @@ class MonitorState:
             robot=self.telemetry,
             silent=self._silent,
             silence_s=_finite(ages["telemetry"]),
-            overhead=_overhead(self.pose),
+            overhead=self.pose,
             heard=heard,
             frame_sequence=self.frame.sequence if self.frame else 0,
             drives=self.drives,
@@ -160,27 +150,14 @@ class MonitorState:
         if before is None or before.state != now.state:
             reason = f": {now.reason}" if now.reason else ""
             self.note(LEVEL_OF_STATE.get(now.state, "info"), f"{now.state}{reason}")
-        for level, text in _mission_changes(before, now):
-            self.note(level, text)
-
-
-def _mission_changes(before: Telemetry | None, now: Telemetry) -> Iterable[tuple[str, str]]:
-    old, new = (before.mission if before else None), now.mission
-    if new is None or (old is not None and (old.id, old.phase) == (new.id, new.phase)):
-        return
-    x_m, y_m = new.destination
-    where = f"({x_m:.2f}, {y_m:.2f}) m"
-    if new.phase == "driving":
-        yield "info", f"mission to {where}: {new.remaining_m:.1f} m to drive"
-    else:
-        reason = f": {new.reason}" if new.reason else ""
-        yield LEVEL_OF_PHASE[new.phase], f"mission to {where} {new.phase}{reason}"
-
-
-def _overhead(pose: PoseMessage | None) -> Overhead | None:
-    if pose is None:
-        return None
-    return Overhead(pose.x_m, pose.y_m, pose.heading_rad, pose.confidence)
+        old, new = (before.mission if before else None), now.mission
+        if new is None or (old is not None and (old.id, old.phase) == (new.id, new.phase)):
+            return
+        x_m, y_m = new.destination
+        told = f": {new.remaining_m:.1f} m to drive"
+        if new.phase != "driving":
+            told = f" {new.phase}" + (f": {new.reason}" if new.reason else "")
+        self.note(LEVEL_OF_PHASE[new.phase], f"mission to ({x_m:.2f}, {y_m:.2f}) m{told}")
 
 
 def _finite(age_s: float) -> float | None:
