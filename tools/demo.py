@@ -13,6 +13,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -95,27 +96,15 @@ def run_stage(stage: Stage, console: Console) -> float:
     return time.monotonic() - begin
 
 
-def read(path: Path) -> dict:
-    """One JSON object."""
-    return dict(json.loads(path.read_text(encoding="utf-8")))
-
-
-def summarise(out: Path, total_s: float) -> dict:
+def summarise(out: Path, total_s: float) -> dict[str, Any]:
     """The demo's metrics from the files of its stages."""
-    training, evaluation = (
-        read(out / "lane" / "metrics.json"),
-        read(out / "lane" / "evaluation.json"),
+    names = ("lane/metrics", "lane/evaluation", "loop", "navigation")
+    training, evaluation, loop, navigation = (
+        json.loads((out / f"{name}.json").read_text(encoding="utf-8")) for name in names
     )
-    loop, navigation = read(out / "loop.json"), read(out / "navigation.json")
     return {
         "schema": 1,
-        "inputs": {
-            "map": " ".join(LEARNED_ON),
-            "judged_on": JUDGED_ON,
-            "algo": "dueling",
-            "preset": "fast",
-            "episodes": EPISODES,
-        },
+        "inputs": {"map": " ".join(LEARNED_ON), "algo": "dueling", "episodes": EPISODES},
         "train_seconds": training["train_seconds"],
         "train_steps": training["train_steps"],
         "learned_on": list(LEARNED_ON),
@@ -128,19 +117,21 @@ def summarise(out: Path, total_s: float) -> dict:
     }
 
 
-def show(metrics: dict, out: Path, console: Console) -> None:
+def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
     """A short table, and the page to open."""
+    rows = {
+        "trained for": f"{metrics['train_seconds']:.0f} s, {metrics['train_steps']} steps",
+        "learned on": ", ".join(LEARNED_ON),
+        "judged on": f"{JUDGED_ON}, which it never saw",
+        "two laps kept there": f"{metrics['success_rate']:.0%} of {EPISODES} episodes",
+        "mean distance to the lane": f"{100 * metrics['mean_path_distance_m']:.1f} cm",
+        "laps through the virtual HAT": f"{metrics['loop_laps']:.2f}",
+        f"missions in {TOWNS}": f"{metrics['missions_arrived']} of {MISSIONS} arrived",
+        "all of it took": f"{metrics['total_seconds']:.0f} s",
+    }
     table = Table(title="duckpilot demo", show_header=False)
-    table.add_row(
-        "trained for", f"{metrics['train_seconds']:.0f} s, {metrics['train_steps']} steps"
-    )
-    table.add_row("learned on", ", ".join(metrics["learned_on"]))
-    table.add_row("judged on", f"{metrics['judged_on']}, which it never saw")
-    table.add_row("two laps kept there", f"{metrics['success_rate']:.0%} of {EPISODES} episodes")
-    table.add_row("mean distance to the lane", f"{100 * metrics['mean_path_distance_m']:.1f} cm")
-    table.add_row("laps through the virtual HAT", f"{metrics['loop_laps']:.2f}")
-    table.add_row(f"missions in {TOWNS}", f"{metrics['missions_arrived']} of {MISSIONS} arrived")
-    table.add_row("all of it took", f"{metrics['total_seconds']:.0f} s")
+    for row in rows.items():
+        table.add_row(*row)
     console.print(table)
     page = (out / "report" / "report.html").resolve()
     console.print(f"Open {page}", markup=False, soft_wrap=True)

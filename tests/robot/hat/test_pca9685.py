@@ -14,7 +14,6 @@ from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 from sim_pybullet.virtual.pwm import Output
-from tools.hat_timing import hat_update_ms
 
 
 class RealTimeClockChip:
@@ -144,12 +143,14 @@ def test_an_absent_bus_is_told_with_the_right_numbers() -> None:
         SmbusBus(250)
 
 
-def test_update_bench_moves_no_wheel_and_ends_off() -> None:
+def test_an_update_of_both_motors_is_one_write_of_41_bytes() -> None:
     bus = VirtualI2cBus()
     hat = VirtualHat(bus, MonotonicClock())
-    times = hat_update_ms(bus, HatConfig(), MonotonicClock(), count=20)
-    assert times.bus_100khz_ms == pytest.approx(3.80)
-    assert times.bus_400khz_ms == pytest.approx(0.95)
-    assert 0.0 < times.host_ms < 50.0
+    chip = Pca9685.probe(bus, HatConfig().addresses, MonotonicClock())
+    chip.initialise()
+    written = len(bus.log)
+    chip.set_channels(3, [0.0] * 10)
+    assert [len(entry.data) for entry in [*bus.log][written:]] == [41]
+    assert bus_time_s(41, 100_000) == pytest.approx(3.80e-3)
+    assert bus_time_s(41, 400_000) == pytest.approx(0.95e-3)
     assert hat.wheel_angles_rad.tolist() == [0.0, 0.0]
-    assert bus.log[-1].data == b"\xfd\x10"
