@@ -20,7 +20,7 @@ from sim_pybullet.vehicle import expert_actions
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
 from tools.loop.__main__ import main
-from tools.loop.options import parse_laps
+from tools.loop.options import parse
 from trainer.transfer.export import export_translator
 
 
@@ -143,7 +143,7 @@ def test_wrong_input_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_the_summary_has_the_promised_keys() -> None:
     record = LapRecord(laps=2.0, offsets_m=[0.01], odometry_errors=[(0.02, 0.01)])
-    figures = laps.summary(record, parse_laps(["--laps", "2", "--model", "a.onnx"]))
+    figures = laps.summary(record, parse(["--laps", "2", "--model", "a.onnx"]), "nominal")
     promised = {"schema", "inputs", "missions", "arrived", "stops", "position_rms_m"}
     assert promised | {"heading_rms_rad"} <= figures.keys()
     assert figures["arrived"] == 1

@@ -5,20 +5,15 @@ from __future__ import annotations
 import sys
 
 from robot.command_line import answer, spoken
-from tools.loop.options import PROGRAM, parse_laps, parse_missions
+from tools.loop.options import PROGRAM, parse
 
 
 def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
-    """``--laps`` asks for one robot's laps; else all programs are started and drive missions.
-
-    Exit status 0 when all of it was driven, 2 for wrong input, 1 otherwise.
-    """
-    words = sys.argv[1:] if arguments is None else arguments
-    laps = any(len(w) > 3 and "--laps".startswith(w.split("=")[0]) for w in words)
-    options = (parse_laps if laps else parse_missions)(words, prog)
+    """Exit status 0 when all of it was driven, 2 for wrong input, 1 otherwise."""
+    options = parse(arguments, prog)
 
     def work() -> int:
-        if laps:
+        if options.laps is not None:
             from tools.loop.laps import tell
 
             return tell(options)

@@ -1,8 +1,4 @@
-"""The whole system drives missions on the bench.
-
-A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the programs
-as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
-"""
+"""The whole system drives missions on the bench, as many as were asked for."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ import math
 import sys
 import tempfile
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -57,58 +53,19 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     expect_navigator(options.model)
     load_map(options.map)  # refused before a bar is drawn
     site_after = sites_of(options.look, options.seed)
-    rows = _rows_so_far(options)
-    if len(rows) == options.missions:
-        return summary(rows, options)
-    trip = Trip(options, rows)
+    rows, robot = rows_so_far(options), None
     with ExitStack() as stack:
-        film = Film(options.video, options.model) if options.video else None
-        if film is not None:
-            stack.callback(film.close)
-        stack.callback(trip.bar.close)
+        film = None
+        if options.video and len(rows) < options.missions:
+            film = stack.enter_context(closing(Film(options.video, options.model)))
+        bar = stack.enter_context(tqdm(total=options.missions, initial=len(rows), desc="missions"))
         while len(rows) < options.missions:
-            robot = _drive_at(site_after(len(rows)), trip, folder, film)
-    figures = {**summary(rows, options), "robot": robot}
-    _write(options.json, figures)
+            robot = _drive_at(site_after(len(rows)), options, rows, folder, film, bar)
+    figures = summary(rows, options)
+    if robot:
+        figures["robot"] = robot
+        _write(options.json, figures)
     return figures
-
-
-class Trip:
-    """What was asked and what was driven so far; ``rows`` are those of the JSON."""
-
-    def __init__(self, options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
-        self.options, self.rows = options, rows
-        self.bar = tqdm(total=options.missions, initial=len(rows), desc="missions")
-
-    def add(self, figures: dict[str, Any]) -> None:
-        """One more mission, written at once."""
-        self.rows.append(figures)
-        _write(self.options.json, summary(self.rows, self.options))
-        self.bar.update()
-
-
-def _drive_at(site: Site, trip: Trip, folder: Path, film: Film | None) -> dict[str, Any]:
-    """Begin a bench at a site and drive until the robot leaves it; the robot's figures."""
-    options, driven = trip.options, len(trip.rows)
-    bench = Bench(_bench_options(options, site, driven), folder / str(driven))
-    rng = np.random.default_rng((options.seed, driven))
-    driver = Driver(bench, rng, (lambda: None) if film is None else lambda: film.watch(bench))
-    start = driver.on_lane(*options.start) if options.start and not driven else driver.anywhere()
-    bench.town.world.place(start)
-    with bench:
-        _drive(driver, site, trip)
-        return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
-
-
-def _bench_options(options: argparse.Namespace, site: Site, driven: int) -> BenchOptions:
-    return BenchOptions(
-        options.model,
-        options.map,
-        site.look,
-        options.seed + driven,
-        not options.realtime,
-        robot_python=options.robot_python,
-    )
 
 
 def expect_navigator(model: Path) -> None:
@@ -117,41 +74,54 @@ def expect_navigator(model: Path) -> None:
     if not contract.path_points:
         raise ContractError(
             f"{model}: expected a navigation policy, to follow missions, got a {contract.task} "
-            "policy; "
-            "give such as robot/models/nav_dueling.onnx"
+            "policy; give such as robot/models/nav_dueling.onnx"
         )
 
 
-def _drive(driver: Driver, site: Site, trip: Trip) -> None:
-    """Drive until the robot leaves the site or there is a row for every mission."""
-    bench, rows = driver.bench, trip.rows
-    until = min(trip.options.missions, site.until or trip.options.missions)
-    began_s, lived_s = time.monotonic(), bench.now_s
-    while len(rows) < until:
-        record = driver.drive(trip.options.goal)
-        figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
-        trip.add({"site": site.name, **figures})
-        began_s, lived_s = time.monotonic(), bench.now_s
-        if not record.arrived and len(rows) < until:
-            driver.carry()
+def _drive_at(
+    site: Site,
+    options: argparse.Namespace,
+    rows: list[dict[str, Any]],
+    folder: Path,
+    film: Film | None,
+    bar: tqdm,
+) -> dict[str, Any]:
+    """Begin a bench at a site and drive until the robot leaves it; the robot's figures."""
+    driven, until = len(rows), min(options.missions, site.until or options.missions)
+    bench = Bench(
+        BenchOptions(
+            *(options.model, options.map, site.look, options.seed + driven, not options.realtime),
+            robot_python=options.robot_python,
+        ),
+        folder / str(driven),
+    )
+    rng = np.random.default_rng((options.seed, driven))
+    driver = Driver(bench, rng, (lambda: None) if film is None else lambda: film.watch(bench))
+    start = driver.on_lane(*options.start) if options.start and not driven else driver.anywhere()
+    bench.town.world.place(start)
+    with bench:
+        while len(rows) < until:
+            began_s, lived_s = time.monotonic(), bench.now_s
+            if len(rows) > driven and not rows[-1]["arrived"]:
+                driver.carry()
+            record = driver.drive(options.goal)
+            figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
+            rows.append({"site": site.name, **figures})
+            _write(options.json, summary(rows, options))
+            bar.update()
+        return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
 
 
 def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
     """One mission's line in the JSON."""
-    errors = np.array(record.errors or [(math.nan, math.nan)])
-    rms = np.sqrt(np.mean(errors**2, axis=0))
+    rms = np.sqrt(np.mean(np.square(record.errors or [(math.nan, math.nan)]), axis=0))
     offsets = np.array(record.offsets_m or [math.nan])
+    same = ("length_m", "arrived", "phase", "reason", "detours", "seconds", "missed_m")
     return {
         "start": [round(float(v), 3) for v in record.start],
         "destination": [round(v, 3) for v in record.destination],
-        "length_m": record.length_m,
-        "arrived": record.arrived,
-        "phase": record.phase,
-        "reason": record.reason,
-        "detours": record.detours,
+        **{name: getattr(record, name) for name in same},
         "stop": asdict(record.stop) if record.stop else None,
-        "seconds": record.seconds,
-        "missed_m": record.missed_m,
         "mean_path_distance_m": float(offsets.mean()),
         "max_path_distance_m": float(offsets.max()),
         "position_rms_m": float(rms[0]),
@@ -163,6 +133,7 @@ def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
 
 def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
     """The JSON of all missions."""
+    arrived = [r for r in rows if r["arrived"]]
 
     def mean(key: str) -> float:
         values = [r[key] for r in rows if math.isfinite(r[key])]
@@ -172,14 +143,12 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
         "schema": SCHEMA,
         "inputs": inputs_of(options),
         "missions": len(rows),
-        "arrived": sum(r["arrived"] for r in rows),
-        "driven_m": sum(r["length_m"] for r in rows if r["arrived"]),
+        "arrived": len(arrived),
+        "driven_m": sum(r["length_m"] for r in arrived),
         "seconds": sum(r["seconds"] for r in rows),
         "speed": sum(r["bench_s"] for r in rows) / max(sum(r["real_s"] for r in rows), 1e-9),
         "mean_path_distance_m": mean("mean_path_distance_m"),
-        "max_path_distance_m": max(
-            (r["max_path_distance_m"] for r in rows if r["arrived"]), default=math.nan
-        ),
+        "max_path_distance_m": max((r["max_path_distance_m"] for r in arrived), default=math.nan),
         "position_rms_m": mean("position_rms_m"),
         "heading_rms_rad": mean("heading_rms_rad"),
         "detours": sum(r["detours"] for r in rows),
@@ -199,7 +168,8 @@ def arrivals_at(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     return sites
 
 
-def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
+def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """What an earlier run of the same inputs has driven."""
     if options.json is None or not options.json.exists():
         return []
     before = read_figures(options.json)
@@ -208,11 +178,7 @@ def _rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def read_figures(path: Path) -> dict[str, Any]:
-    """The JSON object that an earlier run wrote.
-
-    Raises:
-        ConfigError: another file.
-    """
+    """The JSON object that an earlier run wrote; ConfigError for another file."""
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""The runtime drives through virtual hardware, in lock-step.
+"""The runtime drives laps through virtual hardware, in lock-step.
 
 Town, motors and camera are virtual; everything between the camera's frame and the bus's bytes is
 the robot's own code. Time is simulated, so the drive is the same on every machine.
@@ -7,8 +7,7 @@ the robot's own code. Time is simulated, so the drive is the same on every machi
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -26,85 +25,7 @@ from tools.lap_drive import LapDrive, LapRecord
 from tools.loop.sites import sites_of
 from tools.video import DriveFilm, Moment
 
-
-def moment(tick: Tick, pose: Pose, record: LapRecord, drive: LapDrive) -> Moment | None:
-    """What a film shows of one turn of the loop; None before the first picture."""
-    if tick.frame is None:
-        return None
-    return Moment(
-        tick.frame.image,
-        pose,
-        drive.driver.pose,
-        tick.verdict.state.value,
-        tick.verdict.sentence,
-        drive.lane.points_m[[*range(len(drive.lane.points_m)), 0]].tolist(),
-        [] if tick.values is None else tick.values.tolist(),
-        tick.action,
-        f"lap {record.laps:.2f}",
-    )
-
-
-def summary(record: LapRecord, options: argparse.Namespace) -> dict[str, Any]:
-    """The JSON of a drive."""
-    errors = np.array(record.odometry_errors)
-    rms = np.sqrt(np.mean(errors**2, axis=0))
-    arrived = record.laps >= options.laps
-    stop = {"fault": record.reason, "latency_s": None, "state": record.state}
-    return {
-        "schema": 1,
-        "inputs": {
-            "map": options.map,
-            "model": str(options.model),
-            "translator": options.translator,
-            "look": options.look,
-            "laps": options.laps,
-            "seed": options.seed,
-        },
-        "site": sites_of(options.look, options.seed)(0).name,
-        "missions": 1,
-        "arrived": int(arrived),
-        "laps": record.laps,
-        "seconds": record.seconds,
-        "mean_path_distance_m": float(np.mean(np.abs(record.offsets_m))),
-        "max_path_distance_m": float(np.max(np.abs(record.offsets_m))),
-        "position_rms_m": float(rms[0]),  # of the step odometry, which nothing corrects here
-        "heading_rms_rad": float(rms[1]),
-        "lost_steps": list(record.lost_steps),
-        "state": record.state,
-        "reason": record.reason,
-        "stops": [] if arrived else [stop],
-    }
-
-
-@contextmanager
-def progress(laps: float) -> Iterator[tqdm]:
-    """A bar in laps."""
-    form = "{l_bar}{bar}| {n:.2f}/{total:.2f} laps [{elapsed}<{remaining}]"
-    with tqdm(total=laps, desc="drive", bar_format=form, mininterval=0.5) as bar:
-        yield bar
-
-
-def drive(options: argparse.Namespace) -> dict[str, Any]:
-    """Drive as asked; the summary."""
-    site = sites_of(options.look, options.seed)(0)
-    policy = open_policy(RobotConfig(model=str(options.model), translator=options.translator))
-    lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
-    film = None
-    if options.video:
-        ground = lap_drive.world.scene.ground
-        film = DriveFilm(options.video, ground, options.model, CONTROL_DT_S)
-    with progress(options.laps) as bar:
-
-        def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
-            bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
-            if film is not None and (shown := moment(tick, pose, record, lap_drive)):
-                film.add(shown)
-
-        record = lap_drive.drive(options.laps, watch)
-    lap_drive.close()
-    if film is not None:
-        film.close()
-    return summary(record, options)
+BAR = "{l_bar}{bar}| {n:.2f}/{total:.2f} laps [{elapsed}<{remaining}]"
 
 
 def tell(options: argparse.Namespace) -> int:
@@ -120,3 +41,72 @@ def tell(options: argparse.Namespace) -> int:
         f"{figures['state']}: {figures['reason']}"
     )
     return 0 if figures["arrived"] else 1
+
+
+def drive(options: argparse.Namespace) -> dict[str, Any]:
+    """Drive as asked; the summary."""
+    site = sites_of(options.look, options.seed)(0)
+    config = RobotConfig(model=str(options.model), translator=options.translator or "")
+    policy = open_policy(config)
+    lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
+    with ExitStack() as stack:
+        stack.callback(lap_drive.close)
+        bar = stack.enter_context(
+            tqdm(total=options.laps, desc="drive", bar_format=BAR, mininterval=0.5)
+        )
+        film = None
+        if options.video:
+            ground = lap_drive.world.scene.ground
+            film = DriveFilm(options.video, ground, options.model, CONTROL_DT_S)
+            stack.enter_context(closing(film))
+
+        def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
+            bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
+            if film is not None and tick.frame is not None:
+                film.add(_moment(tick, tick.frame.image, pose, record, lap_drive))
+
+        record = lap_drive.drive(options.laps, watch)
+    return summary(record, options, site.name)
+
+
+def _moment(
+    tick: Tick, picture: np.ndarray, pose: Pose, record: LapRecord, drive: LapDrive
+) -> Moment:
+    """What a film shows of one turn of the loop."""
+    return Moment(
+        picture,
+        pose,
+        drive.driver.pose,
+        tick.verdict.state.value,
+        tick.verdict.sentence,
+        drive.lane.points_m[[*range(len(drive.lane.points_m)), 0]].tolist(),
+        [] if tick.values is None else tick.values.tolist(),
+        tick.action,
+        f"lap {record.laps:.2f}",
+    )
+
+
+def summary(record: LapRecord, options: argparse.Namespace, site: str) -> dict[str, Any]:
+    """The JSON of a drive."""
+    rms = np.sqrt(np.mean(np.square(record.odometry_errors), axis=0))
+    offsets_m = np.abs(record.offsets_m)
+    arrived = record.laps >= options.laps
+    stop = {"fault": record.reason, "latency_s": None, "state": record.state}
+    inputs = {name: getattr(options, name) for name in ("map", "look", "laps", "seed")}
+    return {
+        "schema": 1,
+        "inputs": {**inputs, "model": str(options.model), "translator": options.translator or ""},
+        "site": site,
+        "missions": 1,
+        "arrived": int(arrived),
+        "laps": record.laps,
+        "seconds": record.seconds,
+        "mean_path_distance_m": float(offsets_m.mean()),
+        "max_path_distance_m": float(offsets_m.max()),
+        "position_rms_m": float(rms[0]),  # of the step odometry, which nothing corrects here
+        "heading_rms_rad": float(rms[1]),
+        "lost_steps": list(record.lost_steps),
+        "state": record.state,
+        "reason": record.reason,
+        "stops": [] if arrived else [stop],
+    }

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robot.errors import PlanError
-from robot.geometry import Pose, bezier_points, wrap_angle
+from robot.geometry import Pose, wrap_angle
 from robot.navigation.planner import LaneGraph, plan_path
+from tools.lane_places import on_lane
 from tools.loop.bench import Bench
 from tools.loop.timekeeper import BenchError
 
@@ -75,13 +76,8 @@ class Driver:
     def anywhere(self) -> Pose:
         """A place in the middle of some lane."""
         lanes = self.bench.road_map.lanes
-        points = np.asarray(lanes[int(self._rng.integers(len(lanes)))].control_points_m)
-        share = float(self._rng.uniform(0.1, 0.9))
-        weights = [(1 - share) ** 3, 3 * share * (1 - share) ** 2, 3 * share**2 * (1 - share)]
-        middle = np.array([*weights, share**3]) @ points
-        ahead = (1 - share) ** 2 * (points[1] - points[0]) + share**2 * (points[3] - points[2])
-        ahead = ahead + 2 * share * (1 - share) * (points[2] - points[1])
-        return Pose(float(middle[0]), float(middle[1]), math.atan2(ahead[1], ahead[0]))
+        lane = lanes[int(self._rng.integers(len(lanes)))]
+        return on_lane(lane, float(self._rng.uniform(0.1, 0.9)))
 
     def on_lane(self, x_m: float, y_m: float) -> Pose:
         """On the lane nearest to a place, along it.
@@ -92,13 +88,13 @@ class Driver:
         road_map = self.bench.road_map
         near = road_map.lane_index.near(x_m, y_m)
         i = int(near.distance_m.argmin())
-        at = bezier_points(road_map.lanes[i].control_points_m, near.t[i : i + 1])[0]
+        at = on_lane(road_map.lanes[i], float(near.t[i]))
         if not road_map.on_road(x_m, y_m):
             raise PlanError(
                 f"{road_map.name}: expected a start on the road, got ({x_m:g}, {y_m:g}) m; "
-                f"the nearest lane is at ({at[0]:.2f}, {at[1]:.2f}) m"
+                f"the nearest lane is at ({at.x_m:.2f}, {at.y_m:.2f}) m"
             )
-        return Pose(float(at[0]), float(at[1]), float(near.heading_rad[i]))
+        return at
 
     def carry(self) -> None:
         """Put the robot down somewhere, and wait until it knows where it is."""
@@ -185,14 +181,13 @@ class Driver:
         if pose is None or report["sequence"] == self._judged or index == len(self._truth):
             return
         self._judged = report["sequence"]
-        later, earlier = self._truth[index], self._truth[max(index - 1, 0)]
-        span_s = max(self._truth_s[index] - self._truth_s[max(index - 1, 0)], 1e-9)
-        share = 1.0 - (self._truth_s[index] - sent_s) / span_s
-        x_m = earlier.x_m + share * (later.x_m - earlier.x_m)
-        y_m = earlier.y_m + share * (later.y_m - earlier.y_m)
-        turn = share * float(wrap_angle(later.heading_rad - earlier.heading_rad))
-        heading = float(wrap_angle(pose[2] - earlier.heading_rad - turn))
-        record.errors.append((math.dist((x_m, y_m), pose[:2]), heading))
+        before = max(index - 1, 0)
+        earlier, span_s = self._truth[before], self._truth_s[index] - self._truth_s[before]
+        share = (sent_s - self._truth_s[before]) / max(span_s, 1e-9)
+        way = np.subtract(self._truth[index], earlier)
+        x_m, y_m, heading_rad = earlier + share * np.array([*way[:2], wrap_angle(way[2])])
+        error_rad = float(wrap_angle(pose[2] - heading_rad))
+        record.errors.append((math.dist((x_m, y_m), pose[:2]), error_rad))
 
 
 def distance_m(line_m: Sequence[tuple[float, float]], pose: Pose) -> float:
