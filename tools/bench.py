@@ -154,8 +154,8 @@ def robot_figures(model: Path) -> dict[str, float]:
 
 def hat_figures() -> dict[str, float]:
     """One atomic update of both motors: on the emulator, and on the wire."""
-    from robot.hat.bus import bus_time_s
     from robot.computer.clock import MonotonicClock
+    from robot.hat.bus import bus_time_s
     from robot.hat.config import HatConfig
     from robot.hat.pca9685 import Pca9685
     from sim_pybullet.virtual.hat import VirtualHat
