@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Iterator, List, Optional, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
-from robot.bringup.prompts import Prompts
 from robot.camera.replay import picture_files, read_picture
-from robot.camera.source import Stream
 from robot.config import CameraConfig
 from robot.errors import ConfigError
-from robot.output import write_png
 from robot.runtime.assemble import open_stream
 
 COLUMNS, ROWS = 8, 5  # squares; one even and one odd number, so that it has one way up only
@@ -25,15 +22,14 @@ POINTS_PER_M = 72.0 / 0.0254
 _TEXT = "This edge towards the robot. Print at 100 %: the line below is 100 mm long."
 
 
-def board_points_m(near_edge_m: float, square_m: float = SQUARE_M) -> np.ndarray:
+def board_points_m(near_edge_m: float) -> np.ndarray:
     """(28, 3) inner corners on the floor, robot frame: far row first, each from left to right.
 
     Args:
         near_edge_m: from the axle to the near edge of the sheet's board (its squares).
-        square_m: side of a square as printed.
     """
-    rows = near_edge_m + square_m * np.arange(CORNERS[1], 0, -1)
-    columns = square_m * (COLUMNS / 2.0 - np.arange(1, COLUMNS))
+    rows = near_edge_m + SQUARE_M * np.arange(CORNERS[1], 0, -1)
+    columns = SQUARE_M * (COLUMNS / 2.0 - np.arange(1, COLUMNS))
     grid = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
     return np.column_stack((grid, np.zeros(len(grid))))
 
@@ -89,8 +85,6 @@ def sheet_pdf() -> bytes:
 
 SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well
 SETTLING = 15  # pictures until exposure and white balance have settled
-WANTED = 20  # pictures of the board
-FEWEST_NEW_PX = 25.0  # that the board must have moved since each picture that was kept
 
 
 def take_picture(camera: CameraConfig) -> np.ndarray:
@@ -100,7 +94,9 @@ def take_picture(camera: CameraConfig) -> np.ndarray:
         HardwareError: the camera does not work.
         ConfigError: it is a replay.
     """
-    stream = _open(camera)
+    if camera.kind == "replay":
+        raise ConfigError("camera: expected a real one, got a replay; give pictures instead")
+    stream = open_stream(camera, SIZE_PX)
     try:
         for _ in range(SETTLING):
             stream.grab()
@@ -125,42 +121,3 @@ def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
     if len(sizes) > 1:
         raise ConfigError(f"{folder}: expected pictures of one size, got {sorted(sizes)}")
     return boards, sizes.pop()
-
-
-def collect_boards(camera: CameraConfig, folder: Path, person: Prompts) -> None:
-    """Keep a picture whenever the board is seen at a new place, until there are ``WANTED``.
-
-    Raises:
-        HardwareError: the camera does not work.
-        ConfigError: it is a replay, or the folder cannot be written.
-    """
-    person.tell(f"Move the printed board through the whole picture, tilted; {WANTED} are kept.")
-    stream = _open(camera)
-    try:
-        for count, picture in enumerate(new_boards(stream), 1):
-            write_png(folder / f"board-{count:02d}.png", picture)
-            person.tell(f"{count} of {WANTED}")
-            if count == WANTED:
-                return
-    finally:
-        stream.close()
-
-
-def new_boards(stream: Stream) -> Iterator[np.ndarray]:
-    """Those pictures of a stream in which the board is where it was in none before."""
-    kept: List[np.ndarray] = []
-    while True:
-        picture = stream.grab()
-        corners = find_board(picture)
-        if corners is None:
-            continue
-        moves_px = [np.linalg.norm(corners - other, axis=-1).mean() for other in kept]
-        if min(moves_px, default=FEWEST_NEW_PX) >= FEWEST_NEW_PX:
-            kept.append(corners)
-            yield picture
-
-
-def _open(camera: CameraConfig) -> Stream:
-    if camera.kind == "replay":
-        raise ConfigError("camera: expected a real one, got a replay; give pictures instead")
-    return open_stream(camera, SIZE_PX)

@@ -52,17 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=NEAR_EDGE_M,
         help="from the wheels' axle to the nearest row of squares (default %(default)s)",
     )
-    camera.add_argument(
-        "--square-m",
-        type=number(0.001, 0.5),
-        default=chessboard.SQUARE_M,
-        help="side of a square as printed",
-    )
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
     _add_config(lens)
-    lens.add_argument(
-        "--images", type=Path, required=True, help="folder of pictures; taken now when it is empty"
-    )
+    lens.add_argument("--images", type=Path, required=True, help="folder of pictures of the board")
 
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
@@ -78,9 +70,9 @@ def run(options: argparse.Namespace) -> None:
     config = load_yaml(RobotConfig, options.config)
     person = Prompts()
     if options.what == "camera":
-        values = measure_camera(config, options.image, options.ahead_m, options.square_m, person)
+        values = measure_camera(config, options.image, options.ahead_m, person)
     elif options.what == "lens":
-        values = measure_lens(config, options.images, person)
+        values = measure_lens(options.images, person)
     else:
         motors, guide = real_motors(config.hat), GUIDES[options.what]
         values = measure_motion(guide, config.hat, motors, person, MonotonicClock())
@@ -113,9 +105,7 @@ def measure_motion(
         return guide(Roller(opened, hat, clock), person)
 
 
-def measure_camera(
-    config: RobotConfig, image: Path, near_edge_m: float, square_m: float, person: Prompts
-) -> Values:
+def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person: Prompts) -> Values:
     """Pitch, roll and height of the camera over the board on the floor."""
     picture = read_picture(image) if image else chessboard.take_picture(config.camera)
     corners = chessboard.find_board(picture)
@@ -127,7 +117,7 @@ def measure_camera(
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
     lens, before = config.camera.lens.scaled(*size), config.camera.mount
-    fit = fit_mount(corners, lens, near_edge_m, square_m)
+    fit = fit_mount(corners, lens, near_edge_m)
     check_mount_fit(fit, before, size[0])
     mount = fit.mount
     person.tell(
@@ -138,20 +128,12 @@ def measure_camera(
     return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}
 
 
-def measure_lens(config: RobotConfig, folder: Path, person: Prompts) -> Values:
-    """The lens, from a folder of pictures that is filled first when it is empty or absent."""
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"--images: expected a folder of pictures, got the file {folder}")
-    if not folder.is_dir() or not any(folder.iterdir()):
-        chessboard.collect_boards(config.camera, folder, person)
+def measure_lens(folder: Path, person: Prompts) -> Values:
+    """The lens, from a folder of pictures of the board."""
     boards, size = chessboard.boards_from_files(folder)
-    fit = fit_lens(boards, size)
-    person.tell(
-        f"{len(boards)} pictures; residual {fit.residual_px:.2f} px; the boards cover "
-        f"{100 * fit.coverage[0]:.0f} % of the width, {100 * fit.coverage[1]:.0f} % of the height"
-    )
-    plain = to_plain(fit.lens)
-    return {("camera", "lens", name): _rounded(value) for name, value in plain.items()}
+    lens, residual_px = fit_lens(boards, size)
+    person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
+    return {("camera", "lens", name): _rounded(value) for name, value in to_plain(lens).items()}
 
 
 def _rounded(value: object) -> object:
