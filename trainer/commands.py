@@ -209,25 +209,27 @@ def explain_command(model: Path, images: Path, out: Path) -> int:
 
 
 def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast") -> int:
-    """Parameters and multiply-accumulates of one decision, for every task and algorithm.
+    """How many parameters are trained and how many drive, for every task and algorithm.
 
     Args:
         preset_name: paper, fast or debug.
     """
     from sim_pybullet.tasks.spec import learned_tasks
-    from trainer.algorithms import algorithm_names
+    from trainer.algorithms import NAMES
     from trainer.config import choose
+    from trainer.learners.networks import GreedyNetwork
+    from trainer.learners.policies import build_policy
     from trainer.presets import PRESETS, preset
 
     choose("preset", preset_name, PRESETS)
-    from trainer.judging.summary import summarise
-
-    columns = ("task", "algorithm", "picture", "parameters", "driving", "MMAC")
-    table = Table(*columns, title=preset_name)
-    every = list(itertools.product([spec.name for spec in learned_tasks()], algorithm_names()))
+    table = Table("task", "algorithm", "picture", "parameters", "driving", title=preset_name)
+    every = list(itertools.product([spec.name for spec in learned_tasks()], NAMES))
     for task, name in track(every, "building policies", console=Console(stderr=True)):
-        row = summarise(preset(task, name, preset_name))
-        figures = f"{row.parameters:,}", f"{row.driving:,}", f"{row.macs / 1e6:.2f}"
-        table.add_row(task, name, "x".join(map(str, row.image)), *figures)
+        config = preset(task, name, preset_name)
+        policy = build_policy(config)
+        trained = sum(p.numel() for n, p in policy.named_parameters() if "target" not in n)
+        driving = sum(p.numel() for p in GreedyNetwork(policy).parameters())
+        image = "x".join(map(str, config.image.shape))
+        table.add_row(task, name, image, f"{trained:,}", f"{driving:,}")
     Console().print(table)
     return 0

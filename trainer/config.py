@@ -10,9 +10,8 @@ from typing import TypeVar
 from robot.contract import ImageSpec
 from robot.errors import ConfigError, expect_between, nearest
 from robot.typed_config import from_plain, read_yaml
-from sim_pybullet.randomise import is_reality
 from sim_pybullet.tasks.spec import find_task
-from trainer.algorithms import LearnConfig, algorithm_names, find_algorithm
+from trainer.algorithms import LearnConfig, find_algorithm
 
 T = TypeVar("T")
 
@@ -80,36 +79,26 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         task = find_task(self.task, to_learn=True)
-        choose("algorithm", self.algorithm, dict.fromkeys(algorithm_names()))
+        find_algorithm(self.algorithm)
         choose("style", self.style, dict.fromkeys(task.styles or ("race",)))
         choose("lane", self.lane, dict.fromkeys(task.lanes or ("outer",)))
-        for use, look in (("train", self.look), ("choose", self.evaluation.look)):
-            if is_reality(look):
-                raise ConfigError(
-                    f"look: expected one to {use} in, got {look!r}: those in reality/ are kept for "
-                    "judging policies; evaluate in it when the policy is chosen, and train and "
-                    "choose in randomised"
-                )
-        expect_between("seed", self.seed, 0, LARGEST_SEED)
-        if self.steps < 1 or not (self.seconds is None or self.seconds > 0):
-            got = f"steps {self.steps}, seconds {self.seconds}"
-            raise ConfigError(f"run: expected steps >= 1 and seconds > 0, got {got}")
-        expect_between("steps", self.steps, 1, MOST_STEPS)
+        if not (self.seconds is None or self.seconds > 0):
+            raise ConfigError(f"run: expected seconds above 0, got {self.seconds}")
         if self.true_path and getattr(self.learn, "entropy", 1.0) <= 0.0:
             raise ConfigError(
                 "true_path: expected learn.entropy above 0, whose weight in the loss it shares, "
                 f"got {getattr(self.learn, 'entropy', None)}; or set true_path to 0"
             )
-        if not (1.0 <= self.start_spread <= 4.0 and 0.0 <= self.true_path <= 100.0):
-            raise ConfigError(
-                "run: expected a start_spread from 1 to 4 and a true_path from 0 to 100, got "
-                f"{self.start_spread} and {self.true_path}"
-            )
-        for name in ("rate_left", "entropy_left"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(
-                    f"{name}: expected a share from 0 to 1, got {getattr(self, name)}"
-                )
+        limits = {
+            "seed": (0, LARGEST_SEED),
+            "steps": (1, MOST_STEPS),
+            "start_spread": (1.0, 4.0),
+            "true_path": (0.0, 100.0),
+            "rate_left": (0.0, 1.0),
+            "entropy_left": (0.0, 1.0),
+        }
+        for name, (least, most) in limits.items():
+            expect_between(name, getattr(self, name), least, most)
 
 
 def load_run(path: Path) -> RunConfig:

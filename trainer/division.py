@@ -90,10 +90,8 @@ def refuse_judging_maps(places: Sequence[Place], use: str = "train") -> None:
         ConfigError: one of these maps is kept for judging; race tracks belong to no part.
     """
     for place in places:
-        part, name = None, ""
-        if isinstance(place, RoadMap):
-            part, name = _known().get(fingerprint(place), (None, ""))
-        if part == "judging":
+        if isinstance(place, RoadMap) and part_of(place) == "judging":
+            name = _known()[fingerprint(place)][1]
             raise ConfigError(
                 f"map: expected one to {use} on, got {place.name}, whose roads are those of "
                 f"{name}, kept for judging policies (trainer/division.yaml); train on "
@@ -123,13 +121,9 @@ def refuse_judging_look(look: str, use: str = "train") -> None:
 def _known() -> dict[str, tuple[str, str]]:
     """The part and the name of every map that belongs to one, by fingerprint."""
     maps = division().maps
-    known = {
-        fingerprint(load_map(name)): (part, name) for part in PARTS for name in getattr(maps, part)
-    }
-    for line in division().outside:
-        name, digits = line.split()
-        known[digits] = ("judging", name)
-    return known
+    outside = {digits: ("judging", name) for name, digits in map(str.split, division().outside)}
+    shipped = ((part, name) for part in PARTS for name in getattr(maps, part))
+    return {fingerprint(load_map(name)): (part, name) for part, name in shipped} | outside
 
 
 def _written(grid: np.ndarray, quarter_turns: int) -> str:

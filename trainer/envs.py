@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from robot.inference.translator import Translator, open_translator
+from robot.inference.translator import open_translator
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.pool import Looks
-from sim_pybullet.rendering.camera import BatchCamera, NoCamera
-from sim_pybullet.scenery.objects import Place
+from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
@@ -20,60 +16,27 @@ from trainer.division import refuse_judging_look, refuse_judging_maps
 _FEWEST_LOOKS = 4  # of each map
 
 
-def load_places(task: str, names: Sequence[str]) -> list[Place]:
-    """The maps of these names, or what the task drives on instead.
-
-    Raises:
-        DuckpilotError: one that is absent or wrong, or an unknown task.
-    """
-    return [find_task(task).load(name) for name in names]
-
-
-def find_looks(task: str, look: str, pose_error: str | None, without: Sequence[str] = ()) -> Looks:
-    """A sampler of looks, or the looks themselves, as the task has them.
-
-    Raises:
-        ConfigError: no such look or task.
-    """
-    return find_task(task).looks(look, pose_error, without)
-
-
-def make_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
+def make_env(
+    config: RunConfig, robots: int, seed: int, camera: BatchCamera | None = None
+) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own.
 
     Raises:
         DuckpilotError: a map, look or translator that is absent, does not fit, or is kept for
             judging policies.
     """
-    translator = open_translator(config.translate, config.image) if config.translate else None
-    return DuckpilotVecEnv(_make_world(config, robots, seed, translator=translator))
-
-
-def make_blind_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
-    """As `make_env`, but nothing is drawn: pictures are a black dot.
-
-    Raises:
-        DuckpilotError: a map or look that is absent or does not fit.
-    """
-    return DuckpilotVecEnv(_make_world(config, robots, seed, camera=NoCamera(robots)))
-
-
-def _make_world(
-    config: RunConfig,
-    robots: int,
-    seed: int,
-    camera: BatchCamera | None = None,
-    translator: Translator | None = None,
-) -> BatchWorld:
-    spec = find_task(config.task)
-    places = load_places(config.task, config.maps)
+    spec, image = find_task(config.task), config.image
+    places = [spec.load(name) for name in config.maps]
     refuse_judging_maps(places)
     refuse_judging_look(config.look)
     lane, style = config.lane if spec.lanes else None, config.style if spec.styles else None
     task = spec.build(places, robots, Choices(lane, style, start_spread=config.start_spread))
-    looks = find_looks(config.task, config.look, config.pose_error, config.without)
+    looks = spec.looks(config.look, config.pose_error, config.without)
     pool_size = max(spec.painted // len(task.road_maps), _FEWEST_LOOKS)
-    return BatchWorld(task, looks, config.image, seed, pool_size, "planar", camera, translator)
+    translator = open_translator(config.translate, image) if config.translate else None
+    return DuckpilotVecEnv(
+        BatchWorld(task, looks, image, seed, pool_size, "planar", camera, translator)
+    )
 
 
 class ScaledReward(VecEnvWrapper):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +19,12 @@ from torch import nn
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.translator import TranslatorContract
-from robot.output import write_json
 from sim_pybullet.tasks.spec import find_task
 from trainer.config import RunConfig
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
-from trainer.run import RunFolder, atomically
+from trainer.run import RunFolder, atomically, write_json
+from trainer.torch_file import load_torch, reading
 from trainer.training.checkpoint import load_policy, read_state
 from trainer.training.greedy import collect_observations
 
@@ -69,17 +68,12 @@ def export_run(
         quantise(folder.onnx, calibration, folder.onnx_int8)
     checked = collect_observations(network, env, frames, rng)  # of other episodes
     difference = check_equal(network, folder.onnx, checked)
-    agreement = same_choices(folder.onnx, folder.onnx_int8, checked) if int8 else float("nan")
-    exported = Exported(frames, difference, agreement)
-    if int8:
-        write_json(folder.exported, asdict(exported))
+    if not int8:
+        return Exported(frames, difference, float("nan"))
+    choices = [run_onnx(path, checked).argmax(1) for path in (folder.onnx, folder.onnx_int8)]
+    exported = Exported(frames, difference, float((choices[0] == choices[1]).mean()))
+    write_json(folder.exported, exported)
     return exported
-
-
-def same_choices(one: Path, other: Path, observations: dict[str, np.ndarray]) -> float:
-    """Share of the observations on which two exported policies choose the same action."""
-    choices = [run_onnx(path, observations).argmax(1) for path in (one, other)]
-    return float((choices[0] == choices[1]).mean())
 
 
 def export_checkpoint(checkpoint: Path, out: Path) -> None:
@@ -90,14 +84,10 @@ def export_checkpoint(checkpoint: Path, out: Path) -> None:
     """
     folder = RunFolder(checkpoint.parent)
     config = folder.load_config()
-    policy = build_policy(config)
-    try:
-        content = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    policy, what = build_policy(config), "a policy of the run that it lies in"
+    content = load_torch(checkpoint, what)
+    with reading(checkpoint, what):
         policy.load_state_dict(content.get("policy", content))
-    except (OSError, KeyError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
-        raise ConfigError(
-            f"{checkpoint}: expected a policy of the run that it lies in, got: {error}"
-        ) from error
     export_network(GreedyNetwork(policy), _contract(folder, config), out)
 
 
@@ -200,21 +190,20 @@ def quantise(path: Path, calibration: dict[str, np.ndarray], out: Path) -> None:
     in the last layers it would cost several percent of the choices.
     """
     with atomically(out) as temporary:
-        quant_pre_process(
-            str(path), str(temporary), skip_optimization=True, skip_symbolic_shape=True
-        )
+        file = str(temporary)
+        quant_pre_process(str(path), file, skip_optimization=True, skip_symbolic_shape=True)
         quantize_static(
-            str(temporary),
-            str(temporary),
+            file,
+            file,
             _Batches(calibration),
             per_channel=True,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
-            nodes_to_quantize=_heavy_nodes(onnx.load(str(temporary))),
+            nodes_to_quantize=_heavy_nodes(onnx.load(file)),
         )
-        model = onnx.load(str(temporary))
+        model = onnx.load(file)
         model.ir_version = IR_VERSION
-        onnx.save(model, str(temporary))
+        onnx.save(model, file)
 
 
 def _heavy_nodes(model: onnx.ModelProto) -> list[str]:
@@ -224,12 +213,9 @@ def _heavy_nodes(model: onnx.ModelProto) -> list[str]:
 
 class _Batches(CalibrationDataReader):
     def __init__(self, observations: dict[str, np.ndarray], size: int = 32) -> None:
-        count = len(observations["image"])
-        self._batches = iter(
-            [
-                {name: part[i : i + size] for name, part in observations.items()}
-                for i in range(0, count, size)
-            ]
+        self._batches = (
+            {name: part[i : i + size] for name, part in observations.items()}
+            for i in range(0, len(observations["image"]), size)
         )
 
     def get_next(self) -> dict[str, np.ndarray] | None:

@@ -6,9 +6,9 @@ To read it, as help does, takes none of what they need: that is imported where i
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -71,39 +71,34 @@ class TrainOptions:
         """The run that these ask for.
 
         Raises:
-            DuckpilotError: an unknown name.
+            DuckpilotError: an unknown name, or what is kept for judging.
         """
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.tasks.spec import find_task
-        from trainer.config import LARGEST_SEED
         from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
         from trainer.presets import preset, styled
 
-        expect_between("seed", self.seed, 0, LARGEST_SEED)
-        config = extended(preset(self.task, self.algo, self.preset), self.steps, self.seconds)
-        config = replace(config, maps=maps_named(self.map) or config.maps, seed=self.seed)
-        config = replace(config, lane=self.lane)
-        judged_on = maps_named(self.judge_map)
-        config = replace(config, look=self.look, pose_error=self.pose_error)
-        config = replace(config, translate=self.translate, without=self.without)
-        if self.translate:
-            config = replace(config, image=_seen_through(self.translate, config.image))
+        config = preset(self.task, self.algo, self.preset)
+        maps, judged_on = maps_named(self.map) or config.maps, maps_named(self.judge_map)
         load_look_sampler(self.look, self.pose_error, self.without)
-        refuse_judging_look(self.look)
-        refuse_judging_maps(list(map(find_task(self.task).load, config.maps)))
-        refuse_judging_maps(list(map(find_task(self.task).load, judged_on)), "choose")
-        config = styled(config, self.style)
+        for names, look, use in (
+            (maps, self.look, "train"),
+            (judged_on, self.judge_look or self.look, "choose"),
+        ):
+            refuse_judging_look(look, use)
+            refuse_judging_maps([find_task(self.task).load(name) for name in names], use)
         judging = replace(config.evaluation, maps=judged_on, look=self.judge_look)
-        if self.judge_look:
-            refuse_judging_look(self.judge_look, "choose")
         if self.judgings is not None:
             expect_between("judgings", self.judgings, 1, 1_000_000)
             judging = replace(judging, every_share=1.0 / self.judgings)
         if self.full:
             judging = replace(judging, stop_after_perfect=0)
-        for name in ("rate_left", "start_spread", "true_path"):
-            if getattr(self, name) is not None:
-                config = replace(config, **{name: getattr(self, name)})
+        same = ("seed", "lane", "look", "without", "pose_error", "translate")
+        else_the_presets = ("steps", "seconds", "rate_left", "start_spread", "true_path")
+        given = [name for name in else_the_presets if getattr(self, name) is not None]
+        changes = {name: getattr(self, name) for name in (*same, *given)}
+        image = _seen_through(self.translate, config.image)
+        config = replace(styled(config, self.style), maps=maps, image=image, **changes)
         return replace(config, evaluation=judging)
 
 
@@ -152,15 +147,13 @@ class EvaluateOptions:
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
         load_look_sampler(self.look, self.pose_error, self.without)
-        task = self.task
-        if task is None and Path(self.model).exists():
-            task = task_of(Path(self.model))
-        if task is not None:
-            spec = find_task(task)
-            if self.lane is not None and spec.lanes:
-                choose("lane", self.lane, dict.fromkeys(spec.lanes))
-            for name in maps_named(self.map):
-                spec.load(name)
+        if self.task is None and not Path(self.model).exists():
+            return  # yet
+        spec = find_task(self.task or task_of(Path(self.model)))
+        if self.lane is not None and spec.lanes:
+            choose("lane", self.lane, dict.fromkeys(spec.lanes))
+        for name in maps_named(self.map):
+            spec.load(name)
 
 
 def task_of(model: Path) -> str:
@@ -170,11 +163,11 @@ def task_of(model: Path) -> str:
     return read_contract(model).task
 
 
-def _seen_through(translate: str, image: ImageSpec) -> ImageSpec:
+def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
     """Whoever sees what a parser sees takes its pictures; others keep the preset's."""
     from robot.inference.translator import PARSING, OnnxTranslator
 
-    if not Path(translate).exists():  # yet; who makes the world will say so
+    if translate is None or not Path(translate).exists():  # who makes the world will say so
         return image
     translator = OnnxTranslator(translate)
     return translator.image if translator.contract.direction == PARSING else image
@@ -196,35 +189,27 @@ def refuse_others(
     """
     from trainer.division import maps_named
 
-    of_run = {
-        "task": found.task,
+    judging = found.evaluation
+    of_run = {each.name: getattr(found, each.name, None) for each in fields(asked)}
+    of_run |= {
         "algo": found.algorithm,
-        "preset": found.preset,
         "map": found.maps,
-        "lane": found.lane,
-        "seed": found.seed,
-        "look": found.look,
-        "without": found.without,
-        "pose_error": found.pose_error,
-        "translate": found.translate,
-        "judge_map": found.evaluation.maps,
-        "judge_look": found.evaluation.look,
-        "style": found.style,
-        "judgings": found.evaluation.every_share and round(1.0 / found.evaluation.every_share),
-        "rate_left": found.rate_left,
-        "full": found.evaluation.stop_after_perfect == 0,
+        "judge_map": judging.maps,
+        "judge_look": judging.look,
+        "judgings": judging.every_share and round(1.0 / judging.every_share),
+        "full": judging.stop_after_perfect == 0,
     }
-    wanted = {name: getattr(asked, name) for name in of_run if name in given}
-    wanted.update({n: maps_named(wanted[n]) for n in ("map", "judge_map") if n in wanted})
-    other = [
-        f"--{name.replace('_', '-')} {_shown(value)} (the run: {_shown(of_run[name])})"
-        for name, value in wanted.items()
-        if value != of_run[name]
-    ]
+    other = []
+    for name in of_run.keys() & set(given) - {"steps", "seconds"}:
+        value = getattr(asked, name)
+        value = maps_named(value) if name in ("map", "judge_map") else value
+        if value != of_run[name]:
+            option = name.replace("_", "-")
+            other.append(f"--{option} {_shown(value)} (the run: {_shown(of_run[name])})")
     if other:
         raise ConfigError(
-            f"{folder}: expected the options of the run that goes on, got {', '.join(other)}; "
-            "leave them out, or choose another --out"
+            f"{folder}: expected the options of the run that goes on, got "
+            f"{', '.join(sorted(other))}; leave them out, or choose another --out"
         )
 
 
@@ -234,8 +219,5 @@ def _shown(value: object) -> str:
 
 def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:
     """With other limits, where any are given."""
-    return replace(
-        config,
-        steps=config.steps if steps is None else steps,
-        seconds=config.seconds if seconds is None else seconds,
-    )
+    limits: dict[str, Any] = {"steps": steps, "seconds": seconds}
+    return replace(config, **{name: value for name, value in limits.items() if value is not None})

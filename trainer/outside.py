@@ -57,7 +57,7 @@ def export_outside(source: str, contract: Path | None, out: Path | None) -> tupl
         out: the file, by default beside ``source``.
 
     Returns:
-        The file, and the largest difference between torch and ONNX in its values.
+        The file, and the largest difference between torch and ONNX in values.
 
     Raises:
         ConfigError: there is no such policy, or no contract.
@@ -139,7 +139,8 @@ def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyCo
             f"{path}: expected to see a picture (H, W, 3), or a Dict of image (H, W, 3) and path "
             f"({PATH_POINTS},), got {seen}; train on the environments of duckpilot"
         )
-    height, width, channels = _channels_last(image.shape)
+    first, *rest = image.shape  # stable-baselines3 puts the colours of pictures first, by itself
+    height, width, channels = (*rest, first) if first < min(rest) else image.shape
     whole = width * 3 // 4
     if width % 4 or height > whole or channels % 3:
         raise ContractError(
@@ -160,12 +161,6 @@ def _contract_of(path: Path, seen: spaces.Space, done: spaces.Space) -> PolicyCo
         actions=FIVE_ACTIONS if choices else WHEEL_GRID,
         frames=channels // 3,
     )
-
-
-def _channels_last(shape: tuple[int, ...]) -> tuple[int, int, int]:
-    """stable-baselines3 puts the colours of pictures first, by itself."""
-    first, *rest = shape
-    return (rest[0], rest[1], first) if first < min(rest) else (shape[0], shape[1], shape[2])
 
 
 class _ChoosingNetwork(nn.Module):
@@ -226,17 +221,15 @@ def _pictures(contract: PolicyContract) -> dict[str, np.ndarray]:
 def _expect_values(
     network: nn.Module, seen: dict[str, np.ndarray], contract: PolicyContract, source: str
 ) -> None:
-    asked = " and ".join(
-        f"{name} (N, {', '.join(map(str, part.shape[1:]))}) {part.dtype}"
-        for name, part in seen.items()
-    )
-    expected = f"a network that takes {asked} and gives values (N, {len(contract.actions)})"
+    asked = (f"{n} (N, {str(p.shape[1:])[1:-1].rstrip(',')}) {p.dtype}" for n, p in seen.items())
+    values = f"values (N, {len(contract.actions)}), N = {FRAMES_COMPARED}"
+    expected = f"expected a network that takes {' and '.join(asked)} and gives {values}"
     try:
         with torch.no_grad():
-            values = network(*(torch.from_numpy(part) for part in seen.values()))
+            given = network(*(torch.from_numpy(part) for part in seen.values()))
     except (RuntimeError, TypeError, ValueError, KeyError) as error:
         told = one_line(str(error))[-200:]
-        raise ContractError(f"{source}: expected {expected}, it ends with: {told}") from error
-    got = tuple(values.shape) if isinstance(values, torch.Tensor) else type(values).__name__
+        raise ContractError(f"{source}: {expected}, it ends with: {told}") from error
+    got = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
     if got != (FRAMES_COMPARED, len(contract.actions)):
-        raise ContractError(f"{source}: expected {expected}, N = {FRAMES_COMPARED}, got {got}")
+        raise ContractError(f"{source}: {expected}, got {got}")

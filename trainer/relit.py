@@ -17,26 +17,20 @@ GAINS = (0.7, 1.4)  # of brightness, and of each colour by the square root of it
 GAMMAS = (0.7, 1.4)
 
 
-def relit(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A picture (H, W, 3 F) of F stacked frames under one other light, uint8."""
-    return under(picture, draw_light(rng))
-
-
 def draw_light(rng: np.random.Generator) -> np.ndarray:
     """What each grey level of each colour becomes: (256, 3) uint8."""
     low, high = np.log(GAINS)
     gain = np.exp(rng.uniform(low, high) + 0.5 * rng.uniform(low, high, size=3))
-    low, high = np.log(GAMMAS)
-    gamma = np.exp(rng.uniform(low, high))
+    gamma = np.exp(rng.uniform(*np.log(GAMMAS)))
     levels = np.linspace(0.0, 1.0, 256)[:, None] ** gamma * gain
     return np.clip(255.0 * levels, 0.0, 255.0).astype(np.uint8)
 
 
-def under(picture: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """A picture (H, W, 3 F) uint8 under a light (256, 3) of `draw_light`, in a fresh array."""
+def relit(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A picture (H, W, 3 F) uint8 of F stacked frames under one other light, in a fresh array."""
     height, width, channels = picture.shape
     frames = np.ascontiguousarray(picture).reshape(height, width * channels // 3, 3)
-    return np.asarray(cv2.LUT(frames, light[None])).reshape(picture.shape)
+    return np.asarray(cv2.LUT(frames, draw_light(rng)[None])).reshape(picture.shape)
 
 
 class Relit(VecEnvWrapper):

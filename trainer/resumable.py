@@ -17,8 +17,7 @@ import torch
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn
 
-from trainer.run import atomically
-from trainer.torch_file import load_torch, reading
+from trainer.torch_file import load_torch, reading, save_torch
 
 SAVE_EVERY_S = 20.0
 _CHECKPOINT = "the checkpoint of this run"
@@ -58,8 +57,7 @@ class Loop:
     def save(self, step: int) -> None:
         """Write the file, whole or not at all."""
         content = {"step": step, "parts": {n: p.state_dict() for n, p in self.parts.items()}}
-        with atomically(self.path) as temporary:
-            torch.save(content, temporary)
+        save_torch(self.path, content)
 
     def run(
         self, step: Callable[[np.random.Generator, int], str], name: str, console: Console
@@ -69,9 +67,8 @@ class Loop:
         Whoever stops it loses at most `SAVE_EVERY_S` of work.
         """
         first, saved = self.done(), self.clock()
-        note = TextColumn("{task.fields[note]}")
-        columns = (*Progress.get_default_columns(), MofNCompleteColumn(), note)
-        with Progress(*columns, console=console) as bar:
+        columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+        with Progress(*columns, TextColumn("{task.fields[note]}"), console=console) as bar:
             row = bar.add_task(name, total=self.steps, completed=first, note="")
             for k in range(first, self.steps):
                 bar.update(row, note=step(step_rng(self.seed, k), k), advance=1)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import yaml
 
@@ -19,7 +18,6 @@ from robot.typed_config import load_yaml, to_plain
 from trainer.config import RunConfig, load_run
 
 CONFIG = "config.yaml"  # of every kind of run: what it was begun with
-_TAIL_BYTES = 2_048  # of progress.csv: about fifty lines
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -68,17 +66,9 @@ def refuse_run(folder: Path) -> None:
         )
 
 
-def begin_run(folder: Path, config: object) -> None:
-    """Make the folder of a run, with its configuration; ConfigError as of `refuse_run`."""
-    refuse_run(folder)
-    expect_folder(folder)
+def _begin_run(folder: Path, config: object) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    _write_config(folder, config)
-
-
-def _write_config(folder: Path, config: object) -> None:
-    with atomically(folder / CONFIG) as temporary:
-        temporary.write_text(yaml.safe_dump(to_plain(config), sort_keys=False))
+    write_text(folder / CONFIG, yaml.safe_dump(to_plain(config), sort_keys=False))
 
 
 def read_run(kind: type[Config], folder: Path) -> Config:
@@ -107,12 +97,12 @@ def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], 
         return read_run(kind, folder)
     refuse_run(folder)
     config = fresh()
-    begin_run(folder, config)
+    expect_folder(folder)
+    _begin_run(folder, config)
     return config
 
 
-@dataclass(frozen=True)
-class Episode:
+class Episode(NamedTuple):
     """One line of ``progress.csv``."""
 
     step: int  # decisions of all robots together when it ended
@@ -121,6 +111,9 @@ class Episode:
     reward: float  # summed
     length: int  # decisions
     success: bool
+
+
+_COLUMNS = len(Episode._fields)
 
 
 class RunFolder:
@@ -147,10 +140,6 @@ class RunFolder:
         """The folder's own name."""
         return self.path.resolve().name
 
-    def refuse_run(self) -> None:
-        """ConfigError if a run lies here."""
-        refuse_run(self.path)
-
     def refuse_another(self, config: RunConfig) -> None:
         """ConfigError if a run lies here that differs in more than its limits."""
         if not self.config.exists():
@@ -165,8 +154,7 @@ class RunFolder:
     def go_on(self, config: RunConfig) -> None:
         """Begin a run here, or give the one that lies here new limits; errors as above."""
         self.refuse_another(config)
-        self.path.mkdir(parents=True, exist_ok=True)
-        _write_config(self.path, config)
+        _begin_run(self.path, config)
 
     def load_config(self) -> RunConfig:
         """The configuration that this run was begun with; ConfigError if there is none."""
@@ -178,19 +166,7 @@ class RunFolder:
         if not self.progress.exists():
             return []
         with self.progress.open(newline="", encoding="utf-8") as file:
-            return [_episode(row) for row in csv.DictReader(file) if None not in row.values()]
-
-    def recent_episodes(self) -> list[Episode]:
-        """The last ones of ``progress.csv``, some dozens, without reading all of it."""
-        if not self.progress.exists():
-            return []
-        with self.progress.open("rb") as file:
-            file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL_BYTES))
-            lines = file.read().decode("ascii").splitlines()[1:]  # the first is a part or a header
-        names = [field.name for field in fields(Episode)]
-        rows = [line.split(",") for line in lines]
-        whole = [row for row in rows if len(row) == len(names) and row[-1]]
-        return [_episode(dict(zip(names, row, strict=True))) for row in whole]
+            return [_episode(row) for row in [*csv.reader(file)][1:] if len(row) == _COLUMNS]
 
 
 class EpisodeLog:
@@ -200,7 +176,7 @@ class EpisodeLog:
         kept = [episode for episode in folder.episodes() if episode.step <= resumed_at]
         with atomically(folder.progress) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(field.name for field in fields(Episode))
+            writer.writerow(Episode._fields)
             writer.writerows(_row(episode) for episode in kept)
         self.count = len(kept)
         self._file = folder.progress.open("a", newline="", encoding="utf-8")
@@ -220,24 +196,12 @@ class EpisodeLog:
         self._file.close()
 
 
-def _row(episode: Episode) -> tuple[str, ...]:
-    e = episode
-    return (
-        str(e.step),
-        f"{e.seconds:.2f}",
-        str(e.robot),
-        f"{e.reward:.4f}",
-        str(e.length),
-        str(int(e.success)),
-    )
+def _row(e: Episode) -> tuple[object, ...]:
+    return (e.step, f"{e.seconds:.2f}", e.robot, f"{e.reward:.4f}", e.length, int(e.success))
 
 
-def _episode(row: dict[str, str]) -> Episode:
+def _episode(row: list[str]) -> Episode:
+    step, seconds, robot, reward, length, success = row
     return Episode(
-        int(row["step"]),
-        float(row["seconds"]),
-        int(row["robot"]),
-        float(row["reward"]),
-        int(row["length"]),
-        row["success"] == "1",
+        int(step), float(seconds), int(robot), float(reward), int(length), success == "1"
     )

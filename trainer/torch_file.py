@@ -1,4 +1,4 @@
-"""Reading what torch wrote: a damaged file, or one of something else, is wrong input."""
+"""Files that torch writes: a damaged one, or one of something else, is wrong input."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import torch
 
 from robot.command_line import one_line
 from robot.errors import ConfigError
+from robot.output import atomically
 
 _DAMAGED = (
     RuntimeError,  # torch's for a truncated archive, and for weights of another shape
@@ -56,3 +57,9 @@ def load_torch(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> 
     """
     with reading(path, what, remedy):
         return torch.load(path, map_location=device, weights_only=True)
+
+
+def save_torch(path: Path, content: Any) -> None:
+    """Write plain data and tensors, whole or not at all."""
+    with atomically(path) as temporary:
+        torch.save(content, temporary)

@@ -8,7 +8,6 @@ from pathlib import Path
 from rich.console import Console
 
 from robot.errors import ConfigError
-from trainer.sweeps.workers import Progressed
 
 
 @dataclass(frozen=True)
@@ -30,9 +29,6 @@ class Chore:
         if self.does == "impossible":
             raise ConfigError(f"{self.out}: expected something that can be done")
         return self.out.exists()
-
-    def progress(self) -> Progressed:
-        return Progressed(float(self.out.exists()), 1.0, self.does)
 
     def run(self, console: Console) -> int:
         console.print(f"{self.title} begins")
@@ -67,9 +63,6 @@ class ToyTraining:
 
     def finished(self) -> bool:
         return False
-
-    def progress(self) -> Progressed:
-        return Progressed(0.0, 0.0, "")
 
     def run(self, console: Console) -> int:
         from dataclasses import replace

@@ -1,8 +1,10 @@
 """An algorithm is one file: what the rest of the trainer knows of it, it looks up by name."""
 
 import re
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -11,7 +13,7 @@ from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from tests.trainer.toy import toy_config, train_toy
 from trainer import algorithms
-from trainer.algorithms import NAMES, Algorithm, add_algorithm, find_algorithm
+from trainer.algorithms import NAMES, Algorithm
 from trainer.algorithms.ppo import PpoConfig, build
 from trainer.learners.networks import DrivingActorCritic
 from trainer.presets import preset
@@ -89,19 +91,16 @@ class WaryConfig(PpoConfig):
     wariness: float = 0.5
 
 
-def test_an_algorithm_of_ones_own_trains_and_is_kept_with_its_settings(tmp_path: Path) -> None:
+def test_an_algorithm_of_ones_own_trains_and_is_kept_with_its_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     presets = {"debug": {"learn": {"robots": 2}}, "track": {"steps": 77}}
     wary = Algorithm("Wary PPO", WaryConfig(), DrivingActorCritic, build, presets)
-    with pytest.raises(ConfigError, match="again"):
-        add_algorithm("ppo", wary)
-    add_algorithm("wary", wary)
-    try:
-        assert preset("lane", "wary", "debug").learn.robots == 2
-        assert preset("track", "wary", "fast").steps == 77
-        learn = WaryConfig(robots=8, rollout=32, minibatch=64, wariness=0.25)
-        train_toy(replace(toy_config("ppo", 300), algorithm="wary", learn=learn), tmp_path)
-        assert RunFolder(tmp_path).load_config().learn == learn
-        assert RunFolder(tmp_path).onnx.exists()
-    finally:
-        algorithms._added.clear()
-    assert find_algorithm(NAMES[0]).title
+    monkeypatch.setattr(algorithms, "NAMES", (*NAMES, "wary"))  # as if its file lay there
+    monkeypatch.setitem(sys.modules, "trainer.algorithms.wary", SimpleNamespace(ALGORITHM=wary))
+    assert preset("lane", "wary", "debug").learn.robots == 2
+    assert preset("track", "wary", "fast").steps == 77
+    learn = WaryConfig(robots=8, rollout=32, minibatch=64, wariness=0.25)
+    train_toy(replace(toy_config("ppo", 300), algorithm="wary", learn=learn), tmp_path)
+    assert RunFolder(tmp_path).load_config().learn == learn
+    assert RunFolder(tmp_path).onnx.exists()

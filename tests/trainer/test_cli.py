@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from trainer.cli import main
+from trainer.presets import preset
 
 
 def test_wrong_names_are_one_line_and_status_2(
@@ -36,6 +37,11 @@ def test_summary_names_every_algorithm(capsys: pytest.CaptureFixture[str]) -> No
     assert main(["summary", "--preset", "debug"]) == 0
     out = capsys.readouterr().out
     assert all(name in out for name in ("ddqn", "dueling", "a2c", "a3c", "ppo", "dagger"))
+    net = preset("lane", "ppo", "debug").net
+    critic = (net.image_fc * net.head_fc + net.head_fc) + (net.head_fc + 1)
+    (row,) = [line for line in out.splitlines() if {"lane", "ppo"} <= set(line.split())]
+    trained, driving = (int(word.replace(",", "")) for word in row.split()[-4:-1:2])
+    assert trained - driving == critic
 
 
 def test_an_unknown_flag_is_status_2() -> None:

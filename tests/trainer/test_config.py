@@ -44,12 +44,12 @@ def test_a_typo_is_told_the_nearest_name(arguments: tuple[str, str, str], hint: 
 
 
 def test_a_run_of_no_steps_is_refused() -> None:
-    with pytest.raises(ConfigError, match="steps >= 1"):
+    with pytest.raises(ConfigError, match="steps: expected 1 to"):
         replace(preset("lane", "ppo", "fast"), steps=0)
 
 
 def test_a_rate_that_grows_is_refused() -> None:
-    with pytest.raises(ConfigError, match="from 0 to 1"):
+    with pytest.raises(ConfigError, match="rate_left: expected"):
         replace(preset("lane", "ppo", "fast"), rate_left=1.5)
 
 
@@ -88,6 +88,9 @@ def test_both_lanes_are_asked_for_by_name_and_kept_in_the_file(tmp_path: Path) -
     assert RunFolder(tmp_path).load_config().lane == "both"
     with pytest.raises(ConfigError, match="did you mean 'both'"):
         TrainOptions(lane="bohth").config()
-    for wrong in ({"start_spread": 0.5}, {"true_path": -1.0}):
-        with pytest.raises(ConfigError, match="start_spread from 1 to 4"):
-            TrainOptions(**wrong).config()  # type: ignore[arg-type]
+    for name, wrong, right in (
+        ("start_spread", 0.5, "1.0 to 4.0"),
+        ("true_path", -1.0, "0.0 to 100"),
+    ):
+        with pytest.raises(ConfigError, match=f"{name}: expected {right}"):
+            TrainOptions(**{name: wrong}).config()  # type: ignore[arg-type]

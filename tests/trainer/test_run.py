@@ -5,7 +5,7 @@ import pytest
 
 from robot.errors import ConfigError
 from trainer.presets import preset
-from trainer.run import Episode, EpisodeLog, RunFolder, atomically, write_json
+from trainer.run import Episode, EpisodeLog, RunFolder, atomically, refuse_run, write_json
 
 
 def episode(step: int) -> Episode:
@@ -57,7 +57,7 @@ def test_a_second_run_in_one_folder_is_refused(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     folder.go_on(preset("lane", "ppo", "debug"))
     with pytest.raises(ConfigError, match="--resume"):
-        folder.refuse_run()
+        refuse_run(tmp_path)
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:

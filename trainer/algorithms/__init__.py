@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from trainer.config import RunConfig
     from trainer.run import RunFolder
 
+EnvMaker = Callable[["RunConfig", int, int], "VecEnv"]  # of a run: so many robots, and a seed
 NAMES = tuple(found.name for found in pkgutil.iter_modules(__path__))
 
 
@@ -42,7 +43,7 @@ class Making:
     config: RunConfig
     env: VecEnv
     folder: RunFolder
-    make_env: Callable[[RunConfig, int, int], VecEnv]
+    make_env: EnvMaker
     console: Console
 
 
@@ -59,34 +60,13 @@ class Algorithm:
     own_worlds: bool = False  # whether it makes its training environments itself
 
 
-_added: dict[str, Algorithm] = {}
-
-
-def add_algorithm(name: str, algorithm: Algorithm) -> None:
-    """Make an algorithm known that is no file here.
-
-    Raises:
-        ConfigError: the name is another one's.
-    """
-    if name in algorithm_names():
-        raise ConfigError(f"algorithm: expected a name of its own, got {name!r} again")
-    _added[name] = algorithm
-
-
-def algorithm_names() -> tuple[str, ...]:
-    """Of all."""
-    return (*NAMES, *_added)
-
-
 def find_algorithm(name: str) -> Algorithm:
     """The algorithm of that name.
 
     Raises:
         ConfigError: there is none; it names the nearest.
     """
-    if name in _added:
-        return _added[name]
     if name not in NAMES:
-        raise ConfigError(f"algorithm: unknown {name!r}; {nearest(name, algorithm_names())}")
+        raise ConfigError(f"algorithm: unknown {name!r}; {nearest(name, NAMES)}")
     found: Algorithm = importlib.import_module(f"{__name__}.{name}").ALGORITHM
     return found

@@ -8,9 +8,13 @@ from typing import cast
 from stable_baselines3 import A2C
 
 from trainer.algorithms import Algorithm, Making
-from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, entropies
+from trainer.learners.actor_critic import (
+    CRUISE,
+    ActorCriticConfig,
+    FallingEntropy,
+    build_on_policy,
+)
 from trainer.learners.networks import DrivingActorCritic
-from trainer.learners.policies import common_arguments
 
 
 @dataclass(frozen=True)
@@ -29,17 +33,8 @@ class DrivingA2C(FallingEntropy, A2C):
 def build(making: Making) -> DrivingA2C:
     """A model ready to learn."""
     learn = cast(A2cConfig, making.config.learn)
-    model = DrivingA2C(
-        **common_arguments(making),
-        gamma=learn.gamma,
-        n_steps=learn.a2c_rollout,
-        gae_lambda=learn.gae_lambda,
-        ent_coef=learn.entropy,
-        vf_coef=learn.value,
-        use_rms_prop=False,
-    )
-    model.entropies = entropies(making.config)
-    return model
+    own = {"n_steps": learn.a2c_rollout, "gae_lambda": learn.gae_lambda, "use_rms_prop": False}
+    return build_on_policy(DrivingA2C, making, **own)
 
 
 ALGORITHM = Algorithm(

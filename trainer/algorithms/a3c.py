@@ -19,19 +19,17 @@ from typing import Any, cast
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnv
 from torch import multiprocessing
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from trainer.algorithms import Algorithm
+from trainer.algorithms import Algorithm, EnvMaker
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import EnvMaker, EpisodeEnd, Orders, Worker, run_worker
+from trainer.learners.a3c_worker import EpisodeEnd, Orders, Shared, Worker, run_worker
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig
 from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import ChannelLast, build_policy
-from trainer.learners.shared_weights import Shared
 from trainer.one_thread import one_thread_each
 
 POLL_S = 0.1  # between two looks at what the workers did
@@ -90,19 +88,10 @@ class A3C(ChannelLast, BaseAlgorithm):
         self._seed = seed or 0
         super().set_random_seed(seed)
 
-    def learn(
-        self,
-        total_timesteps: int,
-        callback: Any = None,
-        log_interval: int = 1,
-        tb_log_name: str = "",
-        reset_num_timesteps: bool = True,
-        progress_bar: bool = False,
-    ) -> A3C:
+    def learn(self, total_timesteps: int, callback: Any = None, *_: Any, **options: Any) -> A3C:
         """So many decisions of all workers together, or until the callback says stop."""
-        total, callback = self._setup_learn(
-            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
-        )
+        anew = options.get("reset_num_timesteps", True)
+        total, callback = self._setup_learn(total_timesteps, callback, anew)
         if self.num_timesteps >= total:
             return self
         assert isinstance(self.policy, ActorCriticPolicy)
@@ -113,7 +102,8 @@ class A3C(ChannelLast, BaseAlgorithm):
         with closing(self._episodes(shared)) as batches:
             for ended in batches:
                 self._take(shared, begun)
-                if not self._tell(callback, ended) or self.num_timesteps >= total:
+                callback.update_locals({"episodes": ended})
+                if not callback.on_step() or self.num_timesteps >= total:
                     break
         self._take(shared, begun)
         callback.on_training_end()
@@ -155,10 +145,6 @@ class A3C(ChannelLast, BaseAlgorithm):
         ]
         return torch.cat(parts)
 
-    def _tell(self, callback: BaseCallback, ended: list[EpisodeEnd]) -> bool:
-        callback.update_locals({"episodes": ended})
-        return callback.on_step()
-
 
 class _Crew:
     """The worker processes; dead ones are replaced."""
@@ -187,7 +173,7 @@ class _Crew:
 
     def close(self) -> None:
         """Let the workers finish their rollouts and leave."""
-        self._shared.stop()
+        self._shared.leave.fill_(1)
         for process, pipe in self._workers:
             process.join(_LEAVE_S)
             process.kill()

@@ -8,19 +8,19 @@ the action taken and the action stored.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from stable_baselines3.common.noise import ActionNoise
 from torch.nn.functional import cross_entropy
 from typing_extensions import override
 
-from sim_pybullet.batch import BatchWorld
 from trainer.algorithms import Algorithm, LearnConfig, Making
-from trainer.algorithms.ddqn import DoubleDQN, replay_arguments
+from trainer.algorithms.ddqn import DoubleDQN
 from trainer.learners.coach import Coach, find_coach
 from trainer.learners.networks import QPolicy
 from trainer.learners.policies import common_arguments
+from trainer.learners.replay import MappedReplayBuffer
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,6 @@ class DaggerConfig(LearnConfig):
     coach_steps: int = 0  # by which the expert is learned, see `trainer.learners.coach`; 0: a rule
 
 
-class HasExpert(Protocol):
-    """What an environment needs for imitation."""
-
-    world: BatchWorld  # of who has a coach
-
-    def expert_actions(self) -> np.ndarray:
-        """What the expert would do now, (N,) int."""
-
-
 class Dagger(DoubleDQN):
     """``q_net`` gives the learner's logits; the target network lies idle."""
 
@@ -61,7 +52,7 @@ class Dagger(DoubleDQN):
     ) -> tuple[np.ndarray, np.ndarray]:
         assert self.env is not None
         assert self._last_obs is not None
-        env = cast(HasExpert, self.env.unwrapped)
+        env: Any = self.env.unwrapped  # has a world for who has a coach, and an expert
         expert = env.expert_actions() if self.coach is None else self.coach.actions(env.world)
         expert = expert.astype(np.int64)
         learner, _ = self.policy.predict(self._last_obs, deterministic=True)
@@ -93,7 +84,8 @@ def build(making: Making) -> Dagger:
         buffer_size=learn.buffer,
         learning_starts=learn.warm_up,
         target_update_interval=learn.robots,
-        **replay_arguments(making.folder.replay, n_steps=1, gamma=0.0),
+        replay_buffer_class=MappedReplayBuffer,
+        replay_buffer_kwargs={"folder": making.folder.replay, "n_steps": 1, "gamma": 0.0},
     )
     model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
     if learn.coach_steps:

@@ -1,18 +1,15 @@
 """Double DQN (van Hasselt et al. 2016) on stable-baselines3's DQN, with advantage learning.
 
-stable-baselines3 has plain DQN only. Its loop, schedules, n-step buffer and soft target update
-are used as they are; plain or dueling is the policy's affair (`trainer.learners.networks`).
+The rest is stable-baselines3's; plain or dueling is the policy's affair.
 
 Advantage learning (Baird 1999; Bellemare et al. 2016, "Increasing the Action Gap", eq. 7) takes a
-share of what the action is worth less than the best one off its target. That leaves the best
-action what it is, and drives the others' values down 1 / (1 - share) times as far. With a decision
-every 0.1 s one wrong action costs next to nothing, so that without it noise chooses.
+share of what the action is worth less than the best one off its target. With a decision every 0.1 s
+one wrong action costs next to nothing, so that without it noise chooses.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -58,23 +55,19 @@ class DoubleDQN(ChannelLast, DQN):
         self.logger.record("train/loss", np.mean(losses))
 
     def _update(self, batch_size: int) -> float:
-        assert self.replay_buffer is not None
-        batch: Any = self.replay_buffer.sample(batch_size)
+        batch: Any = cast(MappedReplayBuffer, self.replay_buffer).sample(batch_size)
         with torch.no_grad():
             chosen = self.q_net(batch.next_observations).argmax(dim=1, keepdim=True)
             following = self.q_net_target(batch.next_observations).gather(1, chosen)
             target = batch.rewards + (1.0 - batch.dones) * batch.discounts * following
-            if self.action_gap:
-                target -= self.action_gap * self._shortfall(batch)
+            if self.action_gap:  # by how much the actions taken are worth less than the best ones
+                values = self.q_net_target(batch.observations)
+                best = values.max(dim=1, keepdim=True).values
+                target -= self.action_gap * (best - values.gather(1, batch.actions.long()))
         policy = cast(QPolicy, self.policy)
         values, path_loss = policy.values_and_path_loss(batch.observations)
         chosen = values.gather(1, batch.actions.long())
         return self._descend(smooth_l1_loss(chosen, target) + path_loss)
-
-    def _shortfall(self, batch: Any) -> torch.Tensor:
-        """(B, 1) by how much the actions taken are worth less than the best ones."""
-        values = self.q_net_target(batch.observations)
-        return values.max(dim=1, keepdim=True).values - values.gather(1, batch.actions.long())
 
     def _descend(self, loss: torch.Tensor) -> float:
         self.policy.optimizer.zero_grad()
@@ -99,18 +92,15 @@ def build(making: Making) -> DoubleDQN:
         target_update_interval=learn.robots,  # that is, every step of all robots
         exploration_fraction=min(1.0, learn.epsilon_steps / config.steps),
         exploration_final_eps=learn.epsilon_final,
-        **replay_arguments(making.folder.replay, learn.n_step, learn.gamma),
+        replay_buffer_class=MappedReplayBuffer,
+        replay_buffer_kwargs={
+            "folder": making.folder.replay,
+            "n_steps": learn.n_step,
+            "gamma": learn.gamma,
+        },
     )
     model.action_gap = learn.action_gap
     return model
-
-
-def replay_arguments(folder: Path, n_steps: int, gamma: float) -> dict[str, Any]:
-    """What stable-baselines3 is told of a buffer in files."""
-    return {
-        "replay_buffer_class": MappedReplayBuffer,
-        "replay_buffer_kwargs": {"folder": folder, "n_steps": n_steps, "gamma": gamma},
-    }
 
 
 PRESETS: dict[str, dict[str, Any]] = {

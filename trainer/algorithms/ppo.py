@@ -8,9 +8,13 @@ from typing import cast
 from stable_baselines3 import PPO
 
 from trainer.algorithms import Algorithm, Making
-from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, entropies
+from trainer.learners.actor_critic import (
+    CRUISE,
+    ActorCriticConfig,
+    FallingEntropy,
+    build_on_policy,
+)
 from trainer.learners.networks import DrivingActorCritic
-from trainer.learners.policies import common_arguments
 
 
 @dataclass(frozen=True)
@@ -31,19 +35,15 @@ class DrivingPPO(FallingEntropy, PPO):
 def build(making: Making) -> DrivingPPO:
     """A model ready to learn."""
     learn = cast(PpoConfig, making.config.learn)
-    model = DrivingPPO(
-        **common_arguments(making),
-        gamma=learn.gamma,
+    return build_on_policy(
+        DrivingPPO,
+        making,
         n_steps=learn.rollout,
         batch_size=learn.minibatch,
         n_epochs=learn.epochs,
         gae_lambda=learn.gae_lambda,
         clip_range=learn.clip,
-        ent_coef=learn.entropy,
-        vf_coef=learn.value,
     )
-    model.entropies = entropies(making.config)
-    return model
 
 
 ALGORITHM = Algorithm(

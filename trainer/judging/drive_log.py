@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -40,9 +40,15 @@ class Track:
         return self.end == DONE
 
     @property
+    def worst(self) -> int:
+        """The row with the greatest distance from the path, once the robot was over its start."""
+        first = min(SETTLED, len(self.offset_m) - 1)
+        return first + int(np.abs(self.offset_m[first:]).argmax())
+
+    @property
     def deviation_m(self) -> float:
-        """The greatest distance from the path, once the robot had got over its start."""
-        return float(np.abs(self.offset_m[min(SETTLED, len(self.offset_m) - 1) :]).max())
+        """That distance."""
+        return float(abs(self.offset_m[self.worst]))
 
     @property
     def badness(self) -> tuple[bool, float]:
@@ -75,24 +81,16 @@ class DriveLog:
 
     def save(self, path: Path) -> None:
         """Write a NumPy archive, atomically."""
-        tracks, worst = self.tracks, self.worst
-        size = max((track.strip.shape[1:] for track in worst), default=(0, 0, 3))
-        strips = np.zeros((len(worst), STRIP_FRAMES, *size), np.uint8)
-        for strip, track in zip(strips, worst, strict=True):
-            strip[: len(track.strip)] = track.strip
+        arrays: dict[str, Any] = {n: [getattr(t, n) for t in self.tracks] for n in _HEAD}
+        for track in self.tracks:
+            arrays[f"poses_{track.seed}"] = track.poses
+            arrays[f"offset_m_{track.seed}"] = track.offset_m
+            arrays[f"strip_{track.seed}"] = track.strip
         with atomically(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(
-                file,
-                seeds=[track.seed for track in tracks],
-                maps=[track.map_index for track in tracks],
-                ends=[track.end for track in tracks],
-                lengths=[len(track.poses) for track in tracks],
-                poses=np.concatenate([track.poses for track in tracks]),
-                offsets_m=np.concatenate([track.offset_m for track in tracks]),
-                strip_seeds=[track.seed for track in worst],
-                strip_lengths=[len(track.strip) for track in worst],
-                strips=strips,
-            )
+            np.savez_compressed(file, **arrays)
+
+
+_HEAD = ("seed", "map_index", "end")
 
 
 def drives_beside(evaluation: Path) -> Path:
@@ -108,22 +106,12 @@ def load_drives(path: Path) -> DriveLog:
     """
     try:
         with np.load(path) as file:
-            parts = {name: file[name] for name in file.files}
-        strips = dict(zip(parts["strip_seeds"].tolist(), parts["strips"], strict=True))
-        lengths = dict(zip(strips, parts["strip_lengths"].tolist(), strict=True))
-        bounds = np.cumsum(parts["lengths"])[:-1]
-        each = zip(
-            parts["seeds"].tolist(),
-            parts["maps"].tolist(),
-            parts["ends"].tolist(),
-            np.split(parts["poses"], bounds),
-            np.split(parts["offsets_m"], bounds),
-            strict=True,
-        )
-        none = np.zeros((0, 0, 0, 3), np.uint8)
-        return DriveLog(
-            [Track(*row, strips.get(row[0], none)[: lengths.get(row[0], 0)]) for row in each]
-        )
+            return DriveLog(
+                [
+                    Track(*head, *(file[f"{n}_{head[0]}"] for n in ("poses", "offset_m", "strip")))
+                    for head in zip(*(file[name].tolist() for name in _HEAD), strict=True)
+                ]
+            )
     except (OSError, EOFError, KeyError, ValueError, BadZipFile) as error:
         raise ConfigError(
             f"{path}: expected drives that evaluate --drives wrote, got: {error}"
@@ -144,12 +132,9 @@ class Tracer:
 
     def see(self, observation: Observation) -> None:
         """Before each decision: what the robots see, where they are."""
-        offset_m, maps, poses = (
-            self._world.task.course.offset_m,
-            self._world.maps,
-            self._world.poses,
-        )
-        for i in np.flatnonzero(self._world.active).tolist():
+        world = self._world
+        offset_m, maps, poses = world.task.course.offset_m, world.maps, world.poses
+        for i in np.flatnonzero(world.active).tolist():
             self._rides[i].map_index = int(maps[i])
             self._rides[i].add(poses[i], float(offset_m[i]), observation.image[i, ..., -3:])
 
@@ -167,36 +152,23 @@ class _Ride:
     def __init__(self) -> None:
         self.map_index = 0
         self.poses: list[np.ndarray] = []
-        self.offsets_m: list[float] = []
-        self.worst: list[np.ndarray] = []  # frames up to the greatest deviation so far
-        self._greatest_m = -1.0
-        self._frames: deque[np.ndarray] = deque(maxlen=STRIP_FRAMES - 1)
+        self.offset_m: list[float] = []
+        self.frames: list[np.ndarray] = []
 
     def add(self, pose: np.ndarray, offset_m: float, frame: np.ndarray) -> None:
-        if len(self.poses) == SETTLED:
-            self._greatest_m = -1.0
-        if abs(offset_m) > self._greatest_m:
-            self._greatest_m, self.worst = abs(offset_m), self.film(frame)
         if len(self.poses) % STRIP_EVERY == 0:
-            self._frames.append(frame.copy())
+            self.frames.append(frame.copy())
         self.poses.append(pose)
-        self.offsets_m.append(offset_m)
+        self.offset_m.append(offset_m)
 
     def end(self, seed: int, step: BatchStep, robot: int, frame: np.ndarray) -> Track:
-        until_the_end, end = self.film(frame), _end(step, robot)
-        self.add(step.poses[robot], float(step.course.offset_m[robot]), frame)
-        return Track(
-            seed,
-            self.map_index,
-            end,
-            np.array(self.poses, dtype=np.float32),
-            np.array(self.offsets_m, dtype=np.float32),
-            np.stack(self.worst if end == DONE else until_the_end),
-        )
-
-    def film(self, frame: np.ndarray) -> list[np.ndarray]:
-        """The last frames, and this one."""
-        return [*self._frames, frame.copy()]
+        self.poses.append(step.poses[robot])
+        self.offset_m.append(float(step.course.offset_m[robot]))
+        rows = (np.array(self.poses, np.float32), np.array(self.offset_m, np.float32))
+        frames = np.stack([*self.frames, frame])
+        track = Track(seed, self.map_index, _end(step, robot), *rows, frames)
+        until = track.worst // STRIP_EVERY + 1 if track.success else len(frames)
+        return replace(track, strip=frames[max(0, until - STRIP_FRAMES) : until])
 
 
 def _end(step: BatchStep, robot: int) -> str:

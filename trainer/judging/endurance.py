@@ -1,7 +1,7 @@
 """How long a policy keeps its lane when nothing ends the drive but leaving it (paper A, 4.1).
 
-Paper A lets its DDQN, Dueling and PPO policies drive "indefinitely unless the program was manually
-interrupted"; here they drive for a given time, through whole camera frames, greedily.
+Paper A lets its policies drive "indefinitely unless the program was manually interrupted"; here
+they drive for a given time, through whole camera frames, greedily.
 """
 
 from __future__ import annotations
@@ -66,15 +66,14 @@ def endure(
     record = _Record(robots)
     try:
         image = world.reset().image
-        for _ in range(decisions):
+        while record.staying.any() and record.decisions.max() < decisions:
             step = world.step(policy.act(preprocess_batch(image, policy.contract.image), None))
             image = step.observation.image
             record.add(step)
             driven()
-            if not record.staying.any():
-                break
     finally:
         world.close()
+    contract = policy.contract
     return Endurance(
         robots=robots,
         hours=hours,
@@ -85,8 +84,8 @@ def endure(
         largest_path_distance_m=record.largest_m,
         seed=seed,
         lane=lane,
-        algorithm=policy.contract.algorithm,
-        run=policy.contract.run,
+        algorithm=contract.algorithm,
+        run=contract.run,
     )
 
 

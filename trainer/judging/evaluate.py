@@ -131,10 +131,10 @@ def evaluate(
 ) -> list[Drive]:
     """One greedy episode for each seed; ``finished`` hears of each, ``log`` gets its track.
 
-    An episode is the same whichever others are driven, and nothing else is driven or painted
-    (`sim_pybullet.episodes.NumberedEpisodes`); to the rounding of a robot's clock, since episodes
-    begin at different times. Consecutive seeds take the maps in turn, and on each map both lanes of
-    a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or nothing.
+    An episode is the same whichever others are driven (`sim_pybullet.episodes.NumberedEpisodes`),
+    to the rounding of a robot's clock. Consecutive seeds take the maps in turn, and on each map
+    both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or
+    nothing.
 
     Raises:
         ConfigError: the path shall be zero in a task that has none, or a lane be kept in one that
@@ -142,20 +142,14 @@ def evaluate(
     """
     if not len(seeds):
         return []
-    robots = min(ROBOTS, len(seeds))
-    world = BatchWorld(
-        find_task(task).build(road_maps, robots, Choices(lane)),
-        looks,
-        seed=_FIRST_WORLD,
-        numbers=seeds,
-    )
+    task_of_all = find_task(task).build(road_maps, min(ROBOTS, len(seeds)), Choices(lane))
+    world = BatchWorld(task_of_all, looks, seed=_FIRST_WORLD, numbers=seeds)
     tracer = None if log is None else Tracer(world, log)
     drives: list[Drive] = []
     try:
         for drive in _drive(policy, world, zero, tracer):
-            driven = drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps)))
-            drives.append(driven)
-            finished(driven)
+            drives.append(drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))))
+            finished(drives[-1])
     finally:
         world.close()
     return sorted(drives)
@@ -227,31 +221,28 @@ def _drive(
 ) -> Iterator[Drive]:
     """The episodes of a world, as each ends."""
     observation = world.reset()
-    names, places = world.task.fact_names, world.task.road_maps
     speeds = _own_speeds(policy, world)
     while world.active.any():
         if tracer is not None:
             tracer.see(observation)
         numbers, maps, active = world.numbers, world.maps, np.flatnonzero(world.active)
         choices = np.zeros(world.n_robots, dtype=int)
-        choices[active] = _choose(policy, _of(observation, active), zero)
+        choices[active] = [_choose(policy, observation, robot, zero) for robot in active.tolist()]
         step = world.step(choices if speeds is None else speeds[choices])
         if tracer is not None:
             tracer.end(step, numbers)
-        observation = step.observation
-        for robot, metrics in zip(
-            step.finished.robots.tolist(), step.finished.metrics, strict=True
-        ):
-            facts = dict(zip(names, step.task.facts[:, robot].tolist(), strict=True))
+        observation, ended = step.observation, step.finished
+        for robot, metrics in zip(ended.robots.tolist(), ended.metrics, strict=True):
+            facts = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
             failed = bool(step.task.terminated[robot])
             yield Drive(
                 int(numbers[robot]),
                 bool(step.task.success[robot]),
                 metrics,
                 failed,
-                facts.get("laps"),
+                dict(facts).get("laps"),
                 failed and bool(step.collided[robot]),
-                places[maps[robot]].name,
+                world.task.road_maps[maps[robot]].name,
             )
 
 
@@ -262,22 +253,19 @@ def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:
     return None if same else np.clip(own / MAX_WHEEL_MPS, -1.0, 1.0)
 
 
-def _of(observation: Observation, robots: np.ndarray) -> Observation:
-    image, path = observation
-    return Observation(image[robots], None if path is None else path[robots])
-
-
-def _choose(policy: DrivingPolicy, observation: Observation, zero: str | None) -> np.ndarray:
-    stack, image = observation.image, policy.contract.image
+def _choose(
+    policy: DrivingPolicy, observation: Observation, robot: int, zero: str | None
+) -> np.ndarray:
+    """Of one robot, as on a robot: in a batch rounding depends on how many others there are."""
+    stack = observation.image[robot : robot + 1]
     frames = [stack[..., k : k + 3] for k in range(0, stack.shape[-1], 3)]
-    pictures = np.concatenate([preprocess_batch(frame, image) for frame in frames], axis=-1)
-    path = observation.path
+    pictures = [preprocess_batch(frame, policy.contract.image) for frame in frames]
+    picture = np.concatenate(pictures, axis=-1)
+    path = None if observation.path is None else observation.path[robot : robot + 1]
     if zero == "image":
-        pictures = np.zeros_like(pictures)
+        picture = np.zeros_like(picture)
     elif zero == "path":
         if path is None:
             raise ConfigError("zero: expected image, got path; this task gives none")
         path = np.zeros_like(path)
-    # One at a time, as on a robot: in a batch rounding depends on how many others there are.
-    each = [None] * len(pictures) if path is None else [path[k : k + 1] for k in range(len(path))]
-    return np.array([policy.act(pictures[k : k + 1], one)[0] for k, one in enumerate(each)])
+    return policy.act(picture, path)[0]

@@ -30,7 +30,7 @@ from robot.inference.policy_file import read_contract
 from robot.inference.preprocess import preprocess
 from robot.output import write_png
 from trainer.export import export_checkpoint
-from trainer.mp4 import write_mp4
+from trainer.mp4 import Mp4
 from trainer.run import RunFolder
 
 ATTENTION_SHARE = 0.55  # of the overlay's colour that comes from the colour map
@@ -56,18 +56,13 @@ class Explainer:
             raise ContractError(f"{path}: expected a network with convolutions, found none")
         for name in self._layers:
             model.graph.output.append(onnx.ValueInfoProto(name=name))
-        options = SessionOptions()
-        options.intra_op_num_threads = 1
-        options.log_severity_level = 3
-        self._session = InferenceSession(
-            model.SerializeToString(), options, providers=["CPUExecutionProvider"]
-        )
+        options, providers = SessionOptions(), ["CPUExecutionProvider"]
+        options.intra_op_num_threads, options.log_severity_level = 1, 3
+        self._session = InferenceSession(model.SerializeToString(), options, providers=providers)
 
     def attention(self, images: np.ndarray) -> np.ndarray:
         """(N, H, W) float32 in [0, 1] for policy pictures (N, H, W, 3) uint8, each map's peak 1."""
-        means = [
-            output.mean(axis=1) for output in self._run(self._layers, images)
-        ]  # (N, h, w) each, first layer first
+        means = [output.mean(axis=1) for output in self._run(self._layers, images)]  # (N, h, w)
         shape = images.shape[1:3]
         return np.stack([fuse(list(layers), shape) for layers in zip(*means, strict=True)])
 
@@ -154,16 +149,9 @@ def explain(explainer: Explainer, frame: np.ndarray) -> np.ndarray:
 
 
 def sheet(shown: Sequence[np.ndarray]) -> np.ndarray:
-    """Up to `SHEET` of the pictures that `explain` makes, evenly chosen, two in a row."""
+    """Up to `SHEET` of the pictures that `explain` makes, evenly chosen, one below the other."""
     chosen = np.unique(np.linspace(0, len(shown) - 1, min(SHEET, len(shown))).round().astype(int))
-    small = [cv2.resize(shown[i], _CELL_PX, interpolation=cv2.INTER_AREA) for i in chosen]
-    cells = [
-        cv2.copyMakeBorder(c, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=(255,) * 3) for c in small
-    ]
-    columns = min(2, len(cells))
-    cells += [np.full_like(cells[0], 255)] * (-len(cells) % columns)
-    rows = [np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)]
-    return np.vstack(rows)
+    return np.vstack([cv2.resize(shown[i], _CELL_PX, interpolation=cv2.INTER_AREA) for i in chosen])
 
 
 def write_explained(policy: Path, source: Path, out: Path) -> int:
@@ -185,24 +173,20 @@ def write_explained(policy: Path, source: Path, out: Path) -> int:
     frames = pictures(source)
     first = next(frames)  # nothing is written where there is none
     out.mkdir(parents=True, exist_ok=True)
+    video = Mp4(out / f"{source.stem}_explained.mp4", VIDEO_FPS)
+    filmed, kept, count = source.suffix.lower() in VIDEOS, [], 0
     console = Console(stderr=True)
-    video, kept, count = source.suffix.lower() in VIDEOS, [], 0
-
-    def shown() -> Iterator[tuple[str, np.ndarray]]:
-        nonlocal count
-        for name, frame in track(itertools.chain([first], frames), "explain", console=console):
-            picture = explain(explainer, frame)
-            if not video or count % _SHEET_EVERY == 0:
-                kept.append(picture)
-            count += 1
-            yield name, picture
-
-    if video:
-        explained = (picture for _, picture in shown())
-        write_mp4(out / f"{source.stem}_explained.mp4", explained, VIDEO_FPS)
-    else:
-        for name, picture in shown():
+    for name, frame in track(itertools.chain([first], frames), "explain", console=console):
+        picture = explain(explainer, frame)
+        if not filmed or count % _SHEET_EVERY == 0:
+            kept.append(picture)
+        count += 1
+        if filmed:
+            video.add(picture)
+        else:
             write_png(out / f"{name}_explained.png", picture)
+    if filmed:
+        video.close()
     write_png(out / "sheet.png", sheet(kept))
     return count
 

@@ -12,31 +12,42 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import log_softmax, mse_loss
 from torch.nn.utils import clip_grad_norm_, parameters_to_vector, vector_to_parameters
 
-from sim_pybullet.randomise import looks_of
+from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
 from trainer.envs import ScaledReward
 from trainer.learners.actor_critic import entropies
 from trainer.learners.policies import build_policy, learning_rates
-from trainer.learners.shared_weights import Shared
 
 if TYPE_CHECKING:
     from trainer.algorithms.a3c import A3cConfig
 
-EnvMaker = Callable[[RunConfig, int, int], VecEnv]
 Tensors = dict[str, torch.Tensor]
+
+
+class Shared(NamedTuple):
+    """What A3C's processes read and write together, without locks: tensors in shared memory."""
+
+    weights: torch.Tensor  # (P,) of the policy
+    squares: torch.Tensor  # (P,) RMSProp's statistics
+    steps: torch.Tensor  # (W,) decisions of each worker
+    cpu_ms: torch.Tensor  # (W,) milliseconds of CPU of each worker's processes
+    leave: torch.Tensor  # (1,) whether the workers shall
+
+    @classmethod
+    def of(cls, weights: torch.Tensor, squares: torch.Tensor, workers: int) -> Shared:
+        """Fresh memory with a copy of these weights (P,) and statistics (P,)."""
+        counts = (torch.zeros(size, dtype=torch.int64) for size in (workers, workers, 1))
+        return cls(*(part.share_memory_() for part in (weights.clone(), squares.clone(), *counts)))
 
 
 class EpisodeEnd(NamedTuple):
@@ -68,7 +79,7 @@ class Worker:
         self._learn = cast("A3cConfig", config.learn)
         self._number, self._first_step = number, orders.first_step
         self._rates, self._entropies = learning_rates(config), entropies(config)
-        env = orders.make_env(_own_look(config, number), config.learn.robots, orders.seed)
+        env = orders.make_env(config, config.learn.robots, orders.seed)
         self._env = ScaledReward(env, config.reward_scale)
         self._env.seed(orders.seed)
         policy = build_policy(config)
@@ -189,20 +200,12 @@ def run_worker(orders: Orders, pipe: Connection) -> None:
     trainer = multiprocessing.parent_process()
     worker, cpu_ms = Worker(orders), orders.shared.cpu_ms
     before_ms = int(cpu_ms[orders.number])  # of those whose place this one has taken
-    while not orders.shared.stopped and trainer is not None and trainer.is_alive():
+    while not orders.shared.leave and trainer is not None and trainer.is_alive():
         ended = worker.learn()
         cpu_ms[orders.number] = before_ms + round(1000.0 * time.process_time())
         if ended:
             pipe.send(ended)
     worker.close()
-
-
-def _own_look(config: RunConfig, number: int) -> RunConfig:
-    """Of a folder of looks each worker takes one, where there are enough workers for all."""
-    looks: list[Path] = looks_of(config.look)
-    if not 1 < len(looks) <= cast("A3cConfig", config.learn).workers:
-        return config
-    return replace(config, look=str(looks[number % len(looks)]))
 
 
 def _evaluate(policy: ActorCriticPolicy, seen: Tensors) -> tuple[torch.Tensor, torch.Tensor]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
+import torch
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from trainer.algorithms import LearnConfig
+from trainer.algorithms import LearnConfig, Making
 from trainer.config import RunConfig
 from trainer.learners.networks import DrivingActorCritic
-from trainer.learners.policies import ChannelLast, Schedule, falling
+from trainer.learners.policies import ChannelLast, Schedule, common_arguments, falling
 
+Model = TypeVar("Model", bound="FallingEntropy")
 _EXPLORING = 0.6  # of the steps of a run, while the weight of the entropy falls
 
 # Their changes for who cruises on a track, see `sim_pybullet.tasks.track_racing`.
@@ -33,10 +35,29 @@ class FallingEntropy(ChannelLast, OnPolicyAlgorithm):
     entropies: Schedule
 
     def train(self) -> None:
-        """As of stable-baselines3; logs entropy and auxiliary loss each by itself."""
+        """As of stable-baselines3, which logs the entropy less the path's loss: here each alone."""
         self.ent_coef = self.entropies(self._current_progress_remaining)
         super().train()
-        cast(DrivingActorCritic, self.policy).losses.log(self.logger)
+        losses = cast(DrivingActorCritic, self.policy).losses
+        if losses:
+            entropy, path = torch.stack(losses).mean(dim=0).tolist()
+            self.logger.record("train/entropy_loss", -entropy)
+            self.logger.record("train/path_loss", path)
+        losses.clear()
+
+
+def build_on_policy(kind: type[Model], making: Making, **own: Any) -> Model:
+    """A model of stable-baselines3's ready to learn, with arguments of its ``own``."""
+    learn = cast(ActorCriticConfig, making.config.learn)
+    model = kind(
+        **common_arguments(making),
+        gamma=learn.gamma,
+        ent_coef=learn.entropy,
+        vf_coef=learn.value,
+        **own,
+    )
+    model.entropies = entropies(making.config)
+    return model
 
 
 def entropies(config: RunConfig) -> Schedule:

@@ -1,22 +1,20 @@
 """A coach: reinforcement that is told the true path, for DAgger to imitate from pictures.
 
-Reinforcement must find out at once what to do and how to see it. A coach is spared the seeing: PPO
-on the path ahead and the speed takes half a minute where pictures take many. Its choices then teach
-a policy that has pictures only (Zhang et al. 2021, "End-to-End Urban Driving by Imitating a
+PPO on the path ahead and the speed takes half a minute where pictures take many. Its choices then
+teach a policy that has pictures only (Zhang et al. 2021, "End-to-End Urban Driving by Imitating a
 Reinforcement Learning Coach"). Nothing but the task's reward says what is right.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from rich.console import Console
-from rich.progress import Progress
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
@@ -24,9 +22,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from robot.contract import PATH_POINTS
 from robot.navigation.guidance import path_inputs
 from sim_pybullet.batch import BatchWorld
+from sim_pybullet.rendering.camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
-from trainer.envs import ScaledReward, make_blind_env
+from trainer.envs import ScaledReward, make_env
 from trainer.run import atomically
 from trainer.torch_file import reading
 
@@ -47,10 +46,7 @@ class Coach:
 
 
 class Told(VecEnvWrapper):
-    """Robots that see nothing and are told what a coach knows.
-
-    An ended episode's last observation is the first of the next: close enough to value it by.
-    """
+    """Robots that are told what a coach knows; when an episode ends, already of the next one."""
 
     def __init__(self, env: DuckpilotVecEnv) -> None:
         super().__init__(env, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32))
@@ -92,7 +88,8 @@ def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> C
 
 
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
-    env = ScaledReward(Told(make_blind_env(config, ROBOTS, config.seed)), config.reward_scale)
+    blind = make_env(replace(config, translate=None), ROBOTS, config.seed, NoCamera(ROBOTS))
+    env = ScaledReward(Told(blind), config.reward_scale)
     model = PPO(
         "MlpPolicy",
         env,
@@ -106,17 +103,7 @@ def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy
         seed=config.seed,
         device="cpu",
     )
-    with Progress(console=console) as progress:
-        model.learn(steps, callback=_Shown(progress, steps))
+    with console.status(f"teaching a coach for {steps:,} decisions"):
+        model.learn(steps)
     env.close()
     return model.policy
-
-
-class _Shown(BaseCallback):
-    def __init__(self, progress: Progress, steps: int) -> None:
-        super().__init__()
-        self._progress, self._task = progress, progress.add_task("coach", total=steps)
-
-    def _on_step(self) -> bool:
-        self._progress.update(self._task, completed=self.num_timesteps)
-        return True

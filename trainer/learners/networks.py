@@ -23,7 +23,7 @@ from torch import nn
 from robot.contract import PATH_POINTS
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.learners.true_path import TRUE_PATH, AuxiliaryLosses
+from trainer.learners.true_path import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 
@@ -57,11 +57,9 @@ class DrivingFeatures(BaseFeaturesExtractor):
         if isinstance(observation, torch.Tensor):
             return self._look(observation)
         seen = self._look(observation["image"])
-        return (
-            seen
-            if self.path_fc is None
-            else torch.cat((seen, self.path_fc(observation["path"])), 1)
-        )
+        if self.path_fc is None:
+            return seen
+        return torch.cat((seen, self.path_fc(observation["path"])), 1)
 
     def _look(self, image: torch.Tensor) -> torch.Tensor:
         # permute alone leaves the pixels where they are: torch's "channels last", its fastest
@@ -118,23 +116,17 @@ class QPolicy(DQNPolicy):
         values = network.q_net(features)
         if not self.true_path:
             return values, values.new_zeros(())
-        fused = self._chooser(network)[:-1](features)
+        head = network.q_net
+        chooser = cast(nn.Sequential, head[1]) if isinstance(head, _Dueling) else head
+        fused = chooser[:-1](features)
         error = cast(nn.Linear, network.path_head)(fused) - observation[TRUE_PATH]
         return values, self.true_path * error.square().mean()
-
-    @staticmethod
-    def _chooser(network: QNetwork) -> nn.Sequential:
-        return network.q_net
 
 
 class DuelingPolicy(QPolicy):
     """As `QPolicy`, with two streams."""
 
     network = DuelingQNetwork
-
-    @staticmethod
-    def _chooser(network: QNetwork) -> nn.Sequential:
-        return cast(nn.Sequential, network.q_net[1])
 
 
 class DrivingActorCritic(ActorCriticPolicy):
@@ -150,7 +142,7 @@ class DrivingActorCritic(ActorCriticPolicy):
 
     def __init__(self, *args: Any, true_path: float = 0.0, **kwargs: Any) -> None:
         self.true_path = true_path
-        self.losses = AuxiliaryLosses()
+        self.losses: list[torch.Tensor] = []  # entropy and path loss of each batch
         super().__init__(*args, **kwargs)
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
@@ -172,7 +164,7 @@ class DrivingActorCritic(ActorCriticPolicy):
         entropy = chosen.entropy()
         if self.true_path and entropy is not None:
             error = (self.path_head(latent) - obs[TRUE_PATH]).square().mean(dim=1)
-            self.losses.add(entropy, error)
+            self.losses.append(torch.stack((entropy.mean(), error.mean())).detach())
             entropy = entropy - self.true_path * error
         return self.value_net(latent_value), chosen.log_prob(actions), entropy
 
@@ -207,18 +199,18 @@ class GreedyNetwork(nn.Module):
         return self(**tensors).argmax(dim=1).cpu().numpy()
 
 
-def observation_shapes(space: spaces.Space) -> tuple[tuple[int, int, int], int]:
+def observation_shapes(space: spaces.Space) -> tuple[tuple[int, ...], int]:
     """((H, W, 3 F), path points or 0) of an observation space.
 
     Raises:
         ContractError: neither a picture nor a dict of ``image`` and ``path``.
     """
-    image = space.spaces.get("image") if isinstance(space, spaces.Dict) else space
-    path = space.spaces.get("path") if isinstance(space, spaces.Dict) else None
-    if not (isinstance(image, spaces.Box) and len(image.shape) == 3 and image.shape[2] % 3 == 0):
-        raise ContractError(f"observation: expected a picture (H, W, 3), got {image}")
-    points = path.shape[0] if path is not None and path.shape else 0
-    return (image.shape[0], image.shape[1], image.shape[2]), points
+    parts: Any = space.spaces if isinstance(space, spaces.Dict) else {"image": space}
+    shapes: dict[str, tuple[int, ...]] = {name: part.shape or () for name, part in parts.items()}
+    image = shapes.get("image", ())
+    if len(image) != 3 or image[2] % 3:
+        raise ContractError(f"observation: expected a picture (H, W, 3), got {space}")
+    return image, sum(shapes.get("path", ()))
 
 
 def _convolutions(inputs: int, channels: tuple[int, ...]) -> nn.Sequential:
@@ -236,11 +228,7 @@ def _perceptron(sizes: tuple[int, ...]) -> nn.Sequential:
 
 def _orthogonal(module: nn.Module) -> None:
     if isinstance(module, (nn.Conv2d, nn.Linear)):
-        gain = (
-            1.0
-            if isinstance(module, nn.Linear) and module.out_features <= _MOST_ACTIONS
-            else np.sqrt(2.0)
-        )
-        nn.init.orthogonal_(module.weight, gain=gain)
+        last = isinstance(module, nn.Linear) and module.out_features <= _MOST_ACTIONS
+        nn.init.orthogonal_(module.weight, gain=1.0 if last else np.sqrt(2.0))
         if module.bias is not None:
             nn.init.zeros_(module.bias)

@@ -22,6 +22,7 @@ from robot.errors import ConfigError
 
 _NUMBER = spaces.Box(0, np.iinfo(np.int64).max, shape=(), dtype=np.int64)
 _PICTURE = "image"
+_SCALARS = ("actions", "rewards", "dones", "timeouts")
 
 
 class MappedReplayBuffer(NStepReplayBuffer):
@@ -43,53 +44,36 @@ class MappedReplayBuffer(NStepReplayBuffer):
         optimize_memory_usage: bool = False,
         *,
         folder: Path,
-        n_steps: int,
-        gamma: float,
+        **own: Any,
     ) -> None:
-        super().__init__(
-            buffer_size,
-            _NUMBER,
-            action_space,
-            device,
-            n_envs,
-            optimize_memory_usage,
-            n_steps=n_steps,
-            gamma=gamma,
-        )
-        self.folder = folder
-        self.taken_over = True
+        common = (action_space, device, n_envs, optimize_memory_usage)
+        super().__init__(buffer_size, _NUMBER, *common, **own)
+        self.folder, self.taken_over = folder, True
         folder.mkdir(parents=True, exist_ok=True)
         rows = (self.buffer_size, n_envs)
         self.observations = np.arange(rows[0] * rows[1], dtype=np.int64).reshape(rows)
         self.next_observations = self.observations
         parts = _parts(observation_space)
-        _check_space(folder, 2 * sum(_bytes(part) for part in parts.values()) * rows[0] * n_envs)
-        self.seen = {k: self._map(k, rows + s.shape, s.dtype) for k, s in parts.items()}
-        self.seen_next = {
-            k: self._map(f"next_{k}", rows + s.shape, s.dtype) for k, s in parts.items()
-        }
-        for name in ("actions", "rewards", "dones", "timeouts"):
+        sizes = [np.prod(rows + part.shape) * part.dtype.itemsize for part in parts.values()]
+        _check_space(folder, 2 * int(sum(sizes)))
+        self.seen, self.seen_next = (
+            {k: self._map(f"{which}{k}", rows + s.shape, s.dtype) for k, s in parts.items()}
+            for which in ("", "next_")
+        )
+        for name in _SCALARS:
             array = getattr(self, name)
             setattr(self, name, self._map(name, array.shape, array.dtype))
         self.rows = self._map("rows", (1,), np.dtype(np.int64))
         self._reopen()
 
-    def add(
-        self,
-        obs: Any,
-        next_obs: Any,
-        action: np.ndarray,
-        reward: np.ndarray,
-        done: np.ndarray,
-        infos: list[dict[str, Any]],
-    ) -> None:
+    def add(self, obs: Any, next_obs: Any, *rest: Any) -> None:
         """One row: a transition of every robot."""
         for store, observation in ((self.seen, obs), (self.seen_next, next_obs)):
             for name, array in store.items():
                 is_dict = isinstance(observation, dict)
                 array[self.pos] = observation[name] if is_dict else observation
         numbers = self.observations[self.pos]
-        super().add(numbers, numbers, action, reward, done, infos)
+        super().add(numbers, numbers, *rest)
         self.rows[0] += 1
 
     def _get_samples(
@@ -103,7 +87,7 @@ class MappedReplayBuffer(NStepReplayBuffer):
 
     def close(self, delete: bool = False) -> None:
         """Let go of the files; a finished run has no more use for them."""
-        for name in ("seen", "seen_next", "actions", "rewards", "dones", "timeouts", "rows"):
+        for name in ("seen", "seen_next", "rows", *_SCALARS):
             delattr(self, name)
         if delete:
             shutil.rmtree(self.folder)
@@ -134,7 +118,7 @@ class MappedReplayBuffer(NStepReplayBuffer):
             return
         last = self.pos - 1
         self.timeouts[last] = np.maximum(self.timeouts[last], 1.0 - self.dones[last])
-        scalars = (self.actions, self.rewards, self.dones, self.timeouts)
+        scalars = (getattr(self, name) for name in _SCALARS)
         for array in (*self.seen.values(), *self.seen_next.values(), *scalars):
             array[self.pos] = array[last]  # may be half written
 
@@ -142,10 +126,6 @@ class MappedReplayBuffer(NStepReplayBuffer):
 def _parts(space: spaces.Space) -> dict[str, spaces.Box]:
     found = dict(space.spaces) if isinstance(space, spaces.Dict) else {_PICTURE: space}
     return {name: part for name, part in found.items() if isinstance(part, spaces.Box)}
-
-
-def _bytes(space: spaces.Box) -> int:
-    return int(np.prod(space.shape)) * space.dtype.itemsize
 
 
 def _check_space(folder: Path, needed: int) -> None:

@@ -12,9 +12,7 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
-import torch
 from gymnasium import spaces
-from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
@@ -23,31 +21,6 @@ from robot.navigation.guidance import path_inputs
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
 TRUE_PATH = "true_path"
-
-
-class AuxiliaryLosses:
-    """Entropy and path loss of an actor's updates, each by itself.
-
-    stable-baselines3 knows one figure, the entropy less the path's loss, and logs that.
-    """
-
-    def __init__(self) -> None:
-        self._told: list[torch.Tensor] = []
-
-    def add(self, entropy: torch.Tensor, path: torch.Tensor) -> None:
-        """Of one batch: (N,) entropies, and (N,) mean square errors of the path."""
-        self._told.append(torch.stack((entropy.detach().mean(), path.detach().mean())))
-
-    def log(self, logger: Logger) -> None:
-        """Record the means since the last call as ``train/entropy_loss`` and ``train/path_loss``.
-
-        The first takes the place of stable-baselines3's figure of that name.
-        """
-        if self._told:
-            entropy, path = torch.stack(self._told).mean(dim=0).tolist()
-            logger.record("train/entropy_loss", -entropy)
-            logger.record("train/path_loss", path)
-        self._told.clear()
 
 
 class WithTruePath(VecEnvWrapper):

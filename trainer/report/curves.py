@@ -23,7 +23,6 @@ _TITLE_LETTERS = 56  # in a line above a panel
 _MEAN = f"mean of {MEAN_EPISODES}"
 PINK, DARK_RED = "pink", "darkred"
 SKILLED = 0.99  # share of an evaluation's episodes; of twenty all
-GRID_POINTS = 400  # steps at which runs of several seeds are averaged
 
 Record = tuple[Sequence[Episode], Sequence[Evaluated]]  # of one run
 
@@ -46,13 +45,11 @@ def draw_curve(folder: RunFolder, config: RunConfig) -> None:
 
 def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> None:
     """Write a picture with a row for each set of runs: success, distance from the path, reward."""
-    measured = any(
-        e.mean_distance_m is not None for _, records in panels for _, es in records for e in es
-    )
-    columns: list[Callable[[Axes, Sequence[Record]], None]] = [_draw_success, _draw_reward]
-    if measured:
-        columns.insert(1, _draw_distance)
-    figure = Figure(figsize=(4.4 * len(columns), 3.1 * len(panels)), layout="constrained")
+    evaluations = [e for _, records in panels for _, es in records for e in es]
+    measured = any(e.mean_distance_m is not None for e in evaluations)
+    columns = [_draw_success, *([_draw_distance] if measured else []), _draw_reward]
+    size = (4.4 * len(columns), 3.1 * len(panels))
+    figure = Figure(figsize=size, layout="constrained")
     axes = np.asarray(figure.subplots(len(panels), len(columns), squeeze=False))
     for row, (title, records) in zip(axes, panels, strict=True):
         row[0].set_title(fill(title, _TITLE_LETTERS), loc="left", fontsize="medium")
@@ -63,29 +60,21 @@ def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> N
             draw(axis, records)
             if axis.get_legend_handles_labels()[0]:
                 axis.legend(framealpha=0.8, fontsize="x-small")
+    save_figure(figure, path)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """As PNG, whole or not at all."""
     with atomically(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
-
-
-def mean_over_runs(
-    runs: Sequence[Sequence[Episode]], values: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Running means of a value of the episodes of several runs at common steps: (K,), (runs, K).
-
-    Only from where all of them have ended an episode to where the first of them ends.
-    """
-    steps = [np.array([e.step for e in run], dtype=float) for run in runs]
-    first, last = max(s[0] for s in steps), min(s[-1] for s in steps)
-    grid = np.linspace(first, max(first, last), GRID_POINTS)
-    means = [np.interp(grid, s, running_mean(v)) for s, v in zip(steps, values, strict=True)]
-    return grid, np.array(means)
 
 
 def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
     axis.set(ylabel="success [%]", ylim=(-4, 104))
     _draw_means(axis, records, lambda e: 100.0 * e.success)
     _draw_evaluations(axis, records, lambda e: 100.0 * e.success_rate)
-    learned = [min(e.step for e in good) for _, es in records if (good := _skilled(es))]
+    skilled = [[e.step for e in es if e.success_rate >= SKILLED] for _, es in records]
+    learned = [min(steps) for steps in skilled if steps]
     if learned:
         axis.axvline(median(learned), color="green", linestyle=":", linewidth=1.4)
         label = f"learned: {median(learned):,.0f} steps "
@@ -93,9 +82,10 @@ def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
 
 
 def _draw_distance(axis: Axes, records: Sequence[Record]) -> None:
-    _draw_evaluations(
-        axis, records, lambda e: nan if e.mean_distance_m is None else 100.0 * e.mean_distance_m
-    )
+    def distance_cm(e: Evaluated) -> float:
+        return nan if e.mean_distance_m is None else 100.0 * e.mean_distance_m
+
+    _draw_evaluations(axis, records, distance_cm)
     axis.set(ylabel="distance from the path [cm]")
     axis.set_ylim(bottom=0.0)
 
@@ -110,20 +100,11 @@ def _draw_reward(axis: Axes, records: Sequence[Record]) -> None:
 
 
 def _draw_means(axis: Axes, records: Sequence[Record], value: Callable[[Episode], float]) -> None:
-    """Of 50 episodes while learning, choices by chance among them; a band over several seeds."""
-    runs = [episodes for episodes, _ in records if episodes]
-    values = [np.array([value(e) for e in run], dtype=float) for run in runs]
-    several = len(runs) > 1
-    width, opacity, label = (0.6, 0.4, None) if several else (1.6, 1.0, _MEAN)
-    for run, of_run in zip(runs, values, strict=True):
-        steps, mean = [e.step for e in run], running_mean(of_run)
-        axis.plot(steps, mean, color=DARK_RED, linewidth=width, alpha=opacity, label=label)
-    if several:
-        grid, means = mean_over_runs(runs, values)
-        band = (means.min(axis=0), means.max(axis=0))
-        axis.fill_between(grid, *band, color=DARK_RED, alpha=0.15, linewidth=0)
-        label = f"{_MEAN}, {len(runs)} seeds"
-        axis.plot(grid, means.mean(axis=0), color=DARK_RED, linewidth=1.8, label=label)
+    """Of 50 episodes while learning, choices by chance among them; a line for each seed."""
+    for k, (episodes, _) in enumerate(records):
+        steps = [e.step for e in episodes]
+        mean = running_mean(np.array([value(e) for e in episodes], dtype=float))
+        axis.plot(steps, mean, color=DARK_RED, linewidth=1.4, label=None if k else _MEAN)
 
 
 def _draw_evaluations(
@@ -139,7 +120,3 @@ def _draw_evaluations(
         if some:
             x, y = [e.step for e in some], [value(e) for e in some]
             axis.plot(x, y, "o", color="black", markerfacecolor=face, markersize=4, label=label)
-
-
-def _skilled(evaluations: Sequence[Evaluated]) -> list[Evaluated]:
-    return [e for e in evaluations if e.success_rate >= SKILLED]

@@ -18,10 +18,11 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from trainer.judging.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
-from trainer.run import atomically
+from trainer.report.curves import save_figure
 
 MOST_TRACKS = 150  # drawn on one map, and every failure
 FLOOR_PX_PER_TILE = 64
+STRIP_S = (STRIP_FRAMES - 1) * STRIP_EVERY * CONTROL_DT_S  # from its first frame to its last, about
 PALENESS = 0.6  # of the floor's colours, so that tracks stand out
 DEVIATION = LinearSegmentedColormap.from_list("deviation", ["#1f6fb4", "#f0a030", "#c01020"])
 
@@ -33,40 +34,30 @@ def draw_drives(road_maps: Sequence[RoadMap], tracks: Sequence[Track], path: Pat
     tallest = max(road_map.height_m / road_map.width_m for road_map in road_maps)
     size = (5.4 * columns, (4.4 * tallest + 0.7) * rows)
     figure = Figure(figsize=size, layout="constrained")
-    axes = np.asarray(figure.subplots(rows, columns, squeeze=False)).ravel()
-    for index, (axis, road_map) in enumerate(zip(axes, road_maps, strict=False)):
+    for index, road_map in enumerate(road_maps):
+        axis = figure.add_subplot(rows, columns, index + 1)
         _draw_map(axis, road_map, [t for t in tracks if t.map_index == index])
-    for axis in axes[len(road_maps) :]:
-        axis.set_visible(False)
-    with atomically(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save_figure(figure, path)
 
 
 def draw_strips(tracks: Sequence[Track], maps: Sequence[str], path: Path) -> None:
     """Write the film strips of tracks, one below the other, each with its story."""
     figure = Figure(figsize=(11.0, 1.42 * len(tracks)), layout="constrained")
-    axes = np.asarray(figure.subplots(len(tracks), 1, squeeze=False)).ravel()
-    for axis, track in zip(axes, tracks, strict=True):
+    for row, track in enumerate(tracks, start=1):
+        axis = figure.add_subplot(len(tracks), 1, row)
         axis.imshow(_film(track.strip))
         axis.set_title(tell(track, maps), loc="left", fontsize=8.5)
         axis.set_axis_off()
-    with atomically(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save_figure(figure, path)
 
 
 def tell(track: Track, maps: Sequence[str]) -> str:
     """One line about an episode."""
-    seconds = (len(track.poses) - 1) * CONTROL_DT_S
-    end = "done" if track.success else track.end
+    seconds, place = (len(track.poses) - 1) * CONTROL_DT_S, Path(maps[track.map_index]).stem
     return (
-        f"episode {track.seed} on {Path(maps[track.map_index]).stem}: {end} after {seconds:.1f} s, "
+        f"episode {track.seed} on {place}: {track.end} after {seconds:.1f} s, "
         f"at most {100 * track.deviation_m:.1f} cm from its path"
     )
-
-
-def strip_seconds() -> float:
-    """From the first frame of a strip to its last [s], about."""
-    return (STRIP_FRAMES - 1) * STRIP_EVERY * CONTROL_DT_S
 
 
 def _film(strip: np.ndarray) -> np.ndarray:
@@ -85,9 +76,7 @@ def _draw_map(axis: Axes, road_map: RoadMap, tracks: Sequence[Track]) -> None:
     half_lane_cm = 100.0 * HALF_LANE_TILES * road_map.tile_size_m
     shown = _chosen(tracks)
     lines, offsets_cm = _segments(shown)
-    drawn = LineCollection(
-        list(lines), cmap=DEVIATION, norm=Normalize(0.0, half_lane_cm), linewidths=1.0
-    )
+    drawn = LineCollection(list(lines), cmap=DEVIATION, norm=Normalize(0.0, half_lane_cm))
     drawn.set_array(offsets_cm)
     axis.add_collection(drawn)
     failed = np.array([t.poses[-1, :2] for t in tracks if not t.success])

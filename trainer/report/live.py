@@ -31,34 +31,32 @@ class LiveReport(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, paths: Sequence[Path], out: Path, port: int) -> None:
-        write_report(paths, out, live=True)
         self._paths, self._out, self._lock = paths, out, Lock()
-        self._stamp, self._drawn_s = self._newest(), time.monotonic()
+        self._draw(self._newest())
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
             raise ConfigError(
                 f"--port {port}: expected a free one, got: {error.strerror}"
             ) from error
+        self.address = f"http://localhost:{self.server_port}/"
 
-    @property
-    def address(self) -> str:
-        """What to open."""
-        return f"http://localhost:{self.server_port}/"
-
-    def stamp(self) -> str:
+    def stamp(self) -> bytes:
         """Another one after the page has changed; draws it anew when its runs have news."""
         with self._lock:
             newest = self._newest()
             if newest != self._stamp and time.monotonic() - self._drawn_s >= PAUSE_S:
-                write_report(self._paths, self._out, live=True)
-                self._stamp, self._drawn_s = newest, time.monotonic()
-            return self._stamp
+                self._draw(newest)
+            return self._stamp.encode()
 
     def page(self) -> bytes:
         """The newest page."""
         self.stamp()
         return (self._out / PAGE).read_bytes()
+
+    def _draw(self, newest: str) -> None:
+        write_report(self._paths, self._out, live=True)
+        self._stamp, self._drawn_s = newest, time.monotonic()
 
     def _newest(self) -> str:
         files = {f for path in self._paths for kind in WATCHED for f in path.rglob(kind)}
@@ -73,15 +71,14 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer one request."""
-        found = {"/": self.server.page, "/stamp": lambda: self.server.stamp().encode()}
-        answer = found.get(self.path)
-        if answer is None:
+        found = {"/": (self.server.page, "html"), "/stamp": (self.server.stamp, "plain")}
+        if self.path not in found:
             self.send_error(404)
             return
+        answer, kind = found[self.path]
         body = answer()
         self.send_response(200)
-        kind = "text/html" if self.path == "/" else "text/plain"
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Type", f"text/{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)

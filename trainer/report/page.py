@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,12 +12,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot.errors import MapError
 from robot.navigation.road_map import load_map
+from robot.output import write_text
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from sim_pybullet.tasks.spec import PaperRow, TaskSpec, learned_tasks
-from trainer.algorithms import algorithm_names
+from trainer.algorithms import NAMES
 from trainer.judging.drive_log import WORST, Track
 from trainer.report.curves import draw_panels
-from trainer.report.drives import draw_drives, draw_strips, strip_seconds
+from trainer.report.drives import STRIP_S, draw_drives, draw_strips
 from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
 from trainer.report.tables import (
     DrivingRow,
@@ -27,10 +27,18 @@ from trainer.report.tables import (
     learning_row,
     summary_card,
 )
-from trainer.run import atomically
 
 PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
+CURVES = (
+    "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean of "
+    "the last 50 training episodes, in which some choices are made by chance, of each seed; pink: "
+    "each of them."
+)
+DRIVES = (
+    "Up to 150 episodes that were done and all that failed, from above; crosses: where a robot "
+    "failed. Colour: distance from the path."
+)
 
 
 class Picture(NamedTuple):
@@ -46,16 +54,6 @@ class Picture(NamedTuple):
         return base64.b64encode(self.path.read_bytes()).decode("ascii")
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """All of a report."""
-
-    films: tuple[Picture, ...]
-    curves: tuple[Picture, ...]
-    drives: tuple[Picture, ...]
-    worst: tuple[Picture, ...]
-
-
 def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     """Write the report of all runs at or below ``paths`` into the folder ``out``; the page.
 
@@ -64,31 +62,14 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     Raises:
         ConfigError: there are no runs, or a run's configuration cannot be read.
     """
-    problems: list[str] = []
-    runs = [read_run(path, problems) for path in find_runs(paths)]
+    missing: list[str] = []
+    runs = [read_run(path, missing) for path in find_runs(paths)]
     groups = group_runs(runs)
     rows = driving_rows(groups)
     out.mkdir(parents=True, exist_ok=True)
-    pictures = Pictures(
-        tuple(_films(paths, runs, problems)),
-        tuple(picture for task in learned_tasks() if (picture := _curves(task, groups, out))),
-        tuple(_drives(rows, out, problems)),
-        tuple(_worst(rows, out)),
-    )
-    html = _render(runs, groups, rows, pictures, problems + _missing(groups), live)
-    with atomically(out / PAGE) as temporary:
-        temporary.write_text(html, encoding="utf-8")
-    return out / PAGE
-
-
-def _render(
-    runs: Sequence[Run],
-    groups: Sequence[Group],
-    rows: Sequence[DrivingRow],
-    pictures: Pictures,
-    missing: Sequence[str],
-    live: bool,
-) -> str:
+    films = _films(paths, runs, missing)
+    curves = [picture for task in learned_tasks() if (picture := _curves(task, groups, out))]
+    drives, worst = _drives(rows, out, missing), _worst(rows, out)
     templates = Environment(
         loader=PackageLoader("trainer.report", "."),
         autoescape=True,
@@ -96,71 +77,59 @@ def _render(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    tasks = []
-    for task in learned_tasks():
-        mine = [row for row in rows if row.group.config.task == task.name]
-        learning = [learning_row(group) for group in _of(task, groups)]
-        papers = [row.paper for row in learning] + [row.paper for row in mine]
-        if learning:
-            tasks.append((task.title, learning, mine, any(p != PaperRow() for p in papers)))
-    return templates.get_template("page.html").render(
+    html = templates.get_template("page.html").render(
         runs=runs,
         cards=[summary_card(group, rows) for group in groups],
-        tasks=tasks,
-        pictures=pictures,
-        missing=missing,
+        tasks=[table for task in learned_tasks() if (table := _table(task, groups, rows))],
+        pictures={"films": films, "curves": curves, "drives": drives, "worst": worst},
+        missing=[*missing, *(line for run in runs for line in _missing(run))],
         live=live,
     )
+    write_text(out / PAGE, html)
+    return out / PAGE
 
 
 def _of(task: TaskSpec, groups: Sequence[Group]) -> list[Group]:
-    return [group for group in groups if group.config.task == task.name]
+    return [group for group in groups if group[0].config.task == task.name]
 
 
-def _films(paths: Sequence[Path], runs: Sequence[Run], problems: list[str]) -> list[Picture]:
+def _table(task: TaskSpec, groups: Sequence[Group], rows: Sequence[DrivingRow]) -> tuple | None:
+    """Title, rows of learning and driving, and whether the paper has figures for any."""
+    learning = [learning_row(group) for group in _of(task, groups)]
+    driving = [row for row in rows if row.group[0].config.task == task.name]
+    papers = [row.paper for row in learning] + [row.paper for row in driving]
+    theirs = any(paper != PaperRow() for paper in papers)
+    return (task.title, learning, driving, theirs) if learning else None
+
+
+def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> list[Picture]:
     """Every MP4 in a run's folder, or in a folder that was named."""
-    found = [
-        file
-        for folder in dict.fromkeys([*paths, *(run.folder.path for run in runs)])
-        for file in sorted(folder.glob("*.mp4"))
-        if not file.name.startswith(".")
-    ]
     latest = {run.folder.film: f"The latest evaluation of {run.folder.name}" for run in runs}
     films = []
-    for file in found:
-        if file.stat().st_size > FILM_BYTES:
-            problems.append(f"{file}: too large for this page; open it beside it")
-            continue
-        caption = "What one robot saw." if file in latest else ""
-        films.append(Picture(latest.get(file, file.stem.capitalize()), caption, file))
+    for folder in dict.fromkeys([*paths, *(run.folder.path for run in runs)]):
+        for file in sorted(folder.glob("[!.]*.mp4")):
+            if file.stat().st_size > FILM_BYTES:
+                missing.append(f"{file}: too large for this page; open it beside it")
+                continue
+            caption = "What one robot saw." if file in latest else ""
+            films.append(Picture(latest.get(file, file.stem.capitalize()), caption, file))
     return films
 
 
 def _curves(task: TaskSpec, groups: Sequence[Group], out: Path) -> Picture | None:
     """A row of panels for each group that has an episode, the paper's algorithms first."""
-    order = [*task.paper, *algorithm_names()]
-    shown = [g for g in _of(task, groups) if any(run.episodes for run in g.runs)]
-    shown.sort(key=lambda group: order.index(group.config.algorithm))
+    order = [*task.paper, *NAMES]
+    shown = [group for group in _of(task, groups) if any(run.episodes for run in group)]
+    shown.sort(key=lambda group: order.index(group[0].config.algorithm))
     if not shown:
         return None
-    panels = [(describe(g), [(r.episodes, r.state.evaluations) for r in g.runs]) for g in shown]
     path = out / f"curves_{task.name}.png"
+    panels = [(describe(g), [(r.episodes, r.state.evaluations) for r in g]) for g in shown]
     draw_panels(panels, path)
-    several = (
-        " With several seeds, thin lines are the seeds, the thick line is their mean, and the band "
-        "reaches from the lowest to the highest."
-        if any(len(g.runs) > 1 for g in shown)
-        else ""
-    )
-    caption = (
-        "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean "
-        "of the last 50 training episodes, in which some choices are made by chance; pink: each of "
-        f"them.{several}"
-    )
-    return Picture(task.title, caption, path)
+    return Picture(task.title, CURVES, path)
 
 
-def _drives(rows: Sequence[DrivingRow], out: Path, problems: list[str]) -> list[Picture]:
+def _drives(rows: Sequence[DrivingRow], out: Path, missing: list[str]) -> list[Picture]:
     pictures: list[Picture] = []
     for row in rows:
         if not row.tracks:
@@ -168,15 +137,11 @@ def _drives(rows: Sequence[DrivingRow], out: Path, problems: list[str]) -> list[
         try:
             road_maps = [load_map(name) for name in row.inputs.maps]
         except MapError as error:
-            problems.append(f"drive map of {row.name}: {error}")
+            missing.append(f"drive map of {row.name}: {error}")
             continue
         path = out / f"drives_{len(pictures) + 1}.png"
         draw_drives(road_maps, row.tracks, path)
-        caption = (
-            f"{row.where}. Up to 150 episodes that were done and all that failed, from above; "
-            "crosses: where a robot failed. Colour: distance from the path."
-        )
-        pictures.append(Picture(row.name, caption, path))
+        pictures.append(Picture(row.name, f"{row.where}. {DRIVES}", path))
     return pictures
 
 
@@ -191,7 +156,7 @@ def _worst(rows: Sequence[DrivingRow], out: Path) -> list[Picture]:
         failed = row.episodes - row.successes
         what = f"{failed} of {row.episodes} episodes failed"
         what += "; the others shown left their lane for a while." if failed < len(worst) else "."
-        seconds = f"The last {strip_seconds():.1f} s before the worst moment, left to right."
+        seconds = f"The last {STRIP_S:.1f} s before the worst moment, left to right."
         pictures.append(Picture(row.name, f"{row.where}. {what} {seconds}", path))
     return pictures
 
@@ -205,22 +170,17 @@ def _went_wrong(track: Track, row: DrivingRow) -> bool:
     return not track.success or track.deviation_m > HALF_LANE_TILES * tile_m
 
 
-def _missing(groups: Sequence[Group]) -> list[str]:
+def _missing(run: Run) -> list[str]:
     """What would complete the report, each with the command for it."""
-    said = []
-    for run in (run for group in groups for run in group.runs):
-        name, model = run.folder.path, run.folder.onnx
-        if not run.episodes:
-            said.append(f"{name}: no episode has ended yet; train longer")
-        if not run.judgements:
-            command = ["python", "-m", "trainer", "evaluate", "--model", str(model), "--json"]
-            command += [str(name / "evaluation.json"), "--drives"]
-            first = "" if model.exists() else "finish its training, then "
-            said.append(f"{name}: not evaluated yet: {first}{shlex.join(command)}")
-        for judgement in run.judgements:
-            if judgement.drives is None:
-                said.append(
-                    f"{judgement.path}: no drives kept, so no map and no film strips; "
-                    "evaluate again with --drives"
-                )
-    return said
+    path, model = run.folder.path, run.folder.onnx
+    said = [] if run.episodes else [f"{path}: no episode has ended yet; train longer"]
+    if not run.judgements:
+        command = ["python", "-m", "trainer", "evaluate", "--model", str(model), "--json"]
+        command += [str(path / "evaluation.json"), "--drives"]
+        first = "" if model.exists() else "finish its training, then "
+        said.append(f"{path}: not evaluated yet: {first}{shlex.join(command)}")
+    return said + [
+        f"{each.path}: no drives kept, so no map and no film strips; evaluate again with --drives"
+        for each in run.judgements
+        if each.drives is None
+    ]

@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import MofNCompleteColumn, Progress
 
 from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.typed_config import from_plain, read_yaml, to_plain
-from trainer.sweeps.workers import Job, LocalWorkers, Outcome, RayWorkers, Workers
+from trainer.sweeps.workers import Job, LocalWorkers, RayWorkers, Workers, last_words
 
 T = TypeVar("T")
-PERIOD_S = 0.5  # between looks at how the jobs are doing
+STOPPING_S = 60.0  # for runs to write their checkpoints
+_COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
 
 
 @dataclass(frozen=True)
@@ -86,73 +87,30 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     if not waiting:
         return 0
     workers = _workers(many)
-    board = Board(waiting, console)
-    outcomes: list[Outcome] = []
+    asked = {workers.submit(job): job for job in waiting}
+    failures: list[str] = []
     try:
-        left = {workers.submit(job, board.begin) for job in waiting}
-        while left:
-            done, left = futures.wait(left, PERIOD_S, futures.FIRST_COMPLETED)
-            for each in done:
-                outcomes.append(each.result())
-                board.end(outcomes[-1])
-            board.look()
+        with Progress(
+            *Progress.get_default_columns(), MofNCompleteColumn(), console=console
+        ) as bar:
+            for done in bar.track(futures.as_completed(asked), len(asked), description="jobs"):
+                status, said = last_words(asked[done], done)
+                if status == 0:
+                    console.print(said, markup=False)
+                else:
+                    job = asked[done]
+                    failures.append(f"{job.title}: failed, {said} (see {job.log})")
     except KeyboardInterrupt:
         workers.stop()
+        futures.wait(asked, STOPPING_S)
         console.print("interrupted; the same command goes on")
         return INTERRUPTED
     finally:
-        board.stop()
         workers.close()
-    failures = [outcome for outcome in outcomes if outcome.status != 0]
-    for outcome in failures:
-        text = f"{outcome.job.title}: failed, {outcome.said} (see {outcome.job.log})"
+    for text in failures:
         console.print(text, style="red", markup=False)
-    console.print(f"{len(outcomes) - len(failures)} of {len(outcomes)} done")
+    console.print(f"{len(asked) - len(failures)} of {len(asked)} done")
     return 1 if failures else 0
-
-
-class Board:
-    """A line for each job that runs, and one for each that has ended."""
-
-    def __init__(self, jobs: Sequence[Job], console: Console) -> None:
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[text]}"),
-            TimeElapsedColumn(),
-            console=console,
-        )
-        self._running: set[Job] = set()
-        add = self._bar.add_task
-        self._rows: dict[Job, TaskID] = {
-            job: add(job.title, start=False, visible=False, text="") for job in jobs
-        }
-        self._bar.start()
-
-    def begin(self, job: Job) -> None:
-        """Show its line."""
-        self._running.add(job)
-        self._bar.start_task(self._rows[job])
-        self._bar.update(self._rows[job], visible=True, total=None)
-
-    def look(self) -> None:
-        """Read how the jobs that run are doing."""
-        for job in list(self._running):
-            done, total, text = job.progress()
-            if total:
-                text = f"{done:,.0f}/{total:,.0f} · {text}"
-                self._bar.update(self._rows[job], completed=done, total=total, text=text)
-
-    def end(self, outcome: Outcome) -> None:
-        """Its line gives way to what it said last."""
-        self._running.discard(outcome.job)
-        self._bar.update(self._rows[outcome.job], visible=False)
-        if outcome.status == 0:
-            self._bar.console.print(outcome.said, markup=False)
-
-    def stop(self) -> None:
-        """Give the terminal back."""
-        self._bar.stop()
 
 
 def _workers(many: WorkerOptions) -> Workers:

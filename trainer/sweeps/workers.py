@@ -9,13 +9,10 @@ import signal
 import socket
 import sys
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from concurrent import futures
 from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from rich.console import Console
 
@@ -23,16 +20,7 @@ from robot.errors import ConfigError, DuckpilotError
 from trainer.one_thread import ONE_THREAD, one_thread_each
 
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
-STOPPING_S = 60.0  # for a run to write its checkpoint
-_MOST_AT_ONCE = 1_000  # jobs that are awaited on a cluster
-
-
-class Progressed(NamedTuple):
-    """How far a job has come."""
-
-    done: float
-    total: float  # 0 where nobody knows
-    text: str
+ANSWER_S = 15.0  # that a cluster may take to answer
 
 
 class Job(Protocol):
@@ -53,138 +41,116 @@ class Job(Protocol):
             DuckpilotError: it cannot be done, or results of something else lie there.
         """
 
-    def progress(self) -> Progressed:
-        """Read from the files that it writes."""
-
     def run(self, console: Console) -> int:
         """Do it; the exit status."""
 
 
-class Outcome(NamedTuple):
-    """A job that has ended."""
+class Workers(Protocol):
+    """Who does jobs."""
 
-    job: Job
-    status: int  # 0: done
-    said: str  # one line
-
-
-class Workers(ABC):
-    """Threads that each await a job in a process elsewhere."""
-
-    def __init__(self, at_once: int) -> None:
-        self._threads = ThreadPoolExecutor(at_once)
-        self._futures: list[Future[Outcome]] = []
-
-    def submit(self, job: Job, begun: Callable[[Job], None] = lambda _: None) -> Future[Outcome]:
-        """Do a job when there is room; ``begun`` hears when that is."""
-        self._futures.append(self._threads.submit(self._await, job, begun))
-        return self._futures[-1]
+    def submit(self, job: Job) -> Future[int]:
+        """Do a job when there is room; its exit status, below 0 where a signal killed it."""
 
     def stop(self) -> None:
         """Ask all to stop with a checkpoint, and begin none of the rest."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
-        self._ask_to_stop()
-        futures.wait(self._futures, STOPPING_S)
 
     def close(self) -> None:
         """Let go of the processes."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
-        self._let_go()
-
-    def _await(self, job: Job, begun: Callable[[Job], None]) -> Outcome:
-        begun(job)
-        return self._do(job)
-
-    @abstractmethod
-    def _do(self, job: Job) -> Outcome: ...
-
-    @abstractmethod
-    def _ask_to_stop(self) -> None: ...
-
-    @abstractmethod
-    def _let_go(self) -> None: ...
 
 
-class LocalWorkers(Workers):
-    """Up to ``count`` processes on this machine; one that does not stop is killed."""
+class LocalWorkers:
+    """Up to ``count`` processes on this machine."""
 
     def __init__(self, count: int) -> None:
-        super().__init__(count)
-        self._context = multiprocessing.get_context("spawn")
+        self._threads = ThreadPoolExecutor(count)
         self._starting = threading.Lock()  # the environment is the same for all
         self._running: set[BaseProcess] = set()
 
-    def _do(self, job: Job) -> Outcome:
-        process = self._context.Process(target=_live, args=(job, os.getcwd()), name=job.title)
+    def submit(self, job: Job) -> Future[int]:
+        """See `Workers`."""
+        return self._threads.submit(self._do, job)
+
+    def stop(self) -> None:
+        """See `Workers`."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for process in list(self._running):
+            process.terminate()
+
+    def close(self) -> None:
+        """See `Workers`; one that has not stopped yet is killed."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for process in list(self._running):
+            process.kill()
+
+    def _do(self, job: Job) -> int:
+        context = multiprocessing.get_context("spawn")
+        process = context.Process(target=_live, args=(job, os.getcwd()))
         with self._starting, one_thread_each():
             process.start()
         self._running.add(process)
         process.join()
         self._running.discard(process)
-        status, said = process.exitcode or 0, _last_line(job.log)
-        if status < 0:
-            said = f"killed by {signal.Signals(-status).name}; the same command goes on with it"
-        return Outcome(job, status, said)
-
-    def _ask_to_stop(self) -> None:
-        for process in list(self._running):
-            process.terminate()
-
-    def _let_go(self) -> None:
-        for process in list(self._running):
-            process.kill()
+        return process.exitcode or 0
 
 
-class RayWorkers(Workers):
-    """The workers of a Ray cluster, one core for each job; Ray queues what has no room yet.
-
-    A job whose worker or node dies is begun again elsewhere, up to `RETRIES` times.
+class RayWorkers:
+    """A Ray cluster, one core for each job; jobs whose worker or node dies begin again elsewhere.
 
     Raises:
         ConfigError: Ray is not installed, or no cluster answers.
     """
 
     def __init__(self, address: str) -> None:
-        try:
-            import ray
-        except ImportError as error:
-            raise ConfigError(
-                "ray: expected the package ray, found none; install duckpilot[scale]"
-            ) from error
-        self._ray: Any = ray
-        try:
-            ray.init(
-                address=address,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                runtime_env={"env_vars": ONE_THREAD},
-            )
-        except (ConnectionError, ValueError) as error:
-            raise ConfigError(
-                f"ray {address!r}: expected the address of a running cluster (ray start --head), "
-                f"got: {error}"
-            ) from error
-        super().__init__(_MOST_AT_ONCE)
+        self._ray = _connect(address)
         # one process for each job, so that none inherits another's threads and open files
-        self._perform = ray.remote(num_cpus=1, max_retries=RETRIES, max_calls=1)(perform)
-        self._running: set[Any] = set()
+        self._perform = self._ray.remote(num_cpus=1, max_retries=RETRIES, max_calls=1)(perform)
+        self._references: list[Any] = []
 
-    def _do(self, job: Job) -> Outcome:
-        reference = self._perform.remote(job, os.getcwd())
-        self._running.add(reference)
-        try:
-            return Outcome(job, int(self._ray.get(reference)), _last_line(job.log))
-        except self._ray.exceptions.RayError as error:
-            return Outcome(job, 1, str(error).strip().splitlines()[-1])
-        finally:
-            self._running.discard(reference)
+    def submit(self, job: Job) -> Future[int]:
+        """See `Workers`."""
+        self._references.append(self._perform.remote(job, os.getcwd()))
+        status: Future[int] = self._references[-1].future()
+        return status
 
-    def _ask_to_stop(self) -> None:
-        for reference in list(self._running):
+    def stop(self) -> None:
+        """See `Workers`."""
+        for reference in self._references:
             self._ray.cancel(reference)
 
-    def _let_go(self) -> None:
-        self._ray.shutdown()  # the cluster goes on
+    def close(self) -> None:
+        """See `Workers`; the cluster goes on."""
+        self._ray.shutdown()
+
+
+def _connect(address: str) -> Any:
+    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "error")
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError(
+            "ray: expected the package ray, found none; install duckpilot[scale]"
+        ) from error
+    told = [f"no answer in {ANSWER_S:.0f} s"]
+
+    def connect() -> None:
+        environment = {"env_vars": ONE_THREAD}
+        try:
+            ray.init(
+                address, log_to_driver=False, logging_level=logging.ERROR, runtime_env=environment
+            )
+        except (ConnectionError, ValueError) as error:
+            told[0] = str(error)
+
+    # Ray itself waits for a quarter of an hour where nobody answers.
+    waiting = threading.Thread(target=connect, daemon=True)
+    waiting.start()
+    waiting.join(ANSWER_S)
+    if waiting.is_alive() or not ray.is_initialized():
+        raise ConfigError(
+            f"ray {address!r}: expected the address of a running cluster (ray start --head), "
+            f"got: {told[0]}"
+        )
+    return ray
 
 
 def perform(job: Job, folder: str) -> int:
@@ -204,10 +170,9 @@ def perform(job: Job, folder: str) -> int:
         )
     os.chdir(folder)
     job.log.parent.mkdir(parents=True, exist_ok=True)
-    log = os.open(job.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    for stream in (1, 2):
-        os.dup2(log, stream)
-    os.close(log)
+    with job.log.open("ab") as log:
+        for stream in (1, 2):
+            os.dup2(log.fileno(), stream)
     with open(1, "w", encoding="utf-8", closefd=False) as printed:
         console = Console(file=printed, soft_wrap=True)
         try:
@@ -215,6 +180,17 @@ def perform(job: Job, folder: str) -> int:
         except DuckpilotError as error:
             console.print(str(error), markup=False)
             return 2
+
+
+def last_words(job: Job, done: Future[int]) -> tuple[int, str]:
+    """The exit status of a job that has ended, and in one line what it said last."""
+    if (error := done.exception()) is not None:  # of Ray
+        return 1, str(error).strip().splitlines()[-1]
+    if (status := done.result()) < 0:
+        name = signal.Signals(-status).name
+        return status, f"killed by {name}; the same command goes on with it"
+    text = job.log.read_text(encoding="utf-8", errors="replace") if job.log.exists() else ""
+    return status, next((s for s in reversed(text.splitlines()) if s.strip()), "printed nothing")
 
 
 def _live(job: Job, folder: str) -> None:
@@ -228,8 +204,3 @@ def _stop_with_parent() -> None:
     if parent is not None:
         parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
-
-
-def _last_line(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8", errors="replace").split("\n") if log.exists() else []
-    return next((line.strip() for line in reversed(lines) if line.strip()), "nothing was printed")

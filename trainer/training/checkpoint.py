@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 
 from robot.typed_config import from_plain, to_plain
-from trainer.run import atomically
-from trainer.torch_file import load_torch, reading
+from trainer.torch_file import load_torch, reading, save_torch
 
 CHECKPOINT, POLICY = "the checkpoint of this run", "a policy of this run"
 REMEDY = (
@@ -64,8 +62,7 @@ def save_checkpoint(path: Path, model: BaseAlgorithm, state: TrainState) -> None
         "counters": {n: getattr(model, n) for n in _COUNTERS if hasattr(model, n)},
         "state": to_plain(state),
     }
-    with atomically(path) as temporary:
-        torch.save(content, temporary)
+    save_torch(path, content)
 
 
 def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
@@ -76,26 +73,21 @@ def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
         model.policy.optimizer.load_state_dict(content["optimizer"])
         for name, value in content["counters"].items():
             setattr(model, name, value)
-        return _state(content, path)
+    return read_state(path)
 
 
 def read_state(path: Path) -> TrainState:
     """The record in a checkpoint."""
     content = load_torch(path, CHECKPOINT, remedy=REMEDY)
     with reading(path, CHECKPOINT, REMEDY):
-        return _state(content, path)
-
-
-def _state(content: dict[str, Any], path: Path) -> TrainState:
-    state: TrainState = from_plain(TrainState, content["state"], where=str(path))
-    state.evaluations = list(state.evaluations)
+        state = from_plain(TrainState, content["state"], where=str(path))
+        state.evaluations = list(state.evaluations)
     return state
 
 
 def save_policy(path: Path, policy: BasePolicy) -> None:
     """Atomically write the weights alone."""
-    with atomically(path) as temporary:
-        torch.save(policy.state_dict(), temporary)
+    save_torch(path, policy.state_dict())
 
 
 def load_policy(path: Path, policy: BasePolicy) -> None:

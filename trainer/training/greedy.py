@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
@@ -13,8 +13,7 @@ from trainer.learners.networks import GreedyNetwork
 RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
 
 
-@dataclass(frozen=True)
-class GreedyResult:
+class GreedyResult(NamedTuple):
     """The first R episodes of each of N robots."""
 
     rewards: np.ndarray  # (R, N) summed over the episode

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import torch
 from rich.console import Console
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from stable_baselines3.common.vec_env import VecEnv
 
-from trainer.algorithms import Making, find_algorithm
+from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig, judged
 from trainer.envs import ScaledReward
 from trainer.export import export_run
@@ -23,24 +22,8 @@ from trainer.learners.true_path import WithTruePath
 from trainer.relit import Relit
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
-from trainer.training.callbacks import (
-    MONOTONIC,
-    Checkpointer,
-    Clock,
-    Display,
-    EpisodeRecorder,
-    Evaluator,
-    Stopwatch,
-    stop_on_signal,
-)
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
-
-
-class EnvMaker(Protocol):
-    """Builds the environment of a run: training or evaluation, according to ``robots``."""
-
-    def __call__(self, config: RunConfig, robots: int, seed: int) -> VecEnv:
-        """A vector environment of so many robots."""
+from trainer.training.watch import Clock, Watch
 
 
 @dataclass(frozen=True)
@@ -66,7 +49,7 @@ def train(
     folder: RunFolder,
     make_env: EnvMaker,
     console: Console,
-    clock: Clock = MONOTONIC,
+    clock: Clock = time.monotonic,
     checkpoint_period_s: float = 10.0,
 ) -> Metrics:
     """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
@@ -110,33 +93,26 @@ class _Session:
             robots = Relit(robots, np.random.default_rng(config.seed))
         self.env = ScaledReward(robots, config.reward_scale)
         folder.go_on(config)
-        making = Making(config, self.env, folder, make_env, console)
-        self.model: BaseAlgorithm = algorithm.build(making)
+        self.model = algorithm.build(Making(config, self.env, folder, make_env, console))
         self.state = TrainState()
         if folder.checkpoint.exists():
             self.state = load_checkpoint(folder.checkpoint, self.model)
             self.state.stopped_by = ""
-            self.model.set_random_seed(config.seed + self.steps)
-        self.model.set_logger(_logger(folder.tensorboard))
-        self.log = EpisodeLog(folder, self.steps)
-        self.recorder = EpisodeRecorder(self.state, self.log, clock, config.reward_scale)
-        self.evaluator = Evaluator(self.state, config, folder, self.evaluation_env, clock)
-        self.checkpointer = Checkpointer(self.state, folder, self.log, clock, checkpoint_period_s)
-        self.display = Display(self.state, config, self.recorder, console)
-        self.stopwatch = Stopwatch(self.state, config.seconds, clock)
-
-    @property
-    def steps(self) -> int:
-        """Decisions of all robots so far."""
-        return self.model.num_timesteps
+            self.model.set_random_seed(config.seed + self.model.num_timesteps)
+        board = str(folder.tensorboard)
+        folder.tensorboard.mkdir(parents=True, exist_ok=True)
+        self.model.set_logger(Logger(board, [TensorBoardOutputFormat(board)]))
+        self.log = EpisodeLog(folder, self.model.num_timesteps)
+        beside = (self.log, self.evaluation_env, console, clock, checkpoint_period_s)
+        self.watch = Watch(config, folder, self.state, *beside)
+        self.watch.init_callback(self.model)
 
     def learn(self) -> None:
         """Until something stops it."""
-        watchers = [self.recorder, self.evaluator, self.checkpointer, self.display, self.stopwatch]
-        with stop_on_signal(self.state):
+        with _stop_on_signal(self.state):
             self.model.learn(
-                max(0, self.config.steps - self.steps),
-                callback=CallbackList(list(watchers)),
+                max(0, self.config.steps - self.model.num_timesteps),
+                callback=self.watch,
                 log_interval=None,  # type: ignore[arg-type]  # we log ourselves
                 reset_num_timesteps=False,
             )
@@ -146,10 +122,12 @@ class _Session:
         """Leave the files; an interrupted run has no model and no metrics yet."""
         evaluations, reason = self.state.evaluations, self.state.stopped_by
         interrupted = reason == "interrupted"
-        if not interrupted and not (evaluations and evaluations[-1].step == self.steps):
-            self.evaluator.evaluate()
+        if not interrupted and not (
+            evaluations and evaluations[-1].step == self.model.num_timesteps
+        ):
+            self.watch.evaluate()
             self.state.stopped_by = reason
-        self.checkpointer.save()
+        self.watch.save()
         draw_curve(self.folder, self.config)
         metrics = self._metrics()
         if not interrupted:
@@ -165,7 +143,7 @@ class _Session:
             train_seconds=state.seconds,
             evaluation_seconds=state.evaluation_seconds,
             cpu_seconds=state.cpu_seconds,
-            train_steps=self.steps,
+            train_steps=self.model.num_timesteps,
             episodes=self.log.count,
             success_rate=state.best.success_rate if state.best else nan,
             stopped_by=state.stopped_by,
@@ -177,7 +155,7 @@ class _Session:
 
     def close(self) -> None:
         """Let go of files and environments; the replay buffer of a finished run is deleted."""
-        self.display.stop()
+        self.watch.close()
         self.log.close()
         self.model.logger.close()
         self.env.close()
@@ -188,6 +166,17 @@ class _Session:
             buffer.close(delete=self.state.stopped_by not in ("", "interrupted"))
 
 
-def _logger(folder: Path) -> Logger:
-    folder.mkdir(parents=True, exist_ok=True)
-    return Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
+@contextmanager
+def _stop_on_signal(state: TrainState) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the run at the next step instead of in the middle of one."""
+
+    def ask_to_stop(*_: object) -> None:
+        state.stopped_by = "interrupted"
+
+    caught = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, ask_to_stop) for number in caught}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

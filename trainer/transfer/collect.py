@@ -32,8 +32,8 @@ from sim_pybullet.racing.track import centre_line, is_track
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, refuse_judging_maps
-from trainer.envs import find_looks, load_places
 
 _centre_line = lru_cache(8)(centre_line)
 Tick = Callable[[int], None]  # so many more frames are done
@@ -69,10 +69,10 @@ def collect_simulator(out: Path, source: Source, tick: Tick) -> None:
         DuckpilotError: ``out`` exists; or a map or look that does not, is kept for judging, or has
             no lanes.
     """
-    task = "track" if any(map(is_track, source.origin)) else "lane"
-    road_maps = load_places(task, maps_named(source.origin))
+    spec = find_task("track" if any(map(is_track, source.origin)) else "lane")
+    road_maps = [spec.load(name) for name in maps_named(source.origin)]
     refuse_judging_maps(road_maps, "learn")
-    looks = find_looks(task, source.look, None)
+    looks = spec.looks(source.look, None)
     rng = np.random.default_rng(source.seed)
     pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
     with _appearing(out, source, ("image", "label")) as folder:

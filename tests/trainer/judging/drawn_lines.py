@@ -22,8 +22,15 @@ from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError
 from robot.lens import CameraRig
 from robot.typed_config import load_yaml
-from trainer.judging.yellow_dashes import DEFAULT, Dash, floor_table
-from trainer.judging.yellow_line import YellowLine, detect_yellow_line, fit_line
+from trainer.judging.yellow_line import (
+    DASHES,
+    RANGE_M,
+    Dash,
+    YellowLine,
+    detect_yellow_line,
+    fit_line,
+    floor_table,
+)
 
 LINES_FILE = Path(__file__).with_name("drawn_lines.yaml")
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape
@@ -36,7 +43,7 @@ AGREES, MISSED, INVENTED, WRONG_SIDE, NOT_JUDGED = (
     "not judged",
 )
 # Lines between these distances may be found or not; the detector's range lies between them.
-SURELY_NEAR_M, SURELY_FAR_M = 0.9 * DEFAULT.range_m, 1.1 * DEFAULT.range_m
+SURELY_NEAR_M, SURELY_FAR_M = 0.9 * RANGE_M, 1.1 * RANGE_M
 TOO_CLOSE_M = 0.01  # to the line: no side can be told
 
 Polyline = tuple[tuple[float, float], ...]
@@ -124,7 +131,7 @@ def drawn_line(
     arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(floor, axis=0).T))))
     ways = np.arange(0.0, arc[-1], _SPACING_M)
     dense = np.stack([np.interp(ways, arc, floor[:, k]) for k in (0, 1)], axis=1)
-    near = dense[np.hypot(*dense.T) < DEFAULT.range_m][: DEFAULT.dashes]
+    near = dense[np.hypot(*dense.T) < RANGE_M][:DASHES]
     chosen = near if len(near) > 1 else floor[:2]
     step = chosen[1] - chosen[0]
     direction = math.atan(step[1] / step[0]) if step[0] else math.pi / 2
@@ -157,7 +164,7 @@ def verdicts(photographs: Path, rig: CameraRig) -> dict[str, Counter[str]]:
         ConfigError: a photograph is missing.
     """
     lines = load_lines()
-    reference_m = floor_table(rig, FRAME_WIDTH_PX, FRAME_HEIGHT_PX, DEFAULT.range_m).reference_m
+    reference_m = floor_table(rig, FRAME_WIDTH_PX, FRAME_HEIGHT_PX).reference_m
     said: dict[str, Counter[str]] = {}
     for site in lines.sites:
         said[site.name] = Counter()

@@ -20,8 +20,7 @@ from tests.trainer.judging.drawn_lines import (
     verdict,
     verdicts,
 )
-from trainer.judging.yellow_dashes import DEFAULT, floor_table
-from trainer.judging.yellow_line import NOT_FOUND, YellowLine
+from trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 RIG = NOMINAL.rig()
@@ -96,5 +95,5 @@ def test_the_detector_agrees_with_people_on_nine_photographs_of_ten(data_dir: Pa
 
 
 def test_the_reference_point_is_the_middle_of_the_lower_edge() -> None:
-    floor = floor_table(RIG, *SIZE, DEFAULT.range_m)
+    floor = floor_table(RIG, *SIZE)
     assert 0.1 < floor.reference_m < 0.14

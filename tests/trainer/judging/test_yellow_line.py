@@ -10,15 +10,14 @@ from hypothesis import strategies as st
 
 from robot.errors import ContractError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
-from trainer.judging.yellow_dashes import DEFAULT, floor_table
-from trainer.judging.yellow_line import detect_yellow_line
+from trainer.judging.yellow_line import DASHES, detect_yellow_line, floor_table
 
 RIG = CameraRig(DUCKIEBOT_LENS)
 SIZE = (160, 120)
 ASPHALT, YELLOW, WHITE, RED = (46, 46, 50), (224, 184, 44), (224, 224, 218), (196, 40, 40)
 DASH_M, GAP_M, HALF_WIDTH_M = 0.047, 0.026, 0.0123
 Curve = Callable[[float], tuple[float, float]]
-REFERENCE_M = floor_table(RIG, *SIZE, DEFAULT.range_m).reference_m
+REFERENCE_M = floor_table(RIG, *SIZE).reference_m
 
 
 def draw(
@@ -70,7 +69,7 @@ def test_a_straight_line_is_found_where_it_is(offset_m: float, heading_rad: floa
         assert offset_m * heading_rad > 0.0
         return
     # Dashes that the picture's edge cuts, or far ones alone, tell the side and little more.
-    if len(seen.dashes) == DEFAULT.dashes and seen.dashes[0].x_m < 0.25:
+    if len(seen.dashes) == DASHES and seen.dashes[0].x_m < 0.25:
         assert seen.offset_m == pytest.approx(offset_m, abs=0.03)
         assert seen.heading_rad == pytest.approx(heading_rad, abs=0.2)
     if abs(offset_m) > 0.01:
@@ -87,7 +86,7 @@ def test_a_bend_is_followed(offset_m: float, radius_m: float) -> None:
 
 def test_a_line_without_gaps_is_found_too() -> None:
     seen = detect_yellow_line(draw(straight(-0.1), dashed=False), RIG)
-    assert len(seen.dashes) == DEFAULT.dashes
+    assert len(seen.dashes) == DASHES
     assert seen.offset_m == pytest.approx(-0.1, abs=0.01)
 
 

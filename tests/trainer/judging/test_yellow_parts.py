@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 
 from robot.lens import CameraRig, Lens, Mount
-from trainer.judging.yellow_dashes import (
+from trainer.judging import yellow_line
+from trainer.judging.yellow_line import (
     Dash,
     FloorTable,
-    YellowLineParameters,
+    chain,
+    detect_yellow_line,
     find_dashes,
+    fit_line,
     floor_table,
     yellow_mask,
 )
-from trainer.judging.yellow_line import chain, detect_yellow_line, fit_line
 
 ROAD = (50, 50, 50)
 
@@ -209,9 +211,12 @@ def test_a_camera_that_looks_aside_sees_the_same_floor_turned() -> None:
 
 def test_what_a_line_may_be() -> None:
     """The figures themselves: nothing else says how large paint is."""
-    assert YellowLineParameters() == YellowLineParameters(
-        (32.0, 72.0), 0.35, 0.55, 0.22, 1.35, 2.5, 1.0, 3, 0.06, 0.08, 5, 0.25, 0.9, 0.5, 2.5, 2.0
-    )
+    names = """HUE_DEG MIN_SATURATION RAW_SATURATION MIN_VALUE BRIGHTER MAX_GAIN RANGE_M MIN_PIXELS
+        MAX_WIDTH_M DASH_M DASHES MAX_STEP_M MAX_TURN_RAD ALONE_M MAX_BEND_PM MAX_EXTENSION"""
+    assert [getattr(yellow_line, name) for name in names.split()] == [
+        *((32.0, 72.0), 0.35, 0.55, 0.22, 1.35, 2.5, 1.0, 3),
+        *(0.06, 0.08, 5, 0.25, 0.9, 0.5, 2.5, 2.0),
+    ]
 
 
 def test_a_chain_begins_with_the_nearest_and_takes_five() -> None:

@@ -19,8 +19,7 @@ from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import build_scene
-from trainer.judging.yellow_dashes import DEFAULT, floor_table
-from trainer.judging.yellow_line import detect_yellow_line
+from trainer.judging.yellow_line import detect_yellow_line, floor_table
 
 SAMPLES = 200  # per tile
 SPACING_M = 0.01
@@ -52,7 +51,7 @@ def measure(map_name: str, look: Look, frames: int, seed: int) -> Agreement:
         DuckpilotError: the map is no ring of road.
     """
     rig = look.rig()
-    reference_m = floor_table(rig, FRAME_WIDTH_PX, FRAME_HEIGHT_PX, DEFAULT.range_m).reference_m
+    reference_m = floor_table(rig, FRAME_WIDTH_PX, FRAME_HEIGHT_PX).reference_m
     line = yellow_middle(load_map(map_name))
     found, truth, at_axle, pixels = [], [], [], []
     for poses, pictures, visible in _frames(map_name, look, rig, frames, seed):

@@ -15,8 +15,7 @@ from torch.nn.utils import parameters_to_vector
 from tests.trainer.toy import ToyVecEnv, make_toy, toy_config, train_toy
 from trainer.algorithms.a3c import A3C, A3cConfig
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import Orders, Worker, n_step_returns, shared_rmsprop
-from trainer.learners.shared_weights import Shared
+from trainer.learners.a3c_worker import Orders, Shared, Worker, n_step_returns, shared_rmsprop
 from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, save_checkpoint
@@ -63,7 +62,7 @@ def test_rmsprop_is_torchs_with_epsilon_inside_the_root() -> None:
 
 
 def add_one(shared: Shared, number: int) -> None:
-    shared.weights += 1.0
+    shared.weights.add_(1.0)
     shared.steps[number] = 7
 
 
@@ -75,9 +74,7 @@ def test_a_process_shares_memory_and_not_a_copy() -> None:
     assert shared.weights.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert shared.squares.tolist() == [0.0] * 5
     assert shared.steps.tolist() == [0, 0, 7]
-    assert not shared.stopped
-    shared.stop()
-    assert shared.stopped
+    assert not shared.leave
 
 
 def test_a_cut_off_episode_is_worth_what_would_have_come() -> None:

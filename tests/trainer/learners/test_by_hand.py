@@ -15,6 +15,7 @@ from gymnasium import spaces
 from rich.console import Console
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch.nn.utils import parameters_to_vector
+from trainer.learners.shared_weights import Shared
 
 from robot.errors import ConfigError
 from tests.trainer.toy import make_toy, toy_config
@@ -25,7 +26,6 @@ from trainer.learners.actor_critic import CRUISE, ActorCriticConfig
 from trainer.learners.networks import DrivingActorCritic, DrivingFeatures
 from trainer.learners.policies import build_policy, falling, observation_space, policy_arguments
 from trainer.learners.replay import MappedReplayBuffer
-from trainer.learners.shared_weights import Shared
 from trainer.learners.true_path import AuxiliaryLosses
 from trainer.presets import preset
 

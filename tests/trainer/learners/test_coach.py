@@ -11,16 +11,22 @@ from robot.contract import PATH_POINTS
 from robot.navigation.guidance import path_inputs
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.racing.racing_cars import RacingAction
+from sim_pybullet.rendering.camera import NoCamera
+from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.trainer.toy import build_model
 from trainer.algorithms.dagger import Dagger
 from trainer.cli import main
 from trainer.config import RunConfig
-from trainer.envs import make_blind_env, make_env
+from trainer.envs import make_env
 from trainer.learners.coach import Coach, Told, find_coach
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
 
 QUIET = Console(quiet=True)
+
+
+def make_blind_env(config: RunConfig, robots: int, seed: int) -> DuckpilotVecEnv:
+    return make_env(config, robots, seed, NoCamera(robots))
 
 
 def run(task: str = "track", **options: str) -> RunConfig:

@@ -13,8 +13,7 @@ from tests.trainer.toy import build_model, make_toy, toy_config
 from trainer.algorithms.a3c import A3C
 from trainer.algorithms.ddqn import DoubleDQN, QConfig
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import Orders, Tensors, Worker, _evaluate, shared_rmsprop
-from trainer.learners.shared_weights import Shared
+from trainer.learners.a3c_worker import Orders, Shared, Tensors, Worker, _evaluate, shared_rmsprop
 
 
 def with_learn(algorithm: str, **changes: Any) -> RunConfig:

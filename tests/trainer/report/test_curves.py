@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tests.trainer.test_run import episode
-from trainer.report.curves import _draw_success, draw_panels, mean_over_runs, running_mean
+from trainer.report.curves import _draw_success, draw_panels, running_mean
 from trainer.run import Episode
 from trainer.training.checkpoint import Evaluated
 
@@ -24,19 +24,6 @@ def test_running_mean_is_the_mean_of_the_last(values: list[float], window: int) 
     means = running_mean(np.array(values), window)
     expected = [np.mean(values[max(0, i + 1 - window) : i + 1]) for i in range(len(values))]
     np.testing.assert_allclose(means, expected, atol=1e-9)
-
-
-def test_seeds_are_averaged_only_where_all_of_them_trained() -> None:
-    steps, means = averaged([episodes(16, 10), episodes(48, 100)])
-    assert (steps[0], steps[-1]) == (48, 160)
-    assert means.shape == (2, len(steps))
-    assert not np.array_equal(means[0], means[1])
-    alike = averaged([episodes(16, 30)] * 3)[1]
-    np.testing.assert_array_equal(alike[0], alike[2])
-
-
-def averaged(runs: list[list[Episode]]) -> tuple[np.ndarray, np.ndarray]:
-    return mean_over_runs(runs, [np.array([e.reward for e in run]) for run in runs])
 
 
 def test_panels_of_several_seeds_of_one_and_of_none(tmp_path: Path) -> None:

@@ -132,7 +132,8 @@ def test_seeds_come_together_and_nothing_else_does(tmp_path: Path) -> None:
         judge(make_run(tmp_path / f"ppo{seed}", "ppo", seed), failures)
     make_run(tmp_path / "ddqn", "ddqn")
     found = groups(tmp_path)
-    assert [(g.config.algorithm, g.seeds) for g in found] == [("ddqn", [0]), ("ppo", [0, 1])]
+    kinds = [(g[0].config.algorithm, [run.config.seed for run in g]) for g in found]
+    assert kinds == [("ddqn", [0]), ("ppo", [0, 1])]
     (row,) = driving_rows(found)
     assert (row.successes, row.episodes) == (36, 40)
     assert row.by_run == "100.0 %, 80.0 %"
@@ -166,7 +167,7 @@ def test_a_broken_evaluation_is_told_and_the_rest_still_shown(tmp_path: Path) ->
     (folder.path / "evaluation.npz").write_text("nothing")
     page = page_of([tmp_path], tmp_path / "out")
     assert "old.json: missing episodes" in page
-    assert "half.json: expected JSON" in page
+    assert "half.json: expected figures in JSON" in page
     assert "evaluation.npz: expected drives" in page
     assert "100.0 % (20 of 20" in page
 
@@ -174,7 +175,7 @@ def test_a_broken_evaluation_is_told_and_the_rest_still_shown(tmp_path: Path) ->
 def test_a_folder_without_runs_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(ConfigError, match=r"found no config\.yaml"):
+    with pytest.raises(ConfigError, match=r"no config\.yaml"):
         find_runs([tmp_path])
     assert main(["report", str(tmp_path / "none")]) == 2
     assert main(["report"]) == 2

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from robot.errors import ConfigError
 from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import toy_config
 from trainer.run import RunFolder
-from trainer.sweeps.workers import RayWorkers
+from trainer.sweeps.workers import RayWorkers, last_words
 
 ray = pytest.importorskip("ray")
 
@@ -46,21 +47,17 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
     workers = RayWorkers(address)
     try:
         jobs = (training, Chore(tmp_path / "a"), Chore(tmp_path / "b", "refuse"))
-        asked = [workers.submit(job) for job in jobs]
+        asked = {job.title: (job, workers.submit(job)) for job in jobs}
         wait_for(run.checkpoint)
         killed = int((training.out / "pid").read_text())
         os.kill(killed, signal.SIGKILL)
         reached = int(torch.load(run.checkpoint, weights_only=True)["counters"]["num_timesteps"])
-        outcomes = {each.result().job.title: each.result() for each in asked}
+        ended = {title: last_words(*each) for title, each in asked.items()}
     finally:
         workers.close()
-    assert {title: outcome.status for title, outcome in outcomes.items()} == {
-        "toy": 0,
-        "a": 0,
-        "b": 2,
-    }
+    assert {title: status for title, (status, _) in ended.items()} == {"toy": 0, "a": 0, "b": 2}
     assert (tmp_path / "a").read_text() == "write 1"
-    assert outcomes["b"].said == "expected this, got that"
+    assert ended["b"][1] == "expected this, got that"
     assert int((training.out / "pid").read_text()) != killed
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
@@ -72,3 +69,12 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
 def test_no_cluster_is_wrong_input() -> None:
     with pytest.raises(ConfigError, match="expected the address of a running cluster"):
         RayWorkers("nonsense")
+
+
+@pytest.mark.slow
+def test_a_cluster_that_never_answers_is_wrong_input_within_twenty_seconds() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        began = time.monotonic()
+        with pytest.raises(ConfigError, match="no answer in 15 s"):
+            RayWorkers(f"127.0.0.1:{silent.getsockname()[1]}")
+        assert time.monotonic() - began < 20.0

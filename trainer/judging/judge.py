@@ -1,0 +1,206 @@
+"""What ``evaluate`` does; one that was cut off goes on with the drives that it has kept.
+
+They lie beside its JSON file as JSON lines: first what is asked and of which policy, then one line
+for each drive. That file is deleted once the evaluation is written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress
+from rich.table import Table
+
+from robot.command_line import INTERRUPTED
+from robot.errors import ConfigError
+from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.navigation.road_map import RoadMap
+from robot.output import expect_writable, write_text
+from robot.typed_config import to_plain
+from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.tasks.spec import find_task
+from trainer.division import maps_named, part_of
+from trainer.judging.drive_log import DriveLog, drives_beside
+from trainer.judging.evaluate import (
+    Drive,
+    DrivingPolicy,
+    Evaluation,
+    Inputs,
+    evaluate,
+    open_policy,
+    summarise,
+)
+from trainer.options import EvaluateOptions
+from trainer.run import read_json, write_json
+
+_COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
+_FREE = ("episodes", "seed")  # which episodes are asked for: a drive is the same among others
+
+
+def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Console) -> int:
+    """Drive, write the figures to ``out``, and say how it went; the exit status.
+
+    Args:
+        out: a JSON file, or nothing.
+        options: what is asked.
+        tracks: whether to keep beside ``out`` where the robots drove; then single drives are not.
+        console: gets a bar, and the figures.
+
+    Raises:
+        DuckpilotError: what is asked cannot be done.
+    """
+    beside = drives_beside(out) if tracks and out else None
+    expect_writable(out, beside, inputs=[Path(options.model)])
+    policy = _open(options)
+    asked = inputs(options, policy.contract.task)
+    spec = find_task(asked.task)
+    maps = [spec.load(name) for name in asked.maps]
+    roads = [place for place in maps if isinstance(place, RoadMap)]
+    if tracks and len(roads) < len(maps):
+        raise ConfigError(f"drives: expected a task on maps, got {asked.task}: no map to draw on")
+    looks = spec.looks(options.look, options.pose_error, options.without)
+    log = DriveLog() if tracks else None
+    kept = KeptDrives(None if tracks else out, asked)
+    wanted = range(asked.seed, asked.seed + asked.episodes)
+    left = [seed for seed in wanted if seed not in kept.drives]
+    title = f"{asked.task} {Path(asked.model).name}"
+    with Progress(*_COLUMNS, console=console) as bar:
+        row = bar.add_task(title, total=len(wanted), completed=len(wanted) - len(left))
+
+        def hear(drive: Drive) -> None:
+            kept.add(drive)
+            bar.advance(row)
+
+        try:
+            evaluate(policy, asked.task, maps, looks, left, hear, asked.zero, log, asked.lane)
+        except KeyboardInterrupt:
+            console.print(f"interrupted; {kept.told()}")
+            return INTERRUPTED
+    parts = {road_map.name: part_of(road_map) for road_map in roads}
+    result = summarise(asked, policy, [kept.drives[seed] for seed in wanted], parts)
+    if out is not None:
+        write_json(out, result)
+    if log is not None and beside is not None:
+        log.save(beside)
+    kept.forget()
+    _tell(console, result)
+    return 0
+
+
+def _open(options: EvaluateOptions) -> DrivingPolicy:
+    policy = open_policy(Path(options.model), options.task)
+    if options.translate is None:
+        return policy
+    return TranslatingPolicy(policy, open_translator(options.translate, policy.contract.image))
+
+
+def answers(file: Path, options: EvaluateOptions) -> bool:
+    """True: the JSON file answers what is asked.
+
+    Raises:
+        ConfigError: it answers something else.
+    """
+    found = read_json(file).get("inputs")
+    found = {"lane": None, **found} if isinstance(found, dict) else {}  # once no choice
+    task = found.get("task")
+    if not task or found != to_plain(inputs(options, task)):
+        raise ConfigError(
+            f"{file}: expected the evaluation asked for, got another one; choose another --json"
+        )
+    return True
+
+
+def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
+    """What an evaluation is asked for, defaults filled in; the policy's own task is the default."""
+    plain = {name: getattr(options, name) for name in Inputs.__annotations__ if name != "maps"}
+    task = options.task or trained_for
+    maps = maps_named(options.map) or (find_task(task).map,)
+    return Inputs(**{**plain, "task": task, "maps": maps})
+
+
+class KeptDrives:
+    """The drives of an evaluation so far.
+
+    Args:
+        evaluation: its JSON file; without one they are in memory only.
+        asked: what is asked.
+
+    Raises:
+        ConfigError: what lies there is of something else.
+    """
+
+    def __init__(self, evaluation: Path | None, asked: Inputs) -> None:
+        self.drives: dict[int, Drive] = {}
+        self._path = None
+        if evaluation is None:
+            return
+        files = [Path(file) for file in (asked.model, asked.translate) if file is not None]
+        prints = [hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files]
+        plain = {k: v for k, v in to_plain(asked).items() if k not in _FREE}
+        head = {"schema": 1, "inputs": plain, "files": prints}
+        self._path = evaluation.with_name(f"{evaluation.stem}.rows.jsonl")
+        self.drives = _read(self._path, head)
+        lines = [head, *(drive._asdict() for drive in self.drives.values())]
+        write_text(self._path, "".join(json.dumps(each) + "\n" for each in lines))
+
+    def add(self, drive: Drive) -> None:
+        """Keep one more, on disk at once."""
+        self.drives[drive.seed] = drive
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(drive._asdict()) + "\n")
+
+    def told(self) -> str:
+        """What an interruption leaves."""
+        if self._path is None:
+            return "nothing is kept without --json, or with --drives"
+        return f"{len(self.drives)} drives are kept in {self._path}, the same command goes on"
+
+    def forget(self) -> None:
+        """The evaluation is written."""
+        if self._path is not None:
+            self._path.unlink()
+
+
+def _read(path: Path, head: dict[str, Any]) -> dict[int, Drive]:
+    if not path.exists():
+        return {}
+    found: list[dict[str, Any]] = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            break  # the last one, cut off
+    if not found or found[0] != head:
+        raise ConfigError(
+            f"{path}: expected the drives of an evaluation that was cut off, of this policy and "
+            "with these options, got others; delete the file, or choose another --json"
+        )
+    drives = [Drive(**{**row, "metrics": DriveMetrics(*row["metrics"])}) for row in found[1:]]
+    return {drive.seed: drive for drive in drives}
+
+
+def _tell(console: Console, result: Evaluation) -> None:
+    asked = result.inputs
+    console.print(
+        f"{asked.model}: success {result.success_rate:.1%} of {result.episodes} (at least "
+        f"{result.success_rate_low:.1%} with 95 % confidence), "
+        f"{100 * result.mean_path_distance_m:.1f} cm from the path"
+    )
+    if len(result.by_map) > 1:
+        columns = ("map", "lane", "kept for", "succeeded", "from the path")
+        table = Table(*columns, title=f"look {asked.look}")
+        for row in result.by_map:
+            succeeded = f"{row.succeeded} of {row.episodes}"
+            from_path = f"{100 * row.mean_path_distance_m:.1f} cm"
+            table.add_row(row.map, row.lane or "-", row.part or "nothing", succeeded, from_path)
+        console.print(table)
+    if result.laps is not None:
+        console.print(
+            f"{result.laps:.2f} laps, {result.collisions} collisions, "
+            f"{result.mean_speed_mps:.1f} m/s on average"
+        )

@@ -1,0 +1,191 @@
+"""What happens beside the steps of a training: records, evaluations, checkpoints, display."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
+
+from robot.contract import CONTROL_DT_S
+from trainer.config import RunConfig
+from trainer.learners.networks import GreedyNetwork
+from trainer.mp4 import enlarged, write_mp4
+from trainer.run import Episode, EpisodeLog, RunFolder
+from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint, save_policy
+from trainer.training.greedy import drive_greedily
+
+Clock = Callable[[], float]
+DISPLAY_PERIOD_S = 0.25
+LOG_PERIOD_S = 2.0
+RECENT_EPISODES = 50  # the paper's running mean
+LONGEST_FILM = 600  # decisions of an evaluation that are filmed: a minute
+
+
+class Watch(BaseCallback):
+    """Watches one training, and stops it when its time is up, or the task done.
+
+    Args:
+        config: of the run.
+        folder: gets the best policy, the film of an evaluation, and checkpoints.
+        state: the record of the run, which it keeps.
+        log: gets every episode.
+        env: where the policy is evaluated.
+        console: shows a bar, and a line for each evaluation.
+        clock: [s].
+        period_s: between checkpoints.
+    """
+
+    def __init__(
+        self,
+        config: RunConfig,
+        folder: RunFolder,
+        state: TrainState,
+        log: EpisodeLog,
+        env: VecEnv,
+        console: Console,
+        clock: Clock,
+        period_s: float,
+    ) -> None:
+        super().__init__()
+        self._config, self._folder, self._state, self._log = config, folder, state, log
+        self._env, self._clock, self._period_s = env, clock, period_s
+        self._recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
+        self._saved = self._logged = self._shown = clock()
+        self._started = clock() - state.seconds
+        self._cpu_started = time.process_time() - state.cpu_seconds
+        self._bar = Progress(
+            TextColumn(f"{config.task} {config.algorithm}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f} steps · {task.fields[told]}"),
+            TimeElapsedColumn(),
+            console=console,
+        )
+        self._row = self._bar.add_task("", total=config.steps, told="")
+
+    def _on_training_start(self) -> None:
+        robots = self.training_env.num_envs
+        self._rewards, self._lengths = np.zeros(robots), np.zeros(robots, dtype=int)
+        self._first = (self.num_timesteps, self._state.seconds)
+        self._bar.start()
+
+    def _on_step(self) -> bool:
+        ended = self.locals["episodes"] if "episodes" in self.locals else self._ended()
+        for robot, reward, length, success in ended:
+            step, seconds = self.num_timesteps, self._state.seconds
+            self._recent.append(Episode(step, seconds, robot, reward, length, success))
+            self._log.add(self._recent[-1])
+        now = self._clock()
+        if now - self._logged >= LOG_PERIOD_S:
+            self._logged = now
+            self._log.flush()
+            self._write_scalars()
+        if self._evaluation_is_due():
+            self.evaluate()
+        if self._clock() - self._saved >= self._period_s:
+            self.save()
+        if now - self._shown >= DISPLAY_PERIOD_S:
+            self._shown = now
+            self._show()
+        return self._goes_on()
+
+    def _ended(self) -> Iterator[tuple[int, float, int, bool]]:
+        """Robot, reward, length and success of each episode that this step ended."""
+        self._rewards += self.locals["rewards"] / self._config.reward_scale
+        self._lengths += 1
+        for robot in np.flatnonzero(self.locals["dones"]).tolist():
+            success = bool(self.locals["infos"][robot].get("is_success", False))
+            yield robot, float(self._rewards[robot]), int(self._lengths[robot]), success
+            self._rewards[robot], self._lengths[robot] = 0.0, 0
+
+    def _write_scalars(self) -> None:
+        for name in ("reward", "length", "success") if self._recent else ():
+            mean = np.mean([getattr(episode, name) for episode in self._recent])
+            self.logger.record(f"episode/{name}", mean)
+        self.logger.record("time/seconds", self._state.seconds)
+        self.logger.dump(self.num_timesteps)
+
+    def _evaluation_is_due(self) -> bool:
+        evaluations, wanted = self._state.evaluations, self._config.evaluation
+        last = evaluations[-1].step if evaluations else 0
+        # the longer the run, the rarer: evaluations take a bounded share of its time
+        share = wanted.every_share * self._config.steps
+        return self.num_timesteps - last >= max(wanted.every_steps, last // 4, share)
+
+    def evaluate(self) -> None:
+        """Drive greedily on starts that were never used, and keep the policy if it is the best."""
+        began, cpu_began = self._clock(), time.process_time()
+        state, wanted = self._state, self._config.evaluation
+        seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
+        frames: list[np.ndarray] = []
+        network = GreedyNetwork(self.model.policy)
+        result = drive_greedily(network, self._env, seed, wanted.rounds, frames.append)
+        took, distance_m = self._clock() - began, float(result.distance_m.mean())
+        state.evaluation_seconds += took
+        evaluated = Evaluated(
+            self.model.num_timesteps,
+            state.seconds + took,
+            float(result.success.mean()),
+            float(result.rewards.mean()),
+            float(result.steps.mean()),
+            state.cpu_seconds + time.process_time() - cpu_began,
+            None if np.isnan(distance_m) else distance_m,
+        )
+        state.evaluations.append(evaluated)
+        if state.best is evaluated:
+            save_policy(self._folder.best, self.model.policy)
+        if frames[0].ndim == 3:
+            write_mp4(self._folder.film, map(enlarged, frames[:LONGEST_FILM]), 1 / CONTROL_DT_S)
+        self._tell(evaluated)
+        enough = wanted.stop_after_perfect
+        if enough and [e.success_rate for e in state.evaluations[-enough:]] == [1.0] * enough:
+            state.stopped_by = "solved"
+
+    def _tell(self, e: Evaluated) -> None:
+        self.logger.record("evaluation/success", e.success_rate)
+        self.logger.record("evaluation/reward", e.mean_reward)
+        self.logger.record("evaluation/length", e.mean_steps)
+        if e.mean_distance_m is not None:
+            self.logger.record("evaluation/distance_m", e.mean_distance_m)
+        self.logger.dump(e.step)
+        self._bar.console.print(
+            f"step {e.step:>7} · {e.seconds:6.1f} s · evaluation: success {e.success_rate:4.0%}, "
+            f"return {e.mean_reward:.0f} in {e.mean_steps:.0f} decisions"
+        )
+
+    def save(self) -> None:
+        """A checkpoint now, and every episode before it."""
+        self._log.flush()
+        save_checkpoint(self._folder.checkpoint, self.model, self._state)
+        self._saved = self._clock()
+
+    def _show(self) -> None:
+        """Returns are means of the reward of an episode; choices by chance lower that learning."""
+        steps, seconds = self._first
+        rate = (self.num_timesteps - steps) / max(self._state.seconds - seconds, 1e-9)
+        told = f"{rate:.0f}/s"
+        if self._recent:
+            told += f" · return {np.mean([e.reward for e in self._recent]):.0f} learning"
+        if self._state.evaluations:
+            last = self._state.evaluations[-1]
+            told += f" · {last.success_rate:.0%}, {last.mean_reward:.0f} evaluated"
+        self._bar.update(self._row, completed=self.num_timesteps, told=told)
+
+    def _goes_on(self) -> bool:
+        """CPU seconds are kept, too: on a busy machine the wall clock says little."""
+        state, budget_s = self._state, self._config.seconds
+        state.seconds = self._clock() - self._started
+        workers_s = getattr(self.model, "workers_cpu_s", 0.0)  # of A3C
+        state.cpu_seconds = time.process_time() + workers_s - self._cpu_started
+        if budget_s is not None and state.seconds >= budget_s:
+            state.stopped_by = "seconds"
+        return not state.stopped_by
+
+    def close(self) -> None:
+        """Give the terminal back."""
+        self._bar.stop()
