@@ -9,32 +9,16 @@ import gymnasium
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, ImageSpec
+from sim_pybullet import spaces
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.spaces import (
-    action_space,
-    newest_picture,
-    observation_space,
-    one_of,
-    start_poses,
-    step_infos,
-)
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.vector_env import DriveVectorEnv
-from sim_pybullet.window import Window
 
-_SEEDS = 2**31
 RenderMode = Literal["human", "rgb_array"]
 
 
 class DriveEnv(gymnasium.Env[Any, Any]):
     """A small robot drives on a Duckietown road by what its camera shows.
-
-    Ids: ``duckpilot/LaneKeeping-v0`` (outer lane of the map ``loop``), ``LaneKeepingInner-v0``
-    (inner lane), ``LaneKeepingRandomised-v0`` (another look in every episode);
-    ``duckpilot/Navigation-v0`` (random missions on the map ``arena``), ``NavigationArenaPose-v0``
-    (the robot's pose is wrong and late); ``duckpilot/TrackRacing-v0`` (a lap of the race track
-    ``forest``) and ``TrackRacingLooks-v0`` (in one of ten looks), which are a little different:
-    see below.
 
     Actions: Discrete(5), `robot.contract.Action`, each a pair of wheel speeds held for 0.1 s.
 
@@ -53,8 +37,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``continuous=True``: Box(-1, 1, (2,)), left and right wheel speed as shares of
     `robot.contract.MAX_WHEEL_MPS`; of a race car, steering and throttle.
 
-    Reward: -5 |dE| + 5 dot, the second part earned by driving: up to 5 a step. See
-    `sim_pybullet.tasks.following.following_terms`.
+    Reward: up to 5 a step, see `sim_pybullet.tasks.following.following_terms`.
 
     Start: a random place of the lane, up to 2.8 cm off its middle and 10 degrees askew, at rest.
 
@@ -88,9 +71,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ) -> None:
         self.world = world
         self.render_mode = render_mode
-        self.observation_space = observation_space(world)
-        self.action_space = action_space(world, continuous)
-        self._window = Window() if render_mode == "human" else None
+        self.observation_space = spaces.observation_space(world)
+        self.action_space = spaces.action_space(world, continuous)
+        self._window: Any = None  # matplotlib's picture
         self._seen = np.zeros((*world.image_shape[:2], 3), np.uint8)
 
     def reset(
@@ -105,23 +88,23 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         Raises:
             DuckpilotError: other options, or a pose from which no episode can begin.
         """
-        poses = start_poses(options, 1)
+        poses = spaces.start_poses(options, 1)
         super().reset(seed=seed)
         if seed is not None:
-            self.world.seed(int(self.np_random.integers(_SEEDS)))
-        return self._show(self.world.reset(poses), 0), {}
+            self.world.seed(int(self.np_random.integers(spaces.SEEDS)))
+        return self._show(self.world.reset(poses)), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Carry out one action for 0.1 s."""
         step = self.world.step(np.asarray(action)[None])
         ended = len(step.finished.robots) > 0
-        observation = self._show(step.finished.observation if ended else step.observation, 0)
+        observation = self._show(step.finished.observation if ended else step.observation)
         return (
             observation,
             float(step.reward[0]),
             bool(step.task.terminated[0]),
             bool(step.task.truncated[0]),
-            step_infos(self.world, step)[0],
+            spaces.step_infos(self.world, step)[0],
         )
 
     def render(self) -> np.ndarray | None:
@@ -132,13 +115,29 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         """Free the world, close the window."""
         self.world.close()
         if self._window is not None:
-            self._window.close()
+            import matplotlib.pyplot as plt
 
-    def _show(self, observation: Observation, i: int) -> Any:
-        self._seen = newest_picture(observation.image[i])
-        if self._window is not None:
-            self._window.show(self._seen, CONTROL_DT_S)
-        return one_of(observation, i)
+            plt.close(self._window.figure)
+
+    def _show(self, observation: Observation) -> Any:
+        self._seen = spaces.newest_picture(observation.image[0])
+        if self.render_mode == "human":
+            self._show_in_window()
+        return spaces.as_space_member(observation, 0)
+
+    def _show_in_window(self) -> None:
+        """By matplotlib, which draws nothing where there is no screen."""
+        import matplotlib.pyplot as plt
+
+        if self._window is None:
+            plt.ion()
+            axes = plt.subplots(num="duckpilot", clear=True)[1]
+            axes.axis("off")
+            self._window = axes.imshow(self._seen)
+        self._window.set_data(self._seen)
+        canvas = self._window.figure.canvas
+        canvas.draw_idle()
+        canvas.start_event_loop(CONTROL_DT_S)
 
 
 def make(

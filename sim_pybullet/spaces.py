@@ -1,4 +1,4 @@
-"""What the single and the vector environment share: spaces, observations and infos."""
+"""What the environments share: spaces, observations and infos."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from gymnasium import spaces
 from robot.contract import PATH_POINTS
 from robot.errors import ConfigError
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
+
+SEEDS = 2**31
 
 
 def action_space(world: BatchWorld, continuous: bool = False) -> spaces.Space[Any]:
@@ -50,11 +52,12 @@ def start_poses(options: dict[str, Any] | None, n_robots: int) -> np.ndarray | N
     return poses.copy()
 
 
-def as_space_member(observation: Observation) -> Any:
-    """All robots' observations in the form of the space, with a leading axis."""
-    if observation.path is None:
-        return observation.image
-    return {"image": observation.image, "path": observation.path}
+def as_space_member(observation: Observation, i: int | None = None) -> Any:
+    """All robots' observations in the form of the space; or one's, in arrays of its own."""
+    image, path = observation
+    if i is not None:
+        image, path = image[i].copy(), None if path is None else path[i].copy()
+    return image if path is None else {"image": image, "path": path}
 
 
 def newest_picture(image: np.ndarray) -> np.ndarray:
@@ -62,18 +65,11 @@ def newest_picture(image: np.ndarray) -> np.ndarray:
     return image[..., -3:]
 
 
-def one_of(observation: Observation, i: int) -> Any:
-    """A single robot's observation in the form of the space, in arrays of its own."""
-    if observation.path is None:
-        return observation.image[i].copy()
-    return {"image": observation.image[i].copy(), "path": observation.path[i].copy()}
-
-
 def step_infos(world: BatchWorld, step: BatchStep) -> list[dict[str, Any]]:
     """One info per robot: see ``DriveEnv`` for the keys."""
     task, judged = world.task, step.task
     columns = {
-        **dict(zip(step.course._fields, step.course, strict=True)),
+        **step.course._asdict(),
         **dict(zip(task.fact_names, judged.facts, strict=True)),
         "collided": step.collided,
         "is_success": judged.success,

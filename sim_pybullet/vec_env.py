@@ -5,31 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from sim_pybullet import spaces
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.spaces import (
-    action_space,
-    as_space_member,
-    newest_picture,
-    observation_space,
-    one_of,
-    step_infos,
-)
 
 
 class DuckpilotVecEnv(VecEnv):
-    """The robots of a ``BatchWorld``: spaces, reward and infos as in `sim_pybullet.env.DriveEnv`.
+    """The robots of a ``BatchWorld``: arguments and all else as of `sim_pybullet.env.DriveEnv`.
 
     A robot whose episode ends begins the next one at once. Its info then holds, as
     stable-baselines3 wants it, ``terminal_observation`` and ``TimeLimit.truncated``.
-
-    Args:
-        world: ends with the environment.
-        continuous: see `sim_pybullet.env.DriveEnv`.
     """
 
     def __init__(self, world: BatchWorld, continuous: bool = False) -> None:
@@ -37,8 +25,8 @@ class DuckpilotVecEnv(VecEnv):
         self._actions = np.zeros(world.n_robots, dtype=int)
         self._seen = np.zeros((world.n_robots, *world.image_shape[:2], 3), np.uint8)
         self.render_mode = "rgb_array"
-        actions = action_space(world, continuous)
-        super().__init__(world.n_robots, observation_space(world), actions)
+        actions = spaces.action_space(world, continuous)
+        super().__init__(world.n_robots, spaces.observation_space(world), actions)
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""
@@ -51,8 +39,8 @@ class DuckpilotVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         observation = self.world.reset()
-        self._seen = newest_picture(observation.image)
-        return as_space_member(observation)
+        self._seen = spaces.newest_picture(observation.image)
+        return spaces.as_space_member(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take note of the actions (N,)."""
@@ -61,14 +49,16 @@ class DuckpilotVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Carry them out for 0.1 s."""
         step = self.world.step(self._actions)
-        infos = step_infos(self.world, step)
+        infos = spaces.step_infos(self.world, step)
         for info, truncated in zip(infos, step.task.truncated.tolist(), strict=True):
             info["TimeLimit.truncated"] = truncated
         for k, i in enumerate(step.finished.robots):
-            infos[i]["terminal_observation"] = one_of(step.finished.observation, k)
+            last = spaces.as_space_member(step.finished.observation, k)
+            infos[i]["terminal_observation"] = last
         done = step.task.terminated | step.task.truncated
-        self._seen = newest_picture(step.observation.image)
-        return as_space_member(step.observation), step.reward.astype(np.float32), done, infos
+        self._seen = spaces.newest_picture(step.observation.image)
+        seen = spaces.as_space_member(step.observation)
+        return seen, step.reward.astype(np.float32), done, infos
 
     def close(self) -> None:
         """Free the world."""
@@ -86,16 +76,10 @@ class DuckpilotVecEnv(VecEnv):
         """Refused: robots have no attributes of their own."""
         raise NotImplementedError(f"DuckpilotVecEnv: cannot set {attr_name!r} of single robots")
 
-    def env_method(
-        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
-    ) -> list[Any]:
+    def env_method(self, method_name: str, *_: Any, **__: Any) -> list[Any]:
         """Refused: robots have no methods of their own."""
         raise NotImplementedError(f"DuckpilotVecEnv: cannot call {method_name!r} of single robots")
 
-    def env_is_wrapped(
-        self,
-        wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002
-        indices: VecEnvIndices = None,
-    ) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: Any, indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
         """Never."""
         return [False] * len(list(self._get_indices(indices)))

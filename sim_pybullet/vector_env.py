@@ -10,30 +10,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robot.contract import CONTROL_DT_S
+from sim_pybullet import spaces
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.spaces import (
-    action_space,
-    as_space_member,
-    newest_picture,
-    observation_space,
-    one_of,
-    start_poses,
-    step_infos,
-)
-
-_SEEDS = 2**31
 
 
 class DriveVectorEnv(VectorEnv[Any, Any, Any]):
-    """The robots of a ``BatchWorld``: spaces, reward and infos as in `sim_pybullet.env.DriveEnv`.
+    """The robots of a ``BatchWorld``: arguments and all else as of `sim_pybullet.env.DriveEnv`.
 
     A robot whose episode ends begins the next one within the same step
     (``AutoresetMode.SAME_STEP``): ``final_obs`` and ``final_info`` hold the end of the old one.
-
-    Args:
-        world: ends with the environment.
-        render_mode: ``rgb_array`` lets ``render`` give the pictures that the robots saw last.
-        continuous: see `sim_pybullet.env.DriveEnv`.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class has it)
@@ -46,8 +31,8 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
         self, world: BatchWorld, render_mode: str | None = None, continuous: bool = False
     ) -> None:
         self.world, self.render_mode, self.num_envs = world, render_mode, world.n_robots
-        self.single_observation_space = observation_space(world)
-        self.single_action_space = action_space(world, continuous)
+        self.single_observation_space = spaces.observation_space(world)
+        self.single_action_space = spaces.action_space(world, continuous)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._seen = np.zeros((self.num_envs, *world.image_shape[:2], 3), np.uint8)
@@ -55,38 +40,34 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of every robot.
-
-        Args:
-            seed: of all robots together; of several the first.
-            options: ``pose``, (3,) for all or (N, 3): where the robots begin.
+        """Begin an episode of every robot; of several seeds the first counts for all.
 
         Raises:
-            DuckpilotError: other options, or a pose from which no episode can begin.
+            DuckpilotError: options other than ``pose``, (3,) for all or (N, 3), or a pose from
+                which no episode can begin.
         """
-        poses = start_poses(options, self.num_envs)
+        poses = spaces.start_poses(options, self.num_envs)
         first = seed if seed is None or isinstance(seed, int) else seed[0]
         super().reset(seed=first)
         if first is not None:
-            self.world.seed(int(self.np_random.integers(_SEEDS)))
+            self.world.seed(int(self.np_random.integers(spaces.SEEDS)))
         observation = self.world.reset(poses)
-        self._seen = newest_picture(observation.image)
-        return as_space_member(observation), {}
+        self._seen = spaces.newest_picture(observation.image)
+        return spaces.as_space_member(observation), {}
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Carry out one action of each robot for 0.1 s."""
         step = self.world.step(actions)
         ended = {int(i): k for k, i in enumerate(step.finished.robots)}
         infos: dict[str, Any] = {}
-        for i, info in enumerate(step_infos(self.world, step)):
+        for i, info in enumerate(spaces.step_infos(self.world, step)):
             if i in ended:
-                last = one_of(step.finished.observation, ended[i])
+                last = spaces.as_space_member(step.finished.observation, ended[i])
                 info = {"final_obs": last, "final_info": info}
             infos = self._add_info(infos, info, i)
-        self._seen = newest_picture(step.observation.image)
-        task = step.task
-        seen = as_space_member(step.observation)
-        return seen, step.reward, task.terminated, task.truncated, infos
+        self._seen = spaces.newest_picture(step.observation.image)
+        seen = spaces.as_space_member(step.observation)
+        return seen, step.reward, step.task.terminated, step.task.truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The picture (H, W, 3) uint8 that each robot saw last; None unless ``rgb_array``."""
