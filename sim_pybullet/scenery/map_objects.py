@@ -7,37 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from robot.errors import MapError, nearest
 from robot.geometry import Pose, wrap_angle
 from robot.navigation.road_map import RoadMap, number, numbers, refuse_misspelt_keys
+from sim_pybullet.scenery.object_parts import kinds
 
-_SIGNS = (
-    "4_way_intersect", "T_intersect", "blank", "do_not_enter", "duck_crossing", "left_T_intersect",
-    "no_left_turn", "no_right_turn", "oneway_left", "oneway_right", "pedestrian",
-    "right_T_intersect", "stop", "t_light_ahead", "yield",
-)  # fmt: skip
-SIGN_HEIGHT_M = 0.165
-# Height [m] of an object whose entry says ``scale: 1``, or no size at all: the height of the mesh
-# that gym-duckietown 6.1.34 draws (height over scale); ``building`` is taken as ``house``.
-NATURAL_HEIGHT_M: dict[str, float] = {
-    **{f"sign_{name}": SIGN_HEIGHT_M for name in _SIGNS},
-    "barrier": 1.14,
-    "building": 4.82,
-    "bus": 4.41,
-    "checkerboard": 20.1,
-    "cone": 31.5,
-    "duckie": 1.52,
-    "duckiebot": 0.135,
-    "floor_tag": 0.0,
-    "house": 4.82,
-    "trafficlight": 0.366,
-    "tree": 3.56,
-    "truck": 5.19,
-}
 _FORMS = ("pos", "pose", "place", "attach")
 _KEYS = (*_FORMS, "kind", "rotate", "height", "scale", "static", "optional", "color", "tag")
 # How far a sign stands from the corner of its tile, along the kerb and away from it [m]; the slots
@@ -47,14 +25,6 @@ _SLOTS_M: tuple[tuple[float, float], ...] = (
     (_ALONG_M, _AWAY_M), (_AWAY_M, _ALONG_M), (-_AWAY_M, _ALONG_M), (-_ALONG_M, _AWAY_M),
     (-_ALONG_M, -_AWAY_M), (-_AWAY_M, -_ALONG_M), (_AWAY_M, -_ALONG_M), (_ALONG_M, -_AWAY_M),
 )  # fmt: skip
-
-
-class Tag(NamedTuple):
-    """An AprilTag: family such as ``36h11``, edge length [m], number."""
-
-    family: str
-    size_m: float
-    tag_id: int
 
 
 @dataclass(frozen=True)
@@ -73,7 +43,6 @@ class MapObject:
     static: bool = True
     optional: bool = False
     color: str | None = None
-    tag: Tag | None = None
 
 
 def objects_of(road_map: RoadMap) -> tuple[MapObject, ...]:
@@ -101,8 +70,8 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
         raise MapError(f"{where}: expected a mapping with kind and a position, got {entry!r}")
     refuse_misspelt_keys(entry, _KEYS, where)
     kind = entry.get("kind")
-    if not isinstance(kind, str) or kind not in NATURAL_HEIGHT_M:
-        raise MapError(f"{where}: unknown kind {kind!r}; {nearest(str(kind), NATURAL_HEIGHT_M)}")
+    if not isinstance(kind, str) or kind not in kinds():
+        raise MapError(f"{where}: unknown kind {kind!r}; {nearest(str(kind), kinds())}")
     x_m, y_m, heading_rad = _place(entry, grid, where)
     color = entry.get("color")
     return MapObject(
@@ -115,7 +84,6 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
         _flag(entry, "static", True, where),
         _flag(entry, "optional", False, where),
         None if color is None else str(color),
-        _tag(entry.get("tag"), where),
     )
 
 
@@ -212,26 +180,13 @@ def _height(kind: str, entry: dict[str, Any], where: str) -> float:
     if "height" in entry:
         height_m = number(entry["height"], f"{where}: height")
     else:
-        height_m = NATURAL_HEIGHT_M[kind] * number(entry.get("scale", 1.0), f"{where}: scale")
+        height_m = kinds()[kind].height_m * number(entry.get("scale", 1.0), f"{where}: scale")
     if height_m < 0.0 or (height_m == 0.0 and kind != "floor_tag"):
         raise MapError(f"{where}: expected a height above 0 m, got {height_m}")
     return height_m
 
 
 def _flag(entry: dict[str, Any], key: str, default: bool, where: str) -> bool:
-    value = entry.get(key, default)
-    if not isinstance(value, bool):
+    if not isinstance(value := entry.get(key, default), bool):
         raise MapError(f"{where}: {key}: expected true or false, got {value!r}")
     return value
-
-
-def _tag(data: Any, where: str) -> Tag | None:
-    if data is None:
-        return None
-    content = data.get("~TagInstance", data) if isinstance(data, dict) else data
-    try:
-        return Tag(str(content["family"]), float(content["size"]), int(content["tag_id"]))
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise MapError(
-            f"{where}: tag: expected ~TagInstance with family, size and tag_id, got {data!r}"
-        ) from error

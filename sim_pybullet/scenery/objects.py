@@ -8,7 +8,6 @@ import numpy as np
 
 from robot.errors import MapError, nearest
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.racing.track import Track
@@ -16,7 +15,7 @@ from sim_pybullet.racing.track_ground import paint_track, track_walls
 from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids
 from sim_pybullet.scenery.map_objects import MapObject, objects_of
-from sim_pybullet.scenery.object_parts import CLASSES, COLOURS, PARTS, SIGN_FACES, sign_parts
+from sim_pybullet.scenery.object_parts import colours, kinds
 
 Place = RoadMap | Track  # what there is to drive on
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
@@ -52,16 +51,11 @@ def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[So
 
 def object_solids(item: MapObject) -> tuple[Solid, ...]:
     """The solids that one object of a map is made of; none for marks on the floor."""
-    face = item.kind.removeprefix("sign_")
-    if face != item.kind and face in SIGN_FACES:
-        kind, parts = SemanticClass.SIGN, sign_parts(face)
-    elif item.kind in PARTS:
-        kind, parts = CLASSES.get(item.kind, SemanticClass.OBJECT), PARTS[item.kind]
-    else:
-        valid = (*PARTS, *(f"sign_{face}" for face in SIGN_FACES))
+    if item.kind not in kinds():
         raise MapError(
-            f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, valid)}"
+            f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, kinds())}"
         )
+    kind = kinds()[item.kind]
     scale = item.height_m
     c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
     return tuple(
@@ -71,10 +65,10 @@ def object_solids(item: MapObject) -> tuple[Solid, ...]:
             y_m=item.y_m + scale * (s * part.forward + c * part.left),
             heading_rad=item.heading_rad,
             size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
-            rgb=COLOURS.get(item.color or "", part.rgb) if part.own_colour else part.rgb,
-            kind=kind,
+            rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
+            kind=kind.semantic_class,
             base_m=scale * part.base,
             collides=part.collides,
         )
-        for part in parts
+        for part in kind.parts
     )

@@ -16,7 +16,8 @@ from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene, Solid
-from sim_pybullet.scenery.map_objects import NATURAL_HEIGHT_M, MapObject, objects_of
+from sim_pybullet.scenery.map_objects import MapObject, objects_of
+from sim_pybullet.scenery.object_parts import kinds
 from sim_pybullet.scenery.objects import build_scene, object_solids
 
 IMAGE = ImageSpec(160, 120)
@@ -106,7 +107,7 @@ def test_faces_are_lit_by_lambert() -> None:
         assert np.abs(frame[v, u] - shade * np.array([200, 100, 50])).max() <= 1.0
 
 
-@pytest.mark.parametrize("kind", sorted(NATURAL_HEIGHT_M))
+@pytest.mark.parametrize("kind", sorted(kinds()))
 def test_every_kind_of_object_stands_on_the_floor_and_is_as_high_as_asked(kind: str) -> None:
     solids = object_solids(MapObject("it", kind, 1.0, 2.0, 0.7, 0.2))
     if kind == "floor_tag":
