@@ -58,15 +58,9 @@ class BatchWorld:
     The same arguments, seed and actions give the same pictures, bit for bit.
 
     Args:
-        task: of N robots.
-        looks: a list of Looks or a sampler, see `sim_pybullet.pool.LookPool`.
-        image: the picture of the policy.
-        seed: of everything that is random.
         pool_size: painted worlds per map, with a sampler of Looks.
         numbers: of the episodes; without it they have none and never end, see
             `sim_pybullet.episodes`.
-        drive: see `sim_pybullet.town.Town`.
-        camera: draws the N robots; by default a ``RayCamera``.
         translator: what every picture passes through before the policy sees it.
     """
 

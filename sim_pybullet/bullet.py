@@ -64,8 +64,6 @@ class Bullet:
     """A physics client without a window.
 
     Args:
-        dt_s: time of one ``step``.
-        gravity: whether things fall. Without it bodies that nothing touches keep their height.
         substeps: into how many parts Bullet cuts a step.
     """
 

@@ -11,7 +11,6 @@ class DelayLine:
     """Every robot has a delay of its own; between whole steps the line is read linearly.
 
     Args:
-        n_robots: N.
         width: W, numbers per robot.
     """
 

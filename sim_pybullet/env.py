@@ -82,7 +82,6 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         """Begin an episode; the same seed begins the same ones.
 
         Args:
-            seed: of everything random in the episodes that follow.
             options: ``pose``, (x [m], y [m], heading [rad]): where the robot begins.
 
         Raises:
@@ -172,7 +171,6 @@ def make_world(
     """The world of a task, for any face of it.
 
     Args:
-        task: its name.
         robots: how many.
         road_map: one or more files, or names of shipped maps or tracks, each episode on one of
             them; else the task's own.

@@ -21,7 +21,6 @@ class MotorModel:
     """The motors of N robots, each after a ``DriveLook`` of its own.
 
     Args:
-        n_robots: N.
         dt_s: time between two calls of ``step``. A command that reaches the wheels within a step
             counts for the rest of that step; a lag shorter than a step is none.
     """
@@ -63,10 +62,6 @@ class MotorModel:
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Advance by one time step under commanded wheel speeds.
-
-        Args:
-            actions: (N, 2) left and right rim speeds [m/s].
-            rng: draws the noise of the wheels.
 
         Returns:
             (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.

@@ -65,13 +65,8 @@ class OverheadCamera:
     """Draws what hangs above ``ground`` sees; pictures are (H, W, 3) uint8 RGB.
 
     Args:
-        ground: the floor.
-        hanging: where the camera hangs.
-        lens: of the camera.
         light: of floor points (H, W, 2) [m], what each pixel's colours are multiplied by (H, W, 3);
             else it is even.
-        blur_px: standard deviation.
-        noise: standard deviation, grey levels.
     """
 
     def __init__(

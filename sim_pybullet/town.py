@@ -35,11 +35,7 @@ class Town:
     the floor and move by the friction of two driven wheels and a caster (for virtual hardware).
 
     Args:
-        worlds: W sequences of solids.
-        n_robots: N. All begin at the origin of world 0, so ``place`` them.
-        drive: see above.
         robots_collide: whether the robots of one world meet each other.
-        dt_s: time of one step [s].
         reach_m: how far from its origin what a world is furnished with later may lie [m].
     """
 

@@ -64,9 +64,7 @@ def expert_actions(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np
     action whose circle is nearest in curvature.
 
     Args:
-        paths: the path of every robot.
         poses: (N, 3) true poses: x [m], y [m], heading [rad].
-        arc_m: (N,) where each robot is on its path [m].
     """
     delta = paths.points_at(np.asarray(arc_m)[:, None] + LOOKAHEAD_M)[:, 0] - poses[:, :2]
     heading = poses[:, 2]

@@ -21,8 +21,6 @@ def cast_shadows(
 
     Args:
         shape: (H, W) of the floor.
-        texel_m: size of a texel.
-        strength: 0 is none.
         rng: draws the shadows: a set of parallel bars in half of the floors, and single objects.
     """
     height, width = (-(-size // _COARSE) for size in shape[:2])

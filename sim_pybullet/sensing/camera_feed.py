@@ -24,11 +24,8 @@ class CameraFeed:
     ago; with probability ``frame_skip`` the previous one comes again.
 
     Args:
-        camera: draws N robots.
-        n_robots: N.
         crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
         translator: what every picture passes through last.
-        dt_s: time between two calls of ``record``.
     """
 
     def __init__(

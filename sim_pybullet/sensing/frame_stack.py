@@ -9,8 +9,6 @@ class FrameStack:
     """Keeps ``frames`` pictures of each robot; the newest comes last.
 
     Args:
-        n_robots: N.
-        frames: how many.
         shape: (H, W, 3) of a picture.
     """
 

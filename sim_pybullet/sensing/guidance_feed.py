@@ -47,8 +47,6 @@ class GuidanceFeed:
         """These robots (M,) begin an episode where they have stood long enough to know it.
 
         Args:
-            robots: indices.
-            looks: one for each of them.
             poses: (N, 3) true ones of all robots.
             hints: (N,) where all robots are on their paths,
                 `robot.navigation.path_batch.PathBatch.index_at`.

@@ -44,10 +44,6 @@ class Gloss:
 
     Phong's model: the spot lies where a ray mirrored by the floor meets the light. Solids are not
     told from the floor: the spot lies over them.
-
-    Args:
-        n_robots: N.
-        image: size of their pictures.
     """
 
     def __init__(self, n_robots: int, image: ImageSpec) -> None:

@@ -26,7 +26,6 @@ class PoseError:
     """One ``PoseLook`` per robot; errors are Ornstein-Uhlenbeck processes.
 
     Args:
-        count: N.
         dt_s: time between two calls of ``observe``; delays are rounded to whole calls.
     """
 

@@ -28,7 +28,6 @@ class Sensors:
     would leave of them, so that small pictures may be drawn directly.
 
     Args:
-        count: N.
         shape: (H, W, 3) of their pictures.
         crop_top_px: how many rows of the whole picture are missing above, for the vignette.
     """
@@ -123,8 +122,6 @@ def apply_sensor(
     """What sensors make of frames (N, H, W, 3) uint8 RGB, one look for each; see `Sensors`.
 
     Args:
-        frames: left as they are.
-        looks: one for each frame.
         rng: used only where a look has noise.
         crop_top_px: how many rows of the whole picture are missing above, for the vignette.
         turns_radps: (N,) how fast each robot turns; without it nothing is smeared.

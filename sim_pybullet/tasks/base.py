@@ -53,11 +53,7 @@ class Task(ABC):
     An episode begins on a random map, a little off the path and askew.
 
     Args:
-        road_maps: M maps or tracks.
-        vehicle: of N robots.
-        n_robots: N.
         half_widths_m: (M,) distance from the path at which a robot leaves its lane.
-        path: any, until episodes begin.
         start_spread: multiplies how far from the path and how askew an episode may begin, for
             training. Good drivers hardly ever see the edge of the lane; there they learn to return.
 

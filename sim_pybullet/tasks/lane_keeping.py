@@ -39,12 +39,7 @@ class LaneKeeping(Task):
     collision. Truncated: all laps driven (success), or twice the time that they take at full speed.
 
     Args:
-        road_maps: rings of road; each episode is on one of them.
-        n_robots: N.
         lane: which one; with ``both`` an episode has either, as likely.
-        laps: of an episode.
-        start_spread: how many times as far off the middle and its direction robots start, for
-            training. Good drivers hardly ever see the edge of the lane; there they learn to return.
 
     Raises:
         ConfigError: no maps, no robots, no laps or no such lane.

@@ -58,10 +58,6 @@ class Manoeuvres(Navigation):
 
     Numbered episodes go through the list in turn.
 
-    Args:
-        road_maps: one map.
-        n_robots: N.
-
     Raises:
         ConfigError: not one map, or no robots.
         MapError: the map has no manoeuvres.

@@ -42,12 +42,6 @@ class Navigation(Task):
     the time that the path takes at full speed. An arrival is no terminal state, since it would end
     a stream of positive rewards and teach to dawdle.
 
-    Args:
-        road_maps: each episode is on one of them.
-        n_robots: N.
-        start_spread: how many times as far off the path and its direction robots start, for
-            training. Good drivers hardly ever see the edge of the lane; there they learn to return.
-
     Raises:
         ConfigError: no maps or no robots.
         MapError: a map has no route that is long enough.

@@ -53,14 +53,6 @@ class TrackRacing(Task):
     degrees off (all count as collisions). Truncated: all laps driven (success), or 10 s behind
     a car of 4 m/s.
 
-    Args:
-        road_maps: tracks; each episode is on one of them.
-        n_robots: N.
-        laps: of an episode.
-        style: what a drive is worth.
-        start_spread: how many times as far off the middle and its direction cars start, for
-            training. Good drivers hardly ever see the edges of the road.
-
     Raises:
         ConfigError: no tracks, no robots or no laps, or a track that is not closed.
     """

@@ -39,12 +39,7 @@ class Transaction(NamedTuple):
 
 
 class VirtualI2cBus:
-    """A bus that implements ``robot.hat.bus.I2cBus`` over attached devices.
-
-    Args:
-        bus_hz: the bit rate, for ``busy_s``.
-        clock: where given, it is moved on by the time that each transaction takes.
-    """
+    """A bus that implements ``robot.hat.bus.I2cBus`` over attached devices."""
 
     LOG_LENGTH = 4096
     name = "virtual I2C bus"  # as a person would see it in a message

@@ -28,8 +28,6 @@ class Pca9685Registers:
     """The chip, driven by the messages of a bus; outputs change when a message ends.
 
     Args:
-        address: the 7-bit address set by the pins.
-        clock: for the oscillator's start.
         before_change: called before the outputs take new values.
         after_change: called after they took them.
     """

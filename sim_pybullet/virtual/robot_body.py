@@ -43,9 +43,6 @@ class Tyres:
     Steps are exact, so a gain is a wheel of another radius, a trim two unequal ones, and a turn
     gain tyres that slip or an axle of another width. Ramps and rotors lag and shake by themselves,
     about as much as the nominal look says: only what a look has beyond that comes on top.
-
-    Args:
-        dt_s: time between two calls of ``twist``.
     """
 
     def __init__(self, look: DriveLook, dt_s: float) -> None:
@@ -57,12 +54,7 @@ class Tyres:
         self._model.reset(0, self._look)
 
     def twist(self, rims_mps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(1, 2) forward speed [m/s] and turn rate [rad/s] of the next step.
-
-        Args:
-            rims_mps: (2,) left and right, see `RolledWheels`.
-            rng: draws the noise of the wheels.
-        """
+        """(1, 2) forward speed [m/s] and turn rate [rad/s] of the next step."""
         return self._model.step(rims_mps[None], rng)
 
 
