@@ -8,11 +8,7 @@ import numpy as np
 
 
 class DelayLine:
-    """Every robot has a delay of its own; between whole steps the line is read linearly.
-
-    Args:
-        width: W, numbers per robot.
-    """
+    """Rows of ``width`` numbers; each robot has a delay of its own, read linearly between steps."""
 
     def __init__(self, n_robots: int, width: int) -> None:
         self._values = np.zeros((2, n_robots, width))  # a ring that holds the longest delay
@@ -25,7 +21,11 @@ class DelayLine:
         """From now on robot ``i`` has this delay; all it can still read are ``value`` (W,)."""
         self._whole[i] = math.floor(delay_steps)
         self._share[i] = delay_steps - self._whole[i]
-        self._make_room(int(self._whole[i]) + 2)
+        missing = int(self._whole[i]) + 2 - len(self._values)
+        if missing > 0:
+            oldest_first = np.roll(self._values, -self._now - 1, axis=0)
+            self._values = np.pad(oldest_first, ((missing, 0), (0, 0), (0, 0)))
+            self._now = len(self._values) - 1
         self._values[:, i] = value
 
     def push(self, values: np.ndarray) -> None:
@@ -41,10 +41,3 @@ class DelayLine:
             return np.asarray(newer)
         older = self._values[(self._now - self._whole - 1) % depth, self._robots]
         return np.asarray((1.0 - self._share) * newer + self._share * older)
-
-    def _make_room(self, depth: int) -> None:
-        missing = depth - len(self._values)
-        if missing > 0:
-            oldest_first = np.roll(self._values, -self._now - 1, axis=0)
-            self._values = np.pad(oldest_first, ((missing, 0), (0, 0), (0, 0)))
-            self._now = depth - 1

@@ -20,19 +20,21 @@ PHYSICS_DT_S = CONTROL_DT_S / PHYSICS_STEPS
 class MotorModel:
     """The motors of N robots, each after a ``DriveLook`` of its own.
 
-    Args:
-        dt_s: time between two calls of ``step``. A command that reaches the wheels within a step
-            counts for the rest of that step; a lag shorter than a step is none.
+    A command that reaches the wheels within a step of ``dt_s`` counts for the rest of that step; a
+    lag shorter than a step is none.
+
+    Attributes:
+        twists: (N, 2) forward speed [m/s] and turn rate [rad/s] now.
+        counted: likewise, by the steps that the motors made: what odometry knows. It does not know
+            of gain, trim and noise, nor of tyres that slip.
     """
 
     def __init__(self, n_robots: int, dt_s: float = PHYSICS_DT_S) -> None:
         self._dt_s = dt_s
         self._decay = np.zeros((n_robots, 2))  # of forward speed and turn rate, per step
         self._gains = np.ones((n_robots, 2))  # left, right
-        self._turn_gain = np.ones(n_robots)
-        self._noise = np.zeros(n_robots)
-        self._twists = np.zeros((n_robots, 2))
-        self._counted = np.zeros((n_robots, 2))
+        self._turn_gain, self._noise = np.ones(n_robots), np.zeros(n_robots)
+        self.twists, self.counted = np.zeros((n_robots, 2)), np.zeros((n_robots, 2))
         self._commands = DelayLine(n_robots, 2)
         for i in range(n_robots):
             self.reset(i, DriveLook())
@@ -42,30 +44,12 @@ class MotorModel:
         lags_s = (look.forward_lag_s, look.turn_lag_s)
         self._decay[i] = [1.0 - self._dt_s / max(lag, self._dt_s) for lag in lags_s]
         self._gains[i] = look.gain - look.trim, look.gain + look.trim
-        self._turn_gain[i] = look.turn_gain
-        self._noise[i] = look.noise
+        self._turn_gain[i], self._noise[i] = look.turn_gain, look.noise
         self._commands.reset(i, look.delay_s / self._dt_s, np.zeros(2))
-        self._twists[i] = self._counted[i] = 0.0
-
-    @property
-    def twists(self) -> np.ndarray:
-        """Forward speed [m/s] and turn rate [rad/s] now, (N, 2)."""
-        return self._twists.copy()
-
-    @property
-    def counted(self) -> np.ndarray:
-        """As ``twists``, by the steps that the motors made: what odometry knows (N, 2).
-
-        It does not know of gain, trim and noise, nor of tyres that slip.
-        """
-        return self._counted.copy()
+        self.twists[i] = self.counted[i] = 0.0
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Advance by one time step under commanded wheel speeds.
-
-        Returns:
-            (N, 2) forward speed [m/s] and turn rate [rad/s] at the end of the step.
-        """
+        """The ``twists`` after one more step at commanded rim speeds (N, 2), left and right."""
         self._commands.push(actions)
         commands = self._commands.read()
         wheels = commands * self._gains
@@ -73,10 +57,10 @@ class MotorModel:
             wheels *= 1.0 + self._noise[:, None] * rng.standard_normal(wheels.shape)
         target = _twists(wheels)
         target[:, 1] *= self._turn_gain
-        self._twists = target + (self._twists - target) * self._decay
+        self.twists = target + (self.twists - target) * self._decay
         target = _twists(commands)
-        self._counted = target + (self._counted - target) * self._decay
-        return self._twists.copy()
+        self.counted = target + (self.counted - target) * self._decay
+        return self.twists.copy()
 
 
 def _twists(wheel_mps: np.ndarray) -> np.ndarray:

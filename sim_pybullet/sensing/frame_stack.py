@@ -6,21 +6,12 @@ import numpy as np
 
 
 class FrameStack:
-    """Keeps ``frames`` pictures of each robot; the newest comes last.
-
-    Args:
-        shape: (H, W, 3) of a picture.
-    """
+    """Keeps ``frames`` pictures (H, W, 3) of each robot; the newest comes last."""
 
     def __init__(self, n_robots: int, frames: int, shape: tuple[int, int, int]) -> None:
         self._frames, self._channels = frames, shape[2]
-        self._stack = np.zeros((n_robots, *shape[:2], frames * shape[2]), np.uint8)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """(H, W, 3 frames) of what one robot sees."""
-        height, width, channels = self._stack.shape[1:]
-        return (height, width, channels)
+        self.shape = (*shape[:2], frames * shape[2])  # of what one robot sees
+        self._stack = np.zeros((n_robots, *self.shape), np.uint8)
 
     def push(self, pictures: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
         """The next picture of every robot, or of robots (M,); their stacks in a fresh array."""

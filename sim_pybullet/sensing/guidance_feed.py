@@ -46,14 +46,11 @@ class GuidanceFeed:
     ) -> None:
         """These robots (M,) begin an episode where they have stood long enough to know it.
 
-        Args:
-            poses: (N, 3) true ones of all robots.
-            hints: (N,) where all robots are on their paths,
-                `robot.navigation.path_batch.PathBatch.index_at`.
-            rngs: draw the errors, one for each of them.
+        ``looks`` and ``rngs`` are theirs; ``poses`` (N, 3) are true, and ``hints`` (N,) say where
+        all robots are on their paths, see `robot.navigation.path_batch.PathBatch.index_at`.
         """
         for i, look, rng in zip(robots.tolist(), looks, rngs, strict=True):
-            self._exact[i] = _is_exact(look)
+            self._exact[i] = replace(look, correlation_s=PoseLook.correlation_s) == PoseLook()
             self._errors.reset(i, look, rng)
         if not self._exact[robots].all():
             if self._moved < self._decisions:
@@ -98,7 +95,3 @@ class GuidanceFeed:
 
     def _believe(self, poses: np.ndarray) -> None:
         self.poses = np.where(self._exact[:, None], poses, self._fusion.poses)
-
-
-def _is_exact(look: PoseLook) -> bool:
-    return replace(look, correlation_s=PoseLook.correlation_s) == PoseLook()

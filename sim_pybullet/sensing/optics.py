@@ -81,15 +81,6 @@ class Gloss:
         _brighten(frames.reshape(len(frames), -1), lit, spots, strength)
 
 
-def add_gloss(
-    frame: np.ndarray, rig: CameraRig, image: ImageSpec, light: LightLook, heading_rad: float
-) -> None:
-    """As ``Gloss`` to one frame (H, W, 3) uint8, in place."""
-    gloss = Gloss(1, image)
-    gloss.put(0, rig, light)
-    gloss.add(frame[None], np.array([heading_rad]), np.zeros(1, int))
-
-
 @njit(parallel=True, nogil=True, cache=True)
 def _distances(
     rays: np.ndarray, robots: np.ndarray, lamps: np.ndarray, least: np.ndarray, variance: np.ndarray

@@ -119,29 +119,11 @@ def apply_sensor(
     crop_top_px: int = 0,
     turns_radps: np.ndarray | None = None,
 ) -> np.ndarray:
-    """What sensors make of frames (N, H, W, 3) uint8 RGB, one look for each; see `Sensors`.
-
-    Args:
-        rng: used only where a look has noise.
-        crop_top_px: how many rows of the whole picture are missing above, for the vignette.
-        turns_radps: (N,) how fast each robot turns; without it nothing is smeared.
-
-    Returns:
-        (N, H, W, 3) uint8; ``frames`` itself when all looks are nominal.
-    """
-    if len(looks) != len(frames):
-        raise ValueError(
-            f"apply_sensor: expected {len(frames)} looks, one per frame, got {len(looks)}"
-        )
-    if all(look == _NOMINAL for look in looks):
-        return frames
+    """What sensors make of frames (N, H, W, 3) uint8 RGB, one look for each; see `Sensors`."""
     sensors = Sensors(len(frames), frames.shape[1:], crop_top_px)
-    for i, look in enumerate(looks):
+    for i, look in zip(range(len(frames)), looks, strict=True):
         sensors.put(i, look)
     return sensors.take(frames.copy(), np.arange(len(frames)), rng, turns_radps)
-
-
-_NOMINAL = SensorLook()
 
 
 @lru_cache(maxsize=4)

@@ -14,9 +14,10 @@ from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.frame_stack import FrameStack
 from sim_pybullet.sensing.guidance_feed import GuidanceFeed
-from sim_pybullet.sensing.optics import add_gloss, smeared
+from sim_pybullet.sensing.optics import smeared
 from sim_pybullet.sensing.pose_error import PoseError
 from sim_pybullet.sensing.sensor import apply_sensor
+from tests.sim_pybullet.sensing.gloss import add_gloss
 
 PX_PER_RAD = 76.393  # of a frame 160 px wide: 305.57 px of a lens 640 px wide
 POST = np.zeros((1, 20, 160, 3), np.uint8)

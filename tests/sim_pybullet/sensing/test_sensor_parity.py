@@ -11,8 +11,8 @@ from sim_pybullet.look import LightLook, SensorLook
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.sensing.jpeg_kernel import quantisers, through_jpeg
-from sim_pybullet.sensing.optics import add_gloss
 from sim_pybullet.sensing.sensor import apply_sensor
+from tests.sim_pybullet.sensing.gloss import add_gloss
 
 
 def pictures(height: int, width: int) -> list[np.ndarray]:
