@@ -7,16 +7,18 @@ Camera, sensor, timing and tyres are those of a `Look`, by the same code as in t
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from robot.camera.source import Frame
 from robot.computer.clock import Clock
-from robot.contract import ImageSpec
+from robot.contract import DRIVE, ImageSpec
 from robot.geometry import Pose
 from robot.hat.driver import MotorDriver
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.look import Look
+from sim_pybullet.look import DriveLook, Look
+from sim_pybullet.motors import MotorModel
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.objects import build_scene
@@ -24,9 +26,41 @@ from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
 from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.robot_body import RolledWheels, Tyres
 
 PHYSICS_DT_S = 1.0 / 60.0
+_NOMINAL = DriveLook()
+
+
+class RolledWheels:
+    """The mean rim speeds of both wheels between two calls, measured at the rotors."""
+
+    def __init__(self, hat: VirtualHat, clock: Clock) -> None:
+        self._hat, self._clock = hat, clock
+        self._time_s, self._angles_rad = clock.now(), hat.wheel_angles_rad
+
+    def since_last(self) -> np.ndarray:
+        """(2,) left and right [m/s] since the last call; zero within an instant."""
+        now_s, angles_rad = self._clock.now(), self._hat.wheel_angles_rad
+        duration_s = now_s - self._time_s
+        if duration_s <= 0.0:
+            return np.zeros(2)
+        rims_mps = (angles_rad - self._angles_rad) * DRIVE.wheel_radius_m / duration_s
+        self._time_s, self._angles_rad = now_s, angles_rad
+        return np.asarray(rims_mps)
+
+
+def beyond_nominal(look: DriveLook) -> DriveLook:
+    """This look for wheels that have the nominal look's lags and noise already.
+
+    Such are the rotors': ramps lag and shake by themselves. Steps are exact, so a gain is a wheel
+    of another radius, a trim two unequal ones, and a turn gain tyres that slip.
+    """
+    return replace(
+        look,
+        forward_lag_s=max(look.forward_lag_s - _NOMINAL.forward_lag_s, 0.0),
+        turn_lag_s=max(look.turn_lag_s - _NOMINAL.turn_lag_s, 0.0),
+        noise=math.sqrt(max(look.noise**2 - _NOMINAL.noise**2, 0.0)),
+    )
 
 
 class VirtualWorld:
@@ -55,7 +89,7 @@ class VirtualWorld:
         self._town = Town([self.scene.solids], 1, drive="wheels", dt_s=PHYSICS_DT_S)
         self._feed = CameraFeed(RayCamera(ImageSpec(), 1), 1, dt_s=PHYSICS_DT_S)
         self._rolled = RolledWheels(hat, clock)
-        self._tyres = Tyres(look.drive, PHYSICS_DT_S)
+        self._tyres = MotorModel(1, PHYSICS_DT_S)
         self._stepped_s = clock.now()
         self._frame: Frame | None = None
         self.place(self.pose)
@@ -74,7 +108,7 @@ class VirtualWorld:
         """Put the robot down, where it has stood for a while as its camera is concerned."""
         self._town.place(0, pose)
         self._rolled.since_last()
-        self._tyres.stand()
+        self._tyres.reset(0, beyond_nominal(self._look.drive))
         self._feed.begin(0, self.scene, self._look, self._town.poses[0])
 
     def advance(self, driver: MotorDriver, time_s: float) -> None:
@@ -99,7 +133,7 @@ class VirtualWorld:
         rims_mps = self._rolled.since_last()
         for _ in range(count):
             before = self._town.poses[0, :2]
-            self._town.step(self._tyres.twist(rims_mps, self._tyre_rng))
+            self._town.step(self._tyres.step(rims_mps[None], self._tyre_rng))
             self._feed.record(self._town.poses)
             self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))
 

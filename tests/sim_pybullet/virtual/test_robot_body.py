@@ -6,8 +6,9 @@ import pytest
 from robot.contract import ACTION_WHEELS
 from robot.geometry import Pose
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.motors import MotorModel
 from sim_pybullet.town import Town
-from sim_pybullet.virtual.robot_body import RolledWheels, Tyres
+from sim_pybullet.virtual.world import RolledWheels, beyond_nominal
 from tests.robot.hat.rig import make_rig
 
 DT_S = 1 / 60
@@ -18,15 +19,16 @@ def test_the_town_goes_where_the_step_odometry_says(drive: str, off_m: float) ->
     rig = make_rig()
     town = Town([[]], 1, drive=drive, dt_s=DT_S)  # type: ignore[arg-type]
     rolled, rng = RolledWheels(rig.hat, rig.clock), np.random.default_rng(0)
-    tyres = Tyres(NOMINAL.drive, DT_S)
+    tyres = MotorModel(1, DT_S)
+    tyres.reset(0, beyond_nominal(NOMINAL.drive))
     with rig.driver:
         for action in (2, 1, 2, 4, 3):
             for _ in range(60):
                 rig.drive(*ACTION_WHEELS[action], DT_S)
-                town.step(tyres.twist(rolled.since_last(), rng))
+                town.step(tyres.step(rolled.since_last()[None], rng))
         for _ in range(60):
             rig.drive(0.0, 0.0, DT_S)
-            town.step(tyres.twist(rolled.since_last(), rng))
+            town.step(tyres.step(rolled.since_last()[None], rng))
         expected = rig.driver.pose
     pose = Pose(*town.poses[0])
     town.close()

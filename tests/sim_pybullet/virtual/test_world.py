@@ -18,8 +18,7 @@ from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
 from sim_pybullet.vehicle import WheeledRobots
-from sim_pybullet.virtual.robot_body import RolledWheels
-from sim_pybullet.virtual.world import VirtualWorld
+from sim_pybullet.virtual.world import RolledWheels, VirtualWorld
 from tests.robot.hat.rig import Rig, make_rig
 
 DT_S = 1 / 60
