@@ -5,7 +5,6 @@ A file has the shape of a Look; each leaf is a value or one of ::
     {uniform: [low, high]}      colours: one draw per channel between two colours
     {log_uniform: [low, high]}  for gains, so that halving is as likely as doubling
     {normal: [mean, sd]}        cut off at three standard deviations
-    {choice: [a, b, ...]}
     {integer: [low, high]}      both included
     {grey: [low, high, tint]}   a grey, each channel off by at most ``tint``
 
@@ -17,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,8 @@ from sim_pybullet.look import NOMINAL, POSE_ERRORS, Look, look_from_plain
 LOOKS_DIR = Path(__file__).parent / "looks"
 
 Sampler = Callable[[np.random.Generator], Look]
+# How to draw from a distribution, and the values between which it draws.
+_Draw = tuple[Callable[[np.random.Generator], Any], Sequence[Any]]
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def shipped_looks() -> dict[str, Path]:
     A look in a folder is named with it, as ``tracks/dusk``.
     """
     files = {path.relative_to(LOOKS_DIR).with_suffix(""): path for path in _looks_in(LOOKS_DIR)}
-    folders = {path.parent.relative_to(LOOKS_DIR): path.parent for path in _looks_in(LOOKS_DIR)}
+    folders = {path.parent.relative_to(LOOKS_DIR): path.parent for path in files.values()}
     return {str(name): path for name, path in {**files, **folders}.items() if path != LOOKS_DIR}
 
 
@@ -95,8 +96,7 @@ def load_look_sampler(
         return sample
     if pose_error not in POSE_ERRORS:
         raise ConfigError(f"pose error: unknown {pose_error!r}; {nearest(pose_error, POSE_ERRORS)}")
-    pose = POSE_ERRORS[pose_error]
-    return lambda rng: replace(sample(rng), pose=pose)
+    return lambda rng: replace(sample(rng), pose=POSE_ERRORS[pose_error])
 
 
 def is_reality(source: str | Path) -> bool:
@@ -155,10 +155,13 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
         for group, leaves in data.items()
         if isinstance(leaves, dict)
     }
-    turns = max((len(d.extremes) for group in draws.values() for d in group.values()), default=1)
+    turns = max((len(ends) for group in draws.values() for _, ends in group.values()), default=1)
     for turn in reversed(range(turns)):  # one of its extremes in the place of every distribution
         extremes = {
-            group: {**data[group], **{k: d.extremes[turn % len(d.extremes)] for k, d in ds.items()}}
+            group: {
+                **data[group],
+                **{leaf: ends[turn % len(ends)] for leaf, (_, ends) in ds.items()},
+            }
             for group, ds in draws.items()
         }
         look = look_from_plain({**data, **extremes})
@@ -168,7 +171,7 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
         changed = {}
         for group, leaves in draws.items():
             before = getattr(look, group)
-            drawn = {k: _like(getattr(before, k), d.draw(rng)) for k, d in leaves.items()}
+            drawn = {k: _like(getattr(before, k), draw(rng)) for k, (draw, _) in leaves.items()}
             changed[group] = replace(before, **drawn)
         return replace(look, **changed)
 
@@ -178,13 +181,6 @@ def look_sampler(data: Any, where: str = "look") -> Sampler:
 def fixed(look: Look) -> Sampler:
     """The sampler that always gives this Look."""
     return lambda _: look
-
-
-class _Draw(NamedTuple):
-    """A distribution: how to draw from it, and the values between or among which it draws."""
-
-    draw: Callable[[np.random.Generator], Any]
-    extremes: Sequence[Any]
 
 
 def _like(before: Any, drawn: Any) -> Any:
@@ -200,41 +196,35 @@ def _prepared(node: dict[str, Any], where: str) -> _Draw:
         raise ConfigError(f"{where}: cannot draw {name}: {arguments!r}: {error}") from error
 
 
-def _uniform(arguments: Any) -> _Draw:
+def _ends(arguments: Any) -> tuple[Any, Any]:
     low, high = (np.asarray(end, dtype=float) for end in arguments)
     if np.any(high < low):
         raise ValueError("expected [low, high]")
-    ends = low.tolist(), high.tolist()
-    return _Draw(lambda rng: rng.uniform(*ends), ends)
+    return low.tolist(), high.tolist()
+
+
+def _uniform(arguments: Any) -> _Draw:
+    ends = _ends(arguments)
+    return lambda rng: rng.uniform(*ends), ends
 
 
 def _log_uniform(arguments: Any) -> _Draw:
-    low, high = (np.asarray(end, dtype=float) for end in arguments)
-    if np.any(low <= 0) or np.any(high < low):
+    ends = _ends(arguments)
+    if np.any(np.array(ends) <= 0):
         raise ValueError("expected [low, high], both positive")
-    draw, _ = _uniform((np.log(low), np.log(high)))
-    return _Draw(lambda rng: np.exp(draw(rng)).tolist(), (low.tolist(), high.tolist()))
+    draw, _ = _uniform(np.log(ends))
+    return lambda rng: np.exp(draw(rng)).tolist(), ends
 
 
 def _normal(arguments: Any) -> _Draw:
     mean, sd = (float(v) for v in arguments)
-    return _Draw(
-        lambda rng: mean + sd * min(max(rng.standard_normal(), -3.0), 3.0),
-        (mean - 3.0 * sd, mean + 3.0 * sd),
-    )
-
-
-def _choice(arguments: Any) -> _Draw:
-    if not arguments:
-        raise ValueError("expected at least one value")
-    return _Draw(lambda rng: arguments[int(rng.integers(len(arguments)))], arguments)
+    ends = (mean - 3.0 * sd, mean + 3.0 * sd)
+    return lambda rng: mean + sd * min(max(rng.standard_normal(), -3.0), 3.0), ends
 
 
 def _integer(arguments: Any) -> _Draw:
-    low, high = (int(v) for v in arguments)
-    if high < low:
-        raise ValueError("expected [low, high]")
-    return _Draw(lambda rng: int(rng.integers(low, high + 1)), (low, high))
+    low, high = (int(v) for v in _ends(arguments))
+    return lambda rng: int(rng.integers(low, high + 1)), (low, high)
 
 
 def _grey(arguments: Any) -> _Draw:
@@ -246,14 +236,13 @@ def _grey(arguments: Any) -> _Draw:
         channels = rng.uniform(low, high) + rng.uniform(-tint, tint, 3)
         return np.clip(channels, 0.0, 255.0)
 
-    return _Draw(draw, ([min(max(low, 0.0), 255.0)] * 3, [min(max(high, 0.0), 255.0)] * 3))
+    return draw, np.clip(np.repeat(((low,), (high,)), 3, axis=1), 0.0, 255.0).tolist()
 
 
 _DRAWS: dict[str, Callable[[Any], _Draw]] = {
     "uniform": _uniform,
     "log_uniform": _log_uniform,
     "normal": _normal,
-    "choice": _choice,
     "integer": _integer,
     "grey": _grey,
 }

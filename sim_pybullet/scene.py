@@ -30,12 +30,12 @@ class Ground:
 
 @dataclass(frozen=True)
 class Solid:
-    """A box, an upright cylinder or a billboard that always faces the viewer.
+    """A box or an upright cylinder.
 
     ``size_m`` is (length along heading, width, height); a cylinder's diameter is its length.
     """
 
-    shape: Literal["box", "cylinder", "billboard"]
+    shape: Literal["box", "cylinder"]
     x_m: float
     y_m: float
     heading_rad: float

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from sim_pybullet.scene import Solid
 
 URDF = Path(__file__).parent / "assets" / "duckpilot.urdf"
 Drive = Literal["planar", "wheels"]
+CHASSIS_M, CHASSIS_CENTRE_M = (0.18, 0.13, 0.1), (-0.024, 0.0, 0.07)  # as in the URDF
 
 _WHEELS = ("left_wheel", "right_wheel")
 _WHEEL_TORQUE_NM = 0.5  # more than the tyres can pass on: wheels turn as they are told
@@ -114,7 +114,7 @@ class Town:
     def _build_robot(self, mask: int) -> Body:
         if self._wheels:
             return self._bullet.load_robot(URDF, _WHEELS, mask)
-        return self._bullet.add_box_robot(*_chassis(), mask)
+        return self._bullet.add_box_robot(CHASSIS_M, CHASSIS_CENTRE_M, mask)
 
     def _velocities(self, twists: np.ndarray) -> np.ndarray:
         """(N, 3) over the floor: the chord of the arc that the twist makes in one step."""
@@ -130,14 +130,3 @@ def _wheel_rates(twists: np.ndarray) -> np.ndarray:
     forward, turn = np.asarray(twists, dtype=float).T
     half = 0.5 * DRIVE.baseline_m * turn
     return np.stack((forward - half, forward + half), axis=1) / DRIVE.wheel_radius_m
-
-
-def _chassis() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Size and centre (x, y, z) [m] of the chassis' collision box, from the robot's URDF."""
-    link = next(ElementTree.parse(URDF).getroot().iterfind("link[@name='chassis']"))
-    origin, box = (next(link.iterfind(f"collision/{part}")) for part in ("origin", "geometry/box"))
-    return _triple(box.attrib["size"]), _triple(origin.attrib["xyz"])
-
-
-def _triple(text: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in text.split())

@@ -8,12 +8,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from numba import njit, prange
 
 from robot.navigation.road_map import RoadMap
 from robot.navigation.tiles import ROAD_SIDES, Tile
 from sim_pybullet.classes import SemanticClass
-from sim_pybullet.look import GroundLook
-from sim_pybullet.painting.ground_kernel import compose
+from sim_pybullet.look import GroundLook, Rgb
 from sim_pybullet.painting.paint import tile_paint, tile_seam
 from sim_pybullet.painting.shadows import cast_shadows
 from sim_pybullet.painting.strip_ground import paint_strips
@@ -40,54 +40,44 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
     size = 8 * max(1, round(road_map.tile_size_m / TEXEL_M / 8))
     painted = [[_painted_as(tile, road_map.compat) for tile in row] for row in road_map.tiles]
     names = sorted({name for row in painted for name in row})
+    index = np.array([[names.index(name) for name in row] for row in painted])
     paints = np.stack(
         [np.rot90(tile_paint(kind, size, look.line_width_scale), turns) for kind, turns in names]
     )
-    index = np.array([[names.index(name) for name in row] for row in painted])
+    on_mat = np.array([kind in MATS for kind, _ in names])
+    base_rgb = {"grass": GRASS_RGB, **dict.fromkeys(MATS, look.asphalt_rgb)}
     noise = surface_noise(look.texture_seed)
-    rgb = compose(
+    rgb = _compose(
         index,
         paints,
-        np.array([_base_rgb(kind, look) for kind, _ in names], np.float32),
+        np.array([base_rgb.get(kind, look.outside_rgb) for kind, _ in names], np.float32),
         np.array([look.white_rgb, look.yellow_rgb, look.red_rgb], np.float32),
         tile_seam(size) * np.float32(look.seam_depth),
-        np.array([kind in MATS for kind, _ in names], np.float32),
+        on_mat.astype(np.float32),
         noise.grain * np.float32(look.grain),
         paint_left(noise, look),
         _light(index.shape, size, look),
     )
-    base = np.array([SemanticClass.ROAD if k in MATS else SemanticClass.OUTSIDE for k, _ in names])
-    texel_m = road_map.tile_size_m / size
-    outside = tuple(min(255.0, look.brightness * value) for value in look.outside_rgb)
-    return Ground(
-        rgb=rgb,
-        classes=_classes(paints, base)[index].swapaxes(1, 2).reshape(rgb.shape[:2]),
-        texel_m=texel_m,
-        west_m=0.0,
-        north_m=len(road_map.tiles) * road_map.tile_size_m,
-        outside_rgb=(outside[0], outside[1], outside[2]),
-    )
+    classes = np.where(on_mat, SemanticClass.ROAD, SemanticClass.OUTSIDE).astype(np.uint8)
+    classes = np.broadcast_to(classes[:, None, None], paints.shape[:3]).copy()
+    lines = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
+    for plane, line in enumerate(lines):  # where paint covers half
+        classes[paints[..., plane] >= 128] = line
+    classes = classes[index].swapaxes(1, 2).reshape(rgb.shape[:2])
+    north_m, texel_m = len(road_map.tiles) * road_map.tile_size_m, road_map.tile_size_m / size
+    return Ground(rgb, classes, texel_m, 0.0, north_m, outside_rgb(look))
+
+
+def outside_rgb(look: GroundLook) -> Rgb:
+    """Of the floor beyond the picture, as bright as the rest."""
+    red, green, blue = (min(255.0, look.brightness * value) for value in look.outside_rgb)
+    return red, green, blue
 
 
 def _painted_as(tile: Tile, compat: bool) -> tuple[str, int]:
     """Kind and quarter turns; the reference simulator takes both T-junctions for the left one."""
     kind = "3way_left" if compat and tile.kind == "3way_right" else tile.kind
     return kind, tile.quarter_turns % 4
-
-
-def _base_rgb(kind: str, look: GroundLook) -> tuple[float, float, float]:
-    if kind in MATS:
-        return look.asphalt_rgb
-    return GRASS_RGB if kind == "grass" else look.outside_rgb
-
-
-def _classes(paints: np.ndarray, base: np.ndarray) -> np.ndarray:
-    """Semantic class of each texel of each tile, (K, T, T) uint8: paint where it covers half."""
-    classes = np.broadcast_to(base[:, None, None], paints.shape[:3]).astype(np.uint8)
-    lines = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
-    for plane, line in enumerate(lines):
-        classes[paints[..., plane] >= 128] = line
-    return classes
 
 
 @lru_cache(maxsize=16)
@@ -119,21 +109,68 @@ def _unit(field: np.ndarray) -> np.ndarray:
     return (field - field.mean()) / field.std()
 
 
+def soft_light(cells: tuple[int, int], shape: tuple[int, ...], look: GroundLook) -> np.ndarray:
+    """Brightness with its large soft light and dark areas, drawn as cells, (H, W) float32."""
+    rng = np.random.default_rng((look.texture_seed, 1))
+    soft = rng.uniform(-1.0, 1.0, cells).astype(np.float32)
+    soft = np.asarray(cv2.resize(soft, shape[1::-1], interpolation=cv2.INTER_CUBIC))
+    return np.asarray(look.brightness * (1.0 + 0.4 * look.patchiness * soft), np.float32)
+
+
 def _light(tiles: tuple[int, ...], size: int, look: GroundLook) -> np.ndarray:
     """Brightness of the whole floor, (H, W) float32."""
-    light = _patches(tiles, size, look)
+    shape = (tiles[0] * size, tiles[1] * size)
+    if look.patchiness == 0.0:
+        light = np.full(shape, look.brightness, np.float32)
+    else:
+        light = soft_light((2 * tiles[0] + 1, 2 * tiles[1] + 1), shape, look)
     if look.shadows == 0.0:
         return light
     rng = np.random.default_rng((look.texture_seed, 2))
-    return light * cast_shadows(light.shape, TEXEL_M, look.shadows, rng)
+    return light * cast_shadows(shape, TEXEL_M, look.shadows, rng)
 
 
-def _patches(tiles: tuple[int, ...], size: int, look: GroundLook) -> np.ndarray:
-    """Brightness with its large soft light and dark areas, (H, W) float32."""
-    rng = np.random.default_rng((look.texture_seed, 1))
-    coarse = rng.uniform(-1.0, 1.0, (2 * tiles[0] + 1, 2 * tiles[1] + 1)).astype(np.float32)
-    shape = (tiles[1] * size, tiles[0] * size)
-    if look.patchiness == 0.0:
-        return np.full(shape[::-1], look.brightness, np.float32)
-    soft = cv2.resize(coarse, shape, interpolation=cv2.INTER_CUBIC)
-    return np.asarray(look.brightness * (1.0 + 0.4 * look.patchiness * soft), np.float32)
+@njit(parallel=True, nogil=True, cache=True, fastmath=True)
+def _compose(
+    index: np.ndarray,
+    paints: np.ndarray,
+    bases: np.ndarray,
+    colours: np.ndarray,
+    seam: np.ndarray,
+    has_seam: np.ndarray,
+    grain: np.ndarray,
+    kept: np.ndarray,
+    brightness: np.ndarray,
+) -> np.ndarray:
+    """Asphalt, joints, paint and wear over each other: (rows * T, columns * T, 3) uint8 RGB.
+
+    Args:
+        index: (rows, columns) integers, which of the K tile pictures lies where.
+        paints: (K, T, T, 3) uint8 coverage of the three paints.
+        bases, colours: (K, 3) and (3, 3) float32, ground of each tile and colour of each paint.
+        seam, has_seam: (T, T) darkening at the joints [grey levels] and (K,) its share.
+        grain, kept: (S, S) float32, S a power of two: noise [grey levels], share of paint left.
+        brightness: (rows * T, columns * T) float32 factor.
+    """
+    size = paints.shape[1]
+    mask = grain.shape[0] - 1
+    height, width = brightness.shape
+    rgb = np.empty((height, width, 3), np.uint8)
+    for row in prange(height):
+        v = row % size
+        for column in range(width):
+            u = column % size
+            tile = index[row // size, column // size]
+            noise = grain[row & mask, column & mask] - seam[v, u] * has_seam[tile]
+            left = kept[row & mask, column & mask] / np.float32(255.0)
+            white = paints[tile, v, u, 0] * left
+            yellow = paints[tile, v, u, 1] * left
+            red = paints[tile, v, u, 2] * left
+            bare = np.float32(1.0) - white - yellow - red
+            noise *= np.float32(0.4) + np.float32(0.6) * bare  # tape is smoother than foam
+            for c in range(3):
+                paint = white * colours[0, c] + yellow * colours[1, c] + red * colours[2, c]
+                value = bare * bases[tile, c] + paint + noise
+                value = value * brightness[row, column] + np.float32(0.5)
+                rgb[row, column, c] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))
+    return rgb

@@ -17,11 +17,9 @@ _SOFT_M = (0.005, 0.06)  # standard deviation of an edge: the sun is not a point
 def cast_shadows(
     shape: tuple[int, ...], texel_m: float, strength: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """What is left of the light, (H, W) float32 in 1 - strength .. 1.
+    """What is left of the light on a floor (H, W), float32 in 1 - strength .. 1.
 
-    Args:
-        shape: (H, W) of the floor.
-        rng: draws the shadows: a set of parallel bars in half of the floors, and single objects.
+    ``rng`` draws a set of parallel bars in half of the floors, and single objects.
     """
     height, width = (-(-size // _COARSE) for size in shape[:2])
     scale = 1.0 / (_COARSE * texel_m)

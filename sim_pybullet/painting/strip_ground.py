@@ -52,7 +52,9 @@ class _Canvas:
         right = middle_m - normal * (0.5 * width_m + crooked[1])
         corners = np.concatenate((left, right[::-1]))
         pixels = np.stack((corners[:, 0], self.north_m - corners[:, 1]), 1) / self.texel_m - 0.5
-        top, bottom, west, east = _bounds(pixels, self.classes.shape)
+        (west, top), (east, bottom) = np.floor(pixels.min(0)) - 1, np.ceil(pixels.max(0)) + 2
+        top, bottom = max(0, int(top)), min(self.classes.shape[0], int(bottom))
+        west, east = max(0, int(west)), min(self.classes.shape[1], int(east))
         if top >= bottom or west >= east:
             return
         fixed = np.round((pixels - (west, top)) * 2**_SUBPIXEL_BITS).astype(np.int32)
@@ -64,6 +66,10 @@ class _Canvas:
         seen += part * (np.array(colour, np.float32) * shade - seen)
         self.classes[top:bottom, west:east][part[..., 0] >= 0.5] = kind
 
+    def white(self, middle_m: np.ndarray) -> None:
+        """Lay a white line along points (K, 2) [m]."""
+        self.tape(middle_m, _WHITE_WIDTH_M, self.look.white_rgb, SemanticClass.WHITE_LINE)
+
 
 def paint_strips(road_map: RoadMap, look: GroundLook) -> Ground:
     """The floor of ``road_map``; the same arguments paint the same floor."""
@@ -71,7 +77,8 @@ def paint_strips(road_map: RoadMap, look: GroundLook) -> Ground:
     size = max(8, round(road_map.tile_size_m / TEXEL_M))
     texel_m = road_map.tile_size_m / size
     shape = (road_map.rows * size, road_map.columns * size)
-    on_mat = np.kron(_mats(road_map), np.ones((size, size), bool))
+    mats = [[tile.is_road or tile.kind == "asphalt" for tile in row] for row in road_map.tiles]
+    on_mat = np.kron(mats, np.ones((size, size), bool))
     base = np.where(on_mat[..., None], np.array(look.asphalt_rgb), np.array(look.outside_rgb))
     classes = np.where(on_mat, SemanticClass.ROAD, SemanticClass.OUTSIDE).astype(np.uint8)
     north_m = road_map.rows * road_map.tile_size_m
@@ -87,22 +94,16 @@ def paint_strips(road_map: RoadMap, look: GroundLook) -> Ground:
     return Ground(rgb, canvas.classes, texel_m, 0.0, north_m, (red, green, blue))
 
 
-def _mats(road_map: RoadMap) -> np.ndarray:
-    return np.array(
-        [[tile.is_road or tile.kind == "asphalt" for tile in r] for r in road_map.tiles]
-    )
-
-
 def _lay_lines(canvas: _Canvas, road_map: RoadMap) -> None:
     tile_m = road_map.tile_size_m
     for tile in road_map.road_tiles:
-        lanes = [lane for lane in road_map.lanes if _lies_in(lane, tile)]
         if tile.is_junction:
             _lay_junction(canvas, road_map, tile)
             continue
+        here = (tile.row, tile.column)
+        lanes = [lane for lane in road_map.lanes if (lane.tile_row, lane.tile_column) == here]
         for lane in lanes:
-            edge = _offset(lane, -_WHITE_OFFSET * tile_m)
-            canvas.tape(edge, _WHITE_WIDTH_M, canvas.look.white_rgb, SemanticClass.WHITE_LINE)
+            canvas.white(_offset(lane, -_WHITE_OFFSET * tile_m))
         middle = _offset(lanes[0], _YELLOW_OFFSET * tile_m)
         _lay_dashes(canvas, middle)
 
@@ -129,9 +130,7 @@ def _lay_junction(canvas: _Canvas, road_map: RoadMap, tile: Tile) -> None:
         left = np.array((-direction[1], direction[0]))  # seen on the way out
         if not is_open[k]:
             ends = centre + tile_m * (0.432 * direction + 0.5 * np.outer((-1, 1), left))
-            canvas.tape(
-                _line(*ends), _WHITE_WIDTH_M, canvas.look.white_rgb, SemanticClass.WHITE_LINE
-            )
+            canvas.white(_line(*ends))
             continue
         stop = centre + tile_m * (0.46 * direction + np.outer((0.03, 0.4), left))
         canvas.tape(_line(*stop), _RED_WIDTH_M, canvas.look.red_rgb, SemanticClass.RED_LINE)
@@ -139,12 +138,7 @@ def _lay_junction(canvas: _Canvas, road_map: RoadMap, tile: Tile) -> None:
             corner = centre + 0.5 * tile_m * (direction + left)
             angles = np.linspace(0.0, 0.5 * math.pi, 12)
             arc = np.outer(np.cos(angles), -direction) + np.outer(np.sin(angles), -left)
-            canvas.tape(
-                corner + 0.068 * tile_m * arc,
-                _WHITE_WIDTH_M,
-                canvas.look.white_rgb,
-                SemanticClass.WHITE_LINE,
-            )
+            canvas.white(corner + 0.068 * tile_m * arc)
 
 
 def _scatter(canvas: _Canvas, on_mat: np.ndarray) -> None:
@@ -185,10 +179,6 @@ def _surface(shape: tuple[int, int], rng: np.random.Generator, slope: float = _S
     return np.asarray(field / field.std(), np.float32)
 
 
-def _lies_in(lane: Lane, tile: Tile) -> bool:
-    return (lane.tile_row, lane.tile_column) == (tile.row, tile.column)
-
-
 def _offset(lane: Lane, left_m: float, points: int = 24) -> np.ndarray:
     """Points (K, 2) beside a lane's middle, to its left where positive [m]."""
     t = np.linspace(0.0, 1.0, points)
@@ -200,9 +190,3 @@ def _offset(lane: Lane, left_m: float, points: int = 24) -> np.ndarray:
 
 def _line(begin: np.ndarray, end: np.ndarray, points: int = 12) -> np.ndarray:
     return begin + np.linspace(0.0, 1.0, points)[:, None] * (end - begin)
-
-
-def _bounds(pixels: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    west, north = np.floor(pixels.min(0)).astype(int) - 1
-    east, south = np.ceil(pixels.max(0)).astype(int) + 2
-    return max(0, north), min(shape[0], south), max(0, west), min(shape[1], east)

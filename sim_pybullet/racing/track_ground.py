@@ -6,12 +6,11 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook, Look
-from sim_pybullet.painting.ground import paint_left, surface_noise
+from sim_pybullet.painting.ground import outside_rgb, paint_left, soft_light, surface_noise
 from sim_pybullet.racing.track import SCALE, SPACING_M, CentreLine, Track, centre_line
 from sim_pybullet.racing.track_kernel import lay, locate
 from sim_pybullet.scene import Ground, Solid
@@ -49,27 +48,23 @@ def paint_track(track: Track, look: Look) -> Ground:
         ConfigError: the track is not closed.
     """
     line, field = centre_line(track), track_field(track)
+    bend = np.abs(line.curvature) * SCALE > 1.0 / KERB_RADIUS_M
+    around = range(-KERB_BEFORE_M, KERB_BEFORE_M + 1)
+    bends = np.asarray(np.stack([np.roll(bend, k) for k in around]).any(axis=0))
     ground = look.ground
     noise = surface_noise(ground.texture_seed)
     rgb, classes = lay(
         field.offset_m,
         field.arc_m,
-        _bends(line.curvature),
+        bends,
         _colours(look),
         _sizes(line, look, field.texel_m),
         noise.grain * np.float32(ground.grain),
         paint_left(noise, ground),
         _brightness(field.offset_m.shape, field.texel_m, ground),
     )
-    outside = tuple(min(255.0, ground.brightness * value) for value in ground.outside_rgb)
-    return Ground(
-        rgb=rgb,
-        classes=classes,
-        texel_m=field.texel_m,
-        west_m=0.0,
-        north_m=classes.shape[0] * field.texel_m,
-        outside_rgb=(outside[0], outside[1], outside[2]),
-    )
+    north_m = classes.shape[0] * field.texel_m
+    return Ground(rgb, classes, field.texel_m, 0.0, north_m, outside_rgb(ground))
 
 
 @lru_cache(maxsize=2)
@@ -84,13 +79,6 @@ def track_field(track: Track) -> TrackField:
     reach_m = line.half_width_m + line.verge_m + SPACING_M * SCALE
     offset_m, arc_m = locate(points, shape, shape[0] * texel_m, texel_m, reach_m)
     return TrackField(offset_m, arc_m, texel_m)
-
-
-def _bends(curvature: np.ndarray) -> np.ndarray:
-    """(M,) bool: whether a point of the centre line is in a bend, or just before or after one."""
-    bend = np.abs(curvature) * SCALE > 1.0 / KERB_RADIUS_M
-    before = np.stack([np.roll(bend, k) for k in range(-KERB_BEFORE_M, KERB_BEFORE_M + 1)])
-    return np.asarray(before.any(axis=0))
 
 
 def _colours(look: Look) -> np.ndarray:
@@ -123,21 +111,15 @@ def _brightness(shape: tuple[int, ...], texel_m: float, look: GroundLook) -> np.
     """The floor's brightness with its large soft light and dark areas, (H, W) or (1, 1) float32."""
     if look.patchiness == 0.0:
         return np.full((1, 1), look.brightness, np.float32)
-    rng = np.random.default_rng((look.texture_seed, 1))
-    coarse = [math.ceil(side * texel_m / _PATCH_M) + 1 for side in shape[:2]]
-    soft = rng.uniform(-1.0, 1.0, coarse).astype(np.float32)
-    soft = np.asarray(cv2.resize(soft, shape[1::-1], interpolation=cv2.INTER_CUBIC))
-    return np.asarray(look.brightness * (1.0 + 0.4 * look.patchiness * soft), np.float32)
+    cells = [math.ceil(side * texel_m / _PATCH_M) + 1 for side in shape[:2]]
+    return soft_light((cells[0], cells[1]), shape, look)
 
 
 def track_walls(track: Track, look: Look) -> tuple[Solid, ...]:
     """Both walls, in pieces of two colours by turns; none where the track runs by itself."""
     line = centre_line(track)
     ends = _pieces(line)
-    solids: list[Solid] = []
-    for side in (1.0, -1.0):
-        solids += _wall(line, ends, side, look)
-    return tuple(solids)
+    return tuple(solid for side in (1.0, -1.0) for solid in _wall(line, ends, side, look))
 
 
 def _pieces(line: CentreLine) -> np.ndarray:
@@ -154,11 +136,13 @@ def _pieces(line: CentreLine) -> np.ndarray:
 
 def _wall(line: CentreLine, ends: np.ndarray, side: float, look: Look) -> list[Solid]:
     away_m = line.half_width_m + line.verge_m
-    corners = _beside(line, ends, side * (away_m + 0.5 * THICK_M * SCALE))
+    along_rad = line.path.headings_rad[ends]
+    left = np.stack((-np.sin(along_rad), np.cos(along_rad)), axis=1)
+    corners = line.path.points_m[ends] + side * (away_m + 0.5 * THICK_M * SCALE) * left
     middles, along = 0.5 * (corners[1:] + corners[:-1]), np.diff(corners, axis=0)
     points = line.path.points_m
     nearest = np.array([np.hypot(*(points - middle).T).min() for middle in middles])
-    headings = line.path.headings_rad[ends[:-1]]
+    headings = along_rad[:-1]
     forward = along[:, 0] * np.cos(headings) + along[:, 1] * np.sin(headings)
     kept = (nearest > away_m - _CLEAR_M * SCALE) & (forward > 0.0)
     colours = (look.track.wall_rgb, look.track.wall_2_rgb)
@@ -174,10 +158,3 @@ def _wall(line: CentreLine, ends: np.ndarray, side: float, look: Look) -> list[S
         )
         for k in np.flatnonzero(kept).tolist()
     ]
-
-
-def _beside(line: CentreLine, index: np.ndarray, offset_m: float) -> np.ndarray:
-    """Points (K, 2) beside the centre line's points, to the left where ``offset_m`` is positive."""
-    headings = line.path.headings_rad[index]
-    left = np.stack((-np.sin(headings), np.cos(headings)), axis=1)
-    return np.asarray(line.path.points_m[index] + offset_m * left)

@@ -9,28 +9,20 @@ import numpy as np
 from numba import carray, njit, prange, types
 from numba.extending import intrinsic
 
+from sim_pybullet.rendering.rays import FloorTable
+
 Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 LANES = np.uint64(0xFF | 0xFF << 24 | 0xFF << 44)  # red, blue, green with room for carries
 HALF = np.uint64(128 | 128 << 24 | 128 << 44)
-
-
-class FloorTables(NamedTuple):
-    """The ``FloorTable`` of every slot: (S, P) float32, runs (S, R, 4), first_run (S, H + 1)."""
-
-    x: np.ndarray
-    y: np.ndarray
-    dx: np.ndarray
-    dy: np.ndarray
-    runs: np.ndarray
-    first_run: np.ndarray
 
 
 class FloorViews(NamedTuple):
     """What N robots look at.
 
     ``placed`` (N, 4) float64 is where they stand in the texture: column and row of the robot's
-    origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables,
-    ``addresses`` (N,) and ``levels`` (N, L, 3) their ``MipTexture``.
+    origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables, which
+    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) their
+    ``MipTexture``.
     """
 
     placed: np.ndarray
@@ -62,7 +54,7 @@ def draw_floor(
     pictures: np.ndarray,
     skies: np.ndarray,
     views: FloorViews,
-    tables: FloorTables,
+    tables: FloorTable,
     blocks: int,
 ) -> None:
     """Fill pictures (N, 3 P) uint8 with floor and, where no run covers, with skies (N, 3 P).
@@ -81,7 +73,7 @@ def _draw_rows(
     picture: np.ndarray,
     sky: np.ndarray,
     views: FloorViews,
-    tables: FloorTables,
+    tables: FloorTable,
     i: np.int64,
     first_row: int,
     last_row: int,
@@ -166,7 +158,7 @@ def _store(picture: np.ndarray, sums: np.ndarray, shift: np.uint64) -> None:
 
 
 @njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
-def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTables) -> None:
+def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTable) -> None:
     """Fill labels (N, P) uint8 with the class that each pixel's ray meets."""
     x, y, dx, dy, runs, first_run = tables
     placed, slots, addresses, levels = views

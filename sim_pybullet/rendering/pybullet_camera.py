@@ -43,13 +43,10 @@ class PyBulletCamera:
         )
         outside = self._stage.add(outside_mesh(ground), ground.outside_rgb)
         self._kinds = {outside: SemanticClass.OUTSIDE, -1: SemanticClass.SKY}
-        self._billboards = []
         for solid in scene.solids:
             body = self._stage.add(solid_mesh(solid), solid.rgb)
             self._stage.place(body, (solid.x_m, solid.y_m, solid.base_m), solid.heading_rad)
             self._kinds[body] = solid.kind
-            if solid.shape == "billboard":
-                self._billboards.append((body, solid))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -107,7 +104,4 @@ class PyBulletCamera:
         c, s = math.cos(heading), math.sin(heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         eye = turn @ self._rig.mount.position_m + (x, y, 0.0)
-        for body, solid in self._billboards:
-            towards = math.atan2(eye[1] - solid.y_m, eye[0] - solid.x_m)
-            self._stage.place(body, (solid.x_m, solid.y_m, solid.base_m), towards)
         return self._stage.draw(view, eye, turn @ view.turn, light)

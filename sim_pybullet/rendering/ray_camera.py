@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from weakref import WeakKeyDictionary
 
 import numba
@@ -31,10 +29,8 @@ class RayCamera:
     little. Neither may be changed in place after it was given.
     """
 
-    def __init__(self, image: ImageSpec, n_robots: int, threads: int | None = None) -> None:
-        """``threads``: how many cores to use; None leaves numba's setting as it is."""
+    def __init__(self, image: ImageSpec, n_robots: int) -> None:
         self._image = image
-        self._threads = threads
         height, width, _ = image.shape
         self._scenes: list[Scene | None] = [None] * n_robots
         self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
@@ -81,12 +77,9 @@ class RayCamera:
         poses = self._checked(poses, len(robots))
         pictures = np.empty((len(poses), *self.shape), np.uint8)
         flat = pictures.reshape(len(poses), self._skies.shape[1])
-        with self._using_threads() as threads:
-            blocks = -(-2 * threads // max(1, len(poses)))
-            draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
-            views = self._solid_views(poses, robots)
-            if len(views.rows):
-                draw_solids(pictures, views)
+        blocks = -(-2 * numba.get_num_threads() // max(1, len(poses)))
+        draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
+        self._draw_solids(pictures, poses, robots)
         return pictures
 
     def segment(self, poses: np.ndarray) -> np.ndarray:
@@ -94,12 +87,9 @@ class RayCamera:
         robots = np.arange(len(self._scenes))
         poses = self._checked(poses, len(robots))
         labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
-        with self._using_threads():
-            flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
-            label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
-            views = self._solid_views(poses, robots)
-            if len(views.rows):
-                draw_solids(labels[..., None], views)
+        flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
+        label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
+        self._draw_solids(labels[..., None], poses, robots)
         return labels
 
     def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
@@ -121,9 +111,11 @@ class RayCamera:
         slots = self._tables.slots[robots]
         return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
-    def _solid_views(self, poses: np.ndarray, robots: np.ndarray) -> SolidViews:
+    def _draw_solids(self, pictures: np.ndarray, poses: np.ndarray, robots: np.ndarray) -> None:
+        if not self._rows.size:
+            return
         tables, first = self._tables, robots * self._rows.shape[1]
-        return SolidViews(
+        views = SolidViews(
             poses,
             self._eyes[robots],
             self._lights[robots],
@@ -135,13 +127,4 @@ class RayCamera:
             tables.cells,
             tables.pixel_rad,
         )
-
-    @contextmanager
-    def _using_threads(self) -> Iterator[int]:
-        before = numba.get_num_threads()
-        threads = self._threads or before
-        numba.set_num_threads(threads)
-        try:
-            yield threads
-        finally:
-            numba.set_num_threads(before)
+        draw_solids(pictures, views)

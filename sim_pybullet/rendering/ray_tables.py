@@ -6,7 +6,6 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.rendering.floor_kernel import FloorTables
 from sim_pybullet.rendering.rays import FloorTable, floor_table, pixel_rays
 from sim_pybullet.rendering.solid_table import AZIMUTHS, ELEVATIONS, direction_table
 
@@ -28,10 +27,10 @@ class RigTables:
         self.pixel_rad = np.zeros(n_robots)
 
     @property
-    def floor(self) -> FloorTables:
+    def floor(self) -> FloorTable:
         """The floor tables of all slots."""
         x, y, dx, dy = self._points.swapaxes(0, 1)
-        return FloorTables(x, y, dx, dy, self._runs, self._first_run)
+        return FloorTable(x, y, dx, dy, self._runs, self._first_run)
 
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +31,7 @@ class PixelRays:
     seen: np.ndarray
 
 
-@dataclass(frozen=True)
-class FloorTable:
+class FloorTable(NamedTuple):
     """The floor points of P = H * W pixels, in texels of the mip level that each is read from.
 
     A pixel averages ``taps`` samples at (x + k * dx, y + k * dy), k = 0, 1, …: robot frame, x

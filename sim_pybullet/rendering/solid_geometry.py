@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from sim_pybullet.rendering import solid_table as column
-from sim_pybullet.rendering.solid_table import AZIMUTHS, BILLBOARD, CYLINDER, ELEVATIONS
+from sim_pybullet.rendering.solid_table import AZIMUTHS, CYLINDER, ELEVATIONS
 
 NO_HIT = 1e9
 _X, _Y, _COS, _SIN = column.X, column.Y, column.COS, column.SIN
@@ -32,10 +32,6 @@ def to_camera(row: np.ndarray, pose: np.ndarray, eye: np.ndarray, out: np.ndarra
     out[_SIN] = c * row[_SIN] - s * row[_COS]
     out[_BASE] -= eye[2]
     out[_TOP] -= eye[2]
-    if row[_SHAPE] == BILLBOARD:  # a box without length that faces the eye
-        distance = max(math.hypot(out[_X], out[_Y]), 1e-9)
-        out[_COS], out[_SIN] = -out[_X] / distance, -out[_Y] / distance
-        out[_LENGTH] = 0.0
 
 
 @njit(cache=True)

@@ -46,8 +46,6 @@ def solid_mesh(solid: Solid) -> Mesh:
         return _prism(0.5 * length, height)
     half = np.array((0.5 * length, 0.5 * width, 0.5 * height))
     normals = np.concatenate((np.eye(3), -np.eye(3)))
-    if solid.shape == "billboard":
-        half[0], normals = 0.0, normals[:1]
     return _quads([_side(normal, half) for normal in normals], normals)
 
 

@@ -14,8 +14,7 @@ from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Solid
 
-SHAPES = ("box", "cylinder", "billboard")
-CYLINDER, BILLBOARD = 1, 2
+CYLINDER = 1  # in the column SHAPE; a box is 0
 # Columns of a row: position, heading, half extents, underside and top [m], looks.
 X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
 
@@ -34,7 +33,7 @@ def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
             0.5 * (solid.size_m[1] if solid.shape != "cylinder" else solid.size_m[0]),
             solid.base_m,
             solid.base_m + solid.size_m[2],
-            SHAPES.index(solid.shape),
+            solid.shape == "cylinder",
             int(solid.kind),
             *solid.rgb,
         )

@@ -23,7 +23,7 @@ class Part:
     forward: float = 0.0
     left: float = 0.0
     base: float = 0.0
-    shape: Literal["box", "cylinder", "billboard"] = "box"
+    shape: Literal["box", "cylinder"] = "box"
     collides: bool = True
     own_colour: bool = False  # takes the colour that the map gives the object
 

@@ -27,7 +27,7 @@ class DemoCamera:
         from sim_pybullet.scenery.objects import build_scene
 
         self._rig = NOMINAL.rig()
-        self._camera = RayCamera(ImageSpec(), 1, threads=1)
+        self._camera = RayCamera(ImageSpec(), 1)
         scene = build_scene(road_map, NOMINAL, np.random.default_rng(0))
         self._camera.set_robot(0, scene, self._rig)
         self._camera.render(np.zeros((1, 3)))  # compiles, which may take half a minute once
