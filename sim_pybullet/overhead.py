@@ -115,7 +115,9 @@ class OverheadCamera:
             target[:] = _to_bytes(inner[: target.shape[0], : target.shape[1]])
         for u0, v0, u1, v1 in windows:
             self._work[v0:v1, u0:u1] = self._floor[v0:v1, u0:u1]
-        return _with_noise(picture, self._noise, rng)
+        if self._noise > 0.0:
+            _add_noise(picture, self._noise, rng)
+        return picture
 
     def _blurred(self, lit: np.ndarray) -> np.ndarray:
         return cv2.GaussianBlur(lit, (0, 0), self._blur_px) if self._blur_px > 0.0 else lit
@@ -143,12 +145,15 @@ class OverheadCamera:
         if np.any(high <= low):
             return (0, 0, 0, 0)
         n = OVERSAMPLE if sheet.rgb.size > 3 else OVERSAMPLE // 2
-        local = self._on_sheet(sheet, pose, low, high, n)
         height, width = sheet.rgb.shape[:2]
-        row = (0.5 - local[0] / np.float32(sheet.length_m)) * height - 0.5
-        column = (0.5 - local[1] / np.float32(sheet.width_m)) * width - 0.5
         texture = np.dstack((sheet.rgb, np.full((height, width), 255, np.uint8)))
-        fine = cv2.remap(texture, column, row, cv2.INTER_NEAREST)  # 0, and so clear, beyond it
+        # So small a part of the lens's picture is as good as flat: its corners say all.
+        edges = np.array(((0, 0), (width, 0), (width, height), (0, height)), np.float32) - 0.5
+        fine_px = ((outline - low) * n + (0.5 * n - 0.5)).astype(np.float32)
+        view = cv2.getPerspectiveTransform(edges, fine_px)
+        fine = cv2.warpPerspective(  # 0, and so clear, beyond the sheet
+            texture, view, tuple((high - low) * n), flags=cv2.INTER_NEAREST
+        )
         size = (int(high[0] - low[0]), int(high[1] - low[1]))
         drawn = cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         slices = np.s_[low[1] : high[1], low[0] : high[0]]
@@ -156,57 +161,27 @@ class OverheadCamera:
         self._work[slices] = below + drawn[..., :3] * self._light[slices]
         return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
-    def _on_sheet(
-        self, sheet: Sheet, pose: Pose, low: np.ndarray, high: np.ndarray, n: int
-    ) -> np.ndarray:
-        """(2, rows, columns) float32: where n x n rays per pixel of a window meet the sheet.
-
-        In the sheet's frame [m]; exact on a 9 x 9 lattice, and cubic between, as the lens is there.
-        """
-        columns, rows = (int(v) for v in (high - low) * n)
-        v, u = np.meshgrid(
-            np.linspace(0, rows - 1, 9), np.linspace(0, columns - 1, 9), indexing="ij"
-        )
-        pixels = np.stack((u, v), axis=-1) / n + (0.5 / n - 0.5) + low
-        nodes = pose.to_robot(self.to_plane(pixels, sheet.height_m))
-        across, down = _cubic(columns), _cubic(rows)
-        parts = [np.ascontiguousarray(nodes[..., i], dtype=np.float32) for i in (0, 1)]
-        none, turned = np.empty((0, 0), np.float32), cv2.GEMM_2_T
-        half_way = [cv2.gemm(down, part, 1.0, none, 0.0) for part in parts]
-        return np.stack([cv2.gemm(half, across, 1.0, none, 0.0, flags=turned) for half in half_way])
-
-
-@lru_cache(maxsize=512)
-def _cubic(count: int) -> np.ndarray:
-    """(count, 9) weights of the least-squares cubic through 9 values spread over ``count``."""
-    nodes, at = np.linspace(-1.0, 1.0, 9), np.linspace(-1.0, 1.0, count)
-    return (np.vander(at, 4) @ np.linalg.pinv(np.vander(nodes, 4))).astype(np.float32)
-
 
 def _to_bytes(light: np.ndarray) -> np.ndarray:
     return cv2.convertScaleAbs(light)
 
 
 @lru_cache(maxsize=2)
-def _noise_bank(sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sensor noise to cut from, larger than a picture: what it adds, and what it takes away."""
-    grain = np.random.default_rng(0).standard_normal((1024, 4608), dtype=np.float32) * sigma
-    return _to_bytes(np.maximum(grain, 0.0)), _to_bytes(np.minimum(grain, 0.0))
+def _noise_bank(sigma: float) -> np.ndarray:
+    """Sensor noise to cut from, larger than a picture, int16."""
+    grain = np.random.default_rng(0).standard_normal((1024, 4608), dtype=np.float32)
+    return np.round(grain * sigma).astype(np.int16)
 
 
-def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
+def _add_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> None:
     """Noise of each pixel and colour, cut from a random place of the bank for every 64 rows."""
-    if sigma <= 0.0:
-        return picture
-    brighter, darker = _noise_bank(sigma)
+    bank = _noise_bank(sigma)
     flat = picture.reshape(picture.shape[0], -1)
     for top in range(0, len(flat), 64):
         rows = flat[top : top + 64]
-        v = int(rng.integers(0, brighter.shape[0] - len(rows)))
-        u = int(rng.integers(0, brighter.shape[1] - rows.shape[1]))
-        cut = np.s_[v : v + len(rows), u : u + rows.shape[1]]
-        rows[:] = cv2.subtract(cv2.add(rows, brighter[cut]), darker[cut])
-    return picture
+        v, u = (int(rng.integers(0, bank.shape[k] - rows.shape[k])) for k in (0, 1))
+        cut = bank[v : v + len(rows), u : u + rows.shape[1]]
+        rows[:] = cv2.add(rows, cut, dtype=cv2.CV_8U)
 
 
 def board_rgb(marker: Marker) -> np.ndarray:
