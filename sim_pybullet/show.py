@@ -1,7 +1,6 @@
 """A sheet of what robots see on a map or track in draws of a look.
 
-``python -m sim_pybullet.show --look randomised --out looks.png``; with ``--cameras`` a row for each
-draw: PyBullet's camera, the ray camera and its classes.
+``python -m sim_pybullet.show --look randomised --out looks.png``
 """
 
 from __future__ import annotations
@@ -18,29 +17,13 @@ from robot.errors import MapError
 from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_bytes
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.racing.track import Track, centre_line, is_track, load_track
 from sim_pybullet.randomise import Sampler, load_look_sampler
-from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import Place, build_scene
 from sim_pybullet.sensing.camera_feed import CameraFeed
 
 COLUMNS = 6
-CLASS_RGB = {
-    SemanticClass.SKY: (120, 170, 220),
-    SemanticClass.OUTSIDE: (90, 110, 80),
-    SemanticClass.ROAD: (60, 60, 66),
-    SemanticClass.WHITE_LINE: (255, 255, 255),
-    SemanticClass.YELLOW_LINE: (250, 210, 40),
-    SemanticClass.RED_LINE: (220, 40, 40),
-    SemanticClass.OBJECT: (150, 90, 190),
-    SemanticClass.SIGN: (240, 130, 30),
-    SemanticClass.PERSON: (255, 120, 190),
-    SemanticClass.VEHICLE: (40, 190, 180),
-    SemanticClass.KERB: (170, 170, 150),
-    SemanticClass.WALL: (130, 90, 60),
-}
 _TURN_RAD = 0.05  # in the last physics step: a robot that turns smears its picture
 _GAP_PX = 2
 
@@ -74,20 +57,6 @@ def draws(place: Place, sample: Sampler, count: int, rng: np.random.Generator) -
     return feed.pictures(rng)
 
 
-def compared(place: Place, sample: Sampler, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(3 count, 120, 160, 3): of each draw PyBullet's picture, the ray camera's and its classes."""
-    palette = np.array([CLASS_RGB[kind] for kind in SemanticClass], np.uint8)
-    pictures: list[np.ndarray] = []
-    for pose in lane_poses(place, count, rng)[:, None]:
-        look = sample(rng)
-        scene, ray = build_scene(place, look, rng), RayCamera(ImageSpec(), 1)
-        ray.set_robot(0, scene, look.rig())
-        reference = PyBulletCamera(scene, look.rig(), ImageSpec())
-        pictures += [*reference.render(pose), *ray.render(pose), *palette[ray.segment(pose)]]
-        reference.close()
-    return np.array(pictures)
-
-
 def sheet(pictures: np.ndarray, columns: int = COLUMNS) -> np.ndarray:
     """The pictures in rows, with white lines between, (H, W, 3) uint8 RGB."""
     rows = -(-len(pictures) // columns)
@@ -110,7 +79,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="PNG file to write")
     parser.add_argument("--map", default="town", help="file or name of a map or track")
     parser.add_argument("--count", type=whole(1, 600), default=12, help="how many draws")
-    parser.add_argument("--cameras", action="store_true", help="compare both cameras")
     parser.add_argument("--seed", type=SEED, default=0)
     options = parser.parse_args(arguments)
     return answer("show", lambda: draw(options))
@@ -121,9 +89,8 @@ def draw(options: argparse.Namespace) -> None:
     expect_writable(options.out)
     sample = load_look_sampler(options.look, without=options.without)
     place = load_track(options.map) if is_track(options.map) else load_map(options.map)
-    shown, columns = (compared, 3) if options.cameras else (draws, COLUMNS)
-    pictures = shown(place, sample, options.count, np.random.default_rng(options.seed))
-    _, data = cv2.imencode(".png", sheet(pictures, columns)[..., ::-1])
+    pictures = draws(place, sample, options.count, np.random.default_rng(options.seed))
+    _, data = cv2.imencode(".png", sheet(pictures)[..., ::-1])
     write_bytes(options.out, np.asarray(data).tobytes())
 
 

@@ -47,6 +47,15 @@ class TaskStep(NamedTuple):
         return np.asarray(self.terms.sum(axis=0))
 
 
+def expect_some(task: str, maps: Sequence[object], robots: int, laps: float = 1.0) -> None:
+    """ConfigError without maps, robots or laps."""
+    if not maps or robots < 1 or laps <= 0.0:
+        raise ConfigError(
+            f"{task}: expected at least one map, one robot and laps above 0, got "
+            f"{len(maps)} maps, {robots} robots, {laps} laps"
+        )
+
+
 class Task(ABC):
     """A path for each robot to follow, each in an episode of its own.
 
@@ -152,6 +161,17 @@ class Task(ABC):
 
         ``turn``: what episodes on this map take in turn, their number there; None where they draw.
         """
+
+    def _judged(
+        self,
+        terms: np.ndarray,
+        facts: np.ndarray,
+        ends: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> TaskStep:
+        """A step by who (N,) has failed, arrived or run out of time."""
+        failed, arrived, late = ends
+        truncated = ~failed & (arrived | late)
+        return TaskStep(terms, facts, failed, truncated, ~failed & arrived)
 
     def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
         """The path of an episode that begins at a pose of the first map."""

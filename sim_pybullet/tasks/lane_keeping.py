@@ -10,7 +10,7 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Task, TaskStep
+from sim_pybullet.tasks.base import Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -57,11 +57,7 @@ class LaneKeeping(Task):
         laps: float = LAPS,
         start_spread: float = 1.0,
     ) -> None:
-        if not road_maps or n_robots < 1 or laps <= 0.0:
-            raise ConfigError(
-                "LaneKeeping: expected at least one map, one robot and laps above 0, got "
-                f"{len(road_maps)} maps, {n_robots} robots, {laps} laps"
-            )
+        expect_some("LaneKeeping", road_maps, n_robots, laps)
         if lane not in LANES:
             raise ConfigError(f"lane: expected outer, inner or both, got {lane!r}")
         sides = ("outer", "inner") if lane == "both" else (lane,)
@@ -92,11 +88,9 @@ class LaneKeeping(Task):
         (course, lost), half_lane_m = self._follow(poses), self.half_lane_m
         laps = course.travelled_m / self._lengths_m
         terminated = collided | lost | (np.abs(course.offset_m) > half_lane_m)
-        success = ~terminated & (laps >= self._laps)
         late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._laps * self._lengths_m
         terms = following_terms(course, half_lane_m)
-        truncated = ~terminated & (success | late)
-        return TaskStep(terms, laps[None], terminated, truncated, success)
+        return self._judged(terms, laps[None], (terminated, laps >= self._laps, late))
 
 
 def _make(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> LaneKeeping:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot.errors import ConfigError, MapError, PlanError
+from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points
 from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Task, TaskStep
+from sim_pybullet.tasks.base import Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -48,18 +48,13 @@ class Navigation(Task):
     """
 
     guided = True
-    frames = 1
     term_names: tuple[str, ...] = TERM_NAMES
     fact_names: tuple[str, ...] = ("remaining_m",)
 
     def __init__(
         self, road_maps: Sequence[RoadMap], n_robots: int, start_spread: float = 1.0
     ) -> None:
-        if not road_maps or n_robots < 1:
-            raise ConfigError(
-                "Navigation: expected at least one map and one robot, got "
-                f"{len(road_maps)} maps, {n_robots} robots"
-            )
+        expect_some("Navigation", road_maps, n_robots)
         self._routes = [RandomRoutes(road_map) for road_map in road_maps]
         examples = [routes.draw(np.random.default_rng(0)) for routes in self._routes]
         self._tile_sizes_m = np.array([road_map.tile_size_m for road_map in road_maps])
@@ -89,11 +84,10 @@ class Navigation(Task):
         remaining_m = self._lengths_m - course.arc_m
         astray = np.abs(course.offset_m) > OFF_PATH_TILES * self._tile_sizes_m[self._maps]
         terminated = collided | lost | astray
-        success = ~terminated & (remaining_m <= ARRIVAL_M)
         late = self._steps * NOMINAL_STEP_M >= DAWDLE * self._lengths_m
         terms = following_terms(course, self.half_lane_m)
-        truncated = ~terminated & (success | late)
-        return TaskStep(terms, remaining_m[None], terminated, truncated, success)
+        ends = (terminated, remaining_m <= ARRIVAL_M, late)
+        return self._judged(terms, remaining_m[None], ends)
 
 
 class RandomRoutes:

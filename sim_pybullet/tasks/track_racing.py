@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, ImageSpec
-from robot.errors import ConfigError
 from robot.navigation.path import Path
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS, TOP_SPEED_MPS, RacingCars
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
-from sim_pybullet.tasks.base import Starts, Task, TaskStep
+from sim_pybullet.tasks.base import Starts, Task, TaskStep, expect_some
 from sim_pybullet.tasks.spec import Choices, TaskSpec, register
 
 BETA = 0.006  # paper B, equation 4: reward per m/s and per metre
@@ -70,11 +69,7 @@ class TrackRacing(Task):
         style: Style = STYLES["race"],
         start_spread: float = 1.0,
     ) -> None:
-        if not road_maps or n_robots < 1 or laps <= 0.0:
-            raise ConfigError(
-                "TrackRacing: expected at least one track, one robot and laps above 0, got "
-                f"{len(road_maps)} tracks, {n_robots} robots, {laps} laps"
-            )
+        expect_some("TrackRacing", road_maps, n_robots, laps)
         self._lines = [centre_line(track) for track in road_maps]
         halves_m = np.array([line.half_width_m for line in self._lines])
         path = self._lines[0].path
@@ -119,7 +114,6 @@ class TrackRacing(Task):
         self.vehicle.on_grass[:] = away_m > self.half_lane_m
         terminated = collided | lost | (away_m > self._limits_m[self._maps])
         laps = course.travelled_m / self._lengths_m
-        success = ~terminated & (laps >= self._laps)
         due_m = SLOWEST_MPS * SCALE * (self._steps * CONTROL_DT_S - PATIENCE_S)
         late = course.travelled_m <= due_m
         terms = np.stack(
@@ -130,8 +124,8 @@ class TrackRacing(Task):
                 np.where(terminated, GAMMA, 0.0),
             )
         )
-        facts = np.stack((laps, speed_mps))
-        return TaskStep(terms, facts, terminated, ~terminated & (success | late), success)
+        ends = (terminated, laps >= self._laps, late)
+        return self._judged(terms, np.stack((laps, speed_mps)), ends)
 
 
 def _make(tracks: Sequence[Track], robots: int, chosen: Choices) -> TrackRacing:

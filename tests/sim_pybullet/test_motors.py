@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from robot.contract import DRIVE
 from robot.geometry import Pose
-from sim_pybullet.look import DB18_DRIVE, DriveLook
+from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S, MotorModel
 from sim_pybullet.town import Town
+from tests.sim_pybullet.db18 import DB18_DRIVE
 
 EXACT = DriveLook(forward_lag_s=0.0, turn_lag_s=0.0, noise=0.0)
 FULL_MPS = 0.6  # a wheel of the reference at command 1

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim_pybullet.classes import SemanticClass
-from sim_pybullet.show import CLASS_RGB, main, sheet
+from sim_pybullet.show import main, sheet
 
 
 def test_writes_a_sheet(tmp_path: Path) -> None:
@@ -18,16 +17,11 @@ def test_writes_a_sheet(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["looks.png"]
 
 
-@pytest.mark.parametrize(("name", "look"), [("loop", "nominal"), ("karting", "tracks/dusk")])
-def test_a_row_for_each_draw_compares_the_cameras(tmp_path: Path, name: str, look: str) -> None:
-    out = tmp_path / "cameras.png"
-    words = ["--out", str(out), "--map", name, "--look", look, "--count", "2", "--cameras"]
+def test_a_track_is_shown_like_a_map(tmp_path: Path) -> None:
+    out = tmp_path / "track.png"
+    words = ["--out", str(out), "--map", "karting", "--look", "tracks/dusk", "--count", "7"]
     assert main(words) == 0
-    picture = cv2.imread(str(out))
-    assert picture.shape == (2 * 122, 3 * 162, 3)
-    pybullet, ray, classes = (picture[:120, k : k + 160].astype(int) for k in (0, 162, 324))
-    assert np.abs(pybullet - ray).mean() < 6.0
-    assert {tuple(rgb) for rgb in classes.reshape(-1, 3)[:, ::-1].tolist()} <= {*CLASS_RGB.values()}
+    assert cv2.imread(str(out)).shape == (2 * 122, 6 * 162, 3)
 
 
 @pytest.mark.parametrize(
@@ -44,8 +38,3 @@ def test_wrong_input_is_status_2(
 def test_every_picture_is_on_the_sheet() -> None:
     pictures = np.stack([np.full((4, 5, 3), k, np.uint8) for k in range(1, 8)])
     assert set(np.unique(sheet(pictures))) == {*range(1, 8), 255}
-
-
-def test_every_class_has_a_colour() -> None:
-    assert set(CLASS_RGB) == set(SemanticClass)
-    assert len(set(CLASS_RGB.values())) == len(SemanticClass)

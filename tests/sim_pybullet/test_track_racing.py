@@ -194,7 +194,7 @@ def test_a_new_episode_has_no_pictures_of_the_old_one(world: BatchWorld) -> None
 
 def test_nonsense_is_refused() -> None:
     for tracks, robots, laps in (([], 1, 1.0), ([TRACK], 0, 1.0), ([TRACK], 1, 0.0)):
-        with pytest.raises(ConfigError, match="at least one track"):
+        with pytest.raises(ConfigError, match="at least one map"):
             TrackRacing(tracks, robots, laps)
 
 
