@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Optional
 
-from robot.camera.streams import check_csi_fps
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, nearest
 from robot.hat.config import HatConfig
@@ -14,6 +13,7 @@ from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 from robot.safety.gates import SafetyLimits
 
+CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.streams.csi_command` sets
 CAMERAS = ("csi", "v4l2", "replay", "socket")
 
 
@@ -45,8 +45,12 @@ class CameraConfig:
         slowest = round(1.0 / CONTROL_DT_S)
         if not slowest <= self.fps <= 120:
             raise ConfigError(f"camera.fps: expected {slowest} to 120, got {self.fps}")
-        if self.kind == "csi":
-            check_csi_fps(self.fps)
+        if self.kind == "csi" and self.fps > CSI_FPS:
+            raise ConfigError(
+                f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {self.fps}; its "
+                "sensor runs in the mode of 1640x1232 at 30, as those of 60 and 120 (1280x720) see "
+                "only the middle of the picture"
+            )
         if not (self.number >= 0 and 0 <= self.flip <= 7):
             raise ConfigError(
                 f"camera: expected number of 0 or more and flip 0 to 7, got number {self.number}, "

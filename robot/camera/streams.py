@@ -8,12 +8,12 @@ import struct
 import subprocess
 import tempfile
 from contextlib import ExitStack
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 import numpy as np
 
 from robot.computer.local_socket import connect_local, receive_exactly
-from robot.errors import ConfigError, ContractError, HardwareError
+from robot.errors import ContractError, HardwareError
 
 
 class V4l2Stream:
@@ -40,12 +40,7 @@ class V4l2Stream:
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
     def grab(self) -> np.ndarray:
-        """The next picture (H, W, 3) uint8 RGB.
-
-        Raises:
-            HardwareError: none came.
-            ContractError: one came that is not in colour, or that OpenCV cannot decode.
-        """
+        """As `robot.camera.source.Stream` says."""
         try:
             good, picture = self._capture.read()
         except self._odd as error:
@@ -75,65 +70,44 @@ class SocketStream:
 
     Args:
         path: of the socket.
-        size_px: width and height that every picture must have; None takes any.
+        size_px: width and height that every picture must have.
 
     Raises:
         HardwareError: nobody listens there.
     """
 
-    def __init__(self, path: str, size_px: Optional[Tuple[int, int]] = None) -> None:
+    def __init__(self, path: str, size_px: Tuple[int, int]) -> None:
         self._path, self._size_px = path, size_px
         self._socket = connect_local(path, "a virtual camera", SILENCE_S)
 
     def grab(self) -> np.ndarray:
-        """The next picture (H, W, 3) uint8 RGB.
-
-        Raises:
-            HardwareError: none came, or something else than a picture.
-            ContractError: one of another size.
-        """
+        """As `robot.camera.source.Stream` says."""
         try:
-            self._ask()
-            return self._take()
+            self._socket.sendall(NEXT)
+            magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
+            told = (
+                f"camera {self._path}: expected {self._size_px} px, got {magic!r} {width, height}"
+            )
+            if magic != MAGIC:
+                raise HardwareError(told)
+            data = receive_exactly(self._socket, 3 * width * height)
         except OSError as error:
             what = error.strerror or f"no picture for {SILENCE_S:g} s"
             raise HardwareError(f"camera {self._path}: expected a picture, got: {what}") from error
+        if (width, height) != self._size_px:
+            raise ContractError(told)
+        return np.frombuffer(data, np.uint8).reshape(height, width, 3)
 
     def close(self) -> None:
         """Hang up."""
         self._socket.close()
-
-    def _ask(self) -> None:
-        self._socket.sendall(NEXT)
-
-    def _take(self) -> np.ndarray:
-        magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
-        wanted = "a picture" if self._size_px is None else "{} x {} px".format(*self._size_px)
-        told = f"camera {self._path}: expected {wanted}, got {magic!r} {width} x {height}"
-        if magic != MAGIC:
-            raise HardwareError(told)
-        data = receive_exactly(self._socket, 3 * width * height)
-        if self._size_px is not None and (width, height) != self._size_px:
-            raise ContractError(told)
-        return np.frombuffer(data, np.uint8).reshape(height, width, 3)
 
 
 FIRST_PICTURE_S = 8.0  # nvargus takes seconds to set up a sensor
 END_S = 1.0  # that the child gets to end by itself
 BYTES_PER_PIXEL = 4  # BGRx, the only 8-bit RGB order that nvvidconv writes
 LAST_WORDS_BYTES = 400
-CSI_FPS = 30  # of the IMX219's mode 3
 VIDEO_FD = "{video}"  # in a command: the descriptor that the pictures are written to
-
-
-def check_csi_fps(fps: int) -> None:
-    """ConfigError for more pictures a second than the sensor's mode gives."""
-    if fps > CSI_FPS:
-        raise ConfigError(
-            f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {fps}; its sensor runs "
-            "in the mode of 1640x1232 at 30, as those of 60 and 120 (1280x720) see only the middle "
-            "of the picture"
-        )
 
 
 def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> List[str]:
@@ -144,11 +118,7 @@ def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> L
         flip: nvvidconv's ``flip-method``; 2 turns the picture upside down.
         fps: pictures a second, up to 30.
         size_px: width and height of what comes out.
-
-    Raises:
-        ConfigError: the sensor's mode has no such rate.
     """
-    check_csi_fps(fps)
     source = (
         f"nvarguscamerasrc sensor-id={sensor} sensor-mode=3 ! "
         f"video/x-raw(memory:NVMM),width=1640,height=1232,format=NV12,framerate={fps}/1 ! "
@@ -218,11 +188,7 @@ class GstStream:
             ) from error
 
     def grab(self) -> np.ndarray:
-        """The next picture (H, W, 3) uint8 RGB.
-
-        Raises:
-            HardwareError: the child ended, or has been silent for ``silence_s``.
-        """
+        """As `robot.camera.source.Stream` says."""
         size = self._width_px * self._height_px * BYTES_PER_PIXEL
         data = bytearray()
         poll = select.poll()  # not select, which knows no descriptor above 1023

@@ -86,11 +86,8 @@ def test_opening_and_closing_leaves_no_descriptor_behind() -> None:
 
 
 def test_a_rate_that_the_sensor_mode_has_not_is_refused() -> None:
-    for refused in (lambda: csi_command(0, 0, 31, SIZE), lambda: CameraConfig("csi", fps=60)):
-        with pytest.raises(
-            ConfigError, match=r"at most 30 with a CSI camera, got \d+; .*1640x1232"
-        ):
-            refused()
+    with pytest.raises(ConfigError, match=r"at most 30 with a CSI camera, got 60; .*1640x1232"):
+        CameraConfig("csi", fps=60)
     assert CameraConfig("csi", fps=30).fps == 30
     assert CameraConfig("v4l2", fps=60).fps == 60
 
