@@ -144,33 +144,22 @@ def _option_names(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 def whole(low: int, high: int) -> Callable[[str], int]:
     """For ``type=``: a whole number from ``low`` to ``high``."""
-
-    def read(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(
-                f"expected a whole number from {low} to {high}, got {text[:_MOST]!r}"
-            )
-        return value
-
-    return read
+    return _bounded(int, low, high, f"a whole number from {low} to {high}")
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
     """For ``type=``: a number from ``low`` to ``high``; never NaN."""
+    return _bounded(float, low, high, f"a number from {low:g} to {high:g}")
 
-    def read(text: str) -> float:
+
+def _bounded(kind: Callable[[str], Any], low: float, high: float, expected: str) -> Any:
+    def read(text: str) -> Any:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(
-                f"expected a number from {low:g} to {high:g}, got {text[:_MOST]!r}"
-            )
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text[:_MOST]!r}")
         return value
 
     return read

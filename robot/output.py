@@ -33,11 +33,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write beside, then rename: a reader never sees half a file.
-
-    Raises:
-        ConfigError: there is no place to write to.
-    """
+    """Write beside, then rename: a reader never sees half a file; ConfigError without a place."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomically(path) as temporary:
@@ -60,31 +56,20 @@ def atomically(path: Path) -> Iterator[Path]:
     temporary = target.with_name(f".{target.name[:200]}.{os.getpid()}.tmp")
     try:
         yield temporary
-        _keep(temporary)
+        with temporary.open("rb") as file:  # else a power cut after the renaming leaves no data
+            os.fsync(file.fileno())
         os.replace(temporary, target)
     finally:
         if temporary.exists():
             temporary.unlink()
 
 
-def _keep(path: Path) -> None:
-    """Have the disk take it: else a power cut after the renaming leaves an empty file."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def expect_writable(*paths: Optional[Path], inputs: Iterable[Optional[Path]] = ()) -> None:
     """Make sure, before the work, that these files can be written after it; nothing is left.
 
-    Args:
-        paths: files to be; None is none.
-        inputs: files that are read, which none of them may replace.
-
     Raises:
-        ConfigError: a folder has the name, two have the same, or its folder takes no files.
+        ConfigError: a folder has the name, two have the same, one is among the ``inputs`` that are
+            read, or its folder takes no files.
     """
     taken = {os.path.realpath(path): "what is read" for path in inputs if path is not None}
     for path in paths:
@@ -100,15 +85,7 @@ def expect_writable(*paths: Optional[Path], inputs: Iterable[Optional[Path]] = (
 
 
 def expect_folder(folder: Path, whose: Optional[Path] = None) -> None:
-    """Make sure that a folder is there, or can be made, and takes files; nothing is left.
-
-    Args:
-        folder: to write to.
-        whose: what is told of, where that is a file in it.
-
-    Raises:
-        ConfigError: it does not.
-    """
+    """ConfigError, telling of ``whose`` file, unless a folder can be made and takes files."""
     found = folder
     try:
         while not found.exists() and found != found.parent:

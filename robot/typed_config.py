@@ -47,15 +47,14 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
                 f"{label}: unknown key {_told(key)}; {nearest(str(key)[:80], fields)}"
             )
         values[key] = _convert(hints[key], item, f"{label}.{key}")
-    required = [
-        f.name
-        for f in fields.values()
-        if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-    ]
-    missing = [name for name in required if name not in values]
+    missing = [f.name for f in fields.values() if f.name not in values and _is_required(f)]
     if missing:
         raise ConfigError(f"{label}: missing {', '.join(missing)}")
     return kind(**values)
+
+
+def _is_required(field: Any) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def load_yaml(kind: Type[T], path: Union[str, Path]) -> T:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Protocol, Tuple, Union
+from typing import Callable, Optional, Tuple, Union
 
 import numpy as np
 
@@ -26,15 +26,8 @@ PARSING = "to-parsing"  # of a parser, which shows the classes it sees, in simul
 REMEDY = "make the translator with python -m trainer translate train"
 
 
-class Translator(Protocol):
-    """Turns pictures into others of the same size."""
-
-    @property
-    def image(self) -> ImageSpec:
-        """The pictures that it takes and gives."""
-
-    def __call__(self, pictures: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array."""
+# (N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array
+Translator = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -70,11 +63,7 @@ class TranslatorContract:
 
 
 class OnnxTranslator:
-    """A translator from an ONNX file.
-
-    Args:
-        path: the model; its metadata holds a ``TranslatorContract``.
-        threads: of one call.
+    """A translator from an ONNX file, whose metadata holds a ``TranslatorContract``.
 
     Raises:
         ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
@@ -120,12 +109,7 @@ class OnnxTranslator:
 def open_translator(
     path: Union[str, Path], image: ImageSpec, direction: Optional[str] = None
 ) -> OnnxTranslator:
-    """A translator of these pictures.
-
-    Args:
-        path: of its ONNX file.
-        image: the policy's picture.
-        direction: one of DIRECTIONS, where only that one makes sense, or a parser.
+    """A translator of the policy's pictures, in this direction where only one makes sense.
 
     Raises:
         ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
