@@ -84,16 +84,18 @@ class SocketStream:
         """As `robot.camera.source.Stream` says."""
         try:
             self._socket.sendall(NEXT)
-            magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
-            told = (
-                f"camera {self._path}: expected {self._size_px} px, got {magic!r} {width, height}"
-            )
-            if magic != MAGIC:
-                raise HardwareError(told)
-            data = receive_exactly(self._socket, 3 * width * height)
+            return self._take()
         except OSError as error:
             what = error.strerror or f"no picture for {SILENCE_S:g} s"
             raise HardwareError(f"camera {self._path}: expected a picture, got: {what}") from error
+
+    def _take(self) -> np.ndarray:
+        magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
+        wanted = "{} x {} px".format(*self._size_px)
+        told = f"camera {self._path}: expected {wanted}, got {magic!r} {width} x {height}"
+        if magic != MAGIC:
+            raise HardwareError(told)
+        data = receive_exactly(self._socket, 3 * width * height)
         if (width, height) != self._size_px:
             raise ContractError(told)
         return np.frombuffer(data, np.uint8).reshape(height, width, 3)

@@ -92,7 +92,7 @@ def test_a_parser_serves_either_way(tmp_path: Path) -> None:
 
 def test_refuses_a_policy_file_and_foreign_metadata(tmp_path: Path) -> None:
     policy = write_policy(tmp_path / "policy.onnx", lane_contract(image=SMALL))
-    with pytest.raises(ContractError, match=r"got keys \['duckpilot'\]; export the translator"):
+    with pytest.raises(ContractError, match=r"got keys \['duckpilot'\]; make the translator"):
         OnnxTranslator(policy)
     key, network = TranslatorContract.METADATA_KEY, (FIXTURES / "lane.onnx").read_bytes()
     for text, said in (
