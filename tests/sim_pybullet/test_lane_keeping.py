@@ -1,5 +1,7 @@
 """What lane keeping rewards, and how it ends."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,14 @@ from robot.errors import ConfigError, MapError
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import load_map
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.spec import (
+    Choices,
+    PaperRow,
+    TaskSpec,
+    find_task,
+    learned_tasks,
+    register,
+)
 
 LOOP = load_map("loop")
 HALF_LANE_M = 0.19 * 0.585  # the yellow line begins at 0.18 tiles, the white at 0.193
@@ -172,3 +182,129 @@ def test_refuses_nothing_to_do_and_roads_that_are_no_ring() -> None:
         LaneKeeping([LOOP], 1, "middle")
     with pytest.raises(MapError, match="ring of road"):
         LaneKeeping([load_map("town")], 1)
+
+
+def test_how_long_an_episode_is() -> None:
+    def laps(task: str, **chosen: Any) -> float:
+        built = find_task(task).build([LOOP], 1, Choices(**chosen))
+        assert isinstance(built, LaneKeeping)
+        return built._laps
+
+    assert (laps("lane"), laps("lane", laps=7.0), laps("four_laps")) == (2.0, 7.0, 4.0)
+    assert laps("lane", start_spread=2.5) == 0.5, "in practice more places for as many decisions"
+    assert laps("lane", start_spread=2.5, laps=1.5) == 1.5
+
+
+def test_the_lane_that_is_asked_for() -> None:
+    def lengths(**chosen: Any) -> float:
+        return float(find_task("lane").build([LOOP], 1, Choices(**chosen)).paths.length_m[0])
+
+    outer, inner = (lane_loop(LOOP, outer=side).length_m for side in (True, False))
+    assert lengths() == lengths(lane="outer") == pytest.approx(outer)
+    assert lengths(lane="inner") == pytest.approx(inner)
+    with pytest.raises(ConfigError, match="style: expected none for the task lane, got 'race'"):
+        find_task("lane").build([LOOP], 1, Choices(style="race"))
+
+
+def test_training_starts_farther_off() -> None:
+    task = find_task("lane").build([LOOP], 300, Choices(start_spread=3.0))
+    task.reset(np.arange(300), np.random.default_rng(1))
+    assert 0.7 * HALF_LANE_M < np.abs(task.course.offset_m).max() <= 0.75 * HALF_LANE_M
+    assert 28.0 < np.degrees(np.abs(task.course.heading_error_rad)).max() <= 30.0
+
+
+def test_numbered_episodes_take_maps_and_lanes_in_turn() -> None:
+    ring = load_map("rings/pretzel")
+    task, rng = LaneKeeping([LOOP, ring], 1, "both"), np.random.default_rng(0)
+    found = []
+    for number in range(5):
+        starts = task.reset(np.array([0]), rng, number)
+        found.append((int(starts.maps[0]), float(task.paths.length_m[0])))
+    loops = [
+        (m, lane_loop(r, outer=o).length_m)
+        for o in (True, False)
+        for m, r in ((0, LOOP), (1, ring))
+    ]
+    assert [m for m, _ in found] == [0, 1, 0, 1, 0]
+    assert [length for _, length in found] == pytest.approx(
+        [each for _, each in (*loops, loops[0])]
+    )
+
+
+def test_an_episode_may_take_twice_as_long_as_at_full_speed() -> None:
+    task, steps = task_at(1.0, laps=0.1), 0
+    while not task.step(beside(1.0), NOBODY).truncated[0]:
+        steps += 1
+    wanted = 2.0 * 0.1 * lane_loop(LOOP).length_m / NOMINAL_STEP_M
+    assert steps == pytest.approx(wanted, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("offset", "turned_deg", "fits"),
+    [
+        (0.0, 0.0, True),
+        (0.95, 0.0, True),
+        (-1.05, 0.0, False),
+        (0.0, 97.0, True),
+        (0.0, -103.0, False),
+    ],
+)
+def test_a_robot_may_be_put_into_its_lane(offset: float, turned_deg: float, fits: bool) -> None:
+    task, pose = LaneKeeping([LOOP], 2), beside(2.0, offset * HALF_LANE_M, np.radians(turned_deg))
+    if fits:
+        starts = task.reset_at(np.array([1]), pose, np.random.default_rng(0))
+        np.testing.assert_array_equal(starts.poses, pose)
+        assert starts.maps.tolist() == [0]
+        assert task.course.arc_m[1] == pytest.approx(2.0, abs=5e-3)
+        assert task.course.offset_m[1] == pytest.approx(offset * HALF_LANE_M, abs=1e-3)
+        assert np.degrees(task.course.heading_error_rad[1]) == pytest.approx(turned_deg, abs=0.5)
+        assert task.course.travelled_m[1] == 0.0
+    else:
+        with pytest.raises(ConfigError, match=r"pose: expected one within 0\.11 m and 1\.75 rad"):
+            task.reset_at(np.array([1]), pose, np.random.default_rng(0))
+
+
+def test_a_pose_says_which_of_both_lanes() -> None:
+    task = LaneKeeping([LOOP], 1, "both")
+    for outer in (True, False):
+        lane = lane_loop(LOOP, outer=outer)
+        pose = np.array([lane.pose_at(3.0)])
+        task.reset_at(np.array([0]), pose, np.random.default_rng(0))
+        assert task.paths.length_m[0] == pytest.approx(lane.length_m)
+    with pytest.raises(ConfigError, match="expected to drive on one map, got 2"):
+        LaneKeeping([LOOP, LOOP], 1).reset_at(np.array([0]), pose, np.random.default_rng(0))
+
+
+def test_what_lane_keeping_is_to_others() -> None:
+    spec = find_task("lane")
+    assert (spec.map, spec.lanes, spec.styles) == ("loop", ("outer", "inner", "both"), ())
+    assert (spec.path_points, spec.frames, spec.painted, spec.scale) == (0, 1, 48, 1.0)
+    assert (spec.counts_laps, spec.learned, len(spec.actions)) == (True, True, 5)
+    assert spec.presets == {"paper": {"net": {"image_fc": 512}}}
+    assert spec.environments == {
+        "LaneKeeping-v0": {},
+        "LaneKeepingInner-v0": {"lane": "inner"},
+        "LaneKeepingRandomised-v0": {"look": "randomised"},
+    }
+    told = [(name, row.learned, row.trained, row.told) for name, row in spec.paper.items()]
+    on = "not given (drives on until stopped)"
+    assert told == [
+        ("ddqn", "about 10,000", "2 M", "about 10,000"),
+        ("dueling", "within 1 M", "2 M", "within 1 M"),
+        ("a2c", "never steadily", "longer than the others", "never steadily"),
+        ("ppo", "250,000 (steady from 550,000)", "not given", "250,000 (steady from 550,000)"),
+    ]
+    assert PaperRow("not given", "not given", "drives on until stopped").told == on
+    four = find_task("four_laps")
+    assert (four.learned, four.counts_laps, four.lanes) == (False, False, spec.lanes)
+    with pytest.raises(ConfigError, match="task: unknown 'four_laps'"):
+        find_task("four_laps", to_learn=True)
+    with pytest.raises(ConfigError, match="did you mean 'lane'"):
+        find_task("lanes")
+    with pytest.raises(ConfigError, match="got 'lane' again"):
+        register(spec)
+    assert four not in learned_tasks()
+    assert spec in learned_tasks()
+    usual = TaskSpec("x", "X", "", LaneKeeping, "loop")
+    assert (usual.painted, usual.scale, usual.counts_laps, usual.learned) == (48, 1.0, False, True)
+    assert Choices() == Choices(None, None, None, 1.0)

@@ -7,12 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot.errors import ConfigError, MapError
+from robot.errors import ConfigError, MapError, PlanError
+from robot.geometry import Pose
 from robot.navigation.path import Path
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import Navigation, RandomRoutes
+from sim_pybullet.tasks.spec import Choices, find_task
 from tests.sim_pybullet.flat_camera import PoseCamera
 
 ARENA = load_map("arena")
@@ -180,3 +182,55 @@ def test_refuses_a_map_with_no_long_route(tmp_path: pathlib.Path) -> None:
     file.write_text("tiles:\n- [straight/E, straight/E]\ntile_size: 0.585\n")
     with pytest.raises(MapError, match="tiles of road apart"):
         Navigation([load_map(file)], 1)
+
+
+def test_every_tile_begins_and_ends_as_many_missions() -> None:
+    """A crossing has twelve lanes, a straight road two; which is driven into counts for neither."""
+    routes, rng = RandomRoutes(ARENA), np.random.default_rng(0)
+    paths = [routes.draw(rng) for _ in range(1500)]
+    assert min(path.length_m for path in paths) >= 3.0 * 0.44
+    counts: dict[tuple[int, ...], int] = {}
+    for path in paths:
+        tile = tuple((path.points_m[0] // ARENA.tile_size_m).astype(int))
+        counts[tile] = counts.get(tile, 0) + 1
+    even = 1500 / len(ARENA.road_tiles)
+    assert 0.5 * even < min(counts.values()) <= max(counts.values()) < 1.7 * even
+
+
+def test_a_mission_from_a_place_begins_there() -> None:
+    routes, rng = RandomRoutes(ARENA), np.random.default_rng(0)
+    begin = Pose(2.07, 0.6, np.pi / 2.0)
+    for _ in range(5):
+        path = routes.draw(rng, begin)
+        np.testing.assert_allclose(path.points_m[0], (2.07, 0.6), atol=2e-3)
+        assert path.length_m >= 3.0 * 0.44
+    with pytest.raises(PlanError, match="start on the road"):
+        routes.draw(rng, Pose(0.7, 0.7, 0.0))
+    task = Navigation([ARENA], 2)
+    starts = task.reset_at(np.array([1]), np.array([begin]), rng)
+    assert starts.poses.tolist() == [list(begin)]
+    assert task.course.arc_m[1] == pytest.approx(0.0, abs=5e-3)
+
+
+def test_what_navigation_is_to_others() -> None:
+    spec = find_task("navigation")
+    assert (spec.map, spec.painted, spec.path_points, spec.frames) == ("arena", 144, 10, 1)
+    assert (spec.learned, spec.counts_laps, spec.lanes) == (True, False, ())
+    evaluation = {"episodes": 60, "rounds": 3, "every_steps": 8_000, "every_share": 0.25}
+    fast = {"steps": 24_000, "start_spread": 4.0, "rate_left": 0.03}
+    fast["evaluation"] = {**evaluation, "stop_after_perfect": 0}  # type: ignore[assignment]
+    assert spec.presets == {"fast": fast}
+    told = {name: (row.told, row.trained) for name, row in spec.paper.items()}
+    assert told == {
+        "dueling": ("1.5 M (96.4 % of 1000)", "1.5 M"),
+        "ppo": ("3 M (66 % of 1000)", "3 M"),
+    }
+    assert spec.environments == {
+        "Navigation-v0": {"pose_error": "none"},
+        "NavigationArenaPose-v0": {"pose_error": "arena"},
+    }
+    built = spec.build([ARENA], 3, Choices(start_spread=2.0))
+    assert isinstance(built, Navigation)
+    assert (built.n_robots, built._spread) == (3, 2.0)
+    with pytest.raises(ConfigError, match="laps: expected none for the task navigation"):
+        spec.build([ARENA], 1, Choices(laps=1.0))

@@ -15,7 +15,8 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
 from sim_pybullet.racing.racing_cars import RacingAction
 from sim_pybullet.racing.track import SCALE, centre_line, load_track, shipped_tracks
-from sim_pybullet.tasks.track_racing import STYLES, TrackRacing
+from sim_pybullet.tasks.spec import Choices, find_task
+from sim_pybullet.tasks.track_racing import STYLES, Style, TrackRacing
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)
@@ -259,3 +260,55 @@ def test_who_cruises_drives_no_faster_than_the_governor_lets_it() -> None:
     ]
     made.close()
     assert 8.0 < np.max(speeds) < 9.0
+
+
+def test_in_practice_a_track_and_its_mirror_image_are_driven_for_a_twelfth_of_a_lap() -> None:
+    spec = find_task("track")
+    race = spec.build([TRACK], 2)
+    assert isinstance(race, TrackRacing)
+    assert (race._laps, len(race.road_maps), race._style) == (1.0, 1, STYLES["race"])
+    practice = spec.build([TRACK], 2, Choices(style="cruise", start_spread=4.0))
+    assert isinstance(practice, TrackRacing)
+    assert (practice._laps, len(practice.road_maps)) == (0.08, 2)
+    assert (practice._style, practice._spread) == (STYLES["cruise"], 4.0)
+    chosen = spec.build([TRACK], 2, Choices(laps=3.0, start_spread=4.0))
+    assert isinstance(chosen, TrackRacing)
+    assert chosen._laps == 3.0
+    with pytest.raises(ConfigError, match="lane: expected none for the task track"):
+        spec.build([TRACK], 1, Choices(lane="outer"))
+
+
+def test_a_car_that_is_put_down_begins_at_rest() -> None:
+    task = TrackRacing([TRACK], 2, style=STYLES["cruise"], start_spread=4.0)
+    task.reset(np.arange(2), np.random.default_rng(0))
+    pose = np.array([LINE.path.pose_at(STRAIGHT_M)])
+    before = task.vehicle.starts_mps.copy()
+    task.reset_at(np.array([1]), pose, np.random.default_rng(0))
+    assert task.vehicle.starts_mps[1] == 0.0
+    assert task.vehicle.starts_mps[0] == before[0] > 0.0
+    poses = np.repeat(pose, 2, axis=0)
+    assert task.step(poses, np.zeros(2, dtype=bool)).facts[1, 1] == 0.0, "it has not moved"
+
+
+def test_what_racing_is_to_others() -> None:
+    spec = find_task("track")
+    assert (spec.map, spec.styles, spec.lanes) == ("forest", ("race", "cruise"), ())
+    assert (spec.painted, spec.scale, spec.frames, spec.path_points) == (12, 0.05, 4, 0)
+    assert (spec.counts_laps, spec.learned) == (True, True)
+    assert STYLES["race"] == Style(1.0, 0.0, 25.0)
+    assert STYLES["cruise"] == Style(0.0, 0.002, 8.4)
+    fast = {
+        **{"image": ImageSpec(48, 36, 4), "net": {"channels": (16, 32), "centred": True}},
+        **{"reward_scale": 1.0, "steps": 400_000, "rate_left": 0.1, "entropy_left": 0.0},
+        **{"evaluation": {"episodes": 8, "every_steps": 10_000}},
+        **{"learn": {"gamma": 0.98, "buffer": 20_000}},
+    }
+    assert spec.presets == {
+        "fast": fast,
+        "paper": {"net": {"channels": (32, 64, 64, 64), "centred": True}},
+        "cruise": {"start_spread": 4.0, "relit": True},
+    }
+    assert spec.environments == {
+        "TrackRacing-v0": {"pool_size": 10},
+        "TrackRacingLooks-v0": {"pool_size": 10, "look": "tracks"},
+    }
