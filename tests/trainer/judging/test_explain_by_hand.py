@@ -182,21 +182,51 @@ def test_three_pictures_side_by_side_and_dark_where_nothing_is_seen(
     )
 
 
-@pytest.mark.parametrize(("many", "rows"), [(1, 1), (2, 1), (3, 2), (16, 8), (17, 8), (200, 8)])
-def test_a_sheet_has_up_to_sixteen_two_in_a_row(many: int, rows: int) -> None:
-    shown = [np.full((240, 960, 3), k, np.uint8) for k in range(many)]
-    drawn = sheet(shown)
-    columns = min(2, many)
-    assert drawn.shape == (rows * 154, columns * 604, 3)
-    middles = drawn[77::154, 302::604, 0].ravel().tolist()
-    chosen = min(16, many)
-    evenly = [round(k * (many - 1) / max(chosen - 1, 1)) for k in range(chosen)]
-    assert middles[:chosen] == pytest.approx(evenly, abs=1)
-    assert (middles[0], middles[chosen - 1]) == (0, many - 1)
-    assert middles[chosen:] == [255] * (len(middles) - chosen)
-    assert (drawn[:2] == 255).all()
-    assert (drawn[:, :2] == 255).all()
-    assert not (drawn[2, 2:602] == 255).any()
+@pytest.mark.parametrize(("many", "rows"), [(1, 1), (3, 3), (16, 16), (17, 16), (200, 16)])
+def test_a_sheet_has_up_to_sixteen_one_below_the_other(many: int, rows: int) -> None:
+    drawn = sheet([np.full((240, 960, 3), k, np.uint8) for k in range(many)])
+    assert drawn.shape == (rows * 150, 600, 3)
+    shown = drawn[75::150, 300, 0].tolist()
+    evenly = [round(k * (many - 1) / max(rows - 1, 1)) for k in range(rows)]
+    assert shown == pytest.approx(evenly, abs=1)
+    assert (shown[0], shown[-1]) == (0, many - 1)
+
+
+@pytest.mark.parametrize(("filmed", "kept"), [(True, [0, 10, 20]), (False, [*range(23)])])
+def test_every_tenth_picture_of_a_film_is_kept_for_the_sheet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, filmed: bool, kept: list[int]
+) -> None:
+    frames = [(f"{k:06d}", np.full((120, 160, 3), k, np.uint8)) for k in range(23)]
+    written: dict[str, Any] = {"film": [], "pictures": []}
+
+    class Film:
+        def __init__(self, path: Path, fps: float) -> None:
+            written["to"] = (path.name, fps)
+
+        def add(self, picture: np.ndarray) -> None:
+            written["film"].append(int(picture[0, 0, 0]))
+
+        def close(self) -> None:
+            written["closed"] = True
+
+    monkeypatch.setattr(module, "Explainer", lambda _: None)
+    monkeypatch.setattr(module, "pictures", lambda _: iter(frames))
+    monkeypatch.setattr(module, "explain", lambda _, frame: frame)
+    monkeypatch.setattr(module, "Mp4", Film)
+    monkeypatch.setattr(module, "write_png", lambda path, _: written["pictures"].append(path.name))
+    monkeypatch.setattr(module, "sheet", lambda shown: written.update(kept=shown))
+    source = tmp_path / ("drive.mp4" if filmed else "pictures")
+    out = tmp_path / "new" / "out"
+    assert module.write_explained(tmp_path / "m.onnx", source, out) == 23
+    assert out.is_dir()
+    assert [int(picture[0, 0, 0]) for picture in written["kept"]] == kept
+    assert written["film"] == (list(range(23)) if filmed else [])
+    assert written.get("closed", False) is filmed
+    if filmed:
+        assert written["to"] == ("drive_explained.mp4", 10.0)
+        assert written["pictures"] == ["sheet.png"]
+    else:
+        assert written["pictures"] == [*(f"{k:06d}_explained.png" for k in range(23)), "sheet.png"]
 
 
 def node(kind: str, *names: str) -> onnx.NodeProto:

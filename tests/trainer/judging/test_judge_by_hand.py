@@ -1,0 +1,298 @@
+"""What an evaluation asks, keeps, is shown, and says, without driving."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from robot.contract import CONTROL_DT_S, ImageSpec
+from robot.errors import ConfigError
+from robot.navigation.road_map import load_map
+from sim_pybullet.batch import Observation
+from sim_pybullet.drive_metrics import DriveMetrics
+from trainer.judging import endurance, evaluate
+from trainer.judging import judge as module
+from trainer.judging.drive_log import DriveLog, Track, drives_beside
+from trainer.judging.evaluate import Drive, Evaluation, Inputs, OnMap, _choose, _own_speeds
+from trainer.judging.judge import KeptDrives, _tell, answers, inputs
+from trainer.options import EvaluateOptions
+
+ASKED = Inputs("m.onnx", "lane", ("loop",), "nominal", None, None, 4, 7)
+FIRST = Drive(7, True, DriveMetrics(10.0, 30.0, 0.6, 0.0, 0.02), laps=2.0, map="loop", lane="outer")
+SECOND = Drive(8, False, DriveMetrics(2.0, 8.0, 0.4, 0.5, 0.05), failed=True, collided=True)
+
+
+def asked_of(folder: Path, **changes: Any) -> Inputs:
+    model = folder / "m.onnx"
+    if not model.exists():
+        model.write_bytes(b"policy")
+    return replace(ASKED, model=str(model), **changes)
+
+
+def test_drives_are_kept_on_disk_as_they_end(tmp_path: Path) -> None:
+    out, asked = tmp_path / "e.json", asked_of(tmp_path)
+    kept = KeptDrives(out, asked)
+    rows = tmp_path / "e.rows.jsonl"
+    kept.add(FIRST)
+    assert len(rows.read_text().splitlines()) == 2
+    kept.add(SECOND)
+    assert kept.told() == f"2 drives are kept in {rows}, the same command goes on"
+    assert rows.read_text().endswith("\n")
+    rows.write_text(rows.read_text() + '{"seed": 10, "su')
+    again = KeptDrives(out, replace(asked, episodes=9, seed=1))
+    assert again.drives == {7: FIRST, 8: SECOND}
+    assert len(rows.read_text().splitlines()) == 3, "without the line that was cut off"
+    again.forget()
+    assert not rows.exists()
+    assert KeptDrives(out, asked).drives == {}
+
+
+@pytest.mark.parametrize(
+    "change", [{"look": "randomised"}, {"maps": ("town",)}, {"zero": "image"}, {"lane": "both"}]
+)
+def test_drives_of_something_else_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    out, asked = tmp_path / "e.json", asked_of(tmp_path)
+    KeptDrives(out, asked).add(FIRST)
+    with pytest.raises(ConfigError, match="delete the file"):
+        KeptDrives(out, replace(asked, **change))
+
+
+@pytest.mark.parametrize("spoilt", ["model", "translate", "empty"])
+def test_drives_of_another_policy_are_refused(tmp_path: Path, spoilt: str) -> None:
+    translator = tmp_path / "t.onnx"
+    translator.write_bytes(b"translator")
+    out, asked = tmp_path / "e.json", asked_of(tmp_path, translate=str(translator))
+    KeptDrives(out, asked).add(FIRST)
+    if spoilt == "empty":
+        (tmp_path / "e.rows.jsonl").write_text("")
+    else:
+        Path(getattr(asked, spoilt)).write_bytes(b"another")
+    with pytest.raises(ConfigError, match="expected the drives of an evaluation that was cut off"):
+        KeptDrives(out, asked)
+
+
+def test_without_a_file_nothing_is_kept(tmp_path: Path) -> None:
+    kept = KeptDrives(None, asked_of(tmp_path))
+    kept.add(FIRST)
+    assert kept.drives == {7: FIRST}
+    assert kept.told() == "nothing is kept without --json, or with --drives"
+    kept.forget()
+    assert [path.name for path in tmp_path.iterdir()] == ["m.onnx"]
+
+
+def test_the_policys_own_task_and_map_are_the_usual_ones() -> None:
+    told = inputs(EvaluateOptions(model="m.onnx"), "navigation")
+    assert (told.task, told.maps, told.model) == ("navigation", ("arena",), "m.onnx")
+    told = inputs(EvaluateOptions(model="m.onnx", task="lane", map=("town",)), "navigation")
+    assert (told.task, told.maps) == ("lane", ("town",))
+
+
+def test_a_file_answers_what_it_was_asked(tmp_path: Path) -> None:
+    options = EvaluateOptions(model="m.onnx")
+    out = tmp_path / "e.json"
+    plain = json.loads(json.dumps(vars(inputs(options, "lane"))))
+    out.write_text(json.dumps({"inputs": plain}))
+    assert answers(out, options)
+    out.write_text(json.dumps({"inputs": {k: v for k, v in plain.items() if k != "lane"}}))
+    assert answers(out, options), "an older one, without a choice of lanes"
+    for wrong in ({**plain, "seed": 12}, {**plain, "task": ""}, {}, "lane", None):
+        out.write_text(json.dumps({"inputs": wrong}))
+        with pytest.raises(ConfigError, match="expected the evaluation asked for, got another one"):
+            answers(out, options)
+
+
+def told(result: Evaluation) -> str:
+    heard = io.StringIO()
+    _tell(Console(file=heard, width=200), result)
+    return heard.getvalue()
+
+
+RESULT = Evaluation(
+    ASKED, 4, 0.75, 0.301, 0.0213, 30.0, 7.5, 0.2, (8,), "ppo", "r", 1, 1, None, 0.25, ()
+)
+
+
+def test_what_an_evaluation_says() -> None:
+    said = told(RESULT)
+    assert "m.onnx: success 75.0% of 4 (at least 30.1% with 95 % confidence)" in said
+    assert "2.1 cm from the path" in said
+    assert "laps" not in said
+    assert "look nominal" not in said
+    rows = (OnMap("a", None, None, 2, 1, 0.031), OnMap("b", "inner", "judging", 2, 2, 0.014))
+    assert "kept for" not in told(replace(RESULT, by_map=rows[:1]))
+    said = told(replace(RESULT, by_map=rows, laps=1.5, collisions=2))
+    assert "look nominal" in said
+    first, second = (line for line in said.splitlines() if " of 2" in line)
+    assert all(word in first for word in ("a", "-", "nothing", "1 of 2", "3.1 cm"))
+    assert all(word in second for word in ("b", "inner", "judging", "2 of 2", "1.4 cm"))
+    assert "1.50 laps, 2 collisions, 0.2 m/s on average" in said
+
+
+class Chooser:
+    """A policy that notes what it sees, and chooses 3."""
+
+    def __init__(self, actions: Any = ((0.3, 0.3), (0.1, 0.2))) -> None:
+        self.contract = SimpleNamespace(image=ImageSpec(80, 60, 20), actions=actions)
+        self.seen: list[tuple[np.ndarray, np.ndarray | None]] = []
+
+    def act(self, pictures: np.ndarray, path: np.ndarray | None) -> np.ndarray:
+        self.seen.append((pictures, path))
+        return np.array([3])
+
+
+@pytest.mark.parametrize("zero", [None, "image", "path"])
+def test_a_policy_sees_its_own_robots_stack_and_path_or_zeros(zero: str | None) -> None:
+    images = np.zeros((3, 120, 160, 6), np.uint8)
+    images[1, ..., :3], images[1, ..., 3:], images[2] = 50, 90, 200
+    paths = np.arange(30.0, dtype=np.float32).reshape(3, 10) + 1.0
+    policy: Any = Chooser()
+    assert _choose(policy, Observation(images, paths), 1, zero) == 3
+    ((pictures, path),) = policy.seen
+    assert pictures.shape == (1, 40, 80, 6)
+    assert path is not None
+    shown = [0, 0] if zero == "image" else [50, 90]
+    assert [int(pictures[0, 5, 5, k]) for k in (0, 3)] == shown
+    np.testing.assert_array_equal(path[0], 0.0 * paths[1] if zero == "path" else paths[1])
+    if zero == "path":
+        with pytest.raises(ConfigError, match="expected image, got path; this task gives none"):
+            _choose(policy, Observation(images, None), 1, zero)
+    else:
+        _choose(policy, Observation(images, None), 1, zero)
+        assert policy.seen[-1][1] is None
+
+
+def test_a_policy_with_a_table_of_its_own_says_speeds() -> None:
+    usual = ((0.3, 0.3), (0.1, 0.2))
+    world: Any = SimpleNamespace(task=SimpleNamespace(vehicle=SimpleNamespace(actions=usual)))
+    assert _own_speeds(Chooser(usual), world) is None  # type: ignore[arg-type]
+    near = ((0.3 + 5e-7, 0.3), (0.1, 0.2))
+    assert _own_speeds(Chooser(near), world) is None  # type: ignore[arg-type]
+    own = ((0.3 + 2e-6, 0.3), (0.1, 0.2), (9.0, -9.0))
+    for actions in (own, own[:2]):
+        shares = _own_speeds(Chooser(actions), world)  # type: ignore[arg-type]
+        assert shares is not None
+        from robot.contract import MAX_WHEEL_MPS
+
+        expected = np.clip(np.array(actions) / MAX_WHEEL_MPS, -1.0, 1.0)
+        np.testing.assert_allclose(shares, expected)
+
+
+def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made: list[tuple[int, dict[str, Any]]] = []
+
+    class World:
+        def __init__(self, task: Any, looks: Any, **told: Any) -> None:
+            made.append((task.n_robots, told))
+            self.closed = False
+
+        def close(self) -> None:
+            self.closed = True
+
+    monkeypatch.setattr(evaluate, "BatchWorld", World)
+    monkeypatch.setattr(evaluate, "_drive", lambda *_: iter([SECOND, FIRST]))
+    heard: list[Drive] = []
+    for seeds in (range(50), range(3), []):
+        found = evaluate.evaluate(
+            None,
+            "lane",
+            [load_map("loop")],
+            [],
+            seeds,
+            heard.append,
+            lane="both",  # type: ignore[arg-type]
+        )
+        assert [drive.seed for drive in found] == ([7, 8] if seeds else []), "in their order"
+    assert [robots for robots, _ in made] == [20, 3]
+    assert {told["seed"] for _, told in made} == {1_000_000_007}
+    assert [drive.lane for drive in heard[:2]] == ["outer", "inner"], "8 and 7 take turns"
+
+
+@pytest.mark.parametrize(("robots", "maps", "worlds"), [(7, 1, 7), (7, 3, 2), (1, 3, 1)])
+def test_who_endures_drives_in_as_many_worlds_as_there_are_robots(
+    monkeypatch: pytest.MonkeyPatch, robots: int, maps: int, worlds: int
+) -> None:
+    made: dict[str, Any] = {}
+
+    class Ended(Exception):  # noqa: N818
+        pass
+
+    def world(*_: Any, **told: Any) -> Any:
+        made.update(told)
+        raise Ended
+
+    monkeypatch.setattr(endurance, "BatchWorld", world)
+    rings = [load_map("loop")] * maps
+    with pytest.raises(Ended):
+        endurance.endure(None, rings, [], 1.0, robots, 5, lambda: None)  # type: ignore[arg-type]
+    assert made == {"seed": 5, "pool_size": worlds}
+
+
+class Steady:
+    """A world in which nobody leaves a lane; each decision leads 3 cm on, and 1 cm aside."""
+
+    def __init__(self, task: Any, *_: Any, **__: Any) -> None:
+        self.n, self.count, self.closed = task.n_robots, 0, False
+
+    def reset(self) -> Any:
+        return SimpleNamespace(image=np.zeros((self.n, 120, 160, 3), np.uint8))
+
+    def step(self, _: np.ndarray) -> Any:
+        self.count += 1
+        alike = np.ones(self.n)
+        course = SimpleNamespace(offset_m=-0.01 * alike, travelled_m=0.03 * self.count * alike)
+        task = SimpleNamespace(terminated=np.zeros(self.n, dtype=bool))
+        return SimpleNamespace(observation=self.reset(), course=course, task=task)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_who_stays_drives_for_all_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(endurance, "BatchWorld", Steady)
+    contract = SimpleNamespace(image=ImageSpec(80, 60, 20), algorithm="a", run="r")
+    policy: Any = SimpleNamespace(
+        contract=contract, act=lambda pictures, _: np.zeros(len(pictures))
+    )
+    ticks: list[None] = []
+    found = endurance.endure(
+        policy, [load_map("loop")], [], 0.01, 2, 5, lambda: ticks.append(None), "inner"
+    )
+    assert len(ticks) == 360 == round(36.0 / CONTROL_DT_S)
+    assert (found.robots, found.stayed, found.hours, found.shortest_h) == (2, 2, 0.01, 0.01)
+    assert found.driven_lane_m == pytest.approx(360 * 0.03)
+    assert (found.mean_path_distance_m, found.largest_path_distance_m) == pytest.approx(
+        (0.01, 0.01)
+    )
+    assert (found.seed, found.lane, found.algorithm, found.run) == (5, "inner", "a", "r")
+    assert found.schema == 1
+
+
+def test_a_log_keeps_the_strips_of_the_ten_worst() -> None:
+    log = DriveLog()
+    for seed in range(15):
+        offsets = np.full(30, 0.01 * seed, np.float32)
+        strip = np.zeros((2, 1, 1, 3), np.uint8)
+        log.add(Track(seed, 0, "done", np.zeros((30, 3), np.float32), offsets, strip))
+    assert [track.seed for track in log.worst] == list(range(14, 4, -1))
+    assert drives_beside(Path("a/e.json")) == Path("a/e.npz")
+
+
+def test_the_worst_row_is_after_the_first_twenty() -> None:
+    offsets = np.zeros(40, np.float32)
+    offsets[19], offsets[20], offsets[31] = 0.9, -0.2, 0.3
+    track = Track(0, 0, "done", np.zeros((40, 3)), offsets, np.zeros((0, 1, 1, 3), np.uint8))
+    assert (track.worst, track.deviation_m) == (31, pytest.approx(0.3))
+    assert track.badness == (False, pytest.approx(0.3))
+    short = replace(track, offset_m=offsets[19:21], end="collided")
+    assert (short.worst, short.badness) == (1, (True, pytest.approx(0.2)))
+    assert module.INTERRUPTED == 130
