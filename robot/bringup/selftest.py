@@ -45,7 +45,7 @@ MOTIONS = (
 MOTION_REMEDY = (
     "the other wheel moved: exchange hat.left.port and hat.right.port; the wrong way: flip that "
     "motor's `reversed`; it trembled: a terminal holds wires of both windings; more or less than a "
-    "turn: python -m robot calibrate steps (docs/wiring.md)"
+    "turn: mend hat.steps_per_rev (docs/wiring.md)"
 )
 STOP_REMEDY = "lower hat.acceleration_mps2 and hat.start_stop_mps; look for a loose wheel"
 HOLD_REMEDY = "raise hat.hold_duty; check the motor supply"

@@ -13,32 +13,8 @@ from robot.hat.config import GAIN_MAX, HatConfig
 
 Values = Dict[Tuple[str, ...], Any]  # as `robot.bringup.yaml_edit.edit_yaml` takes them
 
-# Full steps per turn that motors are made with; a count this near to one of them is that one.
-COMMON_STEPS = (20, 24, 48, 96, 100, 180, 200, 240, 400, 2048, 4096)
-NEAR_COMMON = 0.015
-STEPS_RANGE = (4.0, 20_000.0)
 SCALE_RANGE = (0.8, 1.25)  # of a length that somebody has measured with a ruler
 MOST_BEND_RAD = math.radians(60.0)  # of a drive that should be straight
-
-
-def steps_from_turns(hat: HatConfig, commanded_turns: float, seen_turns: float) -> Values:
-    """Full steps per turn, when ``commanded_turns`` by the present figure were ``seen_turns``.
-
-    Raises:
-        ConfigError: no motor has so many steps.
-    """
-    if not seen_turns > 0.0:
-        raise ConfigError(f"turns: expected a positive number, got {seen_turns:g}")
-    steps = hat.steps_per_rev * commanded_turns / seen_turns
-    near = min(COMMON_STEPS, key=lambda common: abs(steps / common - 1.0))
-    if abs(steps / near - 1.0) <= NEAR_COMMON:
-        steps = float(near)
-    if not STEPS_RANGE[0] <= steps <= STEPS_RANGE[1]:
-        raise ConfigError(
-            f"steps per turn: expected {STEPS_RANGE[0]:g} to {STEPS_RANGE[1]:g}, got {steps:g} "
-            f"from {seen_turns:g} turns instead of {commanded_turns:g}; count again"
-        )
-    return {("hat", "steps_per_rev"): round(steps, 2)}
 
 
 def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: float) -> Values:
@@ -108,25 +84,10 @@ def _expect_scale(what: str, scale: float, got: str) -> None:
         )
 
 
-WHEEL_TURNS = 10
 DRIVE_M = 1.5
 SPOT_TURNS = 5
 SPEED_MPS = 0.08
 Guide = Callable[[Roller, Prompts], Values]
-
-
-def guide_steps(roller: Roller, person: Prompts) -> Values:
-    """Wheels in the air: turns by the present figure against turns that a person counts."""
-    _start(person, "Do both wheels hang free, and is the left tyre marked at the top?")
-    turn_m = 2.0 * math.pi * roller.config.drive.wheel_radius_m
-    person.tell(
-        f"The left wheel makes {WHEEL_TURNS} turns now, if the figure is right. Count them."
-    )
-    way_m = WHEEL_TURNS * turn_m * roller.config.left.gain
-    rolled = roller.roll(way_m, 0.0, SPEED_MPS)
-    commanded = rolled.left_m / turn_m / roller.config.left.gain
-    seen = person.number("How many turns was it (such as 9.75)?")
-    return steps_from_turns(roller.config, commanded, seen)
 
 
 def guide_trim(roller: Roller, person: Prompts) -> Values:
@@ -164,4 +125,4 @@ def _start(person: Prompts, question: str) -> None:
         raise ConfigError("expected a yes; prepare it and start again")
 
 
-GUIDES: Dict[str, Guide] = {"steps": guide_steps, "trim": guide_trim, "baseline": guide_baseline}
+GUIDES: Dict[str, Guide] = {"trim": guide_trim, "baseline": guide_baseline}

@@ -1,6 +1,6 @@
 """Measure this robot and write what was found into its configuration.
 
-steps, trim and baseline move the robot while a person watches; camera and lens look at a printed
+trim and baseline move the robot while a person watches; camera and lens look at a printed
 chessboard, which target draws. What is implausible is refused, and nothing written.
 """
 
@@ -29,7 +29,6 @@ from robot.output import write_bytes
 from robot.typed_config import load_yaml, to_plain
 
 PURPOSES = {
-    "steps": "full steps per turn of a wheel; wheels off the floor",
     "trim": "difference of the wheels, and their radius: a straight drive",
     "baseline": "distance of the wheels: turns on the spot",
 }

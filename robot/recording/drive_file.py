@@ -23,7 +23,6 @@ from robot.parts import Tick
 from robot.recording import topics
 from robot.recording.topics import Json, Topic, to_ns
 from robot.recording.turn import Turn
-from robot.safety.state_machine import State, Verdict
 
 SUFFIX = ".mcap"
 UNFINISHED = ".mcap.partial"
@@ -107,7 +106,6 @@ class DriveFile:
 
 # Of zlib: a third smaller than raw, in a millisecond; the next levels gain 1 % for twice the time.
 PNG_LEVEL = 1
-LEVEL_OF_STATE = {State.HOLD: "warn", State.FAULT: "bad"}
 
 
 class Heard(NamedTuple):
@@ -136,18 +134,9 @@ class DriveLog:
         self._wall_s = wall_s
         for name, path in models.items():
             file.attach(name, path.read_bytes(), path.stat().st_mtime)
+        self.phase = ""  # of the mission; without one, the state that the robot is in
         self._frame: Optional[int] = None
-        self._verdict: Optional[Verdict] = None
-        self._report: Optional[Telemetry] = None
         self._overhead: Optional[PoseMessage] = None
-
-    @property
-    def phase(self) -> str:
-        """How the mission stands, or without one, the state that the robot is in."""
-        mission = self._report.mission if self._report is not None else None
-        if mission is not None:
-            return mission.phase
-        return self._verdict.state.value if self._verdict is not None else ""
 
     def write(self, heard: Heard) -> None:
         """Add one turn."""
@@ -168,20 +157,10 @@ class DriveLog:
             self._overhead = heard.overhead
             pose = topics.overhead_message(time_s, heard.overhead)
             file.add(topics.OVERHEAD, time_s, pose, heard.overhead.sequence)
-        self._write_changes(time_s, tick.verdict, heard.report)
-
-    def _write_changes(self, time_s: float, verdict: Verdict, report: Optional[Telemetry]) -> None:
-        if verdict != self._verdict:
-            self._verdict = verdict
-            level = LEVEL_OF_STATE.get(verdict.state, "info")
-            line = topics.log_message(time_s, level, f"{verdict.state.value}: {verdict.sentence}")
-            self.file.add(topics.LOG, time_s, line)
-        if report is None:
-            return
-        before, self._report = self._report, report
-        if before is None or before.path != report.path:
-            self.file.add(topics.PATH, time_s, topics.path_message(time_s, report.path))
-        self.file.add(topics.TELEMETRY, time_s, plain(report))
+        self.phase = tick.verdict.state.value
+        if heard.report is not None:
+            file.add(topics.TELEMETRY, time_s, plain(heard.report))
+            self.phase = heard.report.mission.phase if heard.report.mission else self.phase
 
 
 def png(image: np.ndarray) -> bytes:

@@ -10,7 +10,7 @@ import base64
 import dataclasses
 import math
 import typing
-from typing import Any, Dict, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Dict, NamedTuple, Union
 
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage
@@ -18,7 +18,6 @@ from robot.link.telemetry import Telemetry
 from robot.recording.turn import Turn
 
 NS = 10**9
-LOG_LEVELS = {"debug": 1, "info": 2, "warn": 3, "bad": 4}
 WORLD_FRAME = "map"
 WHEELS_FRAME = "odometry"  # where the wheels say the robot is, from wherever it began
 
@@ -65,12 +64,6 @@ _POSE = {"position": _XYZ, "orientation": {**_XYZ, "w": "number"}}
 _HEAD = {"timestamp": {"sec": "integer", "nsec": "integer"}, "frame_id": "string"}
 _PLACE = {**_HEAD, "pose": _POSE}
 _SEEN = {**_PLACE, "heading_known": "boolean", "confidence": "number"}
-_LINE = {
-    "timestamp": _HEAD["timestamp"],
-    "level": "integer",
-    **dict.fromkeys(("message", "name", "file"), "string"),
-    "line": "integer",
-}
 
 CAMERA = Topic(
     "/camera", "foxglove.CompressedImage", _schema({**_HEAD, "data": "base64", "format": "string"})
@@ -78,8 +71,6 @@ CAMERA = Topic(
 POSE = Topic("/pose", "foxglove.PoseInFrame", _schema(_PLACE))
 OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _schema(_SEEN))
 ODOMETRY = Topic("/odometry", "foxglove.PoseInFrame", _schema(_PLACE))
-PATH = Topic("/path", "foxglove.PosesInFrame", _schema({**_HEAD, "poses": [_POSE]}))
-LOG = Topic("/log", "foxglove.Log", _schema(_LINE))
 TURN = Topic("/turn", "duckpilot.Turn", _schema_of(Turn))
 TELEMETRY = Topic("/telemetry", "duckpilot.Telemetry", _schema_of(Telemetry))
 
@@ -105,18 +96,6 @@ def overhead_message(time_s: float, seen: PoseMessage) -> Json:
     pose = Pose(seen.x_m, seen.y_m, seen.heading_rad or 0.0)
     known = seen.heading_rad is not None
     return {**pose_message(time_s, pose), "heading_known": known, "confidence": seen.confidence}
-
-
-def path_message(time_s: float, points_m: Sequence[Tuple[float, float]]) -> Json:
-    """A way through points x, y [m] of the world."""
-    poses = [_pose(Pose(x_m, y_m, 0.0)) for x_m, y_m in points_m]
-    return {"timestamp": _stamp(time_s), "frame_id": WORLD_FRAME, "poses": poses}
-
-
-def log_message(time_s: float, level: str, text: str) -> Json:
-    """A line of the log; ``level`` is one of ``LOG_LEVELS``."""
-    where = {"name": "robot", "file": "", "line": 0}
-    return {"timestamp": _stamp(time_s), "level": LOG_LEVELS[level], "message": text, **where}
 
 
 def to_ns(time_s: float) -> int:

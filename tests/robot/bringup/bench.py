@@ -112,8 +112,6 @@ class Spectator:
         left_m, right_m = turned * self.radii_m
         turn_rad = (right_m - left_m) / self.baseline_m
         end = Pose(0.0, 0.0, 0.0).moved(0.5 * (left_m + right_m), turn_rad)
-        if "turns" in question:
-            return round(float(turned[0]) / (2.0 * math.pi), 2)
         if "AHEAD" in question:
             return round(100.0 * end.x_m, 1)
         if "LEFT" in question:

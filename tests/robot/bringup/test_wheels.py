@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot.bringup.wheels import GUIDES, baseline_from_turns, steps_from_turns, trim_from_drive
+from robot.bringup.wheels import GUIDES, baseline_from_turns, trim_from_drive
 from robot.cli.calibrate import keep, measure_motion
 from robot.config import RobotConfig
 from robot.errors import ConfigError
@@ -26,15 +26,6 @@ def calibrated(what: str, hat: HatConfig, person: Spectator, path: Path) -> HatC
     path.write_text(f"model: m.onnx\nhat:\n  steps_per_rev: {hat.steps_per_rev}\n  {drive}\n")
     keep(path, measure_motion(GUIDES[what], hat, person.motors, person, person.motors), person)
     return load_yaml(RobotConfig, path).hat
-
-
-def test_steps_of_an_unknown_motor_are_found(tmp_path: Path) -> None:
-    believed = HatConfig(steps_per_rev=40.0)
-    person = Spectator(BenchMotors(believed, steps_per_rev=48.0))
-    found = calibrated("steps", believed, person, tmp_path / "robot.yaml")
-    assert found.steps_per_rev == 48.0
-    assert person.told[-1] == "hat.steps_per_rev: 40 -> 48"
-    assert not person.motors.coils_on
 
 
 def test_wheels_of_two_sizes_are_found_and_drive_straight_afterwards(tmp_path: Path) -> None:
@@ -54,6 +45,8 @@ def test_the_distance_of_the_wheels_is_found(tmp_path: Path) -> None:
     believed = HatConfig(drive=DifferentialDrive(baseline_m=0.098))
     person = Spectator(BenchMotors(believed), baseline_m=0.105)
     found = calibrated("baseline", believed, person, tmp_path / "robot.yaml")
+    assert person.told[-1].startswith("hat.drive.baseline_m: 0.098 -> 0.10")
+    assert not person.motors.coils_on
     assert found.drive.baseline_m == pytest.approx(0.105, rel=0.003)
 
 
@@ -85,18 +78,8 @@ def test_a_trimmed_robot_believes_where_it_truly_drives(
         assert believed_m == pytest.approx(way_m, rel=3e-4)
 
 
-@given(common=st.sampled_from((48, 200, 2048)), error=st.floats(-0.01, 0.01))
-def test_a_count_near_a_common_motors_is_that_one(common: int, error: float) -> None:
-    values = steps_from_turns(HatConfig(), 10.0, 10.0 * 48.0 / common * (1.0 + error))
-    assert values[("hat", "steps_per_rev")] == common
-
-
 def test_what_no_robot_can_be_is_refused_with_what_was_seen() -> None:
     hat = HatConfig()
-    with pytest.raises(ConfigError, match="expected a positive number, got 0"):
-        steps_from_turns(hat, 10.0, 0.0)
-    with pytest.raises(ConfigError, match="from 10000 turns instead of 10"):
-        steps_from_turns(hat, 10.0, 10_000.0)
     with pytest.raises(ConfigError, match=r"drag or slip"):
         trim_from_drive(hat, 1.5, 0.5, 0.9)
     with pytest.raises(ConfigError, match=r"wheel radius.*1\.000 m instead of 1\.500 m"):
