@@ -1,4 +1,4 @@
-"""Make this computer the robot's: environment, user, groups, udev rule, configuration, files.
+"""Make this computer the robot's: environment, user, groups, udev rule, configuration,
 
 Run it in a checkout of the repository with the Python (3.8 or newer) that the robot shall use; run
 it again after an update. A configuration that is there stays as it is. The service starts with the
@@ -14,13 +14,23 @@ import sys
 from pathlib import Path
 from typing import List, NamedTuple, Tuple, Union
 
-from robot.cli import install_files as files
-from robot.cli.install_files import CONFIG, ETC, GROUPS, KEYS, MODEL, PREFIX, STATE, USER, VENV
 from robot.computer.footprint import ROOT
 from robot.errors import ConfigError, HardwareError
 from robot.output import write_bytes
 
 SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"
+PREFIX = "/opt/duckpilot"
+VENV = f"{PREFIX}/venv"
+MODEL = f"{PREFIX}/lane.onnx"
+ETC = "/etc/duckpilot"
+KEYS = f"{ETC}/keys"
+CONFIG = f"{ETC}/robot.yaml"
+STATE = "/var/lib/duckpilot"
+UDEV_RULE = "/etc/udev/rules.d/99-duckpilot-i2c.rules"
+UNIT = "duckpilot-robot.service"
+UNIT_FILE = f"/etc/systemd/system/{UNIT}"
+USER = "duckpilot"
+GROUPS = ("i2c", "video", "gpio")
 Command = Tuple[str, ...]
 
 
@@ -57,7 +67,7 @@ def run(options: argparse.Namespace) -> None:
         print(told(step)[0], flush=True)
         do(step)
     print(f"Next: python -m robot doctor --config {CONFIG}")
-    print(f"then: sudo systemctl start {files.UNIT}")
+    print(f"then: sudo systemctl start {UNIT}")
 
 
 def make_plan(checkout: Path, python: str, model: Path) -> List[Step]:
@@ -94,13 +104,13 @@ def make_plan(checkout: Path, python: str, model: Path) -> List[Step]:
         (*pip, "pip"),  # Ubuntu 18.04's is too old to know the wheels of onnxruntime
         (*pip, "--constraint", pins, str(checkout)),
         Write(MODEL, policy),
-        Write(CONFIG, files.config_text(MODEL).encode("utf-8"), theirs=True),
-        Write(files.UDEV_RULE, files.UDEV.encode("utf-8")),
+        Write(CONFIG, config_text(MODEL).encode("utf-8"), theirs=True),
+        Write(UDEV_RULE, UDEV.encode("utf-8")),
         ("udevadm", "control", "--reload"),
         ("udevadm", "trigger", "--subsystem-match=i2c-dev"),
-        Write(files.UNIT_FILE, files.unit_text(" ".join(GROUPS)).encode("utf-8")),
+        Write(UNIT_FILE, unit_text(" ".join(GROUPS)).encode("utf-8")),
         ("systemctl", "daemon-reload"),
-        ("systemctl", "enable", files.UNIT),
+        ("systemctl", "enable", UNIT),
     ]
 
 
@@ -134,3 +144,69 @@ def do(step: Step, root: Path = Path("/")) -> None:
         raise HardwareError(f"{step[0]}: expected a program, got: {error}") from error
     if done.returncode != 0:
         raise HardwareError(f"{' '.join(step)}: ended with status {done.returncode}")
+
+
+UDEV = """\
+# duckpilot: the group i2c may use the buses, as the robot's motor HAT needs it.
+SUBSYSTEM=="i2c-dev", GROUP="i2c", MODE="0660"
+"""
+
+
+def unit_text(groups: str) -> str:
+    """The systemd unit; ``groups`` separated by spaces.
+
+    The robot boots DISARMED, so a restart never drives. WatchdogSec kills a loop that hangs; what
+    runs after every end, however it came, switches the motors off.
+    """
+    python = f"{VENV}/bin/python"
+    return f"""\
+# {UNIT}: written by `python -m robot install`.
+[Unit]
+Description=duckpilot robot (boots DISARMED; a person arms it)
+After=network-online.target nvargus-daemon.service
+Wants=network-online.target
+StartLimitIntervalSec=60
+StartLimitBurst=5
+
+[Service]
+Type=notify
+User={USER}
+SupplementaryGroups={groups}
+WorkingDirectory={STATE}
+Environment=PYTHONUNBUFFERED=1
+ExecStart={python} -m robot drive --config {CONFIG}
+ExecStopPost={python} -m robot off --config {CONFIG}
+TimeoutStopSec=5
+WatchdogSec=2
+Restart=on-failure
+RestartSec=3
+# 2 is wrong input: a person has to mend it first.
+RestartPreventExitStatus=2
+Nice=-5
+LimitCORE=0
+MemoryMax=512M
+NoNewPrivileges=yes
+ProtectSystem=strict
+ProtectHome=yes
+ReadWritePaths={STATE}
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+
+def config_text(model: str) -> str:
+    """The first configuration: what a person must look at; everything else has a default."""
+    return f"""\
+# The robot. docs/runtime.md describes every section; `python -m robot doctor --config {CONFIG}`
+# says what is wrong with it.
+model: {model}
+name: robot
+camera: {{kind: csi}}
+hat: {{steps_per_rev: 48, left: {{port: M1M2}}, right: {{port: M3M4, reversed: true}}}}
+safety: {{max_wheel_mps: 0.2}}
+recording: {{folder: {STATE}/drives}}
+# For a monitor and a localizer, after `python -m robot keygen`:
+# map: town
+# link: {{keys: /etc/duckpilot/keys/robot, localizer_host: 192.168.1.11}}
+"""

@@ -12,10 +12,9 @@ from typing import List
 
 import pytest
 
-from robot.cli import install_files as files
+from robot.cli import install as files
 from robot.cli import main
-from robot.cli.install import Step, Write, do, make_plan, told
-from robot.cli.install_files import config_text, unit_text
+from robot.cli.install import Step, Write, config_text, do, make_plan, told, unit_text
 from robot.computer.footprint import ROOT
 from robot.errors import ConfigError, HardwareError
 from tests.robot.tiny_onnx import lane_contract, write_policy

@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 
 from robot.bringup.prompts import Prompts
-from robot.bringup.selftest import MOTIONS
-from robot.cli.selftest import try_motors
+from robot.cli.selftest import MOTIONS, try_motors
 from robot.errors import ConfigError, HardwareError
 from robot.hat.config import HatConfig, MotorConfig
 from sim_pybullet.virtual.i2c import BusFault

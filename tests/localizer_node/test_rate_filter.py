@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from localizer_node.kalman import RateFilter
+from localizer_node.track import RateFilter
 from tests.localizer_node.rigs import turn
 
 DT_S = 1.0 / 30.0
