@@ -66,6 +66,7 @@ class Loop:
 
         Whoever stops it loses at most `SAVE_EVERY_S` of work.
         """
+        torch.set_num_threads(1)  # with a second one networks as small as ours are slower
         first, saved = self.done(), self.clock()
         columns = (*Progress.get_default_columns(), MofNCompleteColumn())
         with Progress(*columns, TextColumn("{task.fields[note]}"), console=console) as bar:
@@ -77,6 +78,39 @@ class Loop:
                     saved = self.clock()
         if first < self.steps:
             self.save(self.steps)
+
+
+def fit(
+    network: torch.nn.Module,
+    optimiser: torch.optim.Optimizer,
+    loss_of: Callable[[np.random.Generator], torch.Tensor],
+    loop: tuple[Path, int, int],
+    name: str,
+    console: Console,
+) -> None:
+    """Train a network until its steps are done; their rate falls to nothing along a cosine.
+
+    Args:
+        network: ends in evaluation mode.
+        optimiser: of it.
+        loss_of: of a batch that it draws.
+        loop: checkpoint to go on from, steps, seed.
+        name: beside the bar.
+        console: where progress is shown.
+    """
+    path, steps, seed = loop
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
+
+    def step(rng: np.random.Generator, _: int) -> str:
+        loss = loss_of(rng)
+        descend(optimiser, loss)
+        schedule.step()
+        return f"loss {float(loss.detach()):.3f}"
+
+    network.train()
+    Loop(path, parts, steps, seed).run(step, name, console)
+    network.eval()
 
 
 def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:

@@ -102,14 +102,11 @@ def table1_command(
         seeds: how many supervised networks of each kind.
         steps: updates of each.
     """
-    import torch
-
     from trainer.experiments.racing_policy import named_policies
     from trainer.experiments.records import load_drive
     from trainer.experiments.table1 import as_table, draw_table, foretell
     from trainer.run import write_json
 
-    torch.set_num_threads(1)
     console = Console(soft_wrap=True)
     policies = named_policies(policy)
     load_drive(data)  # refused before anything is written
@@ -142,18 +139,7 @@ def six_models_command(
         workers: processes at once, or a Ray cluster.
     """
     from robot.inference.translator import OnnxTranslator
-    from robot.output import write_text
-    from trainer.experiments.six_models import (
-        draw_attention,
-        draw_transfer_curves,
-        drives,
-        gather,
-        models,
-        table_rows,
-        trainings,
-    )
-    from trainer.experiments.tables import markdown
-    from trainer.run import write_json
+    from trainer.experiments.six_models import drives, models, report, trainings
 
     console = Console(soft_wrap=True)
     if options.translator:
@@ -164,14 +150,7 @@ def six_models_command(
             status = run_sweep(jobs, workers, console)
             if status != 0:
                 return status
-        done = replace(options, seeds=seed + 1)
-        transfer = gather(out, done)
-        write_json(out / "six_models.json", transfer)
-        draw_transfer_curves(out, done, out / "six_models.png")
-        draw_attention(out, done, out / "attention.png")
-        head, *rows = table_rows(transfer)
-        write_text(out / "six_models.md", markdown(head, rows))
-        console.print(markdown(head, rows), markup=False)
+        console.print(report(out, replace(options, seeds=seed + 1)), markup=False)
     return 0
 
 
@@ -190,12 +169,9 @@ def figure5_command(
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
-    import torch
-
     from trainer.experiments.figure5 import as_table, draw_figure, gather, trainings, translator
     from trainer.run import write_json
 
-    torch.set_num_threads(1)
     console = Console(soft_wrap=True)
     jobs = trainings(out, options, translator(out, options, console))
     status = run_sweep(jobs, workers, console)

@@ -8,9 +8,8 @@ looks: seen through a translator into the look of the test, in ten looks, or as 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,31 +17,21 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from trainer.experiments.cli import Figure5Options
-from trainer.experiments.tables import half_interval
+from trainer.experiments.student import half_interval
 from trainer.options import TrainOptions
 from trainer.run import RunFolder, atomically
 from trainer.sweeps.jobs import TrainJob
 from trainer.training.checkpoint import read_state
 
-_COLOURS = {"oracle": "black", "translated": "darkred", "dr": "steelblue", "none": "darkorange"}
 _GRID = 200  # steps at which seeds are averaged
 LAST_SHARE = 0.25  # of the steps: what a driver earns there is what it has learned
 
 
-class Variant(NamedTuple):
-    """A kind of driver."""
-
-    title: str
-    at_the_test: bool  # learns where it is judged
-    randomised: bool = False
-    translated: bool = False
-
-
-VARIANTS = {  # in the paper's order, the best first
-    "oracle": Variant("Oracle", at_the_test=True),
-    "translated": Variant("translated through parsing", at_the_test=False, translated=True),
-    "dr": Variant("domain randomisation", at_the_test=False, randomised=True),
-    "none": Variant("untranslated", at_the_test=False),
+VARIANTS = {  # titles and colours, in the paper's order, the best first
+    "oracle": ("Oracle", "black"),
+    "translated": ("translated through parsing", "darkred"),
+    "dr": ("domain randomisation", "steelblue"),
+    "none": ("untranslated", "darkorange"),
 }
 
 
@@ -53,7 +42,7 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
         DuckpilotError: a track or look that does not exist.
     """
     from trainer.run import take_up
-    from trainer.transfer.collect import Source, collect_simulator
+    from trainer.transfer.collect import Source, collect
     from trainer.transfer.options import ThroughOptions
     from trainer.transfer.through_parsing import translate_through
 
@@ -69,7 +58,7 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
             out.mkdir(parents=True, exist_ok=True)
             source = Source("simulator", (place,), options.frames, look)
-            collect_simulator(out / name, source, lambda _: None)
+            collect(out / name, source, lambda: None)
     wanted = ThroughOptions(
         sim=str(out / "frames"),
         real=str(out / "test_frames"),
@@ -84,24 +73,29 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
 
 def trainings(out: Path, options: Figure5Options, translator: Path) -> list[TrainJob]:
     """All of them, seed by seed, so that every kind has come equally far."""
+    worlds = {
+        "oracle": (options.test_map, options.test_look),
+        "translated": (options.map, options.look),
+        "dr": (options.map, options.looks),
+        "none": (options.map, options.look),
+    }
     jobs = []
-    for seed in range(options.seeds):
-        for name, variant in VARIANTS.items():
-            look = options.looks if variant.randomised else options.look
-            training = TrainOptions(
-                task="track",
-                algo=options.algo,
-                preset=options.preset,
-                map=(options.test_map if variant.at_the_test else options.map,),
-                steps=options.steps,
-                seed=seed,
-                look=options.test_look if variant.at_the_test else look,
-                translate=str(translator) if variant.translated else None,
-                judge_map=(options.test_map,),
-                judge_look=options.test_look,
-                full=True,
-            )
-            jobs.append(TrainJob(_run(out, name, seed), training, resume=True))
+    for seed, name in product(range(options.seeds), VARIANTS):
+        place, look = worlds[name]
+        training = TrainOptions(
+            task="track",
+            algo=options.algo,
+            preset=options.preset,
+            map=(place,),
+            steps=options.steps,
+            seed=seed,
+            look=look,
+            translate=str(translator) if name == "translated" else None,
+            judge_map=(options.test_map,),
+            judge_look=options.test_look,
+            full=True,
+        )
+        jobs.append(TrainJob(_run(out, name, seed), training, resume=True))
     return jobs
 
 
@@ -167,7 +161,7 @@ def as_table(found: Figure5) -> RichTable:
     for place, curve in enumerate(found.curves, start=1):
         margin = float(half_interval(np.array(curve.learned)))
         table.add_row(
-            VARIANTS[curve.variant].title,
+            VARIANTS[curve.variant][0],
             f"{curve.mean:.1f} ± {margin:.1f}",
             ", ".join(f"{reward:.1f}" for reward in curve.learned),
             f"{np.mean(curve.success):.0%}",
@@ -193,7 +187,7 @@ def draw_figure(found: Figure5, path: Path) -> None:
     for curve in found.curves:
         grid, rewards = on_common_steps(curve)
         mean, half = rewards.mean(axis=0), half_interval(rewards)
-        colour, label = _COLOURS[curve.variant], VARIANTS[curve.variant].title
+        label, colour = VARIANTS[curve.variant]
         axis.plot(grid, mean, color=colour, label=label)
         if len(rewards) > 1:
             axis.plot(grid, rewards.T, color=colour, linewidth=0.6)

@@ -71,18 +71,16 @@ class SteeringPolicy:
 
     def turns(self, stacks: np.ndarray) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 -> (N,) int64 values of `Turn`."""
-        newest = np.ascontiguousarray(stacks[..., -3 * self.frames :])
-        parts = np.array_split(newest, -(-len(stacks) // _AT_ONCE))
-        values = np.concatenate([self._values(part) for part in parts])
+        newest, points = stacks[..., -3 * self.frames :], self._policy.contract.path_points
+        values = []
+        for part in np.array_split(newest, -(-len(stacks) // _AT_ONCE)):
+            path = np.zeros((len(part), points), np.float32) if points else None
+            values.append(self._policy.values(np.ascontiguousarray(part), path))
+        found = np.concatenate(values)
         if self._worth:
-            return turns(self._steering_deg[values.argmax(1)])
-        shares = np.exp(values - values.max(1, keepdims=True))
+            return turns(self._steering_deg[found.argmax(1)])
+        shares = np.exp(found - found.max(1, keepdims=True))
         return turns(shares @ self._steering_deg / shares.sum(1))
-
-    def _values(self, pictures: np.ndarray) -> np.ndarray:
-        points = self._policy.contract.path_points
-        path = np.zeros((len(pictures), points), np.float32) if points else None
-        return self._policy.values(pictures, path)
 
 
 def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]]:

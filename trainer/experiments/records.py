@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -113,7 +112,8 @@ def _sully_chen(folder: Path) -> list[_Row]:
 def _tub(folder: Path) -> Iterator[_Row | None]:
     lines = [line for line in _lines(folder / "manifest.json") if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
-    for path in _catalogs(folder, last.get("paths")):
+    for name in last.get("paths", ()):  # more may lie there: given up, or macOS's ._ files
+        path = folder / Path(str(name)).name
         for number, line in enumerate(_lines(path), start=1):
             record = _record(line)
             if record is None:
@@ -122,14 +122,6 @@ def _tub(folder: Path) -> Iterator[_Row | None]:
                 file, angle = record.get("cam/image_array"), record.get("user/angle")
                 known = isinstance(file, str) and angle is not None
                 yield _scaled(str(file), angle, f"{path}:{number}") if known else None
-
-
-def _catalogs(folder: Path, named: Any) -> list[Path]:
-    """Those that the manifest names; more may lie there: given up, or macOS's ._ files."""
-    if isinstance(named, list):
-        return [folder / Path(str(name)).name for name in named]
-    found = [path for path in folder.glob("*.catalog") if path.name[0] != "."]
-    return sorted(found, key=lambda path: [int(number) for number in re.findall(r"\d+", path.stem)])
 
 
 def _lines(path: Path) -> list[str]:

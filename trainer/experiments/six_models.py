@@ -8,7 +8,7 @@ training saw: four laps of lane keeping, each of a map's manoeuvres once, and ra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean, median
 from typing import NamedTuple
@@ -17,15 +17,16 @@ import numpy as np
 
 from robot.inference.preprocess import preprocess_batch
 from robot.navigation.road_map import load_map
+from robot.output import write_text
 from sim_pybullet.pool import LookPool
 from sim_pybullet.randomise import load_look_sampler, looks_of
 from trainer.algorithms import find_algorithm
 from trainer.experiments.cli import SixModelsOptions
-from trainer.experiments.tables import half_interval
+from trainer.experiments.student import half_interval
 from trainer.judging.explain import Explainer, overlay
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.report.curves import draw_panels
-from trainer.run import RunFolder, read_json
+from trainer.run import RunFolder, read_json, write_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 from trainer.training.checkpoint import read_state
 from trainer.transfer.collect import snapshots
@@ -88,61 +89,42 @@ def trainings(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> l
     jobs = []
     for model in among:
         variant = VARIANTS[model.variant]
-        for task in ("navigation", "lane"):
-            guided = task == "navigation"
-            steps = options.ppo_steps if model.algorithm == "ppo" else options.steps
-            job = TrainOptions(
-                task=task,
-                algo=model.algorithm,
-                preset=options.preset,
-                map=options.map if guided else (),
-                steps=steps if guided else options.lane_steps,
-                seed=model.seed,
-                look=variant.look,
-                pose_error=options.pose_error if guided else None,
-                translate=options.translator if variant.translated else None,
-                judgings=options.judgings,
-                full=True,
-            )
-            jobs.append(TrainJob(model.run(out, task), job, resume=True))
+        usual = TrainOptions(
+            algo=model.algorithm,
+            preset=options.preset,
+            seed=model.seed,
+            look=variant.look,
+            translate=options.translator if variant.translated else None,
+            judgings=options.judgings,
+            full=True,
+        )
+        steps = options.ppo_steps if model.algorithm == "ppo" else options.steps
+        guided = replace(usual, map=options.map, steps=steps, pose_error=options.pose_error)
+        lane = replace(usual, steps=options.lane_steps)
+        for task, job in (("navigation", guided), ("lane", lane)):
+            jobs.append(TrainJob(model.run(out, task), replace(job, task=task), resume=True))
     return jobs
 
 
-class Trial(NamedTuple):
-    """What models are asked to do."""
-
-    task: str
-    maps: tuple[str, ...]
-    pose_error: str | None
-    episodes: int
-
-
-def trials(options: SixModelsOptions) -> dict[str, Trial]:
-    """The three by name."""
-    arena, error = (options.test_map,), options.pose_error
+def trials(options: SixModelsOptions) -> dict[str, EvaluateOptions]:
+    """The three tests. The policy sees what is there, untranslated."""
+    usual = EvaluateOptions(look=options.look, seed=FIRST_SEED)
+    arena = replace(usual, map=(options.test_map,), pose_error=options.pose_error)
     return {
-        "laps": Trial("four_laps", (), None, options.lap_drives),
-        "paths": Trial("manoeuvres", arena, error, PATHS),
-        "tasks": Trial("navigation", arena, error, MISSIONS),
+        "laps": replace(usual, task="four_laps", episodes=options.lap_drives),
+        "paths": replace(arena, task="manoeuvres", episodes=PATHS),
+        "tasks": replace(arena, task="navigation", episodes=MISSIONS),
     }
 
 
 def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list[EvaluateJob]:
-    """The three tests of each of these models. The policy sees what is there, untranslated."""
+    """The tests of each of these models."""
     jobs = []
     for model in among:
         for name, trial in trials(options).items():
             file = model.judged(out, name)
-            job = EvaluateOptions(
-                model=str(RunFolder(file.parent).onnx),
-                task=trial.task,
-                map=trial.maps,
-                look=options.look,
-                pose_error=trial.pose_error,
-                episodes=trial.episodes,
-                seed=FIRST_SEED,
-            )
-            jobs.append(EvaluateJob(file, job, drives=True))
+            asked = replace(trial, model=str(RunFolder(file.parent).onnx))
+            jobs.append(EvaluateJob(file, asked, drives=True))
     return jobs
 
 
@@ -193,6 +175,19 @@ def gather(out: Path, options: SixModelsOptions) -> Transfer:
         rows.append(TransferRow(*kind[0][:2], *counts))
     episodes = {name: trial.episodes for name, trial in trials(options).items()}
     return Transfer(options, episodes, tuple(rows))
+
+
+def report(out: Path, options: SixModelsOptions) -> str:
+    """Write six_models.json, .md and .png and attention.png; the table."""
+    transfer = gather(out, options)
+    write_json(out / "six_models.json", transfer)
+    draw_transfer_curves(out, options, out / "six_models.png")
+    draw_attention(out, options, out / "attention.png")
+    head, *rows = table_rows(transfer)
+    rule = ["---"] * len(head)
+    text = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)) + "\n"
+    write_text(out / "six_models.md", text)
+    return text
 
 
 def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:

@@ -9,13 +9,15 @@ import torch
 from gymnasium import spaces
 from rich.console import Console
 from torch import nn
+from torch.nn import functional
 
 from trainer.experiments.drive_pictures import STACK, Stacks
 from trainer.experiments.records import Turn
 from trainer.learners.networks import DrivingFeatures
 from trainer.presets import preset
 from trainer.relit import relit
-from trainer.resumable import Loop, Stateful
+from trainer.resumable import fit
+from trainer.transfer.metrics import through
 
 BATCH = 32
 LEARNING_RATE = 1e-3
@@ -49,12 +51,9 @@ class TurnNetwork(nn.Module):
         """See the class."""
         return self.head(self.convolutions(stacks))
 
-    @torch.no_grad()
     def turns(self, stacks: np.ndarray) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 -> (N,) the likeliest turns."""
-        self.eval()
-        parts = np.array_split(stacks, -(-len(stacks) // _AT_ONCE))
-        return np.concatenate([self(torch.from_numpy(p)).argmax(1).numpy() for p in parts])
+        return through(lambda some: self(some).argmax(1), stacks, size=_AT_ONCE)
 
 
 def teach_turns(
@@ -64,22 +63,13 @@ def teach_turns(
     torch.manual_seed(seed)
     network = TurnNetwork(training.pictures.shape[1:])
     optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
-    loss_of = nn.CrossEntropyLoss()
 
-    def step(rng: np.random.Generator, _: int) -> str:
+    def loss_of(rng: np.random.Generator) -> torch.Tensor:
         stacks, wanted = draw_stacks(training, BATCH, rng)
-        loss = loss_of(network(torch.from_numpy(stacks)), torch.from_numpy(wanted))
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        return f"loss {float(loss.detach()):.3f}"
+        return functional.cross_entropy(network(torch.from_numpy(stacks)), torch.from_numpy(wanted))
 
-    network.train()
-    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
-    Loop(checkpoint, parts, steps, seed).run(step, checkpoint.stem, console)
-    return network.eval()
+    fit(network, optimiser, loss_of, (checkpoint, steps, seed), checkpoint.stem, console)
+    return network
 
 
 def draw_stacks(

@@ -125,11 +125,10 @@ def foretell(
 def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
     done = {Turn(turn).name.lower() for turn in part.turns.tolist()}
     if len(done) < 2:
-        low, high = drive.steering_deg.min(), drive.steering_deg.max()
         raise ConfigError(
-            f"drive: expected turns of two kinds at least in its {name}, got only "
-            f"{', '.join(done)}; the angles go from {low:.3g} to {high:.3g} degrees: another part "
-            "of the drive, or other units?"
+            f"drive: expected turns of two kinds at least in its {name}, got only {done.pop()}; "
+            f"the angles go from {drive.steering_deg.min():.3g} to {drive.steering_deg.max():.3g} "
+            "degrees: another part of the drive, or other units?"
         )
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from trainer.transfer.parser import Parser
 
 _TRAIN, _NOWHERE = ParseOptions(), Sources()
-Preset = Annotated[str, tyro.conf.arg(name="preset")]
 
 
 def collect_command(
@@ -44,22 +43,16 @@ def collect_command(
         every: pictures: take one of so many.
         seed: simulator: of everything random.
     """
-    from trainer.transfer import collect
+    from trainer.transfer.collect import Source, collect
 
+    if pictures is None:
+        source = Source("simulator", map_names, frames, look, seed)
+    else:
+        source = Source("pictures", (str(pictures),), frames, every=every)
     with Progress(transient=True) as bar:
         row = bar.add_task("frames", total=frames)
-
-        def tick(count: int) -> None:
-            bar.advance(row, count)
-
-        if pictures is not None:
-            source = collect.Source("pictures", (str(pictures),), frames, every=every)
-            found = collect.pictures_at(pictures, every)
-            frames = collect.collect_pictures(out, found, source, tick)
-        else:
-            source = collect.Source("simulator", map_names, frames, look, seed)
-            collect.collect_simulator(out, source, tick)
-    _say(f"{out}: {frames} frames")
+        taken = collect(out, source, lambda: bar.advance(row))
+    _say(f"{out}: {taken} frames")
     return 0
 
 
@@ -67,7 +60,7 @@ def translate_train_command(
     out: Path,
     sim: tuple[Path, ...] = (),
     real: tuple[Path, ...] = (),
-    preset_name: Preset = "fast",
+    preset: str = "fast",
     steps: int | None = None,
     structure: float | None = None,
     seed: int = 0,
@@ -82,7 +75,7 @@ def translate_train_command(
         out: the run's folder; must not hold a run yet, unless --resume.
         sim: collections from the simulator (python -m trainer collect).
         real: folders of photographs; each is drawn from equally often.
-        preset_name: fast (80x40), paper (160x120) or debug.
+        preset: fast (80x40), paper (160x120) or debug.
         steps: updates, in place of the preset's.
         structure: weight of keeping painted lines in place; 0 is plain CycleGAN.
         seed: of everything random.
@@ -97,7 +90,7 @@ def translate_train_command(
     def fresh() -> TranslationConfig:
         if not sim or not real:
             raise ConfigError("translate train: expected --sim and --real folders, got none")
-        config = translation_preset(preset_name, tuple(map(str, sim)), tuple(map(str, real)))
+        config = translation_preset(preset, tuple(map(str, sim)), tuple(map(str, real)))
         for each in (*sim, *real):
             picture_files(each)  # refused before anything is written
         return replace(
@@ -155,15 +148,11 @@ def parse_train_command(
         options: what from, and how.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
-    import torch
-
     from trainer.run import take_up
     from trainer.transfer.classes import label_set
     from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import save_parser, teach
     from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
-
-    torch.set_num_threads(1)
 
     def fresh() -> ParseOptions:
         # refused before anything is written
@@ -177,7 +166,7 @@ def parse_train_command(
     save_parser(parser, out / "parser.pt")
     held_out = splits[-1].held_out
     shown = held_out.pick(spread(len(held_out), min(SHEET_ROWS, len(held_out))))
-    found, true = (parser.labels.paint(each) for each in (parser(shown.frames), shown.truth))
+    found, true = (parser.labels.paint(each) for each in (parser.parse(shown.frames), shown.truth))
     columns = {"frame": shown.frames, "classes found": found, "true classes": true}
     draw_sheet(out / "sheet.png", columns)
     _report(parser, splits, out / "scores.json", console)
@@ -228,12 +217,9 @@ def parse_translate_command(
         options: what from, and how.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
-    import torch
-
     from trainer.run import take_up
     from trainer.transfer.through_parsing import translate_through
 
-    torch.set_num_threads(1)
     run = take_up(ThroughOptions, out, resume, lambda: options)
     _say(translate_through(out, run, Console()))
     return 0
@@ -245,7 +231,7 @@ def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console:
 
     scores = []
     for split in splits:
-        found = parser(split.held_out.frames)
+        found = parser.parse(split.held_out.frames)
         score = score_classes(split.held_out.truth, found, parser.labels, split.name)
         scores.append(score)
         title = (

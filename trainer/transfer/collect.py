@@ -8,7 +8,7 @@ comes from.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,7 +36,7 @@ from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, refuse_judging_maps
 
 _centre_line = lru_cache(8)(centre_line)
-Tick = Callable[[int], None]  # so many more frames are done
+Tick = Callable[[], None]  # one more frame is done
 
 _BATCH = 32
 _OFFSET_M = 0.04  # standard deviations of where a learning robot is in its lane
@@ -57,68 +57,50 @@ class Source:
     every: int = 1  # of how many pictures one was taken
 
 
-def collect_simulator(out: Path, source: Source, tick: Tick) -> None:
-    """Frames of robots on random places of the lanes or tracks, in randomly drawn looks.
+def collect(out: Path, source: Source, tick: Tick) -> int:
+    """Gather frames; returns how many there were.
 
     Args:
         out: a folder that does not exist yet; appears when all frames are there.
-        source: which maps or tracks, and in which looks.
+        source: where from, and the most to take.
         tick: hears of each frame.
 
     Raises:
-        DuckpilotError: ``out`` exists; or a map or look that does not, is kept for judging, or has
-            no lanes.
+        DuckpilotError: ``out`` exists; a map or look that does not, or is kept for judging; no
+            pictures there, or a recorded frame that is none.
     """
-    spec = find_task("track" if any(map(is_track, source.origin)) else "lane")
-    road_maps = [spec.load(name) for name in maps_named(source.origin)]
-    refuse_judging_maps(road_maps, "learn")
-    looks = spec.looks(source.look, None)
-    rng = np.random.default_rng(source.seed)
-    pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
-    with _appearing(out, source, ("image", "label")) as folder:
-        for first in range(0, source.frames, _BATCH):
-            count = min(_BATCH, source.frames - first)
-            frames, labels = snapshots(road_maps, pool, count, rng)
-            for k in range(count):
-                _write(folder / "image" / f"{first + k:06d}.png", frames[k, ..., ::-1])
-                _write(folder / "label" / f"{first + k:06d}.png", labels[k])
-            tick(count)
-
-
-def pictures_at(path: Path, every: int = 1) -> Iterator[np.ndarray]:
-    """Every so many pictures of a robot's recording (.mcap), a video, or a folder of pictures.
-
-    Raises:
-        ConfigError: there is nothing of that kind.
-        ContractError: a recorded frame that is no picture.
-    """
-    if path.suffix == ".mcap":
-        yield from (frame for _, frame in islice(read_frames(path), 0, None, every))
-        return
-    yield from islice(play(path), 0, None, every)
-
-
-def collect_pictures(out: Path, pictures: Iterable[np.ndarray], source: Source, tick: Tick) -> int:
-    """Pictures fitted to the frame; returns how many there were.
-
-    Args:
-        out: a folder that does not exist yet.
-        pictures: see `pictures_at`.
-        source: the most frames to take.
-        tick: hears of each frame.
-
-    Raises:
-        ConfigError: ``out`` exists, or there was no picture.
-    """
-    taken = 0
-    with _appearing(out, source, ("image",)) as folder:
-        for picture in islice(pictures, source.frames):
-            _write(folder / "image" / f"{taken:06d}.png", fit_to_frame(picture)[..., ::-1])
+    found, taken = simulated(source) if source.kind == "simulator" else recorded(source), 0
+    with _appearing(out, source) as folder:
+        for parts in islice(found, source.frames):
+            for part, picture in parts.items():
+                _write(folder / part / f"{taken:06d}.png", picture)
             taken += 1
-            tick(1)
+            tick()
         if not taken:
             raise ConfigError(f"{', '.join(source.origin)}: expected pictures, got none")
     return taken
+
+
+def simulated(source: Source) -> Iterator[dict[str, np.ndarray]]:
+    """Robots on random places of lanes or tracks, in randomly drawn looks: what each part shows."""
+    spec = find_task("track" if any(map(is_track, source.origin)) else "lane")
+    road_maps = [spec.load(name) for name in maps_named(source.origin)]
+    refuse_judging_maps(road_maps, "learn")
+    looks, rng = spec.looks(source.look, None), np.random.default_rng(source.seed)
+    pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
+    for first in range(0, source.frames, _BATCH):
+        seen = snapshots(road_maps, pool, min(_BATCH, source.frames - first), rng)
+        for frame, label in zip(*seen, strict=True):
+            yield {"image": frame, "label": label}
+
+
+def recorded(source: Source) -> Iterator[dict[str, np.ndarray]]:
+    """Every so many pictures of a robot's recording (.mcap), a video, or a folder of pictures."""
+    path = Path(source.origin[0])
+    mcap = path.suffix == ".mcap"
+    found = (frame for _, frame in read_frames(path)) if mcap else play(path)
+    for picture in islice(found, 0, None, source.every):
+        yield {"image": fit_to_frame(picture)}
 
 
 def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -129,7 +111,6 @@ def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     Raises:
         ConfigError: the map has no lanes, or the track is not closed.
     """
-    lanes = isinstance(place, RoadMap)
     if isinstance(place, RoadMap):
         along, offset_m = _on_lanes(place, count, rng), _OFFSET_M
     else:
@@ -140,7 +121,7 @@ def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     offset, turned = rng.normal(0.0, offset_m, count), rng.normal(0.0, _HEADING_RAD, count)
     left = np.stack((-np.sin(along[:, 2]), np.cos(along[:, 2])), axis=1)
     poses = np.column_stack((along[:, :2] + offset[:, None] * left, along[:, 2] + turned))
-    if lanes:
+    if isinstance(place, RoadMap):
         astray = rng.random(count) < _ASTRAY
         poses[astray, 2] = rng.uniform(-np.pi, np.pi, astray.sum())
     return poses
@@ -177,18 +158,16 @@ def snapshots(
 
 
 @contextmanager
-def _appearing(out: Path, source: Source, parts: Sequence[str]) -> Iterator[Path]:
+def _appearing(out: Path, source: Source) -> Iterator[Path]:
     """A folder that takes its name once all is in it."""
     if out.exists():
         raise ConfigError(f"{out}: expected no such folder yet, got one; choose another --out")
     unfinished = out.with_name(f".{out.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     try:
-        for part in parts:
-            (unfinished / part).mkdir(parents=True)
-        (unfinished / "collection.yaml").write_text(
-            yaml.safe_dump(to_plain(source), sort_keys=False)
-        )
+        unfinished.mkdir(parents=True)
+        text = yaml.safe_dump(to_plain(source), sort_keys=False)
+        (unfinished / "collection.yaml").write_text(text)
         yield unfinished
         unfinished.rename(out)
     finally:
@@ -196,5 +175,7 @@ def _appearing(out: Path, source: Source, parts: Sequence[str]) -> Iterator[Path
 
 
 def _write(path: Path, picture: np.ndarray) -> None:
-    if not cv2.imwrite(str(path), picture):
+    """RGB, or the values of a label."""
+    path.parent.mkdir(exist_ok=True)
+    if not cv2.imwrite(str(path), picture[..., ::-1] if picture.ndim == 3 else picture):
         raise OSError(f"{path}: cannot be written")

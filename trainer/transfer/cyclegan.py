@@ -15,7 +15,7 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from trainer.presets import preset
 from trainer.resumable import descend, set_rate
-from trainer.transfer.networks import PatchCritic, narrow_unet
+from trainer.transfer.networks import narrow_unet, patch_critic
 from trainer.transfer.structure import structure
 
 AVERAGED_STEPS = 200  # over which the weights that are kept are averaged
@@ -44,7 +44,6 @@ class TranslationConfig:
     structure: float = 5.0  # that painted lines stay where they are
     pool: int = 50  # translations that the critics may see again (Shrivastava et al. 2017)
     seed: int = 0
-    threads: int = 1
     device: str = "cpu"
 
     def __post_init__(self) -> None:
@@ -112,7 +111,7 @@ class CycleGan:
         torch.manual_seed(config.seed)
         self.config, self.device = config, device
         generators = [narrow_unet(config.width, config.blocks) for _ in range(2)]
-        critics = [PatchCritic(config.critic_width, config.critic_layers) for _ in range(2)]
+        critics = [patch_critic(config.critic_width, config.critic_layers) for _ in range(2)]
         self._pair = nn.ModuleList(generators).to(device)
         self.kept = copy.deepcopy(self._pair).requires_grad_(False)
         self._judges = nn.ModuleList(critics).to(device)

@@ -141,7 +141,7 @@ def pix2pix_unet(size: tuple[int, int], channels: int, halvings: int) -> nn.Modu
     Args:
         size: (H, W) inside it, which can be halved so often.
         channels: of the first layer; doubled until `MOST_WIDENING`.
-        halvings: how many layers there are on each side.
+        halvings: how many layers there are on each side, two or more.
     """
     widths = [channels * min(2**k, MOST_WIDENING) for k in range(halvings)]
     down = [
@@ -154,13 +154,14 @@ def pix2pix_unet(size: tuple[int, int], channels: int, halvings: int) -> nn.Modu
         dropped = [nn.Dropout()] if len(up) < DROPPED and halvings > DROPPED else []
         enlarging = nn.ConvTranspose2d(below, widths[k - 1], 4, 2, 1, bias=False)
         up.append(nn.Sequential(enlarging, nn.BatchNorm2d(widths[k - 1]), *dropped, nn.ReLU()))
-    below = 2 * widths[0] if halvings > 1 else widths[0]
-    last = nn.Sequential(nn.ConvTranspose2d(below, 3, 4, 2, 1), nn.Tanh())
+    last = nn.Sequential(nn.ConvTranspose2d(2 * widths[0], 3, 4, 2, 1), nn.Tanh())
     return AtSize(UNet(down, nn.Identity(), up, last), size)
 
 
-class PatchCritic(nn.Module):
-    """PatchGAN: scores of overlapping patches (N, 1, h, w) (Isola et al. 2017).
+def patch_critic(
+    width: int, layers: int, inputs: int = 3, norm: Callable[[int], nn.Module] = nn.InstanceNorm2d
+) -> nn.Module:
+    """PatchGAN: pictures -> scores of overlapping patches (N, 1, h, w) (Isola et al. 2017).
 
     Args:
         width: channels of the first layer.
@@ -168,28 +169,14 @@ class PatchCritic(nn.Module):
         inputs: channels of what it judges.
         norm: the normalisation of so many channels.
     """
-
-    def __init__(
-        self,
-        width: int,
-        layers: int,
-        inputs: int = 3,
-        norm: Callable[[int], nn.Module] = nn.InstanceNorm2d,
-    ) -> None:
-        super().__init__()
-        stack: list[nn.Module] = [nn.Conv2d(inputs, width, 4, 2, 1), nn.LeakyReLU(0.2)]
-        widest = MOST_WIDENING * width
-        for k in range(1, layers + 1):
-            wider, stride = min(2 * width, widest), 2 if k < layers else 1
-            convolution = nn.Conv2d(width, wider, 4, stride, 1, bias=False)
-            stack += [convolution, norm(wider), nn.LeakyReLU(0.2)]
-            width = wider
-        self.stack = nn.Sequential(*stack, nn.Conv2d(width, 1, 4, 1, 1))
-
-    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
-        """The scores."""
-        scores: torch.Tensor = self.stack(pictures)
-        return scores
+    stack: list[nn.Module] = [nn.Conv2d(inputs, width, 4, 2, 1), nn.LeakyReLU(0.2)]
+    widest = MOST_WIDENING * width
+    for k in range(1, layers + 1):
+        wider, stride = min(2 * width, widest), 2 if k < layers else 1
+        convolution = nn.Conv2d(width, wider, 4, stride, 1, bias=False)
+        stack += [convolution, norm(wider), nn.LeakyReLU(0.2)]
+        width = wider
+    return nn.Sequential(*stack, nn.Conv2d(width, 1, 4, 1, 1))
 
 
 # Channels of SegNet's stages, and how many convolutions each has.

@@ -21,7 +21,7 @@ from robot.errors import ConfigError
 from robot.inference.translator import PARSING, TranslatorContract
 from robot.typed_config import from_plain, to_plain
 from trainer.relit import relit
-from trainer.resumable import Loop, Stateful, descend
+from trainer.resumable import fit
 from trainer.run import atomically
 from trainer.torch_file import load_torch, reading
 from trainer.transfer.classes import VOID, label_set
@@ -34,32 +34,18 @@ from trainer.transfer.options import ParseOptions
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
 LEARNING_RATE = 2e-3  # falls to zero along a cosine
 CROPS = (0.6, 1.0)  # share of the frame's height and width
-# Of what the loss favoured rare classes by, undone in use: lines come out two thirds as wide. All
-# of it would lose the rarest classes again.
-UNDONE = 0.5
 
 
-class Parser:
-    """Frames -> labels, with a network that was taught.
+class Parser(nn.Module):
+    """Frames -> classes; as a module it is a translator: each pixel becomes its class's colour."""
 
-    Args:
-        options: how.
-        network: it; else a fresh one.
-        weights: (C,) of the classes in its loss; else all alike.
-    """
+    colours: torch.Tensor  # (C, 3)
 
-    def __init__(
-        self,
-        options: ParseOptions,
-        network: SegNet | None = None,
-        weights: np.ndarray | None = None,
-    ) -> None:
+    def __init__(self, options: ParseOptions) -> None:
+        super().__init__()
         self.options, self.labels = options, label_set(options.labels)
-        classes = len(self.labels.classes)
-        self.network = (network or SegNet(classes, *SEGNETS[options.net])).eval()
-        self.weights = np.ones(classes) if weights is None else weights
-        # (C, 1, 1): what of its loss's favour to each class is taken off the logits
-        self.favours = torch.from_numpy(UNDONE * np.log(self.weights)).float()[:, None, None]
+        self.network = SegNet(len(self.labels.classes), *SEGNETS[options.net])
+        self.register_buffer("colours", torch.tensor(self.labels.colours, dtype=torch.float32))
 
     @property
     def image(self) -> ImageSpec:
@@ -67,12 +53,17 @@ class Parser:
         height, width = self.options.size
         return ImageSpec(width, height)
 
-    def __call__(self, frames: np.ndarray) -> np.ndarray:
+    def parse(self, frames: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB of the size it was taught with -> (N, H, W) uint8 labels."""
         expected = (*self.options.size, 3)
         if frames.shape[1:] != expected or frames.dtype != np.uint8:
             raise ConfigError(f"parser: expected frames (N, {expected}) uint8, got {frames.shape}")
-        return through(lambda f: (self.network(f) - self.favours).argmax(1).byte(), frames, size=16)
+        return through(lambda some: self.network(some).argmax(1).byte(), frames, size=16)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """(N, H, W, 3) uint8 RGB -> the same, painted; what is exported."""
+        seen = painted(self.network(image), self.colours)
+        return seen.to(torch.uint8).permute(0, 2, 3, 1)
 
     def export(self, name: str, path: Path) -> None:
         """Write it as an ONNX translator of whole frames at its own size, of the run ``name``.
@@ -82,25 +73,7 @@ class Parser:
         """
         steps, notes = self.options.steps, (f"labels {self.labels.name}",)
         contract = TranslatorContract("segnet", PARSING, self.image, name, steps, notes=notes)
-        export_translator(ParsedPictures(self), contract, path)
-
-
-class ParsedPictures(nn.Module):
-    """A parser as a translator: each pixel its class's colour; what is exported."""
-
-    favours: torch.Tensor  # (C, 1, 1) to be taken off the logits
-    colours: torch.Tensor  # (C, 3)
-
-    def __init__(self, parser: Parser) -> None:
-        super().__init__()
-        self.network = parser.network
-        self.register_buffer("favours", parser.favours)
-        self.register_buffer("colours", torch.tensor(parser.labels.colours, dtype=torch.float32))
-
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """(N, H, W, 3) uint8 RGB -> the same."""
-        seen = painted(self.network(image) - self.favours, self.colours)
-        return seen.to(torch.uint8).permute(0, 2, 3, 1)
+        export_translator(self, contract, path)
 
 
 def teach(
@@ -108,32 +81,27 @@ def teach(
 ) -> Parser:
     """Train a SegNet on labelled frames, from where ``checkpoint`` left off."""
     torch.manual_seed(options.seed)
-    weights = class_weights(sources)
-    parser = Parser(options, weights=weights)
-    network = parser.network.train()
-    optimiser = torch.optim.Adam(network.parameters(), LEARNING_RATE)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, options.steps)
-    loss_of = nn.CrossEntropyLoss(torch.from_numpy(weights), ignore_index=VOID)
+    parser = Parser(options)
+    optimiser = torch.optim.Adam(parser.network.parameters(), LEARNING_RATE)
+    weights = torch.from_numpy(class_weights(sources))
+    cross_entropy = nn.CrossEntropyLoss(weights, ignore_index=VOID)
 
-    def step(rng: np.random.Generator, _: int) -> str:
+    def loss_of(rng: np.random.Generator) -> torch.Tensor:
         frames, truth = draw_batch(sources, options.batch, rng)
-        loss = loss_of(network(torch.from_numpy(frames)), torch.from_numpy(truth).long())
-        descend(optimiser, loss)
-        schedule.step()
-        return f"loss {float(loss.detach()):.3f}"
+        guess = parser.network(torch.from_numpy(frames))
+        return cross_entropy(guess, torch.from_numpy(truth).long())
 
-    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
-    Loop(checkpoint, parts, options.steps, options.seed).run(step, "SegNet", console)
-    network.eval()
+    loop = checkpoint, options.steps, options.seed
+    fit(parser.network, optimiser, loss_of, loop, "SegNet", console)
     return parser
 
 
-def class_weights(sources: Sequence[Labelled], strongest: float = 10.0) -> np.ndarray:
-    """(C,) float32: the square root of median-frequency balancing.
+def class_weights(sources: Sequence[Labelled], strongest: float = 3.16) -> np.ndarray:
+    """(C,) float32: the fourth root of median-frequency balancing.
 
     SegNet balances fully (Eigen and Fergus 2015), which buys the rare classes' accuracy with
-    everyone's intersection over union; the root lies between that and none. Absent classes have
-    weight 1.
+    everyone's intersection over union: lines come out too wide. With none the rarest classes are
+    lost. Absent classes have weight 1.
     """
     classes = len(sources[0].labels.classes)
     shares = np.zeros(classes)
@@ -142,7 +110,7 @@ def class_weights(sources: Sequence[Labelled], strongest: float = 10.0) -> np.nd
         shares += counts / max(1, counts.sum())
     occurs = shares > 0
     weights = np.ones(classes)
-    weights[occurs] = np.sqrt(np.median(shares[occurs]) / shares[occurs])
+    weights[occurs] = (np.median(shares[occurs]) / shares[occurs]) ** 0.25
     return np.minimum(weights, strongest).astype(np.float32)
 
 
@@ -171,11 +139,7 @@ def draw_batch(
 
 def save_parser(parser: Parser, path: Path) -> None:
     """Write options and weights, whole or not at all."""
-    content = {
-        "options": to_plain(parser.options),
-        "network": parser.network.state_dict(),
-        "weights": parser.weights.tolist(),
-    }
+    content = {"options": to_plain(parser.options), "network": parser.network.state_dict()}
     with atomically(path) as temporary:
         torch.save(content, temporary)
 
@@ -185,6 +149,6 @@ def load_parser(path: Path) -> Parser:
     content = load_torch(path, _WHAT)
     with reading(path, _WHAT):
         options = from_plain(ParseOptions, content["options"], str(path))
-        parser = Parser(options, weights=np.array(content["weights"]))
+        parser = Parser(options).eval()
         parser.network.load_state_dict(content["network"])
     return parser

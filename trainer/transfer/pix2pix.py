@@ -13,15 +13,14 @@ from torch.nn import functional
 
 from robot.contract import ImageSpec
 from trainer.resumable import Loop, Stateful, descend, set_rate
-from trainer.transfer.networks import PatchCritic, as_floats, pix2pix_unet, resized
+from trainer.transfer.networks import as_floats, patch_critic, pix2pix_unet, resized
 
 
 @dataclass(frozen=True)
 class Pix2PixConfig:
     """Networks and weights of one translation."""
 
-    height_px: int = 256  # inside the networks: a multiple of 2 ** halvings
-    width_px: int = 256
+    size: tuple[int, int] = (256, 256)  # H, W inside the networks: multiples of 2 ** halvings
     channels: int = 64  # of the first layer; doubled until `MOST_WIDENING`
     halvings: int = 8
     critic_layers: int = 3  # halvings of the PatchGAN; with 3 a patch is 70 px wide
@@ -30,14 +29,9 @@ class Pix2PixConfig:
     momentum: float = 0.5  # Adam's first
     l1: float = 100.0
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """(height, width) inside the networks [px]."""
-        return (self.height_px, self.width_px)
-
 
 PAPER = Pix2PixConfig()
-SMALL = Pix2PixConfig(40, 80, 16, 3, 2, batch=8, learning_rate=1e-3)
+SMALL = Pix2PixConfig((40, 80), 16, 3, 2, batch=8, learning_rate=1e-3)
 PIX2PIX = {"paper": PAPER, "small": SMALL}
 
 
@@ -50,7 +44,7 @@ def fitted(config: Pix2PixConfig, image: ImageSpec) -> Pix2PixConfig:
     divisible = height % 2**config.halvings == width % 2**config.halvings == 0
     if config is PAPER or not divisible:
         return config
-    return replace(config, height_px=height, width_px=width)
+    return replace(config, size=(height, width))
 
 
 @dataclass(frozen=True)
@@ -79,7 +73,7 @@ class Pix2Pix:
         self.config = config
         generator = pix2pix_unet(config.size, config.channels, config.halvings)
         self.generator = generator.apply(_normal)
-        critic = PatchCritic(config.channels, config.critic_layers, 6, nn.BatchNorm2d)
+        critic = patch_critic(config.channels, config.critic_layers, 6, nn.BatchNorm2d)
         self.critic = critic.apply(_normal)
         self.of_generator, self.of_critic = (
             torch.optim.Adam(net.parameters(), config.learning_rate, (config.momentum, 0.999))

@@ -52,11 +52,11 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
     parser = _road_parser(Path(run.parser)) if run.parser else None
     sees = parser if run.virtual_labels == "parser" else None
-    virtual = virtual_pairs(Path(run.sim), image, labels, sees)
+    virtual = _virtual(run.sim, image, labels, sees)
     if parser is not None:
-        real = real_pairs(Path(run.real), parser, image)
+        real = _real(Path(run.real), parser, image)
     else:
-        other = virtual_pairs(Path(run.real), image, labels)
+        other = _virtual(run.real, image, labels)
         real = Pairs(other.wanted, other.given)
 
     def taught(name: str, pairs: Pairs) -> nn.Module:
@@ -82,31 +82,17 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     return path
 
 
-def virtual_pairs(
-    collection: Path, image: ImageSpec, labels: LabelSet = ROAD, parser: Parser | None = None
+def _virtual(
+    collection: str, image: ImageSpec, labels: LabelSet, parser: Parser | None = None
 ) -> Pairs:
-    """A simulator's frames and their labels painted, as a policy's pictures.
-
-    Args:
-        collection: its folder.
-        image: the policy's picture.
-        labels: of the pictures painted.
-        parser: says what is seen, in place of the simulator's own labels.
-
-    Raises:
-        ConfigError: not a collection.
-    """
-    data = load_pairs(collection, labels, FRAME)
+    """A simulator's frames and their labels painted, or what a parser sees in place of these."""
+    data = load_pairs(Path(collection), labels, FRAME)
     classes = labels.paint(data.truth) if parser is None else _seen(data.frames, parser)
     return Pairs(preprocess_batch(data.frames, image), _small(classes, labels, image))
 
 
-def real_pairs(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
-    """What a parser sees in photographs, painted, and the photographs, as a policy's pictures.
-
-    Raises:
-        ConfigError: no photographs.
-    """
+def _real(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
+    """What a parser sees in photographs, painted, and the photographs."""
     frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
     return Pairs(_small(_seen(frames, parser), ROAD, image), preprocess_batch(frames, image))
 
@@ -120,7 +106,7 @@ def _road_parser(path: Path) -> Parser:
 
 def _seen(frames: np.ndarray, parser: Parser) -> np.ndarray:
     """What a parser sees in frames (N, 120, 160, 3), painted, as large as they are."""
-    seen = ROAD.paint(parser(preprocess_batch(frames, parser.image)))
+    seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
     return np.stack([cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen])
 
 

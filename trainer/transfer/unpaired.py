@@ -97,7 +97,6 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
         ConfigError: a folder of pictures is absent, empty or without labels.
         ContractError: torch and ONNX disagree.
     """
-    torch.set_num_threads(config.threads)
     on_gpu = config.device == "auto" and torch.cuda.is_available()
     device = torch.device("cuda" if on_gpu else "cpu")
     pictures = UnpairedPictures(config, device)

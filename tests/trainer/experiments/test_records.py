@@ -50,7 +50,8 @@ def write_layout(folder: Path, layout: str) -> None:
         for number, part in ((9, first), (10, rest)):
             text = "\n".join(json.dumps(row) for row in part)
             (folder / f"catalog_{number}.catalog").write_text(text + "\n")
-        (folder / "manifest.json").write_text('["a"]\n{}\n{"deleted_indexes": [77]}\n')
+        last = {"paths": ["catalog_9.catalog", "catalog_10.catalog"], "deleted_indexes": [77]}
+        (folder / "manifest.json").write_text(f'["a"]\n{{}}\n{json.dumps(last)}\n')
 
 
 @pytest.mark.parametrize("layout", ["sully", "labels", "tub"])

@@ -18,7 +18,7 @@ from trainer.experiments.six_models import (
     trainings,
     trials,
 )
-from trainer.experiments.tables import half_interval
+from trainer.experiments.student import half_interval
 from trainer.sweeps.jobs import inputs
 
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)

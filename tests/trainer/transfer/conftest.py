@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from trainer.transfer.collect import Source, collect_simulator
+from trainer.transfer.collect import Source, collect
 
 
 @pytest.fixture(scope="session")
 def sim(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("sim") / "frames"
     source = Source("simulator", ("loop",), 6, "nominal", seed=3)
-    collect_simulator(out, source, lambda _: None)
+    collect(out, source, lambda: None)
     return out
 
 

@@ -14,9 +14,7 @@ from sim_pybullet.racing.track import centre_line, load_track
 from trainer.cli import main
 from trainer.transfer.collect import (
     Source,
-    collect_pictures,
-    collect_simulator,
-    pictures_at,
+    collect,
     positions,
 )
 from trainer.transfer.pictures import load_paint, load_pictures
@@ -43,7 +41,7 @@ def test_frames_and_labels_belong_together(sim: Path) -> None:
 
 def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
     source = Source("simulator", ("loop",), 6, "nominal", seed=3)
-    collect_simulator(tmp_path / "a", source, lambda _: None)
+    collect(tmp_path / "a", source, lambda: None)
     for part in ("image", "label"):
         ours, again = (read(folder / part / "000004.png") for folder in (sim, tmp_path / "a"))
         np.testing.assert_array_equal(ours, again)
@@ -61,8 +59,7 @@ def test_frames_of_a_track_show_its_road_from_everywhere_along_it() -> None:
 
 def test_takes_every_nth_picture(real: Path, tmp_path: Path) -> None:
     source = Source("pictures", (str(real),), 10, every=2)
-    taken = collect_pictures(tmp_path / "out", pictures_at(real, 2), source, lambda _: None)
-    assert taken == 3
+    assert collect(tmp_path / "out", source, lambda: None) == 3
     pictures = load_pictures([tmp_path / "out"], ImageSpec())
     assert pictures.images.shape == (3, 120, 160, 3)
     with pytest.raises(ConfigError, match="expected the labels of 000000"):
@@ -70,12 +67,12 @@ def test_takes_every_nth_picture(real: Path, tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_no_folder(tmp_path: Path) -> None:
-    def stop(_: int) -> None:
+    def stop() -> None:
         raise KeyboardInterrupt
 
     source = Source("simulator", ("loop",), 40, "nominal")
     with pytest.raises(KeyboardInterrupt):
-        collect_simulator(tmp_path / "out", source, stop)
+        collect(tmp_path / "out", source, stop)
     assert not list(tmp_path.iterdir())
 
 

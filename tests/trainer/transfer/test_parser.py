@@ -15,7 +15,7 @@ from trainer.transfer.labelled import Labelled
 from trainer.transfer.metrics import score_classes
 from trainer.transfer.networks import SegNet, unpooled
 from trainer.transfer.options import ParseOptions
-from trainer.transfer.parser import Parser, load_parser, save_parser, teach
+from trainer.transfer.parser import class_weights, load_parser, save_parser, teach
 
 HEIGHT, WIDTH = 24, 32
 
@@ -51,32 +51,29 @@ def test_a_stripe_is_learned_and_a_parser_survives_its_file(tmp_path: Path) -> N
     config = ParseOptions(size=(HEIGHT, WIDTH), steps=40, batch=4)
     parser = teach(config, [stripes(6)], tmp_path / "checkpoint.pt", Console(quiet=True))
     test = stripes(9)
-    result = score_classes(test.truth, parser(test.frames), ROAD)
+    result = score_classes(test.truth, parser.parse(test.frames), ROAD)
     assert result.classes[2].iou > 0.6
     save_parser(parser, tmp_path / "parser.pt")
     frames = stripes(3).frames
-    assert np.array_equal(load_parser(tmp_path / "parser.pt")(frames), parser(frames))
+    assert np.array_equal(load_parser(tmp_path / "parser.pt").parse(frames), parser.parse(frames))
     with pytest.raises(ConfigError, match="expected frames"):
-        parser(frames[:, :8])
+        parser.parse(frames[:, :8])
     parser.export("here", tmp_path / "parser.onnx")
     translator = OnnxTranslator(tmp_path / "parser.onnx")
     assert translator.image == ImageSpec(WIDTH, HEIGHT)
     assert translator.contract.direction == PARSING
     for few in (frames[:1], frames):
-        np.testing.assert_array_equal(translator(few), ROAD.paint(parser(few)))
+        np.testing.assert_array_equal(translator(few), ROAD.paint(parser.parse(few)))
 
 
-def test_what_the_loss_favoured_is_half_undone() -> None:
-    torch.manual_seed(0)
-    config, frames = ParseOptions(size=(HEIGHT, WIDTH)), stripes(4).frames
-    untaught = Parser(config)
-    network, plain = untaught.network, untaught(frames)
-    favoured = int(np.bincount(plain.ravel()).argmax())
-    weights = np.ones(6)
-    weights[favoured] = 1e6
-    without = Parser(config, network, weights)(frames)
-    assert np.sum(without == favoured) < np.sum(plain == favoured)
-    assert np.array_equal(Parser(config, network, np.full(6, 9.0))(frames), plain)
+def test_rare_classes_count_more_in_the_loss_and_absent_ones_as_usual() -> None:
+    some = stripes(4)
+    some.truth[:, 0, 0] = 5
+    shares = {k: np.mean(some.truth == k) for k in (1, 2, 5)}
+    weights = class_weights([some])
+    assert weights[1] < weights[2] < weights[5] <= 3.16
+    assert weights[2] / weights[1] == pytest.approx((shares[1] / shares[2]) ** 0.25)
+    assert weights[[0, 3, 4]].tolist() == [1.0, 1.0, 1.0]
 
 
 class StopError(Exception):

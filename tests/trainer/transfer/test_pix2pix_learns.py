@@ -10,7 +10,7 @@ from torch.nn import functional
 from trainer.transfer.pix2pix import Pix2Pix, Pix2PixConfig
 
 HEIGHT, WIDTH = 16, 32
-TOY = Pix2PixConfig(HEIGHT, WIDTH, 8, 2, 2, batch=8, learning_rate=2e-3)
+TOY = Pix2PixConfig((HEIGHT, WIDTH), 8, 2, 2, batch=8, learning_rate=2e-3)
 
 
 def pairs(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:

@@ -30,7 +30,7 @@ def generator(config: Pix2PixConfig) -> torch.nn.Module:
     return Pix2Pix(config, 0).generator
 
 
-TINY = Pix2PixConfig(16, 32, 8, 2, 2, batch=4, learning_rate=1e-3)
+TINY = Pix2PixConfig((16, 32), 8, 2, 2, batch=4, learning_rate=1e-3)
 
 
 def test_the_papers_network_is_as_it_says() -> None:
@@ -43,7 +43,7 @@ def test_the_papers_network_is_as_it_says() -> None:
     leaks = [m.negative_slope for m in network.modules() if isinstance(m, torch.nn.LeakyReLU)]
     assert leaks == [0.2] * 8
     assert (PAPER.learning_rate, PAPER.momentum, PAPER.batch) == (2e-4, 0.5, 16)
-    assert (PAPER.height_px, PAPER.width_px) == (256, 256)
+    assert PAPER.size == (256, 256)
 
 
 def test_a_patch_of_the_papers_critic_is_70_pixels_wide() -> None:
@@ -91,7 +91,7 @@ def test_a_stripe_is_parsed_where_it_is() -> None:
 def test_small_networks_take_the_pictures_size_and_the_papers_do_not() -> None:
     for image in (ImageSpec(48, 36, 4), ImageSpec(80, 60, 20)):
         config = fitted(SMALL, image)
-        assert (config.height_px, config.width_px) == image.shape[:2]
+        assert config.size == image.shape[:2]
     odd = ImageSpec(50, 36, 1)
     assert fitted(SMALL, odd) == SMALL
     assert fitted(PAPER, odd) == PAPER

@@ -1,8 +1,6 @@
-"""What the experiments' tables share."""
+"""How far the mean of a few seeds may be off."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,9 +13,3 @@ def half_interval(values: np.ndarray) -> np.ndarray:
     if count < 2:
         return np.full(values.shape[1:], np.nan)
     return np.asarray(t.ppf(0.975, count - 1) * values.std(axis=0, ddof=1) / np.sqrt(count))
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table."""
-    rule = ["---"] * len(head)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)) + "\n"
