@@ -22,7 +22,7 @@ from trainer.transfer.pix2pix import Pairs, Pix2Pix, Pix2PixConfig, fitted
 from trainer.transfer.structure import structure
 
 CPU = torch.device("cpu")
-SMALL = Pix2PixConfig(16, 32, 4, 2, 1, batch=2, learning_rate=1e-3)
+SMALL = Pix2PixConfig((16, 32), 4, 2, 1, batch=2, learning_rate=1e-3)
 
 
 def config(**changes: object) -> TranslationConfig:
