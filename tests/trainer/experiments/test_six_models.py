@@ -19,7 +19,7 @@ from trainer.experiments.six_models import (
     trials,
 )
 from trainer.experiments.student import half_interval
-from trainer.sweeps.jobs import inputs
+from trainer.judging.judge import inputs
 
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
 
