@@ -57,17 +57,17 @@ class WheeledRobots(MotorModel):
 
 
 def expert_actions(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-    """The actions (N,) int64 of N experts: pure pursuit, from the true pose and the path.
+    """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
+    curvature = pursuit(paths, poses, np.asarray(arc_m) + LOOKAHEAD_M)
+    return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)
+
+
+def pursuit(paths: PathBatch, poses: np.ndarray, ahead_m: np.ndarray) -> np.ndarray:
+    """(N,) curvature [1/m] of the circles that lead from poses (N, 3) to places on the paths (N,).
 
     Coulter 1992, "Implementation of the Pure Pursuit Path Tracking Algorithm": the circle that
-    leaves along the robot's heading and meets the path a fixed way ahead. The expert takes the
-    action whose circle is nearest in curvature.
-
-    Args:
-        poses: (N, 3) true poses: x [m], y [m], heading [rad].
+    leaves along the robot's heading and meets the path a fixed way ahead.
     """
-    delta = paths.points_at(np.asarray(arc_m)[:, None] + LOOKAHEAD_M)[:, 0] - poses[:, :2]
-    heading = poses[:, 2]
-    left = np.cos(heading) * delta[:, 1] - np.sin(heading) * delta[:, 0]
-    curvature = 2.0 * left / np.maximum((delta**2).sum(axis=1), 1e-6)
-    return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)
+    delta = paths.points_at(ahead_m[:, None])[:, 0] - poses[:, :2]
+    left = np.cos(poses[:, 2]) * delta[:, 1] - np.sin(poses[:, 2]) * delta[:, 0]
+    return np.asarray(2.0 * left / np.maximum((delta**2).sum(axis=1), 1e-6))

@@ -18,6 +18,7 @@ from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.racing.track import SCALE
+from sim_pybullet.vehicle import pursuit
 
 
 class RacingAction(IntEnum):
@@ -73,33 +74,18 @@ class RacingCars:
     def __init__(self, n_robots: int) -> None:
         self.on_grass = np.zeros(n_robots, dtype=bool)  # set by the task, which knows the track
         self.starts_mps = np.zeros(n_robots)  # speeds that episodes begin with; set by the task
-        self._speed = np.zeros(n_robots)
-        self._steer = np.zeros(n_robots)
+        self.speed_mps = np.zeros(n_robots)
+        self.steering = np.zeros(n_robots)  # in shares of full lock, positive to the left
         self._gain, self._turn_gain = np.ones(n_robots), np.ones(n_robots)
         self._follow, self._noise = np.ones(n_robots), np.zeros(n_robots)
         self._commands = DelayLine(n_robots, 2)
-        self._counted = np.zeros((n_robots, 2))
+        self.counted = np.zeros((n_robots, 2))  # speed [m/s], turn rate [rad/s], world's scale
         self._table = np.array(RACING_ACTIONS)
-
-    @property
-    def speed_mps(self) -> np.ndarray:
-        """(N,) now."""
-        return self._speed.copy()
-
-    @property
-    def steering(self) -> np.ndarray:
-        """(N,) where the wheels point, in shares of full lock, positive to the left."""
-        return self._steer.copy()
-
-    @property
-    def counted(self) -> np.ndarray:
-        """(N, 2) forward speed [m/s] and turn rate [rad/s] at the world's scale."""
-        return self._counted.copy()
 
     def reset(self, i: int, look: DriveLook) -> None:
         """Car ``i`` is on asphalt, its wheels straight, and drives at ``starts_mps``."""
-        self._steer[i] = self._counted[i] = 0.0
-        self._speed[i] = self.starts_mps[i]
+        self.steering[i] = self.counted[i] = 0.0
+        self.speed_mps[i] = self.starts_mps[i]
         self.on_grass[i] = False
         self._gain[i], self._turn_gain[i], self._noise[i] = look.gain, look.turn_gain, look.noise
         self._follow[i] = PHYSICS_DT_S / max(look.turn_lag_s, PHYSICS_DT_S)
@@ -112,12 +98,12 @@ class RacingCars:
         """
         self._commands.push(self._table[actions] if actions.ndim == 1 else actions)
         steer, throttle = self._commands.read().T
-        self._steer += self._follow * (steer - self._steer)
-        self._speed = np.maximum(0.0, self._speed + PHYSICS_DT_S * self._push(throttle))
-        curvature = self._steer * np.minimum(SHARPEST_PER_M * self._turn_gain, self._sharpest())
-        speed = self._speed * (1.0 + self._noise * rng.standard_normal(len(self._speed)))
-        self._counted = np.stack((SCALE * speed, speed * curvature), axis=1)
-        return self._counted.copy()
+        self.steering += self._follow * (steer - self.steering)
+        self.speed_mps = np.maximum(0.0, self.speed_mps + PHYSICS_DT_S * self._push(throttle))
+        curvature = self.steering * np.minimum(SHARPEST_PER_M * self._turn_gain, self._sharpest())
+        speed = self.speed_mps * (1.0 + self._noise * rng.standard_normal(len(self.speed_mps)))
+        self.counted = np.stack((SCALE * speed, speed * curvature), axis=1)
+        return self.counted
 
     def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
         """(N,) the way that it aims for, as fast as the bends ahead allow."""
@@ -128,16 +114,19 @@ class RacingCars:
         allowed = np.sqrt(
             (in_bend + 1.2 * BRAKE_MPS2 * np.maximum(_LOOKS_M - 2.0, 0.0)).min(axis=1)
         )
-        throttle = np.where(self._speed > allowed, -1, (self._speed < allowed - 1.0).astype(int))
+        throttle = np.where(
+            self.speed_mps > allowed, -1, (self.speed_mps < allowed - 1.0).astype(int)
+        )
         return 3 * np.array([1, 2, 0])[throttle + 1] + np.array([2, 0, 1])[steer + 1]
 
     def _pursuit(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
         """(N,) -1, 0 or 1, positive to the left: pure pursuit of the centre line."""
-        ahead_m = SCALE * (_AHEAD_M + _AHEAD_S * self._speed)
-        delta = paths.points_at((arc_m + ahead_m)[:, None])[:, 0] - poses[:, :2]
-        left = np.cos(poses[:, 2]) * delta[:, 1] - np.sin(poses[:, 2]) * delta[:, 0]
-        wanted = SCALE * 2.0 * left / np.maximum((delta**2).sum(axis=1), 1e-6)
-        share = wanted / np.minimum(SHARPEST_PER_M, self._sharpest())
+        ahead_m = SCALE * (_AHEAD_M + _AHEAD_S * self.speed_mps)
+        share = (
+            SCALE
+            * pursuit(paths, poses, arc_m + ahead_m)
+            / np.minimum(SHARPEST_PER_M, self._sharpest())
+        )
         return np.round(np.clip(share, -1.0, 1.0)).astype(int)
 
     def _along(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
@@ -151,13 +140,13 @@ class RacingCars:
 
     def _push(self, throttle: np.ndarray) -> np.ndarray:
         """(N,) acceleration along the car [m/s^2]."""
-        engine = ENGINE_MPS2 * self._gain * (1.0 - self._speed / TOP_SPEED_MPS)
-        engine = np.where(self._speed < self.governed_mps, engine, 0.0)
+        engine = ENGINE_MPS2 * self._gain * (1.0 - self.speed_mps / TOP_SPEED_MPS)
+        engine = np.where(self.speed_mps < self.governed_mps, engine, 0.0)
         push = np.where(throttle > 0.0, throttle * engine, throttle * BRAKE_MPS2)
-        drag = ROLLING_MPS2 * (throttle <= 0.0) + GRASS_DRAG_PER_S * self._speed * self.on_grass
+        drag = ROLLING_MPS2 * (throttle <= 0.0) + GRASS_DRAG_PER_S * self.speed_mps * self.on_grass
         return np.asarray(push - drag)
 
     def _sharpest(self) -> np.ndarray:
         """(N,) curvature [1/m] that the tyres hold at this speed."""
         grip = np.where(self.on_grass, GRASS_GRIP_MPS2, GRIP_MPS2)
-        return np.asarray(grip / np.maximum(self._speed, 1.0) ** 2)
+        return np.asarray(grip / np.maximum(self.speed_mps, 1.0) ** 2)

@@ -95,55 +95,33 @@ def _place(entry: dict[str, Any], grid: RoadMap, where: str) -> Pose:
             f"got {' and '.join(forms) or 'none'}"
         )
     rotate_rad = math.radians(number(entry.get("rotate", 0.0), f"{where}: rotate"))
-    if "pos" in entry:
-        return _place_by_pos(entry["pos"], rotate_rad, grid, where)
-    if "place" in entry:
-        return _place_in_tile(entry["place"], grid, where)
-    if "pose" in entry and ("attach" not in entry or grid.compat):
-        return _transform(entry["pose"], f"{where}: pose")
-    return _place_in_slot(entry, rotate_rad, grid, where)
+    tile_m = grid.tile_size_m
+    if "pos" in entry:  # tiles east and south of the north-west corner
+        east, south = numbers(entry["pos"], 2, f"{where}: pos")
+        if grid.compat:  # the simulator mixes up rows and columns
+            return Pose(east * tile_m, (grid.columns - 1 - south) * tile_m, -rotate_rad)
+        return Pose(east * tile_m, (grid.rows - south) * tile_m, rotate_rad)
+    base, label, relative = Pose(0.0, 0.0, 0.0), "pose", entry.get("pose")
+    if "place" in entry:  # metres from the centre of a tile
+        column, row_north = _tile_of(entry["place"], grid, f"{where}: place")
+        base = Pose((column + 0.5) * tile_m, (row_north + 0.5) * tile_m, 0.0)
+        label, relative = "place.relative", entry["place"].get("relative")
+    elif "attach" in entry and not ("pose" in entry and grid.compat):
+        base = _slot_of(entry["attach"], rotate_rad, grid, f"{where}: attach")
+    x_m, y_m, turn_rad = _transform(relative, f"{where}: {label}")
+    x_m, y_m = base.to_world(np.array([x_m, y_m])).tolist()
+    return Pose(x_m, y_m, base.heading_rad + turn_rad)
 
 
-def _place_by_pos(pos: Any, rotate_rad: float, grid: RoadMap, where: str) -> Pose:
-    """Tiles east and south of the north-west corner; the simulator mixes up rows and columns."""
-    east, south = numbers(pos, 2, f"{where}: pos")
-    if grid.compat:
-        return Pose(
-            east * grid.tile_size_m,
-            (grid.columns - 1 - south) * grid.tile_size_m,
-            -rotate_rad,
-        )
-    return Pose(east * grid.tile_size_m, (grid.rows - south) * grid.tile_size_m, rotate_rad)
-
-
-def _place_in_tile(place: Any, grid: RoadMap, where: str) -> Pose:
-    """Metres from the centre of a tile counted east and north from the south-west corner."""
-    column, row_north = _tile_of(place, grid, f"{where}: place")
-    dx_m, dy_m, heading_rad = _transform(place.get("relative"), f"{where}: place.relative")
-    return Pose(
-        (column + 0.5) * grid.tile_size_m + dx_m,
-        (row_north + 0.5) * grid.tile_size_m + dy_m,
-        heading_rad,
-    )
-
-
-def _place_in_slot(entry: dict[str, Any], rotate_rad: float, grid: RoadMap, where: str) -> Pose:
-    """One of eight places round the south-west corner of a tile; a pose is relative to it."""
-    column, row_north = _tile_of(entry["attach"], grid, f"{where}: attach")
-    slot = entry["attach"].get("slot")
-    slots = range(len(_SLOTS_M))
-    if str(slot) not in [str(i) for i in slots]:
-        raise MapError(f"{where}: attach.slot: expected {slots[0]} to {slots[-1]}, got {slot!r}")
-    dx_m, dy_m = _SLOTS_M[int(slot)]
+def _slot_of(data: Any, rotate_rad: float, grid: RoadMap, where: str) -> Pose:
+    """One of eight places round the south-west corner of a tile."""
+    column, row_north = _tile_of(data, grid, where)
+    slot, last = data.get("slot"), len(_SLOTS_M) - 1
+    if str(slot) not in map(str, range(last + 1)):
+        raise MapError(f"{where}.slot: expected 0 to {last}, got {slot!r}")
     unit_m = grid.tile_size_m if grid.compat else 1.0
-    corner = Pose(
-        column * grid.tile_size_m + dx_m * unit_m,
-        row_north * grid.tile_size_m + dy_m * unit_m,
-        rotate_rad,
-    )
-    relative = _transform(entry.get("pose"), f"{where}: pose")
-    x_m, y_m = corner.to_world(np.array([relative.x_m, relative.y_m]))
-    return Pose(float(x_m), float(y_m), rotate_rad + relative.heading_rad)
+    dx_m, dy_m = (unit_m * along for along in _SLOTS_M[int(slot)])
+    return Pose(column * grid.tile_size_m + dx_m, row_north * grid.tile_size_m + dy_m, rotate_rad)
 
 
 def _tile_of(data: Any, grid: RoadMap, where: str) -> tuple[int, int]:
