@@ -9,7 +9,7 @@ from robot.errors import ConfigError
 from robot.geometry import bezier_points
 from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
-from sim_pybullet.look import GroundLook
+from sim_pybullet.look import GroundLook, look_from_plain
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.painting.shadows import cast_shadows
 from sim_pybullet.scene import Ground
@@ -60,7 +60,7 @@ def test_the_same_look_paints_the_same_floor_and_another_seed_another() -> None:
 
 def test_an_unknown_painter_is_refused() -> None:
     with pytest.raises(ConfigError, match="did you mean 'strips'"):
-        GroundLook(painter="strip")
+        look_from_plain({"ground": {"painter": "strip"}})
 
 
 @pytest.mark.parametrize("painter", ["tiles", "strips"])
