@@ -17,8 +17,7 @@ from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.sensing.camera_feed import CameraFeed
-from sim_pybullet.sensing.frame_stack import FrameStack
+from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
 from sim_pybullet.sensing.guidance_feed import GuidanceFeed
 from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import Course

@@ -12,8 +12,7 @@ from sim_pybullet.bullet import Drawing, Stage
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.pinhole_cover import PinholeView, cover
-from sim_pybullet.rendering.rays import pixel_rays
-from sim_pybullet.rendering.sky import sky_rgb
+from sim_pybullet.rendering.rays import pixel_rays, sky_rgb
 from sim_pybullet.rendering.solid_mesh import floor_mesh, outside_mesh, solid_mesh
 from sim_pybullet.rendering.solid_table import light_row
 from sim_pybullet.scene import Scene

@@ -11,8 +11,7 @@ from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from sim_pybullet.look import ARENA_POSE, LightLook, Look, PoseLook, SensorLook
 from sim_pybullet.rendering.rays import pixel_rays
-from sim_pybullet.sensing.camera_feed import CameraFeed
-from sim_pybullet.sensing.frame_stack import FrameStack
+from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
 from sim_pybullet.sensing.guidance_feed import GuidanceFeed
 from sim_pybullet.sensing.optics import smeared
 from sim_pybullet.sensing.pose_error import PoseError
