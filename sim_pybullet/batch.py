@@ -21,7 +21,7 @@ from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
 from sim_pybullet.sensing.guidance_feed import GuidanceFeed
 from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import Course
-from sim_pybullet.town import Drive, Town
+from sim_pybullet.town import Town
 
 
 class Observation(NamedTuple):
@@ -70,7 +70,6 @@ class BatchWorld:
         image: ImageSpec | None = None,
         seed: int = 0,
         pool_size: int = 16,
-        drive: Drive = "planar",
         camera: BatchCamera | None = None,
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
@@ -87,7 +86,7 @@ class BatchWorld:
             self._episodes = DrawnEpisodes(task.road_maps, looks, n, seed, pool_size)
         else:
             self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers)
-        self._town = Town(self._episodes.solids, n, drive, reach_m=self._episodes.reach_m)
+        self._town = Town(self._episodes.solids, n, reach_m=self._episodes.reach_m)
         camera = camera or RayCamera(image, n)
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
         self._guidance = GuidanceFeed(n) if task.guided else None

@@ -103,7 +103,10 @@ class Town:
             twists: (N, 2) forward speed [m/s] and turn rate [rad/s] that each robot is driven at.
         """
         if self._wheels:
-            self._bullet.spin(self._bodies, _wheel_rates(twists), _WHEEL_TORQUE_NM)
+            forward, turn = np.asarray(twists, dtype=float).T
+            half = 0.5 * DRIVE.baseline_m * turn
+            rates = np.stack((forward - half, forward + half), axis=1) / DRIVE.wheel_radius_m
+            self._bullet.spin(self._bodies, rates, _WHEEL_TORQUE_NM)
         else:
             self._bullet.glide(self._bodies, self._velocities(twists))
         self._bullet.step()
@@ -123,10 +126,3 @@ class Town:
         chord = forward * np.sinc(half / np.pi)
         heading = self._poses[:, 2] + half
         return np.stack((chord * np.cos(heading), chord * np.sin(heading), turn), axis=1)
-
-
-def _wheel_rates(twists: np.ndarray) -> np.ndarray:
-    """(N, 2) rates [rad/s] of left and right wheel for twists (N, 2)."""
-    forward, turn = np.asarray(twists, dtype=float).T
-    half = 0.5 * DRIVE.baseline_m * turn
-    return np.stack((forward - half, forward + half), axis=1) / DRIVE.wheel_radius_m

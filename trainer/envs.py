@@ -34,9 +34,7 @@ def make_env(
     looks = spec.looks(config.look, config.pose_error, config.without)
     pool_size = max(spec.painted // len(task.road_maps), _FEWEST_LOOKS)
     translator = open_translator(config.translate, image) if config.translate else None
-    return DuckpilotVecEnv(
-        BatchWorld(task, looks, image, seed, pool_size, "planar", camera, translator)
-    )
+    return DuckpilotVecEnv(BatchWorld(task, looks, image, seed, pool_size, camera, translator))
 
 
 class ScaledReward(VecEnvWrapper):

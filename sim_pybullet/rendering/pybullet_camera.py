@@ -60,15 +60,13 @@ class PyBulletCamera:
         """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading."""
         self._stage.place(self._labels, _AWAY_M)
         self._stage.place(self._floor, (0.0, 0.0, 0.0))
-        frames = [self._frame(pose) for pose in poses]
-        return np.stack(frames) if frames else np.empty((0, *self.shape), np.uint8)
+        return np.array([self._frame(pose) for pose in poses], np.uint8)
 
     def segment(self, poses: np.ndarray) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass, from object ids and the floor's class map."""
         self._stage.place(self._floor, _AWAY_M)
         self._stage.place(self._labels, (0.0, 0.0, 0.0))
-        frames = [self._classes(pose) for pose in poses]
-        return np.stack(frames) if frames else np.empty((0, *self.shape[:2]), np.uint8)
+        return np.array([self._classes(pose) for pose in poses], np.uint8)
 
     def _frame(self, pose: np.ndarray) -> np.ndarray:
         pictures = []

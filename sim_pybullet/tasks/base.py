@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from sim_pybullet.scenery.objects import Place
 
 
+Mission = tuple[Path, float]  # and how far along it an episode begins [m]
+
+
 class Starts(NamedTuple):
     """Where M robots begin an episode."""
 
@@ -154,9 +157,7 @@ class Task(ABC):
         """Judge one decision by the poses (N, 3) that it led to; ``collided`` is (N,) bool."""
 
     @abstractmethod
-    def _mission(
-        self, road_map: int, rng: np.random.Generator, turn: int | None
-    ) -> tuple[Path, float]:
+    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:
         """The path of a robot's next episode on a map, and how far along it [m] it begins.
 
         ``turn``: what episodes on this map take in turn, their number there; None where they draw.

@@ -10,7 +10,7 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Task, TaskStep, expect_some
+from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -69,12 +69,7 @@ class LaneKeeping(Task):
         )
         self._laps = laps
 
-    def _mission(
-        self,
-        road_map: int,
-        rng: np.random.Generator,
-        turn: int | None,
-    ) -> tuple[Path, float]:
+    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:
         loops = self._loops[road_map]
         loop = loops[int(rng.integers(len(loops))) if turn is None else turn % len(loops)]
         return loop, rng.uniform(0.0, loop.length_m)

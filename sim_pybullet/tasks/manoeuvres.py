@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from robot.geometry import wrap_angle
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.tasks.base import Mission
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import TaskSpec, register
 
@@ -45,7 +47,8 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
     for lane, (start, end) in enumerate(graph.lane_nodes):
         name = _name(road_map, graph, lane)
         if name is not None and into[start] and out[end]:
-            lanes = (_straightest(graph, into[start]), lane, _straightest(graph, out[end]))
+            straightest = partial(min, key=lambda near: abs(_turn_rad(graph, near)))
+            lanes = (straightest(into[start]), lane, straightest(out[end]))
             path = Path.from_beziers([graph.lanes[each].control_points_m for each in lanes])
             found.append(Manoeuvre(name, path))
     if not found:
@@ -63,18 +66,15 @@ class Manoeuvres(Navigation):
         MapError: the map has no manoeuvres.
     """
 
-    def __init__(self, road_maps: Sequence[RoadMap], n_robots: int) -> None:
+    def __init__(
+        self, road_maps: Sequence[RoadMap], n_robots: int, start_spread: float = 1.0
+    ) -> None:
         if len(road_maps) != 1:
             raise ConfigError(f"Manoeuvres: expected one map, got {len(road_maps)}")
-        super().__init__(road_maps, n_robots)
+        super().__init__(road_maps, n_robots, start_spread)
         self.manoeuvres = manoeuvres(road_maps[0])
 
-    def _mission(
-        self,
-        road_map: int,  # noqa: ARG002
-        rng: np.random.Generator,
-        turn: int | None,
-    ) -> tuple[Path, float]:
+    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         number = int(rng.integers(len(self.manoeuvres))) if turn is None else turn
         return self.manoeuvres[number % len(self.manoeuvres)].path, 0.0
 
@@ -82,10 +82,6 @@ class Manoeuvres(Navigation):
 def _turn_rad(graph: LaneGraph, lane: int) -> float:
     start, end = graph.lane_nodes[lane]
     return float(wrap_angle(graph.node_poses[end, 2] - graph.node_poses[start, 2]))
-
-
-def _straightest(graph: LaneGraph, lanes: Sequence[int]) -> int:
-    return min(lanes, key=lambda lane: abs(_turn_rad(graph, lane)))
 
 
 def _name(road_map: RoadMap, graph: LaneGraph, lane: int) -> str | None:
@@ -108,7 +104,6 @@ register(
         purpose="Every bend and every way over a junction, once each (paper A, section 4.4).",
         kind=Manoeuvres,
         map="arena",
-        make=lambda maps, robots, _: Manoeuvres(maps, robots),
         learned=False,
     )
 )

@@ -13,7 +13,7 @@ from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Task, TaskStep, expect_some
+from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -67,12 +67,7 @@ class Navigation(Task):
             start_spread,
         )
 
-    def _mission(
-        self,
-        road_map: int,
-        rng: np.random.Generator,
-        turn: int | None,  # noqa: ARG002
-    ) -> tuple[Path, float]:
+    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         return self._routes[road_map].draw(rng), 0.0
 
     def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, ImageSpec
-from robot.navigation.path import Path
 from sim_pybullet.racing.racing_cars import FRAMES, RACING_ACTIONS, TOP_SPEED_MPS, RacingCars
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
-from sim_pybullet.tasks.base import Starts, Task, TaskStep, expect_some
+from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
 from sim_pybullet.tasks.spec import Choices, TaskSpec, register
 
 BETA = 0.006  # paper B, equation 4: reward per m/s and per metre
@@ -95,12 +94,7 @@ class TrackRacing(Task):
         self.vehicle.starts_mps[robots], self._poses[robots] = 0.0, poses
         return super().reset_at(robots, poses, rng)
 
-    def _mission(
-        self,
-        road_map: int,
-        rng: np.random.Generator,
-        turn: int | None,  # noqa: ARG002
-    ) -> tuple[Path, float]:
+    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         path = self._lines[road_map].path
         return path, rng.uniform(0.0, path.length_m)
 

@@ -41,13 +41,12 @@ class Transaction(NamedTuple):
 class VirtualI2cBus:
     """A bus that implements ``robot.hat.bus.I2cBus`` over attached devices."""
 
-    LOG_LENGTH = 4096
     name = "virtual I2C bus"  # as a person would see it in a message
 
     def __init__(self, bus_hz: int = 100_000, clock: Clock | None = None) -> None:
         self.bus_hz = bus_hz
         self.busy_s = 0.0
-        self.log: deque[Transaction] = deque(maxlen=self.LOG_LENGTH)
+        self.log: deque[Transaction] = deque(maxlen=4096)
         self._clock = clock
         self._devices: list[I2cDevice] = []
         self._faults: deque[BusFault | None] = deque()
