@@ -37,13 +37,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``continuous=True``: Box(-1, 1, (2,)), left and right wheel speed as shares of
     `robot.contract.MAX_WHEEL_MPS`; of a race car, steering and throttle.
 
-    Reward: up to 5 a step, see `sim_pybullet.tasks.following.following_terms`.
-
-    Start: a random place of the lane, up to 2.8 cm off its middle and 10 degrees askew, at rest.
-
-    Terminated: 0.19 tiles (11 cm) off the middle of the lane, or 0.25 tiles off the planned path;
-    100 degrees off its direction; or in collision. Truncated: two laps driven or destination
-    reached (success), or twice the time that takes at full speed.
+    Reward, start and ends: as the task says, see `sim_pybullet.tasks`.
 
     Info of every step: ``terms`` (reward by name), ``arc_m``, ``offset_m``, ``heading_error_rad``,
     ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.following.Course`), ``laps`` or
@@ -51,8 +45,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     (`sim_pybullet.drive_metrics.DriveMetrics`).
 
     Track racing: Discrete(9), `sim_pybullet.racing.racing_cars.RacingAction`; pictures are (H, W,
-    12), the last four frames; reward, start and ends as
-    `sim_pybullet.tasks.track_racing.TrackRacing` says.
+    12), the last four frames.
 
     Args:
         world: of one robot; it ends with the environment.

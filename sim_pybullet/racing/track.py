@@ -15,13 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.errors import ConfigError, MapError, nearest
+from robot.errors import MapError, nearest
 from robot.navigation.path import Path
 from robot.typed_config import load_yaml, read_yaml
 
 SCALE = 0.05  # metres of the simulated world per metre of a track
 TRACKS_DIR = FilePath(__file__).parent.parent / "tracks"
-CLOSED_M = 0.01  # the end of a closed track's last segment is so near to the start of its first
 SPACING_M = 1.0  # between the points of a centre line
 MARGIN_M = 3.0  # of the world beyond the walls
 _MOST_GAP = 0.02  # of the length: a larger gap is a mistake in the file
@@ -89,12 +88,6 @@ class Track:
     def length_m(self) -> float:
         """Of the centre line."""
         return sum(segment.length_m for segment in self.segments)
-
-    @property
-    def gap_m(self) -> float:
-        """From the end of the last segment to the start of the first."""
-        x_m, y_m, _ = _begins(self.segments)[-1]
-        return math.hypot(x_m, y_m)
 
 
 class CentreLine(NamedTuple):
@@ -172,16 +165,8 @@ def mirrored(track: Track) -> Track:
 
 
 def centre_line(track: Track) -> CentreLine:
-    """The track at `SCALE`, with a point every `SPACING_M` of the real one.
-
-    Raises:
-        ConfigError: the track is not closed; `load_track` closes it.
-    """
-    if track.gap_m > CLOSED_M:
-        raise ConfigError(
-            f"track {track.name}: expected a closed track, its gap is {track.gap_m:.3f} m; "
-            "close it with sim_pybullet.racing.track.close"
-        )
+    """The track, closed, at `SCALE`, with a point every `SPACING_M` of the real one."""
+    track = close(track)
     length_m = track.length_m
     count = math.ceil(length_m / SPACING_M)
     arc_m = np.arange(count) * (length_m / count)

@@ -42,11 +42,7 @@ class TrackField(NamedTuple):
 
 
 def paint_track(track: Track, look: Look) -> Ground:
-    """The ground of ``track``; the same arguments paint the same ground.
-
-    Raises:
-        ConfigError: the track is not closed.
-    """
+    """The ground of ``track``; the same arguments paint the same ground."""
     line, field = centre_line(track), track_field(track)
     bend = np.abs(line.curvature) * SCALE > 1.0 / KERB_RADIUS_M
     around = range(-KERB_BEFORE_M, KERB_BEFORE_M + 1)

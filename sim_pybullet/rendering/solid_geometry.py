@@ -7,14 +7,25 @@ import math
 import numpy as np
 from numba import njit
 
-from sim_pybullet.rendering import solid_table as column
-from sim_pybullet.rendering.solid_table import AZIMUTHS, CYLINDER, ELEVATIONS
+from sim_pybullet.rendering.solid_table import (
+    AZIMUTHS,
+    BASE,
+    BLUE,
+    COS,
+    CYLINDER,
+    ELEVATIONS,
+    GREEN,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    RED,
+    SHAPE,
+    SIN,
+    TOP,
+    X,
+    Y,
+)  # fmt: skip
 
 NO_HIT = 1e9
-_X, _Y, _COS, _SIN = column.X, column.Y, column.COS, column.SIN
-_LENGTH, _WIDTH, _BASE, _TOP = column.HALF_LENGTH, column.HALF_WIDTH, column.BASE, column.TOP
-_SHAPE = column.SHAPE
-_RED, _GREEN, _BLUE = column.RED, column.GREEN, column.BLUE
 Outline = tuple[float, float, float, float]  # azimuth, half its spread, lowest, highest [rad]
 _FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be level with a face
 
@@ -23,31 +34,35 @@ _FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be l
 def to_camera(row: np.ndarray, pose: np.ndarray, eye: np.ndarray, out: np.ndarray) -> None:
     """A world row as the camera has it: relative to the eye (3,), axes of the robot."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    dx, dy = row[_X] - pose[0], row[_Y] - pose[1]
+    dx, dy = row[X] - pose[0], row[Y] - pose[1]
     for k in range(len(row)):
         out[k] = row[k]
-    out[_X] = c * dx + s * dy - eye[0]
-    out[_Y] = c * dy - s * dx - eye[1]
-    out[_COS] = c * row[_COS] + s * row[_SIN]
-    out[_SIN] = c * row[_SIN] - s * row[_COS]
-    out[_BASE] -= eye[2]
-    out[_TOP] -= eye[2]
+    out[X] = c * dx + s * dy - eye[0]
+    out[Y] = c * dy - s * dx - eye[1]
+    out[COS] = c * row[COS] + s * row[SIN]
+    out[SIN] = c * row[SIN] - s * row[COS]
+    out[BASE] -= eye[2]
+    out[TOP] -= eye[2]
 
 
 @njit(cache=True)
 def outline(row: np.ndarray, margin_rad: float) -> Outline:
     """The directions that enclose the solid as seen from the camera, wider by a margin."""
-    distance = math.hypot(row[_X], row[_Y])
-    radius = row[_LENGTH] if row[_SHAPE] == CYLINDER else math.hypot(row[_LENGTH], row[_WIDTH])
+    distance = math.hypot(row[X], row[Y])
+    radius = (
+        row[HALF_LENGTH]
+        if row[SHAPE] == CYLINDER
+        else math.hypot(row[HALF_LENGTH], row[HALF_WIDTH])
+    )
     if distance < radius + 1e-6:
         return 0.0, math.pi, -0.5 * math.pi, 0.5 * math.pi
     near, far = distance - radius, distance + radius
-    low = math.atan2(row[_BASE], near if row[_BASE] < 0.0 else far)
-    high = math.atan2(row[_TOP], near if row[_TOP] > 0.0 else far)
+    low = math.atan2(row[BASE], near if row[BASE] < 0.0 else far)
+    high = math.atan2(row[TOP], near if row[TOP] > 0.0 else far)
     # A pixel near straight down or up is wider in azimuth than on the horizon.
     level = max(1e-3, math.cos(max(abs(low), abs(high))))
     spread = math.asin(radius / distance) + margin_rad / level
-    return math.atan2(row[_Y], row[_X]), min(spread, math.pi), low - margin_rad, high + margin_rad
+    return math.atan2(row[Y], row[X]), min(spread, math.pi), low - margin_rad, high + margin_rad
 
 
 @njit(cache=True)
@@ -88,11 +103,11 @@ def meet_box(
     nearer. ``colours`` (3,) are those of the faces across its height, its length and its width.
     """
     one = np.float32(1.0)
-    c, s = np.float32(row[_COS]), np.float32(row[_SIN])
-    x = np.float32(row[_COS] * row[_X] + row[_SIN] * row[_Y])
-    y = np.float32(row[_COS] * row[_Y] - row[_SIN] * row[_X])
-    half_x, half_y = np.float32(row[_LENGTH]), np.float32(row[_WIDTH])
-    base, top = np.float32(row[_BASE]), np.float32(row[_TOP])
+    c, s = np.float32(row[COS]), np.float32(row[SIN])
+    x = np.float32(row[COS] * row[X] + row[SIN] * row[Y])
+    y = np.float32(row[COS] * row[Y] - row[SIN] * row[X])
+    half_x, half_y = np.float32(row[HALF_LENGTH]), np.float32(row[HALF_WIDTH])
+    base, top = np.float32(row[BASE]), np.float32(row[TOP])
     cap, front, flank = colours
     for sample in range(len(depth)):
         rx, ry, rz = rays[0, sample, first:last], rays[1, sample, first:last], rays[2, sample]
@@ -128,12 +143,12 @@ def meet_cylinder(
     A ``light`` of no strength (ambient and diffuse 0) gives the side the cap's.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
-    x, y, radius = np.float32(row[_X]), np.float32(row[_Y]), np.float32(row[_LENGTH])
-    outside = np.float32(row[_X] ** 2 + row[_Y] ** 2 - row[_LENGTH] ** 2)
-    base, top = np.float32(row[_BASE]), np.float32(row[_TOP])
+    x, y, radius = np.float32(row[X]), np.float32(row[Y]), np.float32(row[HALF_LENGTH])
+    outside = np.float32(row[X] ** 2 + row[Y] ** 2 - row[HALF_LENGTH] ** 2)
+    base, top = np.float32(row[BASE]), np.float32(row[TOP])
     light_x, light_y = np.float32(light[0]) / radius, np.float32(light[1]) / radius
     ambient, diffuse = np.float32(light[3]), np.float32(light[4])
-    red, green, blue = np.float32(row[_RED]), np.float32(row[_GREEN]), np.float32(row[_BLUE])
+    red, green, blue = np.float32(row[RED]), np.float32(row[GREEN]), np.float32(row[BLUE])
     dark, cap = ambient + diffuse == 0.0, colours[0]
     for sample in range(len(depth)):
         rx, ry, rz = rays[0, sample, first:last], rays[1, sample, first:last], rays[2, sample]
@@ -170,13 +185,13 @@ def pack(red: np.float32, green: np.float32, blue: np.float32, shade: np.float32
 @njit(cache=True)
 def face_colours(row: np.ndarray, light: np.ndarray, colours: np.ndarray) -> None:
     """Lambert colours of the faces that the camera can see, as ``meet_box`` wants them."""
-    c, s = row[_COS], row[_SIN]
-    up = 1.0 if row[_TOP] < 0.0 else -1.0
-    ahead = -math.copysign(1.0, c * row[_X] + s * row[_Y])
-    left = -math.copysign(1.0, c * row[_Y] - s * row[_X])
+    c, s = row[COS], row[SIN]
+    up = 1.0 if row[TOP] < 0.0 else -1.0
+    ahead = -math.copysign(1.0, c * row[X] + s * row[Y])
+    left = -math.copysign(1.0, c * row[Y] - s * row[X])
     facing = (up * light[2], ahead * (c * light[0] + s * light[1]))
     facing_left = left * (c * light[1] - s * light[0])
     for k, cosine in enumerate((facing[0], facing[1], facing_left)):
         shade = np.float32(light[3] + light[4] * max(0.0, cosine))
-        red, green, blue = row[_RED], row[_GREEN], row[_BLUE]
+        red, green, blue = row[RED], row[GREEN], row[BLUE]
         colours[k] = pack(np.float32(red), np.float32(green), np.float32(blue), shade)

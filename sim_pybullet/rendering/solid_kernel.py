@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from sim_pybullet.rendering import solid_table as column
 from sim_pybullet.rendering.solid_geometry import (
     NO_HIT,
     face_colours,
@@ -18,9 +17,7 @@ from sim_pybullet.rendering.solid_geometry import (
     pixel_box,
     to_camera,
 )
-from sim_pybullet.rendering.solid_table import CYLINDER
-
-_KIND, _SHAPE = column.KIND, column.SHAPE
+from sim_pybullet.rendering.solid_table import CYLINDER, KIND, SHAPE
 
 
 class SolidViews(NamedTuple):
@@ -95,17 +92,19 @@ def _look(views: SolidViews, i: np.int64, samples: int) -> Canvas:
     rows, boxes = _in_sight(views, i)
     canvas = _canvas(boxes, views.directions[views.slots[i]], samples)
     light = np.zeros(5)
-    if samples > 1:
-        _turn_light(views.lights[i], views.poses[i, 2], light)
+    if samples > 1:  # into the robot's axes
+        light[:] = views.lights[i]
+        c, s = math.cos(views.poses[i, 2]), math.sin(views.poses[i, 2])
+        light[0], light[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
     colours = np.empty(3, np.uint32)
     for k in range(len(rows)):
         face_colours(rows[k], light, colours)
         if samples == 1:
-            colours[0] = colours[1] = colours[2] = np.uint32(rows[k, _KIND])
+            colours[0] = colours[1] = colours[2] = np.uint32(rows[k, KIND])
         first, last = boxes[k, 2] - canvas.left, boxes[k, 3] + 1 - canvas.left
         for v in range(boxes[k, 0] - canvas.top, boxes[k, 1] + 1 - canvas.top):
             rays, depth, seen = canvas.rays[v], canvas.depth[v], canvas.seen[v]
-            if rows[k, _SHAPE] == CYLINDER:
+            if rows[k, SHAPE] == CYLINDER:
                 meet_cylinder(rows[k], light, colours, rays, depth, seen, first, last)
             else:
                 meet_box(rows[k], colours, rays, depth, seen, first, last)
@@ -132,14 +131,6 @@ def _canvas(boxes: np.ndarray, directions: np.ndarray, samples: int) -> Canvas:
                 target = rays[v, axis, sample]
                 _cast(directions[axis], top + v, left, spread * a, spread * b, target)
     return Canvas(top, left, rays, depth, seen)
-
-
-@njit(cache=True)
-def _turn_light(light: np.ndarray, heading: float, turned: np.ndarray) -> None:
-    c, s = math.cos(heading), math.sin(heading)
-    for k in range(2, 5):
-        turned[k] = light[k]
-    turned[0], turned[1] = c * light[0] + s * light[1], c * light[1] - s * light[0]
 
 
 @njit(cache=True, fastmath=True)
