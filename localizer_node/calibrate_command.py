@@ -11,7 +11,7 @@ from typing import Tuple
 from localizer_node.calibrate import KnownPoint, Report, calibrate, corner_points, guess_lens
 from localizer_node.calibration import Marker, save_calibration
 from localizer_node.commands import SCHEMA, expect_outputs, write_json
-from localizer_node.rectify import Rectifier
+from localizer_node.draw import annotated
 from robot.bringup.camera_place import Freedom
 from robot.camera.replay import read_picture
 from robot.command_line import number
@@ -104,8 +104,7 @@ def make(arguments: argparse.Namespace) -> None:
     report = calibrate(points, lens, freedom, map_size_m, robots)
     save_calibration(report.calibration, arguments.out)
     if arguments.picture and image is not None:
-        floor = Rectifier(report.calibration).floor_picture(image)
-        write_png(Path(arguments.picture), floor)
+        write_png(Path(arguments.picture), annotated(image, report.calibration, ()))
     _tell(report, arguments)
 
 

@@ -1,7 +1,4 @@
-"""From pixels to the floor and back: region of interest, lens, turn, homography, parallax.
-
-Only points are rectified at run time; ``floor_picture`` redraws a whole picture for the monitor.
-"""
+"""From pixels to the floor and back: region of interest, lens, turn, homography, parallax."""
 
 from __future__ import annotations
 
@@ -75,20 +72,6 @@ class Rectifier:
         low = np.maximum(np.floor(corners.min(axis=0)), 0)
         high = np.minimum(np.ceil(corners.max(axis=0)) + 1, (lens.width_px, lens.height_px))
         return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-
-    def floor_picture(self, image: np.ndarray, px_per_m: float = 200.0) -> np.ndarray:
-        """The map seen from straight above, north up, as the floor would be printed: (H, W, 3).
-
-        What stands above the floor leans outward, as in any orthophoto.
-        """
-        import cv2
-
-        width_m, height_m = self.calibration.map_size_m
-        columns, rows = round(width_m * px_per_m), round(height_m * px_per_m)
-        y, x = np.mgrid[0:rows, 0:columns]
-        floor = np.stack(((x + 0.5) / px_per_m, height_m - (y + 0.5) / px_per_m), axis=-1)
-        pixels = self.to_pixels(floor).astype(np.float32)
-        return cv2.remap(image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
 
 
 def map_outline(map_size_m: Tuple[float, float], points_per_side: int = 12) -> np.ndarray:

@@ -38,7 +38,7 @@ class Lens:
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise ConfigError(f"lens model: unknown {self.model!r}; {nearest(self.model, MODELS)}")
-        valid = {"pinhole": (0,), "plumb_bob": (4, 5, 8), "fisheye": (4,)}[self.model]
+        valid = {"pinhole": (0,), "plumb_bob": (4, 5), "fisheye": (4,)}[self.model]
         if len(self.distortion) not in valid:
             raise ConfigError(
                 f"{self.model} lens: expected {valid} coefficients, got {len(self.distortion)}"
@@ -121,10 +121,10 @@ class Lens:
         return np.stack((x * scale, y * scale), axis=-1)
 
     def _distort_plumb_bob(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, *([0.0] * 8))[:8]
+        k1, k2, p1, p2, k3 = (*self.distortion, *([0.0] * 5))[:5]
         r2 = x * x + y * y
         r2 = np.where(r2 <= _fold_radius(self.distortion) ** 2, r2, np.nan)
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         return np.stack((x * radial + dx, y * radial + dy), axis=-1)
@@ -133,10 +133,10 @@ class Lens:
 @lru_cache(maxsize=None)
 def _fold_radius(distortion: Tuple[float, ...]) -> float:
     """Undistorted radius from which on a plumb-bob lens maps outer points inwards again."""
-    k1, k2, _, _, k3, k4, k5, k6 = (*distortion, *([0.0] * 8))[:8]
+    k1, k2, _, _, k3 = (*distortion, *([0.0] * 5))[:5]
     r = np.linspace(0.0, 10.0, 2001)
     r2 = r * r
-    distorted = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    distorted = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
     falls = np.flatnonzero(np.diff(distorted) <= 0.0)
     return float(r[falls[0]]) if len(falls) else math.inf
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import List
+from typing import Dict, List
 
 import numpy as np
 
@@ -20,18 +20,6 @@ from robot.output import expect_writable, write_json
 from robot.parts import Tick
 from robot.runtime.dry_run import dry_runtime
 from robot.runtime.timing import RateKeeper
-
-
-@dataclass(frozen=True)
-class LoopTiming:
-    """How late turns began, and how long they took from camera to wheels [ms]."""
-
-    turns: int
-    lag_p50_ms: float
-    lag_p99_ms: float
-    lag_max_ms: float
-    turn_p50_ms: float
-    turn_p99_ms: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,23 +40,28 @@ def run(options: argparse.Namespace) -> None:
     print(f"robot       imports {footprint.import_s:.2f} s, resident {footprint.rss_mb:.0f} MB")
     loop = time_loop(options.model, options.seconds)
     print(
-        f"loop        late p50 {loop.lag_p50_ms:.2f} ms, p99 {loop.lag_p99_ms:.2f} ms, "
-        f"most {loop.lag_max_ms:.2f} ms; turn p50 {loop.turn_p50_ms:.2f} ms"
+        f"loop        late p50 {loop['lag_p50_ms']:.2f} ms, p99 {loop['lag_p99_ms']:.2f} ms, "
+        f"most {loop['lag_max_ms']:.2f} ms; turn p50 {loop['turn_p50_ms']:.2f} ms"
     )
     if options.json:
         inputs = {"model": str(options.model), "seconds": options.seconds}
         inputs.update(
             machine=platform.machine(), cpus=os.cpu_count(), python=platform.python_version()
         )
-        result = {"inference": asdict(decision), "robot": asdict(footprint), "loop": asdict(loop)}
+        result = {"inference": asdict(decision), "robot": asdict(footprint), "loop": loop}
         write_json(options.json, {"schema": 1, "inputs": inputs, **result})
 
 
-def time_loop(model: Path, seconds: float) -> LoopTiming:
-    """Run the loop on made-up pictures, on time, with motors that do nothing."""
+def time_loop(model: Path, seconds: float) -> Dict[str, float]:
+    """Run the loop on made-up pictures, on time, with motors that do nothing.
+
+    Returns:
+        How late turns began, and how long they took from camera to wheels [ms].
+    """
     runtime = dry_runtime(model)
     rate = RateKeeper(CONTROL_DT_S, MonotonicClock())
     ticks: List[Tick] = [runtime.step(rate.wait()) for _ in range(round(seconds / CONTROL_DT_S))]
-    lags = np.percentile([1e3 * tick.lag_s for tick in ticks], (50, 99, 100))
-    turns = np.percentile([1e3 * tick.duration_s for tick in ticks], (50, 99))
-    return LoopTiming(len(ticks), *(float(value) for value in (*lags, *turns)))
+    lags = np.percentile([1e3 * tick.lag_s for tick in ticks], (50, 99, 100)).tolist()
+    turns = np.percentile([1e3 * tick.duration_s for tick in ticks], (50, 99)).tolist()
+    names = ("lag_p50_ms", "lag_p99_ms", "lag_max_ms", "turn_p50_ms", "turn_p99_ms")
+    return {"turns": len(ticks), **dict(zip(names, lags + turns))}

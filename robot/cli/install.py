@@ -1,4 +1,4 @@
-"""Make this computer the robot's: environment, user, groups, udev rule, configuration,
+"""Make this computer the robot's: environment, user, groups, udev rule, configuration, service.
 
 Run it in a checkout of the repository with the Python (3.8 or newer) that the robot shall use; run
 it again after an update. A configuration that is there stays as it is. The service starts with the

@@ -55,14 +55,14 @@ def test_calibrate_by_corners_then_locate(arena, capsys):
     corners = [f"--corner={u},{v}" for u, v in RIG.see(map_corners(MAP_M)).round(1)]
     out = arena / "mine.yaml"
     image = ["--image", str(arena / "arena.png")]
-    floor = arena / "floor.png"
-    more = ["--height", "2.5", "--out", str(out), "--picture", str(floor), "--json"]
+    drawn = arena / "drawn.png"
+    more = ["--height", "2.5", "--out", str(out), "--picture", str(drawn), "--json"]
     assert main(["calibrate", *image, *corners, *more]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["residual_mm"] < 8.0
     assert report["checked"] is False
     assert load_calibration(out).residual_mm == report["residual_mm"]
-    assert cv2.imread(str(floor)).shape[:2] == (528, 440)
+    assert cv2.imread(str(drawn)).shape[:2] == (1280, 1280)
     assert main(["locate", *image, "--calibration", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["x_m"], found["y_m"]) == pytest.approx(POSE[:2], abs=0.01)

@@ -87,17 +87,6 @@ def test_on_map():
     assert rectifier.on_map(outside, 0.05).tolist() == [True, False, True]
 
 
-@pytest.mark.parametrize("yaw_rad", [0.0, math.pi / 2.0, -2.0])
-def test_the_floor_picture_shows_north_up_whatever_way_the_camera_is_turned(yaw_rad):
-    rig = Rig(yaw_rad=yaw_rad)
-    picture = rig.floor()
-    rig.paint(picture, "white", (0.4, 2.2, 0.0), (-0.05, 0.05, -0.05, 0.05))
-    floor = Rectifier(rig.calibration()).floor_picture(picture, px_per_m=100.0)
-    assert floor.shape == (264, 220, 3)
-    rows, columns = np.nonzero(floor[..., 2] > 150)
-    assert np.allclose((columns.mean() + 0.5, 264 - rows.mean() - 0.5), (40.0, 220.0), atol=0.5)
-
-
 def test_the_outline_runs_round_the_map():
     ring = map_outline(MAP_M, points_per_side=10)
     sides = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
