@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import List, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -30,34 +30,19 @@ class KnownPoint:
     y_m: float
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(NamedTuple):
     """A calibration and how good it is."""
 
     calibration: Calibration
-    residuals_mm: Tuple[float, ...]  # of each point, on the floor
+    residuals_mm: Tuple[float, ...]  # of each point, on the floor; its RMS is in the calibration
     parallax_sigma_mm: float  # of a board in the farthest corner, from the height's uncertainty
-    spare: int  # equations beyond the unknowns: with few, a wrong lens leaves no residual either
-
-    @property
-    def checked(self) -> bool:
-        """Whether there were points enough for the residual to show a wrong lens or place."""
-        return self.spare >= ENOUGH_SPARE
-
-    @property
-    def residual_mm(self) -> float:
-        """RMS of ``residuals_mm``."""
-        return self.calibration.residual_mm
+    checked: bool  # points enough for the residual to show a wrong lens or place
 
 
 def corner_points(
     pixels: Sequence[Tuple[float, float]], map_size_m: Tuple[float, float]
 ) -> List[KnownPoint]:
-    """The map's corners, given as south-west, south-east, north-east, north-west.
-
-    Raises:
-        ConfigError: not four of them.
-    """
+    """The map's corners, in the order of ``map_corners``; ConfigError unless four are given."""
     if len(pixels) != 4:
         raise ConfigError(
             "expected four --corner U,V (south-west, south-east, north-east, north-west), "
@@ -107,12 +92,19 @@ def calibrate(
     rough = replace(_calibration_of(fit, map_size_m), robots=robots)
     errors = np.linalg.norm(Rectifier(rough).to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
-    _check_residual(residual, errors, max_residual_mm)
+    if residual > max_residual_mm:
+        worst = int(np.argmax(errors))
+        raise ConfigError(
+            f"calibration: expected a residual of at most {max_residual_mm:g} mm RMS, got "
+            f"{residual:.1f} mm; the worst is point {worst + 1} with {errors[worst]:.1f} mm: check "
+            "its pixel and its place, then the map's size and the lens model (fisheye or pinhole)"
+        )
     parallax = _parallax_sigma_mm(fit, map_size_m, [m.board for m in robots])
     roi = _roi(rough, max([0.0, *(m.board.height_m for m in robots)]))
     calibration = replace(rough, residual_mm=residual, roi_px=roi)
-    spare = 2 * len(points) - freedom.unknowns
-    return Report(calibration, tuple(float(e) for e in errors), parallax, spare)
+    # Equations beyond the unknowns: with few, a wrong lens leaves no residual either.
+    checked = 2 * len(points) - freedom.unknowns >= ENOUGH_SPARE
+    return Report(calibration, tuple(errors.tolist()), parallax, checked)
 
 
 def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:
@@ -138,23 +130,9 @@ def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:
 
 def _almost_collinear(points: np.ndarray) -> bool:
     """Whether some line passes all points but at most one, to 3 % of their extent."""
-    for left_out in range(len(points)):
-        rest = np.delete(points, left_out, axis=0)
-        spread = np.linalg.svd(rest - rest.mean(axis=0), compute_uv=False)
-        if spread[1] <= 0.03 * max(spread[0], 1e-12):
-            return True
-    return False
-
-
-def _check_residual(residual_mm: float, errors_mm: np.ndarray, limit_mm: float) -> None:
-    if residual_mm > limit_mm:
-        worst = int(np.argmax(errors_mm))
-        raise ConfigError(
-            f"calibration: expected a residual of at most {limit_mm:g} mm RMS, got "
-            f"{residual_mm:.1f} mm; the worst is point {worst + 1} with {errors_mm[worst]:.1f} mm: "
-            "check its pixel and its place, then the map's size and the lens model (fisheye or "
-            "pinhole)"
-        )
+    rests = (np.delete(points, left_out, axis=0) for left_out in range(len(points)))
+    spreads = (np.linalg.svd(rest - rest.mean(axis=0), compute_uv=False) for rest in rests)
+    return any(spread[1] <= 0.03 * max(spread[0], 1e-12) for spread in spreads)
 
 
 def _parallax_sigma_mm(

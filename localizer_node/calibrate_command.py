@@ -126,7 +126,7 @@ def _tell(report: Report, arguments: argparse.Namespace) -> None:
         plain = {
             "schema": SCHEMA,
             "inputs": {"image": arguments.image, "points": arguments.points, "map": arguments.map},
-            "residual_mm": report.residual_mm,
+            "residual_mm": report.calibration.residual_mm,
             "checked": report.checked,
             "residuals_mm": list(report.residuals_mm),
             "parallax_sigma_mm": report.parallax_sigma_mm,
@@ -135,7 +135,7 @@ def _tell(report: Report, arguments: argparse.Namespace) -> None:
         write_json(arguments.json, plain)
         return
     x, y, height = report.calibration.camera_m
-    print(f"{arguments.out}: residual {report.residual_mm:.1f} mm RMS", end=", ")
+    print(f"{arguments.out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
     print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
     print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")
     if not report.checked:

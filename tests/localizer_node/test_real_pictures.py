@@ -35,7 +35,7 @@ def fit(model, limit_mm=PIXEL_MM):
 
 def test_the_field_s_marks_calibrate_its_fisheye_to_less_than_a_pixel():
     report = fit("fisheye")
-    assert report.residual_mm < PIXEL_MM
+    assert report.calibration.residual_mm < PIXEL_MM
     with pytest.raises(ConfigError, match="the lens model"):
         fit("pinhole")
 
