@@ -13,7 +13,7 @@ from localizer_node.calibration import Marker, save_calibration
 from localizer_node.commands import SCHEMA, expect_outputs, write_json
 from localizer_node.draw import annotated
 from robot.bringup.camera_place import Freedom
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.command_line import number
 from robot.errors import ConfigError
 from robot.lens import MODELS, Lens

@@ -17,7 +17,7 @@ from localizer_node.node import Localizer, Publish, locate_frame
 from localizer_node.sources import open_source
 from localizer_node.track import RobotPose
 from robot import output
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
 from robot.output import write_png

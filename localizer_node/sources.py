@@ -8,7 +8,7 @@ from typing import Callable, Iterator, NamedTuple
 
 import numpy as np
 
-from robot.camera.replay import play
+from robot.camera.files import play
 from robot.camera.source import Stream
 from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
 from robot.errors import ContractError, HardwareError

@@ -14,7 +14,7 @@ from robot.link.config import LinkConfig
 from robot.safety.gates import SafetyLimits
 
 CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.streams.csi_command` sets
-CAMERAS = ("csi", "v4l2", "replay", "socket")
+CAMERAS = ("csi", "v4l2", "socket")
 
 
 @dataclass(frozen=True)
@@ -22,14 +22,14 @@ class CameraConfig:
     """Where frames come from.
 
     Raises:
-        ConfigError: an unknown kind, a replay of nothing, or a rate below that of decisions.
+        ConfigError: an unknown kind, a socket without a path, or a rate below that of decisions.
     """
 
     kind: str = "csi"  # one of CAMERAS
     number: int = 0  # of the CSI port, or of /dev/video
     flip: int = 0  # csi only: nvvidconv's flip-method; 2 turns the picture upside down
     fps: int = 30
-    path: str = ""  # of a replay's folder or video, or of a virtual camera's socket
+    path: str = ""  # of a virtual camera's socket
     lens: Lens = DUCKIEBOT_LENS  # ``calibrate lens`` writes it
     mount: Mount = field(
         default_factory=Mount
@@ -38,10 +38,8 @@ class CameraConfig:
     def __post_init__(self) -> None:
         if self.kind not in CAMERAS:
             raise ConfigError(f"camera.kind: unknown {self.kind!r}; {nearest(self.kind, CAMERAS)}")
-        if (self.kind in ("replay", "socket")) != bool(self.path):
-            raise ConfigError(
-                "camera.path: expected a path with kind replay or socket, and only with it"
-            )
+        if (self.kind == "socket") != bool(self.path):
+            raise ConfigError("camera.path: expected a path with kind socket, and only with it")
         slowest = round(1.0 / CONTROL_DT_S)
         if not slowest <= self.fps <= 120:
             raise ConfigError(f"camera.fps: expected {slowest} to 120, got {self.fps}")

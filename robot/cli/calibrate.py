@@ -17,7 +17,7 @@ from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.wheels import GUIDES, Guide, Values
 from robot.bringup.yaml_edit import edit_yaml
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.command_line import number
 from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.systemd import interrupt, on_ending

@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from robot.camera.replay import picture_files, read_picture
+from robot.camera.files import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import action_name
 from robot.errors import ConfigError

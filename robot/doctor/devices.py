@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 from typing import Iterator, List, Optional, Tuple
 
-from robot.camera.replay import play
 from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig
 from robot.contract import CONTROL_DT_S
 from robot.doctor.findings import FAIL, OK, WARN, Finding, refused
 from robot.doctor.machine import CameraLook, Machine
-from robot.errors import ConfigError, HardwareError
+from robot.errors import HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
 from robot.hat.config import HatConfig
 from robot.hat.pca9685 import Pca9685
@@ -80,11 +79,8 @@ def check_camera(machine: Machine, config: CameraConfig) -> Finding:
     """Whether pictures come, fast enough, and ever new ones."""
     name = "camera"
     try:
-        if config.kind == "replay":
-            play(config.path)
-            return Finding(name, WARN, f"a replay of {config.path}", "for driving: csi or v4l2")
         look = machine.watch(config, WATCH_S)
-    except (ConfigError, HardwareError) as error:
+    except HardwareError as error:
         return refused(name, error, "check plug and ribbon; CSI: restart nvargus-daemon")
     return _judge_pictures(name, look, config)
 

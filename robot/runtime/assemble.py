@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Callable, ContextManager, Iterator, List, Optional, Protocol, Tuple
 
-from robot.camera.replay import ReplayCamera
 from robot.camera.source import Camera, NewestFrame, Stream
 from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
 from robot.computer.clock import Clock, MonotonicClock
@@ -137,18 +136,12 @@ def open_eyes(config: RobotConfig) -> PictureDoubts:
 
 
 def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
-    """The configured camera, running inside its ``with`` block.
-
-    Raises:
-        ConfigError: a replay of something that cannot be played.
-    """
-    if config.kind == "replay":
-        return nullcontext(ReplayCamera(config.path, config.fps, clock.now))
+    """The configured camera, running inside its ``with`` block."""
     return NewestFrame(lambda: open_stream(config, CAPTURE_PX), clock.now)
 
 
 def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
-    """The configured camera's pictures, one after the other; not of a replay.
+    """The configured camera's pictures, one after the other.
 
     Raises:
         HardwareError: the device does not open.

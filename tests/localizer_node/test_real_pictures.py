@@ -11,7 +11,7 @@ from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
 from localizer_node.calibration import Board, Colour, Marker
 from localizer_node.node import locate_frame
 from robot.bringup.camera_place import Freedom
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.errors import ConfigError
 
 SEEN = json.loads((Path(__file__).parent / "overhead_colour_markers.json").read_text())

@@ -40,7 +40,7 @@ def test_a_whole_file(tmp_path: Path) -> None:
         ({}, "missing model"),
         ({"model": "m", "camra": {}}, "did you mean 'camera'"),
         ({"model": "m", "camera": {"kind": "v4l"}}, "did you mean 'v4l2'"),
-        ({"model": "m", "camera": {"kind": "replay"}}, "expected a path with kind replay"),
+        ({"model": "m", "camera": {"kind": "socket"}}, "expected a path with kind socket"),
         ({"model": "m", "camera": {"path": "x"}}, "and only with it"),
         ({"model": "m", "camera": {"fps": 5}}, "camera.fps: expected 10 to 120, got 5"),
         ({"model": "m", "camera": {"flip": 9}}, "flip 0 to 7"),

@@ -59,7 +59,6 @@ class Patient:
         return self.hats[number]
 
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
-        assert camera.kind != "replay"
         if self.dead_camera:
             raise HardwareError(self.dead_camera)
         return self.look
@@ -193,12 +192,6 @@ SETTINGS: Dict[str, Tuple[Callable[[str], str], str, str, str]] = {
         "camera mount",
         WARN,
         "calibrate camera",
-    ),
-    "replayed camera": (
-        lambda t: t.replace("{mount", "{kind: replay, path: nowhere, mount"),
-        "camera",
-        FAIL,
-        "nowhere: expected a folder of pictures or a video",
     ),
 }
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError
 from trainer.experiments.records import Drive, turns

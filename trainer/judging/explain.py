@@ -22,7 +22,7 @@ from onnxruntime import InferenceSession, SessionOptions
 from rich.console import Console
 from rich.progress import track
 
-from robot.camera.replay import PICTURES, VIDEOS, picture_files, play, read_picture
+from robot.camera.files import PICTURES, VIDEOS, picture_files, play, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError

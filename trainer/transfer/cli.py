@@ -81,7 +81,7 @@ def translate_train_command(
         seed: of everything random.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
-    from robot.camera.replay import picture_files
+    from robot.camera.files import picture_files
     from trainer.run import take_up
     from trainer.transfer.cyclegan import TranslationConfig, translation_preset
     from trainer.transfer.judge import LANE_OVERLAP

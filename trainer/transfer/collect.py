@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import yaml
 
-from robot.camera.replay import play
+from robot.camera.files import play
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError

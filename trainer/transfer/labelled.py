@@ -16,7 +16,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.errors import ConfigError, nearest
 from robot.typed_config import load_yaml
 from sim_pybullet.classes import SemanticClass

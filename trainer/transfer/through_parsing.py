@@ -17,7 +17,7 @@ from rich.console import Console
 from torch import nn
 from torch.nn import functional
 
-from robot.camera.replay import picture_files, read_picture
+from robot.camera.files import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError

@@ -18,7 +18,7 @@ from robot.bringup.chessboard import (
     sheet_pdf,
 )
 from robot.cli import main
-from robot.config import CameraConfig, RobotConfig
+from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
 from robot.output import write_png
@@ -137,8 +137,6 @@ def test_pictures_of_the_board_are_read_from_a_folder(tmp_path: Path) -> None:
     write_png(tmp_path / "zz-no-board.png", np.full((480, 640, 3), 128, np.uint8))
     boards, size = chessboard.boards_from_files(tmp_path)
     assert (len(boards), size) == (len(MOUNTS), (640, 480))
-    with pytest.raises(ConfigError, match="got a replay; give pictures"):
-        chessboard.take_picture(CameraConfig("replay", path=str(tmp_path)))
 
 
 def test_the_sheet_is_drawn_in_true_size(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from robot.camera.replay import read_picture
+from robot.camera.files import read_picture
 from robot.contract import PolicyContract
 from robot.errors import ContractError
 from robot.navigation.path import lane_loop

@@ -1,18 +1,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import List
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.camera.replay import PICTURES, ReplayCamera, picture_files, read_picture
+from robot.camera.files import PICTURES, picture_files, play, read_picture
 from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError, ContractError
 from robot.inference.preprocess import FRAME_SHAPE
-from tests.robot.clocks import FakeClock
 
 
 def plain(level: int) -> np.ndarray:
@@ -42,41 +40,18 @@ def video(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("source", ["folder", "video"])
-def test_plays_by_the_clock_and_stays_on_the_last(
-    source: str, request: pytest.FixtureRequest
-) -> None:
-    clock = FakeClock()
-    camera = ReplayCamera(request.getfixturevalue(source), 10.0, clock)
-    levels: List[int] = []
-    for _ in range(8):
-        frame = camera.read()
-        assert frame is not None
-        assert frame is camera.read()
-        assert frame.image.shape == FRAME_SHAPE
-        assert frame.time_s <= clock.now_s + 1e-9
-        levels.append(round(float(frame.image.mean())))
-        clock.now_s += 0.1001
-    assert np.allclose(levels, [0, 40, 80, 120, 120, 120, 120, 120], atol=2)
-    assert clock.now_s - frame.time_s > 0.4, "the last frame grows old"
-
-
-def test_a_slow_reader_skips_pictures(folder: Path) -> None:
-    clock = FakeClock()
-    camera = ReplayCamera(folder, 10.0, clock)
-    camera.read()
-    clock.now_s += 0.25
-    frame = camera.read()
-    assert frame is not None
-    assert (frame.sequence, int(frame.image[0, 0, 0])) == (2, 80)
+def test_pictures_come_in_their_order(source: str, request: pytest.FixtureRequest) -> None:
+    pictures = list(play(request.getfixturevalue(source)))
+    assert {picture.shape for picture in pictures} == {FRAME_SHAPE}
+    assert np.allclose([picture.mean() for picture in pictures], [0, 40, 80, 120], atol=2)
 
 
 def test_colours_are_red_green_blue(tmp_path: Path) -> None:
     import cv2
 
     cv2.imwrite(str(tmp_path / "red.png"), np.full(FRAME_SHAPE, (0, 0, 255), np.uint8))  # BGR
-    frame = ReplayCamera(tmp_path, 1.0, FakeClock()).read()
-    assert frame is not None
-    assert tuple(frame.image[0, 0]) == (255, 0, 0)
+    (picture,) = play(tmp_path)
+    assert tuple(picture[0, 0]) == (255, 0, 0)
 
 
 RICH = (".png", ".tif", ".tiff")  # formats with 16 bits and transparency
@@ -120,11 +95,9 @@ def test_what_cannot_be_played_is_refused(folder: Path, tmp_path: Path) -> None:
         (tmp_path / "bad.mp4", "cannot play"),
     ):
         with pytest.raises(ConfigError, match=said):
-            ReplayCamera(path, 10.0, FakeClock())
+            play(path)
     with pytest.raises(ConfigError, match="cannot read"):
-        ReplayCamera(folder, 10.0, FakeClock()).read()
-    with pytest.raises(ConfigError, match="fps: expected a positive number"):
-        ReplayCamera(folder, 0.0, FakeClock())
+        next(play(folder))
 
 
 @given(st.integers(1, 700), st.integers(1, 700), st.integers(0, 255))

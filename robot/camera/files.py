@@ -1,55 +1,16 @@
-"""A folder of pictures or a video file as a camera, by the clock."""
+"""Pictures from files: one, a folder of them, or a video."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Optional, Union
+from typing import Any, Iterator, List, Union
 
 import numpy as np
 
-from robot.camera.source import Frame, fit_to_frame
 from robot.errors import ConfigError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".tif", ".tiff")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
-
-
-class ReplayCamera:
-    """Plays at a given rate from the first ``read`` on; stays on the last picture at the end.
-
-    Its last frame then grows old, so that a robot that drives by it stops.
-
-    Args:
-        path: a folder of pictures, in the order of their names, or a video file.
-        fps: pictures a second.
-        clock: monotonic time [s].
-
-    Raises:
-        ConfigError: there is nothing to play.
-    """
-
-    def __init__(self, path: Union[str, Path], fps: float, clock: Callable[[], float]) -> None:
-        if not fps > 0.0:
-            raise ConfigError(f"fps: expected a positive number, got {fps}")
-        self._pictures = enumerate(play(path))
-        self._fps = fps
-        self._clock = clock
-        self._started_s: Optional[float] = None
-        self._frame: Optional[Frame] = None
-
-    def read(self) -> Optional[Frame]:
-        """The picture of this moment."""
-        now_s = self._clock()
-        if self._started_s is None:
-            self._started_s = now_s
-        due = int((now_s - self._started_s) * self._fps)
-        number = -1 if self._frame is None else self._frame.sequence
-        while number < due:
-            number, picture = next(self._pictures, (due, None))
-            if picture is not None:
-                taken_s = self._started_s + number / self._fps
-                self._frame = Frame(fit_to_frame(picture), number, taken_s)
-        return self._frame
 
 
 def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
