@@ -50,8 +50,8 @@ bench: $(STAMP)  ## the tables of figures: runs/bench.json
 	$(PY) -m tools.bench --out runs/bench.json
 
 mutants: $(STAMP)  ## what the tests would miss, over hours, resumed where it stopped: runs/mutants/
-	$(PY) -m tools.mutants --named
-	nice -n 10 $(PY) -m tools.mutants
+	$(PY) -m tests.mutants --named
+	nice -n 10 $(PY) -m tests.mutants
 
 docs: $(STAMP)  ## the documents as a site: runs/site/index.html
 	$(PY) -m pip install --quiet --constraint constraints.txt --editable '.[docs]'

@@ -43,43 +43,45 @@ class Stage:
 
 def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
     """The six stages of the demo, writing into ``out``."""
-    run, model = out / "lane", out / "lane" / "model.onnx"
-    evaluation, navigation = run / "evaluation.json", out / "navigation.json"
-    train = f"train --task lane --algo dueling --preset fast --map {' '.join(LEARNED_ON)}"
-    train += " --lane both --start-spread 2.5 --true-path 1 --steps 15000 --judgings 3"
-    train += f" --seed {seed} --resume"
-    evaluate = f"evaluate --task lane --map {JUDGED_ON} --lane both --episodes {EPISODES}"
-    evaluate += " --seed 1000 --drives"
-    town = f"evaluate --task navigation --map {TOWNS} --look randomised --pose-error arena"
-    town += f" --episodes {MISSIONS}"
-    drive = f"--map loop --model {model} --laps {LAPS} --video {out}/drive.mp4"
+    places = {"out": out, "seed": seed, "seconds": seconds, "navigator": NAVIGATOR}
+
+    def stage(title: str, result: str, command: str) -> Stage:
+        words = tuple(word.format(**places) for word in command.split())
+        return Stage(title, words, out / result)
+
     return (
-        Stage(
+        stage(
             f"Train a Dueling DQN to keep its lane on {', '.join(LEARNED_ON)}, both ways round",
-            ("trainer", *train.split(), "--seconds", str(seconds), "--out", str(run)),
-            run / "metrics.json",
+            "lane/metrics.json",
+            f"trainer train --task lane --algo dueling --preset fast --map {' '.join(LEARNED_ON)} "
+            "--lane both --start-spread 2.5 --true-path 1 --steps 15000 --judgings 3 "
+            "--seed {seed} --resume --seconds {seconds} --out {out}/lane",
         ),
-        Stage("Export it to ONNX", ("trainer", "export", str(run)), run / "model_int8.onnx"),
-        Stage(
+        stage("Export it to ONNX", "lane/model_int8.onnx", "trainer export {out}/lane"),
+        stage(
             f"Judge the ONNX policy on {JUDGED_ON}, a ring that it never saw, with bends to both "
             f"sides: {EPISODES} episodes of {LAPS} laps, half of them each way round",
-            ("trainer", *evaluate.split(), "--model", str(model), "--json", str(evaluation)),
-            evaluation,
+            "lane/evaluation.json",
+            f"trainer evaluate --task lane --map {JUDGED_ON} --lane both --episodes {EPISODES} "
+            "--seed 1000 --drives --model {out}/lane/model.onnx --json {out}/lane/evaluation.json",
         ),
-        Stage(
+        stage(
             f"Drive {LAPS} laps in the loop: the robot's runtime on virtual camera and stepper HAT",
-            ("tools.loop", *drive.split(), "--json", str(out / "loop.json")),
-            out / "loop.json",
+            "loop.json",
+            "tools.loop --map loop --model {out}/lane/model.onnx --video {out}/drive.mp4 "
+            f"--laps {LAPS} --json {{out}}/loop.json",
         ),
-        Stage(
+        stage(
             f"Drive {MISSIONS} missions by drifting poses in {TOWNS}, which nobody learned in",
-            ("trainer", *town.split(), "--model", str(NAVIGATOR), "--json", str(navigation)),
-            navigation,
+            "navigation.json",
+            f"trainer evaluate --task navigation --map {TOWNS} --look randomised "
+            f"--pose-error arena --episodes {MISSIONS} "
+            "--model {navigator} --json {out}/navigation.json",
         ),
-        Stage(
+        stage(
             "Write the page with the curves, the film of the drive and the figures",
-            ("trainer", "report", str(out), "--out", str(out / "report")),
-            out / "report" / "report.html",
+            "report/report.html",
+            "trainer report {out} --out {out}/report",
         ),
     )
 

@@ -18,18 +18,7 @@ from robot.inference.policy import OnnxPolicy
 from robot.recording.replay import Replayed, replay
 
 SHOWN = 20
-
-
 PROGRAM = "python -m tools.replay"
-
-
-def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
-    """The command line."""
-    parser = OneLineParser(prog=prog, description=__doc__)
-    parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
-    parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
-    parser.add_argument("--json", action="store_true", help="print everything, for programs")
-    return parser.parse_args(arguments)
 
 
 def tell(found: Replayed, recording: Path) -> None:
@@ -48,7 +37,11 @@ def tell(found: Replayed, recording: Path) -> None:
 
 def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
     """0: nothing differs; 1: something does; 2: wrong input, or nothing was decided in it."""
-    options = parse(arguments, prog)
+    parser = OneLineParser(prog=prog, description=__doc__)
+    parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
+    parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
+    parser.add_argument("--json", action="store_true", help="print everything, for programs")
+    options = parser.parse_args(arguments)
     return answer(spoken(prog), lambda: decide_again(options))
 
 

@@ -21,7 +21,6 @@ import tempfile
 import time
 import urllib.request
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -62,7 +61,7 @@ def main() -> int:
     return answer("try_package", work)
 
 
-def work() -> int:
+def work() -> None:
     """Build, install, use; raises CalledProcessError or AssertionError where something is amiss."""
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="duckpilot-package-") as folder:
@@ -73,31 +72,27 @@ def work() -> int:
             use(python, calls)
             if extras == "monitor":
                 serve(python)
-        older = subprocess.run(
-            ["bash", "tools/python38.sh"], cwd=ROOT, capture_output=True, text=True
-        )
-        found = older.stdout.strip()
+        found = run("bash", "tools/python38.sh", check=False).strip()
         use(installed_by_pip(place / "pip", wheel, found or sys.executable), CALLS[""])
-        print(
-            f"package: {wheel.name} works, the robot's from {found or 'this Python, no 3.8 found'}"
-        )
+    print(f"package: {wheel.name} works, the robot's from {found or 'this Python, no 3.8 found'}")
     print(f"package: {time.monotonic() - begin:.0f} s")
-    return 0
+
+
+def run(*words: object, check: bool = True) -> str:
+    """What a command says, run in the checkout as a stranger would run it."""
+    command = [str(word) for word in words]
+    ended = subprocess.run(
+        command, cwd=ROOT, env=environment(), check=check, stdout=subprocess.PIPE, text=True
+    )
+    return ended.stdout
 
 
 def build(place: Path) -> Path:
     """Wheel and sdist of the checkout; both hold every file of the packages that git knows."""
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-d", str(place / "dist")],
-        cwd=ROOT,
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
+    run(sys.executable, "-m", "hatchling", "build", "-d", place / "dist")
     (wheel,) = (place / "dist").glob("*.whl")
     (sdist,) = (place / "dist").glob("*.tar.gz")
-    listed = subprocess.run(
-        ["git", "ls-files", *PACKAGES], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout.split("\n")[:-1]
+    listed = run("git", "ls-files", *PACKAGES).split("\n")[:-1]
     with zipfile.ZipFile(wheel) as archive:
         packed = set(archive.namelist())
     with tarfile.open(sdist) as source:
@@ -110,10 +105,10 @@ def build(place: Path) -> Path:
 
 def clean_environment(folder: Path, wheel: Path, extras: str) -> Path:
     """The Python of an environment with the wheel and what it asks for, by links."""
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
+    run(sys.executable, "-m", "venv", "--without-pip", folder)
     python = folder / "bin" / "python"
-    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "-qq"]
-    subprocess.run([*command, "--no-deps", "--no-index", str(wheel)], check=True)
+    pip = (sys.executable, "-m", "pip", "--python", python)
+    run(*pip, "install", "-qq", "--no-deps", "--no-index", wheel)
     (site,) = folder.glob("lib/python*/site-packages")
     (own,) = importlib.metadata.distributions(name="duckpilot", path=[str(site)])
     for name in sorted(asked_for(own.requires or [], set(extras.split(",")))):
@@ -146,11 +141,9 @@ def asked_for(requirements: list[str], extras: set[str]) -> set[str]:
 
 def installed_by_pip(folder: Path, wheel: Path, python: str) -> Path:
     """The Python of an environment that pip filled from nothing."""
-    subprocess.run([python, "-m", "venv", str(folder)], env=environment(), check=True)
-    command = [str(folder / "bin" / "python"), "-m", "pip", "install", "-qq", str(wheel)]
-    if python != sys.executable:
-        command += ["--constraint", str(ROOT / "constraints-nano.txt")]
-    subprocess.run(command, env=environment(), check=True)
+    run(python, "-m", "venv", folder)
+    nano = () if python == sys.executable else ("--constraint", ROOT / "constraints-nano.txt")
+    run(folder / "bin" / "python", "-m", "pip", "install", "-qq", wheel, *nano)
     return folder / "bin" / "python"
 
 
@@ -184,16 +177,16 @@ def use(python: Path, calls: tuple[tuple[str, int, str], ...]) -> None:
 def serve(python: Path) -> None:
     """The monitor's page, its files and its simulated robot come from the wheel."""
     here, port = python.parent.parent / "used", free_ports(6)
-    command = [str(python.with_name("duckpilot")), "monitor", "--demo"]
     server = subprocess.Popen(
-        [*command, "--port", str(port)],
+        [str(python.with_name("duckpilot")), "monitor", "--demo", "--port", str(port)],
         cwd=here,
         env=environment(),
         stdout=subprocess.PIPE,
         text=True,
     )
     try:
-        address = next(line for line in told(server) if "http" in line).split()[-1]
+        assert server.stdout is not None
+        address = next(line for line in server.stdout if "http" in line).split()[-1]
         for path in ("", "static/app.js"):
             with urllib.request.urlopen(address.replace("/?", f"/{path}?"), timeout=20) as page:
                 assert page.status == 200
@@ -201,12 +194,6 @@ def serve(python: Path) -> None:
     finally:
         server.send_signal(signal.SIGINT)
         server.wait(timeout=20)
-
-
-def told(program: subprocess.Popen[str]) -> Iterator[str]:
-    """What a program prints, line by line."""
-    assert program.stdout is not None
-    yield from program.stdout
 
 
 if __name__ == "__main__":

@@ -140,16 +140,18 @@ class DriveFilm:
         seen = moment.camera
         if self._explainer is not None:
             seen = with_attention(seen, self._explainer)
-        camera = cv2.resize(seen, CAMERA_PX, interpolation=cv2.INTER_CUBIC)
-        picture[: CAMERA_PX[1], : CAMERA_PX[0]] = camera
+        _put(picture, cv2.resize(seen, CAMERA_PX, interpolation=cv2.INTER_CUBIC), (0, 0))
         left, top, width, height = MAP_BOX
         above = self.map.draw(moment)
-        top += (height - above.shape[0]) // 2
-        left += (width - above.shape[1]) // 2
-        picture[top : top + above.shape[0], left : left + above.shape[1]] = above
+        free = width - above.shape[1], height - above.shape[0]
+        _put(picture, above, (left + free[0] // 2, top + free[1] // 2))
         _draw_values(picture, moment, self._actions)
         _draw_state(picture, moment, speed_mps)
         return picture
+
+
+def _put(picture: np.ndarray, part: np.ndarray, at: tuple[int, int]) -> None:
+    picture[at[1] : at[1] + part.shape[0], at[0] : at[0] + part.shape[1]] = part
 
 
 def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
@@ -165,25 +167,22 @@ def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
 def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> None:
     """Below the camera, a cell an action: its arrow, its name, its value as number and bar."""
     width = CAMERA_PX[0] // len(actions)
-    right_of_arrow = 62 if width > 120 else 6  # many actions: a number and a bar each
+    wide = width > 120  # many actions: a number and a bar each
     low, high = min(moment.values, default=0.0), max(moment.values, default=0.0)
     for i, wheels in enumerate(actions):
         cell = picture[CAMERA_PX[1] + 10 : SIZE_PX[1] - 10, i * width + 4 : (i + 1) * width - 4]
-        bottom, right = cell.shape[0] - 10, cell.shape[1] - 8
-        ink, paper = (PAGE, DUCK) if i == moment.action else (TEXT, CARD)
-        cell[:] = paper
-        if width > 120:
+        ink, cell[:] = (PAGE, DUCK) if i == moment.action else (TEXT, CARD)
+        if wide:
             _draw_arrow(cell, (34, 66), WheelSpeeds(*wheels), ink)
-            name = action_name(wheels).replace("_", " ").lower()
-            write(cell, (right_of_arrow, 14), name, 13, ink, paper)
-        if i >= len(moment.values):
-            continue
-        value = moment.values[i]
-        size = 20 if width > 120 else 12
-        write(cell, (right_of_arrow, 36), f"{value:.2f}", size, ink, paper)
-        share = (value - low) / (high - low) if high > low else 0.0
-        cv2.rectangle(cell, (8, bottom - 5), (right, bottom), LINE, -1)
-        cv2.rectangle(cell, (8, bottom - 5), (8 + round(share * (right - 8)), bottom), ink, -1)
+            write(cell, (62, 14), action_name(wheels).replace("_", " ").lower(), 13, ink)
+        if i < len(moment.values):
+            value = moment.values[i]
+            write(cell, (62 if wide else 6, 36), f"{value:.2f}", 20 if wide else 12, ink)
+            share = (value - low) / (high - low) if high > low else 0.0
+            bottom, right = cell.shape[0] - 10, cell.shape[1] - 8
+            cv2.rectangle(cell, (8, bottom - 5), (right, bottom), LINE, -1)
+            to = 8 + round(share * (right - 8))
+            cv2.rectangle(cell, (8, bottom - 5), (to, bottom), ink, -1)
 
 
 def _draw_arrow(
@@ -211,36 +210,25 @@ def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:
     left = MAP_BOX[0]
     colour = STATES.get(moment.state, QUIET)
     cv2.rectangle(picture, (left, 16), (left + 112, 48), colour, -1)
-    write(picture, (left + 12, 22), moment.state, 16, PAGE, colour)
-    write(picture, (left + 124, 24), moment.reason[:46], 13, QUIET, PAGE)
-    write(picture, (left, 562), f"{speed_mps:.2f} m/s", 38, TEXT, PAGE)
-    write(picture, (left + 220, 580), moment.note, 18, TEXT, PAGE)
-    for i, (name, of) in enumerate(
-        (("planned path", PATH), ("true pose and trail", TRUE), ("believed pose", DUCK))
-    ):
-        at = left + (0, 128, 298)[i]
+    write(picture, (left + 12, 22), moment.state, 16, PAGE)
+    write(picture, (left + 124, 24), moment.reason[:46], 13, QUIET)
+    write(picture, (left, 562), f"{speed_mps:.2f} m/s", 38, TEXT)
+    write(picture, (left + 220, 580), moment.note, 18, TEXT)
+    meanings = ((0, "planned path", PATH), (128, "true pose and trail", TRUE))
+    for right, name, of in (*meanings, (298, "believed pose", DUCK)):
+        at = left + right
         cv2.rectangle(picture, (at, 640), (at + 14, 654), of, -1)
-        write(picture, (at + 22, 638), name, 14, QUIET, PAGE)
-    write(picture, (left, 678), "light on the picture: where the policy looks", 14, QUIET, PAGE)
+        write(picture, (at + 22, 638), name, 14, QUIET)
+    write(picture, (left, 678), "light on the picture: where the policy looks", 14, QUIET)
 
 
-def write(
-    picture: np.ndarray, at: tuple[int, int], text: str, height: int, ink: Colour, paper: Colour
-) -> None:
+def write(picture: np.ndarray, at: tuple[int, int], text: str, height: int, ink: Colour) -> None:
     """Write a line with its upper left corner at a place, cut off at the picture's edge."""
-    words = _words(text, height, ink, paper)
     left, top = at
-    room = picture[top : top + words.shape[0], left : left + words.shape[1]]
-    room[:] = words[: room.shape[0], : room.shape[1]]
-
-
-@lru_cache(512)
-def _words(text: str, height: int, ink: Colour, paper: Colour) -> np.ndarray:
-    font = _font(height)
-    size = (max(1, math.ceil(font.getlength(text))), round(1.3 * height))
-    image = Image.new("RGB", size, paper)
-    ImageDraw.Draw(image).text((0, 0), text, fill=ink, font=font)
-    return np.asarray(image)
+    room = picture[top : top + round(1.3 * height), left:]
+    image = Image.fromarray(room)
+    ImageDraw.Draw(image).text((0, 0), text, fill=ink, font=_font(height))
+    room[:] = np.asarray(image)
 
 
 @lru_cache

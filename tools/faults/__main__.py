@@ -1,7 +1,6 @@
 """``python -m tools.faults``: every fault in the loop with the real processes; a table.
 
-In lock-step by default: the same on every machine, and times are those of the robot's own clock,
-without what a slow computer adds. ``--realtime`` measures by the wall clock.
+In lock-step: times are those of the robot's own clock, without what a slow computer adds.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
     parser.add_argument("--family", action="append", choices=list(FAMILIES), help="only these")
     parser.add_argument("--case", action="append", help="only these, by name")
-    parser.add_argument("--realtime", action="store_true", help="by the wall clock")
     parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument("--json", type=Path, help="write the outcomes; goes on from there")
     parser.add_argument("--report", type=Path, help="write the table, such as docs/faults.md")

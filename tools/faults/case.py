@@ -80,7 +80,6 @@ class Outcome:
     state: str
     reason: str
     problem: str  # "" when all was as it must be
-    lockstep: bool = True
 
     @property
     def passed(self) -> bool:

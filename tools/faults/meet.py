@@ -74,9 +74,7 @@ def _play(
     todo = [(family, case) for family, case in cases if (family, case.name) not in done]
     if not todo:
         return
-    bench = BenchOptions(
-        options.model, seed=options.seed, lockstep=not options.realtime, record=True
-    )
+    bench = BenchOptions(options.model, seed=options.seed, record=True)
     with (
         tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
         Stage(bench, Path(folder)) as stage,

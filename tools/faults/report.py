@@ -19,11 +19,16 @@ nobody may be armed by that. *Shown* is what the monitor's page says (or the rob
 there is no page). A dash: the robot must drive on, or did not drive.
 
 """
+MADE_BY = (
+    "Made by `python -m tools.faults --model MODEL --report docs/faults.md`, lock-step: times are "
+    "the robot's own clock's."
+)
 
 
 def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
     """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
-    lines = [HEAD, _how(outcomes)]
+    passed = f"{sum(outcome.passed for outcome in outcomes)} of {len(outcomes)}"
+    lines = [HEAD, f"{MADE_BY} {passed} as they must be.\n"]
     if unmet:
         lines.append(f"Not met in this run: {', '.join(unmet)}.\n")
     for family in dict.fromkeys(outcome.family for outcome in outcomes):
@@ -32,17 +37,6 @@ def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ())
         lines.append("|---|---|---|---|---|---|\n")
         lines += [_row(outcome) for outcome in outcomes if outcome.family == family]
     write_bytes(path, "".join(lines).encode("utf-8"))
-
-
-def _how(outcomes: list[Outcome]) -> str:
-    passed = sum(outcome.passed for outcome in outcomes)
-    lockstep = all(outcome.lockstep for outcome in outcomes)
-    flag = "" if lockstep else " --realtime"
-    clock = "lock-step: times are the robot's own clock's" if lockstep else "real time"
-    return (
-        f"Made by `python -m tools.faults --model MODEL{flag} --report docs/faults.md`, {clock}. "
-        f"{passed} of {len(outcomes)} as they must be.\n"
-    )
 
 
 def _row(outcome: Outcome) -> str:

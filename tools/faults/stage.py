@@ -54,9 +54,11 @@ class Stage:
 
     def play(self, family: str, case: Case) -> Outcome:
         """Meet one fault; whatever goes wrong with that is told in the outcome."""
-        lockstep = self.bench.options.lockstep
         outcome = Outcome(
-            *(family, case.name, case.what, math.nan, case.threshold_s), "", "", "", lockstep
+            *(family, case.name, case.what, math.nan, case.threshold_s),
+            state="",
+            reason="",
+            problem="",
         )
         try:
             self.ready()

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -31,8 +30,7 @@ from tools.free_ports import free_ports
 from tools.loop.conductor import Conductor
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
-from tools.loop.real_time import RealTime
-from tools.loop.timekeeper import BenchError, Timekeeper
+from tools.loop.timekeeper import BenchError, RealTime, Timekeeper
 from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
@@ -78,10 +76,9 @@ class Process:
     def figures(self) -> dict[str, float]:
         """Resident memory [MB], threads and open files, now."""
         folder = Path(f"/proc/{self.child.pid}")
-        status = (folder / "status").read_text(encoding="ascii")
-        resident = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
+        (kb,) = re.findall(r"VmRSS:\s+(\d+)", (folder / "status").read_text(encoding="ascii"))
         return {
-            "rss_mb": int(resident.split()[1]) / 1024.0,
+            "rss_mb": int(kb) / 1024.0,
             "threads": len(list((folder / "task").iterdir())),
             "files": len(list((folder / "fd").iterdir())),
         }
@@ -112,13 +109,12 @@ class Bench:
         self.page_port = free_ports(1)
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
-        self.model = options.model
         self.recordings = folder / "recordings"
         self._frozen: set[str] = set()
         self._ending: set[str] = set()
         self.operator: Operator
-        self._stack = ExitStack()
-        self._write_configs()
+        save_calibration(self.town.calibration, folder / "arena.yaml")
+        self.use_model(options.model)
 
     def __enter__(self) -> Bench:
         with ExitStack() as stack:
@@ -200,7 +196,8 @@ class Bench:
 
         def printed() -> bool:
             found[:] = re.findall(r"\?token=(\S+)", monitor.said())
-            return bool(found) and _listens(self.page_port)
+            with socket.socket() as probe:
+                return bool(found) and not probe.connect_ex(("127.0.0.1", self.page_port))
 
         self.until(printed, START_S, "the monitor's page", PAUSE_S)
         return Operator(self.time, self.page_port, found[-1])
@@ -209,18 +206,15 @@ class Bench:
         """Until the robot is told where it is and the page shows it."""
 
         def met() -> bool:
-            self._expect_alive()
+            for process in self.processes.values():
+                if not process.alive:
+                    last = process.said().strip().rpartition("\n")[2]
+                    raise BenchError(f"{process.name}: expected it to run, it ended: {last}")
             self.operator.look()
             ages_s = (self.operator.age_s("pose"), self.operator.age_s("operator"))
             return bool(self.operator.robot.get("pose")) and max(ages_s) < FRESH_S
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
-
-    def _expect_alive(self) -> None:
-        for process in self.processes.values():
-            if not process.alive:
-                last = process.said().strip().rpartition("\n")[2]
-                raise BenchError(f"{process.name}: expected it to run, it ended: {last}")
 
     def until(
         self, holds: Callable[[], bool], patience_s: float, what: str, pause_s: float = 0.0
@@ -256,11 +250,11 @@ class Bench:
         self._ending.clear()
 
     def _program(self, name: str) -> list[str]:
-        folder, sockets = self.folder, self.town.sockets
+        folder = self.folder
         if name == "robot":
             return ["robot", "drive", "--config", str(folder / "robot.yaml")]
         if name == "localizer":
-            source = ["--source", f"socket:{sockets.overhead}", "--fps", str(OVERHEAD_FPS)]
+            source = ["--source", f"socket:{self.town.overhead.path}", "--fps", str(OVERHEAD_FPS)]
             calibration = ["--calibration", str(folder / "arena.yaml")]
             link = ["--link", str(folder / "localizer.yaml")]
             return ["localizer_node", "run", *calibration, *source, *link]
@@ -271,30 +265,20 @@ class Bench:
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""
         self.model = model
-        self._write_configs()
-
-    def _write_configs(self) -> None:
-        link = self.link_configs
-        sockets = self.town.sockets
         recording = RecordingConfig(str(self.recordings), 0.0) if self.options.record else None
         robot = RobotConfig(
-            str(self.model.resolve()),
+            str(model.resolve()),
             name=ROBOT,
             map=self.options.map,
-            camera=CameraConfig("socket", path=str(sockets.camera), fps=CAMERA_FPS),
-            hat=HatConfig(socket=str(sockets.bus)),
+            camera=CameraConfig("socket", path=str(self.town.camera.path), fps=CAMERA_FPS),
+            hat=HatConfig(socket=str(self.town.bus_server.path)),
             safety=self.options.safety,
-            link=link["robot"],
+            link=self.link_configs["robot"],
             recording=recording,
         )
-        save_calibration(self.town.calibration, self.folder / "arena.yaml")
-        self._write("robot", to_plain(robot))
-        for name in ("localizer", "monitor"):
-            self._write(name, to_plain(link[name]))
-
-    def _write(self, name: str, plain: Any) -> None:
-        text = yaml.safe_dump(plain, sort_keys=False)
-        (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+        for name, config in {**self.link_configs, "robot": robot}.items():
+            text = yaml.safe_dump(to_plain(config), sort_keys=False)
+            (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
 def connect(
@@ -314,8 +298,3 @@ def connect(
     rng, now = np.random.default_rng(seed), time.clock.now
     networks = {"poses": Proxy(to_robot, now, rng), "monitor": Proxy(to_monitor, now, rng)}
     return configs, networks
-
-
-def _listens(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0

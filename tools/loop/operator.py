@@ -29,7 +29,6 @@ class Operator:
 
     def __init__(self, time: Timekeeper, port: int, token: str, name: str = "monitor") -> None:
         self.snapshot: dict[str, Any] = {}
-        self.log: list[str] = []
         self.picture = b""
         self.watching = True
         self.closed = False  # by the monitor
@@ -101,13 +100,10 @@ class Operator:
 
         With ``arm`` as *Arm and drive* does.
         """
-        body: dict[str, Any] = {"kind": kind}
-        if arm:
-            body["arm"] = True
-        if destination is not None:
-            body["destination"] = [round(v, 4) for v in destination]
-        if start is not None:
-            body["start"] = [round(v, 4) for v in start]
+        body: dict[str, Any] = {"kind": kind, "arm": arm}
+        for name, place in (("destination", destination), ("start", start)):
+            if place is not None:
+                body[name] = [round(v, 4) for v in place]
         reply = self._request("POST", "/api/command", json.dumps(body))
         answer = json.loads(reply.read())
         return bool(answer["accepted"]), str(answer["reason"])
@@ -122,16 +118,13 @@ class Operator:
         self._socket.close()
 
     def _take(self, event: Any) -> bool:
-        if not isinstance(event, Frame):
+        """Whether it tells of a state."""
+        if not isinstance(event, Frame) or event.opcode not in (Opcode.BINARY, Opcode.TEXT):
             return False
         if event.opcode is Opcode.BINARY:
             self.picture = bytes(event.data)
             return False
-        if event.opcode is not Opcode.TEXT:
-            return False
-        message = json.loads(bytes(event.data))
-        self.snapshot = message["state"]
-        self.log += [f"{entry['level']}: {entry['text']}" for entry in message["log"]]
+        self.snapshot = json.loads(bytes(event.data))["state"]
         return True
 
     def _open_page(self) -> socket.socket:

@@ -47,7 +47,9 @@ class Proxy(Worker):
         self.cut = False
         self._clock, self._rng = clock, rng
         self._pipes: list[_Pipe] = []
-        self._listeners = {_listener(port): to for port, to in ports.items()}
+        self._listeners = {
+            socket.create_server(("127.0.0.1", port)): to for port, to in ports.items()
+        }
         self.start()
 
     def close(self) -> None:
@@ -56,11 +58,6 @@ class Proxy(Worker):
         self._hang_up()
         for listener in self._listeners:
             listener.close()
-
-    @property
-    def good(self) -> bool:
-        """Whether everything passes at once."""
-        return not (self.cut or self.delay_s or self.loss)
 
     def _work(self) -> None:
         while not self._ending.is_set():
@@ -76,14 +73,13 @@ class Proxy(Worker):
             for listener, port in self._listeners.items():
                 if listener in ready:
                     self._accept(listener, port)
-            for pipe in [p for p in self._pipes if p.source in ready]:
-                self._read(pipe)
             for pipe in list(self._pipes):
+                if pipe.source in ready:
+                    self._read(pipe)
                 self._forward(pipe)
 
     def _accept(self, listener: socket.socket, port: int) -> None:
-        near = listener.accept()[0]
-        far = socket.socket()
+        near, far = listener.accept()[0], socket.socket()
         try:
             if self.cut:
                 raise OSError("cut")
@@ -131,11 +127,3 @@ class Proxy(Worker):
         for pipe in list(self._pipes):
             with contextlib.suppress(OSError):
                 self._drop(pipe)
-
-
-def _listener(port: int) -> socket.socket:
-    listener = socket.socket()
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listener.bind(("127.0.0.1", port))
-    listener.listen()
-    return listener

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import onnx.parser
 from onnx import TensorProto, helper, numpy_helper
 
 from robot.contract import (
@@ -36,25 +37,23 @@ def write_pursuit(path: Path, points: int = PATH_POINTS, nan_unless_black: bool 
         nan_unless_black: answer NaN to a picture whose first pixel is not black.
     """
     height, width, colours = IMAGE.shape
-    actions = len(ACTION_TWISTS)
-    image = helper.make_tensor_value_info("image", TensorProto.UINT8, ["n", height, width, colours])
-    way = helper.make_tensor_value_info("path", TensorProto.FLOAT, ["n", points])
-    values = helper.make_tensor_value_info("values", TensorProto.FLOAT, ["n", actions])
-    nodes = [
-        helper.make_node("Gemm", ["path", "weights", "bias"], ["wanted"]),
-        helper.make_node("Slice", ["image", "zeros", "ones", "axes"], ["pixel"]),
-        helper.make_node("Cast", ["pixel"], ["number"], to=TensorProto.FLOAT),
-        helper.make_node("Neg" if nan_unless_black else "Abs", ["number"], ["signed"]),
-        helper.make_node("Sqrt", ["signed"], ["root"]),  # NaN of what is below zero
-        helper.make_node("Reshape", ["root", "flat"], ["column"]),
-        helper.make_node("Add", ["wanted", "column"], ["values"]),
-    ]
-    held = [numpy_helper.from_array(array, name) for name, array in _constants(points).items()]
-    graph = helper.make_graph(nodes, "pursuit", [image, way], [values], held)
+    graph = onnx.parser.parse_graph(
+        f"""pursuit (uint8[n,{height},{width},{colours}] image, float[n,{points}] path)
+        => (float[n,{len(ACTION_TWISTS)}] values) {{
+            wanted = Gemm(path, weights, bias)
+            pixel = Slice(image, zeros, ones, axes)
+            number = Cast<to: int = {TensorProto.FLOAT}>(pixel)
+            signed = {"Neg" if nan_unless_black else "Abs"}(number)
+            root = Sqrt(signed)
+            column = Reshape(root, flat)
+            values = Add(wanted, column)
+        }}"""  # a root is NaN of what is below zero
+    )
+    constants = _constants(points).items()
+    graph.initializer.extend(numpy_helper.from_array(array, name) for name, array in constants)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     contract = PolicyContract("navigation", "pursuit", IMAGE, points)
-    entry = model.metadata_props.add()
-    entry.key, entry.value = PolicyContract.METADATA_KEY, contract.to_json()
+    helper.set_model_props(model, {PolicyContract.METADATA_KEY: contract.to_json()})
     onnx.save(model, str(path))
     return path
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import select
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from robot.computer.clock import Clock
+from robot.computer.clock import Clock, MonotonicClock
+from robot.computer.threads import Worker
+
+LOOK_S = 0.05  # real time between two looks at who has come
 
 
 class BenchError(RuntimeError):
@@ -105,3 +110,58 @@ class Timekeeper:
     def close(self) -> None:
         """Give nobody time any more."""
         raise NotImplementedError
+
+
+class RealTime(Timekeeper):
+    """Does what `tools.loop.conductor.Conductor` does, without giving time to anybody.
+
+    Hardware answers in a thread of its own: a motor's driver does not wait for a picture to be
+    drawn.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(MonotonicClock())
+        self._hardware = Hardware(self._services)
+        self._hardware.start()
+
+    def run_until(self, time_s: float) -> None:
+        """Let things happen until the clock reads ``time_s`` [s]; what was missed is skipped.
+
+        Raises:
+            HardwareError: nothing answers any more.
+        """
+        self._hardware.check()
+        while True:
+            now_s = self.clock.now()
+            for event in list(self._events):
+                if event.due_s <= now_s:
+                    event.due_s = max(event.due_s + event.period_s, now_s)
+                    event.happen()
+            now_s = self.clock.now()
+            if now_s >= time_s:
+                return
+            next_s = min([e.due_s for e in self._events] + [time_s])
+            time.sleep(max(0.0, next_s - now_s))
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._hardware.end()
+
+
+class Hardware(Worker):
+    """Serves the virtual hardware's sockets."""
+
+    def __init__(self, services: list[Service]) -> None:
+        super().__init__("hardware")
+        self._services = services
+
+    def _work(self) -> None:
+        while not self._ending.is_set():
+            services = list(self._services)
+            fds = [fd for service in services for fd in service.filenos()]
+            try:
+                ready = select.select(fds, [], [], LOOK_S)[0]
+            except OSError:  # somebody has just hung up
+                continue
+            for service in services if ready else ():
+                service.serve()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +27,6 @@ ROBOT = "robot"
 CAMERA_FPS, OVERHEAD_FPS = 15, 10
 
 
-@dataclass(frozen=True)
-class Sockets:
-    """Where the hardware is found."""
-
-    bus: Path
-    camera: Path
-    overhead: Path
-
-
 class VirtualTown:
     """One robot in a town, with everything that a real one would have around it."""
 
@@ -45,7 +35,6 @@ class VirtualTown:
     ) -> None:
         rng = np.random.default_rng(seed)
         clock: Clock = time.clock
-        self.sockets = Sockets(folder / "i2c", folder / "camera", folder / "overhead")
         self.bus = VirtualI2cBus()
         self.hat = VirtualHat(self.bus, clock)
         self.world = VirtualWorld(road_map, look, self.hat, clock, rng)
@@ -57,12 +46,10 @@ class VirtualTown:
         self._above = OverheadCamera(ground)
         size_m = (road_map.width_m, road_map.height_m)
         self.calibration: Calibration = known_calibration(self._above, (self._marker,), size_m)
-        self.bus_server = BusServer(self.sockets.bus, self.bus, self._note_step)
-        self.camera = PictureServer(
-            self.sockets.camera, self.world.see, lambda: time.woken("robot")
-        )
+        self.bus_server = BusServer(folder / "i2c", self.bus, self._note_step)
+        self.camera = PictureServer(folder / "camera", self.world.see, lambda: time.woken("robot"))
         self.overhead = PictureServer(
-            self.sockets.overhead, self.see_above, lambda: time.woken("localizer")
+            folder / "overhead", self.see_above, lambda: time.woken("localizer")
         )
         for service in (self.bus_server, self.camera, self.overhead):
             time.add_service(service)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ipaddress
 import secrets
 import socket
-from collections.abc import Iterable
 from urllib.parse import urlsplit
 
 from starlette.requests import HTTPConnection
@@ -55,9 +54,7 @@ class AccessGate:
             await self._app(scope, receive, send)
             return
         connection = HTTPConnection(scope)
-        response = self._answer(connection)
-        if response is None:
-            response = _size_problem(connection)
+        response = self._answer(connection) or _size_problem(connection)
         if response is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
@@ -88,8 +85,13 @@ class AccessGate:
         return secrets.compare_digest(token.encode(), self._token.encode())
 
     def _known_host(self, host: str) -> bool:
-        name = _hostname(host)
-        return name in self._hosts or (self._any_address and _is_address(name))
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+            if name not in self._hosts:
+                ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return name in self._hosts or self._any_address
 
 
 def _size_problem(connection: HTTPConnection) -> Response | None:
@@ -109,25 +111,8 @@ def _same_origin(connection: HTTPConnection, host: str) -> bool:
     return origin.scheme in ("http", "https") and origin.netloc.lower() == host.lower()
 
 
-def _hostname(host: str) -> str:
-    try:
-        return urlsplit(f"//{host}").hostname or ""
-    except ValueError:
-        return ""
-
-
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
-
-
 def _with_headers(send: Send) -> Send:
-    extra: Iterable[tuple[bytes, bytes]] = [
-        (name.lower().encode(), value.encode()) for name, value in HEADERS.items()
-    ]
+    extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":

@@ -58,19 +58,7 @@ class CommandBody(BaseModel):
         return Mission(self.destination, self.start) if self.destination is not None else None
 
 
-class AnswerBody(BaseModel):
-    """The robot's answer."""
-
-    accepted: bool
-    reason: str = ""
-
-
-def create_app(
-    monitor: Monitor,
-    road_map: RoadMap,
-    token: str,
-    host: str = "127.0.0.1",
-) -> FastAPI:
+def create_app(monitor: Monitor, road_map: RoadMap, token: str, host: str = "127.0.0.1") -> FastAPI:
     """The application.
 
     Args:
@@ -149,16 +137,16 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
 
 def _add_control(app: FastAPI, monitor: Monitor) -> None:
     @app.post("/api/command")
-    async def command(body: CommandBody) -> AnswerBody:
+    async def command(body: CommandBody) -> dict[str, Any]:
         try:
             mission = body.mission()
         except ContractError as error:
-            return AnswerBody(accepted=False, reason=str(error))
+            return {"accepted": False, "reason": str(error)}
         if mission is not None:
             ack = await monitor.drive(mission, body.arm)
         else:
             ack = await monitor.command(body.kind)
-        return AnswerBody(accepted=ack.accepted, reason=ack.reason)
+        return {"accepted": ack.accepted, "reason": ack.reason}
 
     @app.websocket("/ws")
     async def live(socket: WebSocket) -> None:

@@ -68,12 +68,16 @@ class Monitor:
         """Read every stream and the answers to commands; never blocks."""
         telemetry = self._telemetry.receive()
         if telemetry is not None:
-            report = self._explained(telemetry)
+            report = telemetry
+            if self._attention is not None and telemetry.attention is None:
+                report = replace(telemetry, attention=self._attention.newest)
             if self.state.take_telemetry(report):
                 self._record(lambda recorder: recorder.take(report))
         frame = self._frames.receive()
         if frame is not None and self.state.take_frame(frame):
-            self._take_frame(frame)
+            self._record(lambda recorder: recorder.take_frame(frame))
+            if self._attention is not None:
+                self._attention.offer(frame)
         poses = self._poses.receive()
         if poses is not None:
             self.state.take_poses(poses)
@@ -155,17 +159,6 @@ class Monitor:
         self._record(DriveRecorder.close)
         self._link.close()
 
-    def _take_frame(self, frame: FrameMessage) -> None:
-        self._record(lambda recorder: recorder.take_frame(frame))
-        if self._attention is not None:
-            self._attention.offer(frame)
-
-    def _explained(self, telemetry: Telemetry) -> Telemetry:
-        """With the attention that this computer has worked out, if the robot sent none."""
-        if self._attention is None or telemetry.attention is not None:
-            return telemetry
-        return replace(telemetry, attention=self._attention.newest)
-
     def _record(self, work: Callable[[DriveRecorder], bool | None]) -> None:
         if self._recorder is None:
             return
@@ -190,6 +183,4 @@ def _what(kind: str, mission: Mission | None) -> str:
     if mission is None:
         return kind
     x_m, y_m = mission.destination
-    if kind == "plan":
-        return f"a way to ({x_m:.2f}, {y_m:.2f}) m"
-    return f"drive to ({x_m:.2f}, {y_m:.2f}) m"
+    return f"{'a way' if kind == 'plan' else 'drive'} to ({x_m:.2f}, {y_m:.2f}) m"

@@ -49,7 +49,7 @@ def _virtual(folder: Path, stack: ExitStack) -> RobotConfig:
     from sim_pybullet.virtual.hat import VirtualHat
     from sim_pybullet.virtual.i2c import VirtualI2cBus
     from tools.loop.devices import BusServer, PictureServer
-    from tools.loop.real_time import Hardware
+    from tools.loop.timekeeper import Hardware
 
     rng = np.random.default_rng(0)
     bus = VirtualI2cBus()

@@ -19,11 +19,13 @@ from queue import SimpleQueue
 
 import pytest
 
-from tools.mutants.mutations import Mutant, mutants_of
+from tests.mutants.mutations import Mutant, mutants_of
 
 ROOT = Path(__file__).parents[2]
-EXPLAINED = ROOT / "tests" / "mutants" / "explained.toml"
-NAMED = ROOT / "tests" / "mutants" / "named.toml"
+EXPLAINED, NAMED = (
+    Path(__file__).with_name("explained.toml"),
+    Path(__file__).with_name("named.toml"),
+)
 RESULTS = ROOT / "runs" / "mutants" / "results.jsonl"
 TESTS = {
     "robot/safety": ["tests/robot/safety", "tests/robot/runtime"],
@@ -49,7 +51,7 @@ _LEFT_BEHIND = shutil.ignore_patterns(".git", ".venv*", "runs", ".mypy_cache", "
 
 def main() -> None:
     """Try the mutants that were not tried before, then print the table."""
-    parser = argparse.ArgumentParser(prog="python -m tools.mutants", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     parser.add_argument("packages", nargs="*", help=f"of {', '.join(TESTS)} (default: all)")
     parser.add_argument("--sample", type=int, help="only so many mutants of each package")
     parser.add_argument("--seed", type=int, default=0, help="which sample (default: 0)")

@@ -5,7 +5,7 @@ from textwrap import dedent
 
 import pytest
 
-from tools.mutants.__main__ import (
+from tests.mutants.__main__ import (
     ROOT,
     TESTS,
     all_mutants,
@@ -14,7 +14,7 @@ from tools.mutants.__main__ import (
     named_mutants,
     try_mutant,
 )
-from tools.mutants.mutations import Mutant, mutants_of
+from tests.mutants.mutations import Mutant, mutants_of
 
 SOURCE = dedent(
     '''
