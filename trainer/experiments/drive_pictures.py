@@ -56,13 +56,7 @@ def frames_of(drive: Drive) -> np.ndarray:
 
 
 def make_stacks(drive: Drive, frames: np.ndarray, see: See, every: int = 1) -> Stacks:
-    """All moments of a drive that have the pictures of a stack before them.
-
-    Args:
-        drive: for its angles.
-        frames: of the drive.
-        see: makes pictures of them.
-        every: of how many pictures one is taken into a stack.
+    """All moments of a drive that have the pictures of a stack before them, one of ``every``.
 
     Raises:
         ConfigError: the drive is too short.

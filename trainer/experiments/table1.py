@@ -75,16 +75,7 @@ def foretell(
     steps: int,
     console: Console,
 ) -> Table:
-    """Everyone's accuracy on the test part of a drive.
-
-    Args:
-        data: the drive, see `trainer.experiments.records`.
-        out: a folder that exists, for the supervised networks.
-        policies: names, seeds and policies.
-        rate_hz: pictures of the drive in a second.
-        seeds: how many supervised networks of each kind.
-        steps: updates of each.
-        console: hears of progress.
+    """Everyone's accuracy on the test part of a drive; supervised networks are kept in ``out``.
 
     Raises:
         ConfigError: the drive cannot be read, or is none to learn or to test on.
@@ -172,9 +163,7 @@ def interval(right: np.ndarray, rng: np.random.Generator) -> tuple[float, float]
 def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:
     """Who needs no picture: drawing among three, always the training's commonest turn, the test's.
 
-    Args:
-        wanted: (N,) values of `Turn` of the test.
-        common: the commonest of the training.
+    ``wanted`` are (N,) values of `Turn` of the test.
     """
     drawn = np.random.default_rng(0).integers(len(Turn), size=len(wanted))
     often = int(np.bincount(wanted, minlength=len(Turn)).argmax())

@@ -16,8 +16,8 @@ from robot.errors import ConfigError
 from trainer.transfer.options import ParseOptions, Sources, ThroughOptions
 
 if TYPE_CHECKING:
-    from trainer.transfer.labelled import Split
     from trainer.transfer.parser import Parser
+    from trainer.transfer.sources import Split
 
 _TRAIN, _NOWHERE = ParseOptions(), Sources()
 
@@ -150,9 +150,9 @@ def parse_train_command(
     """
     from trainer.run import take_up
     from trainer.transfer.classes import label_set
-    from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import save_parser, teach
     from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
+    from trainer.transfer.sources import load_sources
 
     def fresh() -> ParseOptions:
         # refused before anything is written
@@ -185,8 +185,8 @@ def parse_evaluate_command(
         sources: as of train.
         json: write the figures there.
     """
-    from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import load_parser
+    from trainer.transfer.sources import load_sources
 
     parser = load_parser(model)
     _report(parser, load_sources(sources, parser.labels, parser.options.size), json, Console())
@@ -227,7 +227,7 @@ def parse_translate_command(
 
 def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console: Console) -> None:
     from trainer.run import write_json
-    from trainer.transfer.metrics import score_classes
+    from trainer.transfer.scores import score_classes
 
     scores = []
     for split in splits:

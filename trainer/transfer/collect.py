@@ -58,12 +58,7 @@ class Source:
 
 
 def collect(out: Path, source: Source, tick: Tick) -> int:
-    """Gather frames; returns how many there were.
-
-    Args:
-        out: a folder that does not exist yet; appears when all frames are there.
-        source: where from, and the most to take.
-        tick: hears of each frame.
+    """Gather frames in a folder that appears when all are there; how many there were.
 
     Raises:
         DuckpilotError: ``out`` exists; a map or look that does not, or is kept for judging; no

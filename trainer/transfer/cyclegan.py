@@ -12,7 +12,6 @@ from torch import nn
 from torch.nn import functional
 
 from robot.contract import ImageSpec
-from robot.errors import ConfigError
 from trainer.presets import preset
 from trainer.resumable import descend, set_rate
 from trainer.transfer.networks import narrow_unet, patch_critic
@@ -45,11 +44,6 @@ class TranslationConfig:
     pool: int = 50  # translations that the critics may see again (Shrivastava et al. 2017)
     seed: int = 0
     device: str = "cpu"
-
-    def __post_init__(self) -> None:
-        if min(self.steps, self.batch) < 1:
-            got = f"{self.steps}, {self.batch}"
-            raise ConfigError(f"translation: expected steps and batch from 1, got {got}")
 
 
 def translation_preset(name: str, sim: tuple[str, ...], real: tuple[str, ...]) -> TranslationConfig:

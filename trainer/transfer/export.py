@@ -17,12 +17,7 @@ TOLERANCE = 1  # grey level, by which rounding may go the other way
 
 
 def export_translator(network: torch.nn.Module, contract: TranslatorContract, path: Path) -> None:
-    """Write one translator and compare it with torch on noise.
-
-    Args:
-        network: (N, H, W, 3) uint8 -> (N, H, W, 3) uint8, whatever is between.
-        contract: goes into the file.
-        path: of the file.
+    """Write a network (N, H, W, 3) uint8 -> the same; compare the file with torch on noise.
 
     Raises:
         ContractError: they disagree by more than a grey level.

@@ -1,34 +1,20 @@
-"""Frames with labels: pairs of pictures, and photographs on which a person drew.
-
-A file of annotations has a ``size`` [width, height] that its pixels count in, and for each
-photograph by name whether it is held out and its ``shapes``: a class of `RoadClass` and a polygon
-[[x, y], ...] or, with a ``width``, a line. Later shapes cover earlier ones. What no shape covers is
-background. The photographs lie elsewhere.
-"""
+"""Frames and what is to be seen in them: folders of pairs, and annotated photographs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from robot.camera.files import read_picture
-from robot.errors import ConfigError, nearest
-from robot.typed_config import load_yaml
+from robot.errors import ConfigError
 from sim_pybullet.classes import SemanticClass
-from trainer.sequences import ends
-from trainer.transfer.classes import CAMVID, ROAD, VOID, LabelSet, RoadClass
-from trainer.transfer.options import Sources, is_collection
+from trainer.transfer.classes import CAMVID, VOID, LabelSet
+from trainer.transfer.options import is_collection
 from trainer.transfer.pictures import label_of, pictures_in
-
-HELD_OUT_SHARE = 0.25  # of each sequence: its end, see `trainer.sequences`
-SHIPPED = {path.stem: path for path in (Path(__file__).parent / "annotations").glob("*.yaml")}
-_VALUES = {**{name: k for k, name in enumerate(ROAD.classes)}, "void": VOID}
-_FRACTION_BITS = 4  # sub-pixels of OpenCV's polygons
 
 
 @dataclass(frozen=True)
@@ -50,64 +36,6 @@ class Labelled:
         return Labelled(self.labels, names, self.frames[chosen], self.truth[chosen])
 
 
-class Split(NamedTuple):
-    """One source of labelled frames."""
-
-    name: str
-    training: Labelled
-    held_out: Labelled
-
-
-@dataclass(frozen=True)
-class Shape:
-    """One thing on a photograph."""
-
-    kind: str  # a class in lower case, or void
-    points: tuple[tuple[float, float], ...]  # x, y [px], continuous: (0, 0) is the top left corner
-    width: float = 0.0  # [px]; of a line; 0 is a filled polygon
-
-
-@dataclass(frozen=True)
-class Photograph:
-    """What a person saw on one photograph."""
-
-    file: str  # its name, without folders
-    held_out: bool
-    shapes: tuple[Shape, ...]
-
-
-@dataclass(frozen=True)
-class Annotations:
-    """A file of them."""
-
-    size: tuple[int, int]  # width, height that the points count in
-    photographs: tuple[Photograph, ...]
-
-
-def load_sources(sources: Sources, labels: LabelSet, size: tuple[int, int]) -> list[Split]:
-    """The training and held-out frames (height, width) of each source, annotated ones last.
-
-    The last quarter of every sequence of pairs is held out.
-
-    Raises:
-        ConfigError: no source, or one that does not hold what it should.
-    """
-    splits = []
-    for folder in sources.pairs:
-        data = load_pairs(Path(folder), labels, size)
-        held = ends(data.names, HELD_OUT_SHARE)
-        splits.append(Split(folder, data.pick(np.flatnonzero(~held)), data.pick(held.nonzero()[0])))
-    if sources.annotations:
-        if not sources.photos or labels is not ROAD:
-            raise ConfigError("annotations: expected --photos, and --labels road")
-        drawn = load_annotations(sources.annotations)
-        halves = load_annotated(drawn, Path(sources.photos), size)
-        splits.append(Split(sources.annotations, *halves))
-    if not splits:
-        raise ConfigError("parse: expected --pairs or --annotations with --photos, got none")
-    return splits
-
-
 def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelled:
     """The pictures of a folder and their labels, resized to (height, width).
 
@@ -124,7 +52,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
             "CamVid's classes; try --labels camvid"
         )
     classes = len(SemanticClass) if simulated else len(CAMVID.classes)
-    frames, truth = np.stack([_read(file, size) for file in files]), []
+    frames, truth = np.stack([read_rgb(file, size) for file in files]), []
     for file in files:
         values = cv2.resize(label_of(file), size[::-1], interpolation=cv2.INTER_NEAREST)
         values = np.where(values < classes, values, VOID).astype(np.uint8)
@@ -132,77 +60,8 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
     return Labelled(labels, tuple(file.stem for file in files), frames, np.stack(truth))
 
 
-def load_annotations(source: str | Path) -> Annotations:
-    """Annotations from a file, or the name of shipped ones.
-
-    Raises:
-        ConfigError: no such file or name, or it does not fit.
-    """
-    path = source if Path(source).exists() else SHIPPED.get(str(source))
-    if path is None:
-        said = nearest(str(source), SHIPPED)
-        raise ConfigError(f"annotations {str(source)!r}: no such file; {said}")
-    return load_yaml(Annotations, Path(path))
-
-
-def load_annotated(
-    annotations: Annotations, photographs: Path, size: tuple[int, int]
-) -> tuple[Labelled, Labelled]:
-    """(training, held-out) frames (height, width) with the labels drawn on them.
-
-    Args:
-        annotations: what was drawn.
-        photographs: a folder that holds the photographs, at any depth.
-        size: (height, width) in pixels of what is returned.
-
-    Raises:
-        ConfigError: a photograph is missing.
-    """
-    paths = {path.name: path for path in photographs.rglob("*") if path.is_file()}
-    drawn = annotations.photographs
-    for photograph in drawn:
-        if photograph.file not in paths:
-            raise ConfigError(
-                f"{photographs}: expected the annotated photograph {photograph.file}, found none "
-                "of that name; point --photos at the set that was annotated"
-            )
-    frames = np.array([_read(paths[each.file], size) for each in drawn]).reshape(-1, *size, 3)
-    truth = np.array([draw(each, annotations.size, size) for each in drawn]).reshape(-1, *size)
-    everything = Labelled(ROAD, tuple(each.file for each in drawn), frames, truth)
-    held = np.array([each.held_out for each in drawn], bool)
-    return everything.pick(np.flatnonzero(~held)), everything.pick(np.flatnonzero(held))
-
-
-def draw(photograph: Photograph, drawn_in: tuple[int, int], size: tuple[int, int]) -> np.ndarray:
-    """(H, W) uint8 labels of one photograph.
-
-    Args:
-        photograph: its shapes.
-        drawn_in: (width, height) in pixels that the shapes count in.
-        size: (height, width) in pixels of what is returned.
-
-    Raises:
-        ConfigError: a shape of an unknown class.
-    """
-    picture = np.full(size, RoadClass.BACKGROUND, np.uint8)
-    scale = np.array(size[::-1]) / np.array(drawn_in)
-    for shape in photograph.shapes:
-        if shape.kind not in _VALUES:
-            said = nearest(shape.kind, _VALUES)
-            raise ConfigError(f"{photograph.file}: unknown class {shape.kind!r}; {said}")
-        # OpenCV's whole numbers are the middles of pixels
-        points = np.round((np.array(shape.points) * scale - 0.5) * 2**_FRACTION_BITS)
-        value, how = _VALUES[shape.kind], (cv2.LINE_8, _FRACTION_BITS)
-        if shape.width > 0.0:
-            width = max(1, round(shape.width * float(scale.mean())))
-            cv2.polylines(picture, [points.astype(np.int32)], False, value, width, *how)
-        else:
-            cv2.fillPoly(picture, [points.astype(np.int32)], value, *how)
-    return picture
-
-
-def _read(path: Path, size: tuple[int, int]) -> np.ndarray:
-    """A picture (H, W, 3) uint8 RGB, resized by area."""
+def read_rgb(path: Path, size: tuple[int, int]) -> np.ndarray:
+    """A picture (H, W, 3) uint8 RGB, resized by area to (height, width)."""
     picture = read_picture(path)
     if picture.shape[:2] == size:
         return picture

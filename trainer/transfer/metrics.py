@@ -1,11 +1,11 @@
-"""How well a translator or a parser does: distances between sets of pictures, lines kept, classes.
+"""What translations are measured by: the distance between sets of pictures, and lines found.
 
-KID is told from features that need no download: those of a fixed network of random
-filters, three convolutions drawn from seed 0, each followed by rectification and halving, averaged
-over a grid of 2 x 2 cells at every depth, and standardised by the set compared with. A deviation
-there counts for no less than one grey level: pictures are rounded to that, and the filters keep the
-scale of what they get (He et al. 2015). In a set whose skies are all alike, without texture, some
-features hardly deviate, and whatever differs from them would be infinitely far away.
+KID is told from features that need no download: those of a fixed network of random filters, three
+convolutions drawn from seed 0, each followed by rectification and halving, averaged over a grid of
+2 x 2 cells at every depth, and standardised by the set compared with. A deviation there counts for
+no less than one grey level: pictures are rounded to that, and the filters keep the scale of what
+they get (He et al. 2015). In a set whose skies are all alike, without texture, some features hardly
+deviate, and whatever differs from them would be infinitely far away.
 
 Untrained filters answer to colour, contrast, sharpness, noise and oriented texture, and hardly to
 what things are: a distance that falls says that pictures have come closer in these. Figures compare
@@ -16,14 +16,12 @@ Inception features.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import torch
 from torch import nn
 
-from trainer.transfer.classes import VOID, LabelSet
 from trainer.transfer.networks import as_floats
 
 _CHANNELS = (16, 24, 32)
@@ -119,50 +117,6 @@ def overlap(found: np.ndarray, expected: np.ndarray) -> float:
     both = ((found > 0) & (expected > 0)).sum()
     either = ((found > 0) | (expected > 0)).sum()
     return float(both / either) if either else 1.0
-
-
-@dataclass(frozen=True)
-class ClassScore:
-    """One class on some frames; NaN where the frames hold none of it."""
-
-    name: str
-    pixels: float  # share of the labelled pixels
-    accuracy: float  # share of its pixels that were found
-    iou: float  # intersection over union with the guesses
-
-
-@dataclass(frozen=True)
-class ParsingScore:
-    """A parser on labelled frames."""
-
-    source: str  # of the frames
-    frames: int
-    pixel_accuracy: float
-    class_accuracy: float  # mean over the classes that occur
-    mean_iou: float  # likewise
-    classes: tuple[ClassScore, ...]
-
-
-def score_classes(
-    truth: np.ndarray, guess: np.ndarray, labels: LabelSet, source: str = ""
-) -> ParsingScore:
-    """The scores of guesses (N, H, W) uint8; pixels whose truth is void do not count."""
-    classes, counted = len(labels.classes), truth != VOID
-    pairs = truth[counted].astype(np.int64) * classes + guess[counted]
-    matrix = np.bincount(pairs, minlength=classes**2).reshape(classes, classes).astype(float)
-    hit, there, guessed = np.diag(matrix), matrix.sum(1), matrix.sum(0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        accuracy = np.where(there > 0, hit / there, np.nan)
-        iou = np.where(there > 0, hit / (there + guessed - hit), np.nan)
-    rows = zip(labels.classes, there / matrix.sum(), accuracy, iou, strict=True)
-    return ParsingScore(
-        source,
-        len(truth),
-        float(hit.sum() / matrix.sum()),
-        float(np.nanmean(accuracy)),
-        float(np.nanmean(iou)),
-        tuple(ClassScore(name, float(p), float(a), float(i)) for name, p, a, i in rows),
-    )
 
 
 def _network() -> list[nn.Module]:

@@ -28,8 +28,9 @@ from trainer.transfer.classes import VOID, label_set
 from trainer.transfer.export import export_translator
 from trainer.transfer.labelled import Labelled
 from trainer.transfer.metrics import through
-from trainer.transfer.networks import SEGNETS, SegNet, painted
+from trainer.transfer.networks import painted
 from trainer.transfer.options import ParseOptions
+from trainer.transfer.segnet import SEGNETS, SegNet
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
 LEARNING_RATE = 2e-3  # falls to zero along a cosine

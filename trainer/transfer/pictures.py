@@ -1,4 +1,4 @@
-"""Folders of pictures: photographs, CamVid's pairs, collections from the simulator.
+"""Folders of pictures, and sheets of them.
 
 Pictures lie in ``image/``, in ``images/image/`` (CamVid), or anywhere in the folder itself; labels,
 where there are any, in ``label/`` beside ``image/``.
@@ -21,7 +21,8 @@ from robot.inference.preprocess import preprocess
 from robot.output import write_png
 from sim_pybullet.classes import SemanticClass
 
-PAINTS = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
+_C = SemanticClass
+PAINTS = (_C.WHITE_LINE, _C.YELLOW_LINE, _C.RED_LINE, _C.ROAD)
 SHEET_ROWS = 6
 _ENLARGED, _GAP = 2, 4  # of pictures on a sheet
 
@@ -52,11 +53,7 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def label_of(picture: Path) -> np.ndarray:
-    """The grey values (H, W) uint8 of a picture's label.
-
-    Raises:
-        ConfigError: there is none.
-    """
+    """The grey values (H, W) uint8 of a picture's label; ConfigError if there is none."""
     path = picture.parent.parent / "label" / f"{picture.stem}.png"
     label = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.exists() else None
     if label is None:
@@ -68,11 +65,7 @@ def label_of(picture: Path) -> np.ndarray:
 
 
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
-    """All pictures of some folders, as a policy's pictures.
-
-    Raises:
-        ConfigError: a folder is absent or holds no pictures, or none was named.
-    """
+    """All pictures of some folders, as a policy's; ConfigError where there are none."""
     if not folders:
         raise ConfigError("pictures: expected at least one folder, got none")
     found = [pictures_in(folder) for folder in folders]
@@ -84,18 +77,15 @@ def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
 def load_paint(pictures: Pictures, image: ImageSpec) -> np.ndarray:
     """How much of each pixel is paint or bare road, for pictures of simulated collections.
 
-    Returns:
-        (N, 4, H, W) uint8, 255 is all of it: white, yellow and red lines, road; resized by area.
+    (N, 4, H, W) uint8, 255 is all of it: white, yellow and red lines, road; resized by area.
 
     Raises:
         ConfigError: a picture has no label beside it.
     """
     size, shares = (image.width_px, image.height_px), []
-    for file in pictures.files:
-        label = label_of(file)
-        masks = [np.where(label == kind, 255, 0) for kind in (*PAINTS, SemanticClass.ROAD)]
-        small = [cv2.resize(m.astype(np.uint8), size, interpolation=cv2.INTER_AREA) for m in masks]
-        shares.append(small)
+    for label in map(label_of, pictures.files):
+        masks = [np.uint8(255) * (label == kind) for kind in PAINTS]
+        shares.append([cv2.resize(mask, size, interpolation=cv2.INTER_AREA) for mask in masks])
     return np.array(shares)[:, :, image.crop_top_px :]
 
 
@@ -114,5 +104,4 @@ def _column(name: str, pictures: np.ndarray) -> np.ndarray:
     cv2.putText(title, name, (2, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
     large = pictures.repeat(_ENLARGED, 1).repeat(_ENLARGED, 2)
     around = ((0, 0), (0, _GAP), (0, _GAP), (0, 0))
-    rows = np.pad(large, around, constant_values=255)
-    return np.vstack([title, *rows])
+    return np.vstack([title, *np.pad(large, around, constant_values=255)])

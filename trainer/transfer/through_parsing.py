@@ -38,12 +38,7 @@ FRAME = (120, 160)  # height, width [px]
 
 
 def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
-    """Do what is left of a run; the translator's path.
-
-    Args:
-        out: the run's folder, which holds its configuration.
-        run: that configuration.
-        console: where progress is shown.
+    """Do what is left of a run in the folder ``out``; the translator's path.
 
     Raises:
         ConfigError: the simulator's frames, the photographs or the parser do not fit.

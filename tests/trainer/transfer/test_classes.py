@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError
 from sim_pybullet.classes import SemanticClass
 from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet, label_set
-from trainer.transfer.metrics import score_classes
+from trainer.transfer.scores import score_classes
 
 SETS = pytest.mark.parametrize("labels", LABEL_SETS.values(), ids=str)
 

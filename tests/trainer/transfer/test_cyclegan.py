@@ -90,8 +90,6 @@ def test_the_pool_gives_back_earlier_pictures() -> None:
     assert len(pool.pictures) == 2
 
 
-def test_names_and_numbers_are_checked() -> None:
-    with pytest.raises(ConfigError, match="steps and batch from 1"):
-        config(batch=0)
+def test_names_of_presets_are_checked() -> None:
     with pytest.raises(ConfigError, match="did you mean 'paper'"):
         translation_preset("papers", (), ())

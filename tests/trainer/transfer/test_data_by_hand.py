@@ -16,9 +16,10 @@ from robot.errors import ConfigError, ContractError
 from robot.navigation.road_map import load_map, read_map
 from trainer.sequences import ends
 from trainer.transfer import collect, parser, unpaired
+from trainer.transfer.annotations import Photograph, Shape, draw
 from trainer.transfer.classes import ROAD, VOID
 from trainer.transfer.export import _check_equal
-from trainer.transfer.labelled import Labelled, Photograph, Shape, draw
+from trainer.transfer.labelled import Labelled
 from trainer.transfer.options import ParseOptions, Sources, ThroughOptions
 from trainer.transfer.parser import Parser, class_weights, draw_batch
 from trainer.transfer.pictures import Pictures, draw_sheet, load_paint, pictures_in, spread

@@ -8,8 +8,7 @@ import yaml
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.classes import CAMVID, ROAD, VOID, RoadClass
-from trainer.transfer.labelled import (
+from trainer.transfer.annotations import (
     SHIPPED,
     Annotations,
     Photograph,
@@ -17,11 +16,12 @@ from trainer.transfer.labelled import (
     draw,
     load_annotated,
     load_annotations,
-    load_pairs,
-    load_sources,
 )
+from trainer.transfer.classes import CAMVID, ROAD, VOID, RoadClass
+from trainer.transfer.labelled import load_pairs
 from trainer.transfer.options import Sources
 from trainer.transfer.parser import draw_batch
+from trainer.transfer.sources import load_sources
 
 SIZE = (12, 16)
 

@@ -14,8 +14,8 @@ from trainer.transfer.metrics import (
     features,
     kernel_distance,
     overlap,
-    score_classes,
 )
+from trainer.transfer.scores import score_classes
 from trainer.transfer.structure import structure
 
 

@@ -12,10 +12,10 @@ from trainer.cli import main
 from trainer.resumable import Loop
 from trainer.transfer.classes import ROAD
 from trainer.transfer.labelled import Labelled
-from trainer.transfer.metrics import score_classes
-from trainer.transfer.networks import SegNet, unpooled
 from trainer.transfer.options import ParseOptions
 from trainer.transfer.parser import class_weights, load_parser, save_parser, teach
+from trainer.transfer.scores import score_classes
+from trainer.transfer.segnet import SegNet, unpooled
 
 HEIGHT, WIDTH = 24, 32
 

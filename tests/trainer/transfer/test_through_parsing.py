@@ -11,7 +11,7 @@ from robot.inference.translator import OnnxTranslator
 from trainer.cli import main
 from trainer.presets import preset
 from trainer.transfer.classes import ROAD, RoadClass
-from trainer.transfer.networks import SEGNETS, as_bytes, as_floats
+from trainer.transfer.networks import as_bytes, as_floats
 from trainer.transfer.options import NETS, ParseOptions, ThroughOptions
 from trainer.transfer.parser import Parser, save_parser
 from trainer.transfer.pix2pix import (
@@ -23,6 +23,7 @@ from trainer.transfer.pix2pix import (
     Pix2PixConfig,
     fitted,
 )
+from trainer.transfer.segnet import SEGNETS
 from trainer.transfer.through_parsing import ThroughParsing
 
 
