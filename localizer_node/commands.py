@@ -103,15 +103,12 @@ def locate(arguments: argparse.Namespace) -> None:
 
 
 def _located(found: List[Detection], inputs: Dict[str, str]) -> Dict[str, Any]:
-    best = found[0] if found else None
+    best = to_plain(found[0]) if found else {"confidence": 0.0}
+    keys = ("robot", "x_m", "y_m", "heading_rad", "confidence")
     return {
         "schema": SCHEMA,
         "inputs": inputs,
-        "found": best is not None,
-        "robot": None if best is None else best.robot,
-        "x_m": None if best is None else best.x_m,
-        "y_m": None if best is None else best.y_m,
-        "heading_rad": None if best is None else best.heading_rad,
-        "confidence": 0.0 if best is None else best.confidence,
+        "found": bool(found),
+        **{key: best.get(key) for key in keys},
         "robots": [to_plain(d) for d in found],
     }

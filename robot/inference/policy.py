@@ -24,8 +24,6 @@ class OnnxPolicy:
 
     Args:
         path: the model; its metadata holds a ``PolicyContract``.
-        threads: of one inference. One is as fast as four for these networks, and leaves the
-            other cores of a Jetson Nano to the camera and the motors.
         actions: of another vehicle; see `robot.inference.policy_file.open_policy_file`.
 
     Raises:
@@ -33,11 +31,9 @@ class OnnxPolicy:
             metadata, or its actions, inputs, outputs or values are not those of the contract.
     """
 
-    def __init__(
-        self, path: Union[str, Path], threads: int = 1, actions: Optional[ActionTable] = None
-    ) -> None:
+    def __init__(self, path: Union[str, Path], actions: Optional[ActionTable] = None) -> None:
         self.path = Path(path)
-        self.contract, self._session = open_policy_file(self.path, threads, actions)
+        self.contract, self._session = open_policy_file(self.path, actions)
         self._warm_up()
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:

@@ -37,20 +37,19 @@ def _stated(path: Union[str, Path], network: Any) -> PolicyContract:
 
 
 def open_policy_file(
-    path: Union[str, Path], threads: int = 1, actions: Optional[ActionTable] = None
+    path: Union[str, Path], actions: Optional[ActionTable] = None
 ) -> Tuple[PolicyContract, Any]:
     """The contract inside a policy file, and the onnxruntime session that keeps it.
 
     Args:
         path: of the file.
-        threads: of one inference.
         actions: of another vehicle, whose table the policy must have; without, this robot's wheels
             must be able to do each.
 
     Raises:
         ContractError: see `robot.inference.policy.OnnxPolicy`.
     """
-    network = open_network(path, REMEDY, threads)
+    network = open_network(path, REMEDY)
     contract = _stated(path, network)
     _check_actions(path, contract.actions, actions)
     for what, got, valid in (

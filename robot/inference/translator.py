@@ -70,9 +70,9 @@ class OnnxTranslator:
             metadata, or its input or output are not those of the contract.
     """
 
-    def __init__(self, path: Union[str, Path], threads: int = 1) -> None:
+    def __init__(self, path: Union[str, Path]) -> None:
         self.path = Path(path)
-        self._network = open_network(path, REMEDY, threads)
+        self._network = open_network(path, REMEDY)
         text = read_metadata(path, self._network, TranslatorContract.METADATA_KEY, REMEDY)
         try:
             self.contract = from_plain(TranslatorContract, json.loads(text), "translator metadata")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import platform
 from dataclasses import dataclass, field
@@ -46,10 +45,6 @@ def describe(
         "model": Path(config.model).name,
         "max_wheel_mps": repr(config.safety.max_wheel_mps),
         "config": json.dumps(to_plain(config)),
-        **{
-            f"sha256 {name}": hashlib.sha256(path.read_bytes()).hexdigest()
-            for name, path in models.items()
-        },
         **arithmetic(),
     }
     return Subject(config.name, about, models, odometry, report, overhead)

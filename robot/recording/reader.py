@@ -74,24 +74,20 @@ def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
                 yield Entry(topic, time_s, record.sequence, record.data)
 
 
-def read_about(path: PathLike, name: str = ABOUT) -> Dict[str, str]:
-    """Facts of a recording: robot, model and versions; {} where it has none of this name."""
+def read_about(path: PathLike) -> Dict[str, str]:
+    """Facts of a recording: robot, model and versions; {} where it has none."""
     from mcap.records import Metadata
 
-    for record in records(path):
-        if isinstance(record, Metadata) and record.name == name:
-            return dict(record.metadata)
-    return {}
+    found = (r for r in records(path) if isinstance(r, Metadata) and r.name == ABOUT)
+    return next((dict(record.metadata) for record in found), {})
 
 
 def read_attachment(path: PathLike, name: str) -> Optional[bytes]:
     """A file inside a recording; None where it has none of this name."""
     from mcap.records import Attachment
 
-    for record in records(path):
-        if isinstance(record, Attachment) and record.name == name:
-            return bytes(record.data)
-    return None
+    found = (r for r in records(path) if isinstance(r, Attachment) and r.name == name)
+    return next((bytes(record.data) for record in found), None)
 
 
 def read_frames(path: PathLike) -> Iterator[Tuple[float, np.ndarray]]:
