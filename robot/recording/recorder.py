@@ -25,7 +25,7 @@ from robot.link.telemetry import Reading
 from robot.parts import Tick
 from robot.recording.about import Subject
 from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile, DriveLog, Heard
-from robot.recording.repair import recover_folder
+from robot.recording.reader import recover_folder
 from robot.safety.state_machine import State
 
 FLUSH_S = 0.5  # what a power cut can take

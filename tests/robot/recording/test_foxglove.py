@@ -17,8 +17,7 @@ from robot.link.messages import PoseMessage
 from robot.link.telemetry import Telemetry
 from robot.recording import topics
 from robot.recording.drive_file import UNFINISHED
-from robot.recording.reader import entries
-from robot.recording.repair import recover_folder
+from robot.recording.reader import entries, recover_folder
 from tests.robot.recording.drives import Robot, record
 
 pytest.importorskip("mcap")

@@ -13,8 +13,14 @@ from hypothesis import strategies as st
 from robot.errors import ConfigError
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile
-from robot.recording.reader import Entry, entries, read_about, read_attachment
-from robot.recording.repair import recover, recover_folder
+from robot.recording.reader import (
+    Entry,
+    entries,
+    read_about,
+    read_attachment,
+    recover,
+    recover_folder,
+)
 
 pytest.importorskip("mcap")
 
