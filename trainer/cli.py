@@ -43,7 +43,6 @@ COMMANDS: Mapping[str, Command | Group] = {
     "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),
     "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, drives"),
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),
-    "summary": Command(f"{_RUN}:summary_command", "how large the policies of a preset are"),
     "collect": Command(f"{_SEE}:collect_command", "gather frames from simulator or pictures"),
     "translate": {
         "train": Command(

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import Progress, track
-from rich.table import Table
+from rich.progress import Progress
 
 from robot.errors import ConfigError
 from trainer.options import EvaluateOptions, TrainOptions
@@ -205,31 +203,4 @@ def explain_command(model: Path, images: Path, out: Path) -> int:
 
     count = write_explained(model, images, out)
     Console(soft_wrap=True).print(f"{out}: {count} pictures, some of them on sheet.png")
-    return 0
-
-
-def summary_command(preset_name: Annotated[str, tyro.conf.arg(name="preset")] = "fast") -> int:
-    """How many parameters are trained and how many drive, for every task and algorithm.
-
-    Args:
-        preset_name: paper, fast or debug.
-    """
-    from sim_pybullet.tasks.spec import learned_tasks
-    from trainer.algorithms import NAMES
-    from trainer.config import choose
-    from trainer.learners.networks import GreedyNetwork
-    from trainer.learners.policies import build_policy
-    from trainer.presets import PRESETS, preset
-
-    choose("preset", preset_name, PRESETS)
-    table = Table("task", "algorithm", "picture", "parameters", "driving", title=preset_name)
-    every = list(itertools.product([spec.name for spec in learned_tasks()], NAMES))
-    for task, name in track(every, "building policies", console=Console(stderr=True)):
-        config = preset(task, name, preset_name)
-        policy = build_policy(config)
-        trained = sum(p.numel() for n, p in policy.named_parameters() if "target" not in n)
-        driving = sum(p.numel() for p in GreedyNetwork(policy).parameters())
-        image = "x".join(map(str, config.image.shape))
-        table.add_row(task, name, image, f"{trained:,}", f"{driving:,}")
-    Console().print(table)
     return 0

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
@@ -35,6 +38,34 @@ def make_env(
     pool_size = max(spec.painted // len(task.road_maps), _FEWEST_LOOKS)
     translator = open_translator(config.translate, image) if config.translate else None
     return DuckpilotVecEnv(BatchWorld(task, looks, image, seed, pool_size, camera, translator))
+
+
+def parts_of(observation: Any) -> dict[str, np.ndarray]:
+    """What robots see, by name; of pictures alone ``image``."""
+    return dict(observation) if isinstance(observation, dict) else {"image": observation}
+
+
+class SeenOtherwise(VecEnvWrapper):
+    """Robots see something else than their environment shows: what two methods make of it."""
+
+    def see(self, seen: Any) -> Any:
+        """Of what all robots see."""
+        raise NotImplementedError
+
+    def see_last(self, seen: Any, robot: int) -> Any:
+        """Of what one robot saw last in an episode that has ended."""
+        raise NotImplementedError
+
+    def reset(self) -> VecEnvObs:
+        """As of the environment, seen otherwise."""
+        return self.see(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """As of the environment, seen otherwise."""
+        seen, rewards, done, infos = self.venv.step_wait()
+        for i in np.flatnonzero(done).tolist():
+            infos[i]["terminal_observation"] = self.see_last(infos[i]["terminal_observation"], i)
+        return self.see(seen), rewards, done, infos
 
 
 class ScaledReward(VecEnvWrapper):

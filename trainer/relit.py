@@ -10,8 +10,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
+
+from trainer.envs import SeenOtherwise, parts_of
 
 GAINS = (0.7, 1.4)  # of brightness, and of each colour by the square root of it
 GAMMAS = (0.7, 1.4)
@@ -33,7 +34,7 @@ def relit(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(cv2.LUT(frames, draw_light(rng)[None])).reshape(picture.shape)
 
 
-class Relit(VecEnvWrapper):
+class Relit(SeenOtherwise):
     """Whatever a robot sees, it sees under a light of its own: one for all frames of a stack.
 
     Args:
@@ -45,25 +46,12 @@ class Relit(VecEnvWrapper):
         super().__init__(env)
         self._rng = rng
 
-    def reset(self) -> VecEnvObs:
-        """As of the environment, relit."""
-        return self._all(self.venv.reset())
+    def see(self, seen: Any) -> Any:
+        """Each picture under a light of its own."""
+        pictures = np.stack([relit(each, self._rng) for each in parts_of(seen)["image"]])
+        return {**seen, "image": pictures} if isinstance(seen, dict) else pictures
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """As of the environment, relit."""
-        seen, rewards, done, infos = self.venv.step_wait()
-        for i in np.flatnonzero(done):
-            last = infos[i]["terminal_observation"]
-            infos[i]["terminal_observation"] = _with(last, relit(_image(last), self._rng))
-        return self._all(seen), rewards, done, infos
-
-    def _all(self, seen: Any) -> Any:
-        return _with(seen, np.stack([relit(picture, self._rng) for picture in _image(seen)]))
-
-
-def _image(seen: Any) -> np.ndarray:
-    return np.asarray(seen["image"] if isinstance(seen, dict) else seen)
-
-
-def _with(seen: Any, image: np.ndarray) -> Any:
-    return {**seen, "image": image} if isinstance(seen, dict) else image
+    def see_last(self, seen: Any, robot: int) -> Any:  # noqa: ARG002
+        """Likewise."""
+        picture = relit(parts_of(seen)["image"], self._rng)
+        return {**seen, "image": picture} if isinstance(seen, dict) else picture

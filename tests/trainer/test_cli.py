@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from trainer.cli import main
-from trainer.presets import preset
 
 
 def test_wrong_names_are_one_line_and_status_2(
@@ -31,17 +30,6 @@ def test_an_output_that_cannot_be_is_status_2(
     out = str(tmp_path / "file" / "run")
     assert main(["train", "--preset", "debug", "--out", out]) == 2
     assert "Not a directory" in capsys.readouterr().err
-
-
-def test_summary_names_every_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["summary", "--preset", "debug"]) == 0
-    out = capsys.readouterr().out
-    assert all(name in out for name in ("ddqn", "dueling", "a2c", "a3c", "ppo", "dagger"))
-    net = preset("lane", "ppo", "debug").net
-    critic = (net.image_fc * net.head_fc + net.head_fc) + (net.head_fc + 1)
-    (row,) = [line for line in out.splitlines() if {"lane", "ppo"} <= set(line.split())]
-    trained, driving = (int(word.replace(",", "")) for word in row.split()[-4:-1:2])
-    assert trained - driving == critic
 
 
 def test_an_unknown_flag_is_status_2() -> None:

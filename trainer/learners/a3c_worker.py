@@ -12,7 +12,6 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import time
-from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -24,7 +23,7 @@ from torch.nn.utils import clip_grad_norm_, parameters_to_vector, vector_to_para
 
 from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
-from trainer.envs import ScaledReward
+from trainer.envs import ScaledReward, parts_of
 from trainer.learners.actor_critic import entropies
 from trainer.learners.policies import build_policy, learning_rates
 
@@ -128,10 +127,9 @@ class Worker:
         reward = reward.astype(np.float32)
         for i in np.flatnonzero(done):
             if infos[i].get("TimeLimit.truncated"):
-                last = infos[i]["terminal_observation"]
-                parts = last if isinstance(last, dict) else {"image": last}
+                last = parts_of(infos[i]["terminal_observation"])
                 with torch.no_grad():
-                    alone = {name: torch.from_numpy(part[None]) for name, part in parts.items()}
+                    alone = {name: torch.from_numpy(part[None]) for name, part in last.items()}
                     reward[i] += self._learn.gamma * float(_evaluate(self._policy, alone)[1])
         return reward
 
@@ -215,9 +213,8 @@ def _evaluate(policy: ActorCriticPolicy, seen: Tensors) -> tuple[torch.Tensor, t
     return policy.action_net(actor), policy.value_net(critic)[:, 0]
 
 
-def _tensors(observation: np.ndarray | Mapping[str, np.ndarray] | Any) -> Tensors:
-    parts = observation if isinstance(observation, Mapping) else {"image": observation}
-    return {name: torch.from_numpy(np.array(part)) for name, part in parts.items()}
+def _tensors(observation: Any) -> Tensors:
+    return {name: torch.from_numpy(np.array(p)) for name, p in parts_of(observation).items()}
 
 
 def _joined(seen: list[Tensors]) -> Tensors:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,8 +17,6 @@ from gymnasium import spaces
 from rich.console import Console
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.vec_env import VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from robot.contract import PATH_POINTS
 from robot.navigation.guidance import path_inputs
@@ -25,7 +24,7 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.rendering.camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
-from trainer.envs import ScaledReward, make_env
+from trainer.envs import ScaledReward, SeenOtherwise, make_env
 from trainer.run import atomically
 from trainer.torch_file import reading
 
@@ -45,25 +44,20 @@ class Coach:
         return self._policy.predict(told(world), deterministic=True)[0]
 
 
-class Told(VecEnvWrapper):
+class Told(SeenOtherwise):
     """Robots that are told what a coach knows; when an episode ends, already of the next one."""
 
     def __init__(self, env: DuckpilotVecEnv) -> None:
         super().__init__(env, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32))
         self._world = env.world
 
-    def reset(self) -> VecEnvObs:
-        """As of the environment."""
-        self.venv.reset()
+    def see(self, seen: Any) -> np.ndarray:  # noqa: ARG002
+        """What a coach knows."""
         return told(self._world)
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """As of the environment."""
-        _, rewards, done, infos = self.venv.step_wait()
-        known = told(self._world)
-        for i in np.flatnonzero(done):
-            infos[i]["terminal_observation"] = known[i]
-        return known, rewards, done, infos
+    def see_last(self, seen: Any, robot: int) -> np.ndarray:  # noqa: ARG002
+        """Likewise."""
+        return told(self._world)[robot]
 
 
 def told(world: BatchWorld) -> np.ndarray:

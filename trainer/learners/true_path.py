@@ -13,17 +13,17 @@ from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import PATH_POINTS
 from robot.navigation.guidance import path_inputs
 from sim_pybullet.vec_env import DuckpilotVecEnv
+from trainer.envs import SeenOtherwise, parts_of
 
 TRUE_PATH = "true_path"
 
 
-class WithTruePath(VecEnvWrapper):
+class WithTruePath(SeenOtherwise):
     """Adds ``true_path`` to what N robots see: the path inputs (N, PATH_POINTS) of true poses.
 
     See `robot.navigation.guidance`. The last observation of an ended episode has zeros there:
@@ -37,24 +37,12 @@ class WithTruePath(VecEnvWrapper):
         super().__init__(env, spaces.Dict({**parts, TRUE_PATH: seen}))
         self._world = cast(DuckpilotVecEnv, env).world
 
-    def reset(self) -> VecEnvObs:
-        """As of the environment, with the true paths."""
-        return self._with_path(self.venv.reset())
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """As of the environment, with the true paths."""
-        observation, rewards, done, infos = self.venv.step_wait()
-        for i in np.flatnonzero(done):
-            last = _parts(infos[i]["terminal_observation"])
-            last[TRUE_PATH] = np.zeros(PATH_POINTS, np.float32)
-            infos[i]["terminal_observation"] = last
-        return self._with_path(observation), rewards, done, infos
-
-    def _with_path(self, observation: Any) -> dict[str, np.ndarray]:
+    def see(self, seen: Any) -> dict[str, np.ndarray]:
+        """With the true paths."""
         world = self._world
         true = path_inputs(world.task.paths, world.poses, world.task.course.arc_m)
-        return {**_parts(observation), TRUE_PATH: true}
+        return {**parts_of(seen), TRUE_PATH: true}
 
-
-def _parts(observation: Any) -> dict[str, np.ndarray]:
-    return dict(observation) if isinstance(observation, dict) else {"image": observation}
+    def see_last(self, seen: Any, robot: int) -> dict[str, np.ndarray]:  # noqa: ARG002
+        """With zeros."""
+        return {**parts_of(seen), TRUE_PATH: np.zeros(PATH_POINTS, np.float32)}

@@ -9,11 +9,6 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-import numpy as np
-
-from robot.errors import ConfigError
-from sim_pybullet.look import NOMINAL
-from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.spec import PaperRow, find_task
 from trainer.algorithms import find_algorithm
 from trainer.judging.drive_log import Track
@@ -190,13 +185,9 @@ def _where(asked: Inputs, learned: str) -> str:
 
 def _pose(asked: Inputs) -> str:
     """How wrong the overhead poses were."""
-    if asked.pose_error not in (None, "none"):
-        return f"pose error {asked.pose_error}"
-    try:
-        pose = load_look_sampler(asked.look, asked.pose_error)(np.random.default_rng(0)).pose
-    except ConfigError:  # its file is gone
-        return "pose error of the look"
-    return "true pose" if pose == NOMINAL.pose else "pose error of the look"
+    if asked.pose_error == "none" or (asked.pose_error is None and asked.look == "nominal"):
+        return "true pose"
+    return f"pose error {asked.pose_error or 'of the look'}"
 
 
 def _percent(share: float) -> str:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
+from trainer.envs import parts_of
 from trainer.learners.networks import GreedyNetwork
 
 RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
@@ -41,8 +42,7 @@ def drive_greedily(
     which, robots = np.zeros(env.num_envs, dtype=int), np.arange(env.num_envs)
     while (which < rounds).any():
         if watch is not None and not which[0]:
-            seen = observation["image"] if isinstance(observation, dict) else observation
-            watch(np.asarray(seen)[0, ..., -3:].copy())
+            watch(parts_of(observation)["image"][0, ..., -3:].copy())
         observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
         rewards[which, robots] += reward
         steps[which, robots] += 1
@@ -61,8 +61,7 @@ def collect_observations(
     observation = env.reset()
     batches = []
     for _ in range(-(-count // env.num_envs)):
-        parts = observation if isinstance(observation, dict) else {"image": observation}
-        batches.append({name: np.array(part) for name, part in parts.items()})
+        batches.append({n: np.array(part) for n, part in parts_of(observation).items()})
         chosen = network.actions(observation)  # type: ignore[arg-type]
         random = rng.integers(int(env.action_space.n), size=env.num_envs)  # type: ignore[attr-defined]
         observation, *_ = env.step(
