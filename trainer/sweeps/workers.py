@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import socket
+import subprocess
 import sys
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,11 +17,13 @@ from typing import Any, Protocol
 
 from rich.console import Console
 
+from robot.command_line import one_line
 from robot.errors import ConfigError, DuckpilotError
 from trainer.one_thread import ONE_THREAD, one_thread_each
 
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 ANSWER_S = 15.0  # that a cluster may take to answer
+_TRY = "import sys, ray; ray.init(sys.argv[1], log_to_driver=False, logging_level='ERROR')"
 
 
 class Job(Protocol):
@@ -123,33 +126,26 @@ class RayWorkers:
 
 
 def _connect(address: str) -> Any:
-    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "error")
     try:
         import ray
     except ImportError as error:
         raise ConfigError(
             "ray: expected the package ray, found none; install duckpilot[scale]"
         ) from error
-    told = [f"no answer in {ANSWER_S:.0f} s"]
-
-    def connect() -> None:
-        environment = {"env_vars": ONE_THREAD}
-        try:
-            ray.init(
-                address, log_to_driver=False, logging_level=logging.ERROR, runtime_env=environment
-            )
-        except (ConnectionError, ValueError) as error:
-            told[0] = str(error)
-
-    # Ray itself waits for a quarter of an hour where nobody answers.
-    waiting = threading.Thread(target=connect, daemon=True)
-    waiting.start()
-    waiting.join(ANSWER_S)
-    if waiting.is_alive() or not ray.is_initialized():
+    told = f"no answer in {ANSWER_S:.0f} s"
+    try:  # in a process that can be ended: Ray itself waits for a quarter of an hour
+        command = [sys.executable, "-c", _TRY, address]
+        tried = subprocess.run(command, capture_output=True, timeout=ANSWER_S, check=False)
+        told = one_line(tried.stderr.decode(errors="replace"))[-200:] if tried.returncode else ""
+    except subprocess.TimeoutExpired:
+        pass
+    if told:
         raise ConfigError(
             f"ray {address!r}: expected the address of a running cluster (ray start --head), "
-            f"got: {told[0]}"
+            f"got: {told}"
         )
+    environment = {"env_vars": ONE_THREAD}
+    ray.init(address, log_to_driver=False, logging_level=logging.ERROR, runtime_env=environment)
     return ray
 
 

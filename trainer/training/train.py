@@ -5,13 +5,15 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from rich.console import Console
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig, judged
@@ -60,110 +62,90 @@ def train(
         DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
     """
     torch.set_num_threads(config.threads)
-    session = _Session(config, folder, make_env, console, clock, checkpoint_period_s)
-    try:
-        session.learn()
-        return session.finish()
-    finally:
-        session.close()
-
-
-class _Session:
-    """One process's share of a run."""
-
-    def __init__(
-        self,
-        config: RunConfig,
-        folder: RunFolder,
-        make_env: EnvMaker,
-        console: Console,
-        clock: Clock,
-        checkpoint_period_s: float,
-    ) -> None:
-        self.config, self.folder = config, folder
+    with ExitStack() as closing:
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
-        self.evaluation_env = make_env(judged(config), drivers, config.seed)
+        judging_env = make_env(judged(config), drivers, config.seed)
+        closing.callback(judging_env.close)
         algorithm = find_algorithm(config.algorithm)
-        robots = self.evaluation_env
+        env = judging_env
         if not algorithm.own_worlds:
-            robots = make_env(config, config.learn.robots, config.seed)
-        if config.true_path:
-            robots = WithTruePath(robots)
-        if config.relit:
-            robots = Relit(robots, np.random.default_rng(config.seed))
-        self.env = ScaledReward(robots, config.reward_scale)
+            env = make_env(config, config.learn.robots, config.seed)
+            closing.callback(env.close)
+        env = _as_learned(config, env)
         folder.go_on(config)
-        self.model = algorithm.build(Making(config, self.env, folder, make_env, console))
-        self.state = TrainState()
+        model = algorithm.build(Making(config, env, folder, make_env, console))
+        state = TrainState()
         if folder.checkpoint.exists():
-            self.state = load_checkpoint(folder.checkpoint, self.model)
-            self.state.stopped_by = ""
-            self.model.set_random_seed(config.seed + self.model.num_timesteps)
-        board = str(folder.tensorboard)
-        folder.tensorboard.mkdir(parents=True, exist_ok=True)
-        self.model.set_logger(Logger(board, [TensorBoardOutputFormat(board)]))
-        self.log = EpisodeLog(folder, self.model.num_timesteps)
-        beside = (self.log, self.evaluation_env, console, clock, checkpoint_period_s)
-        self.watch = Watch(config, folder, self.state, *beside)
-        self.watch.init_callback(self.model)
+            state = load_checkpoint(folder.checkpoint, model)
+            state.stopped_by = ""
+            model.set_random_seed(config.seed + model.num_timesteps)
+        closing.callback(_close_replay, model, state)
+        model.set_logger(_logger(folder))
+        closing.callback(model.logger.close)
+        log = EpisodeLog(folder, model.num_timesteps)
+        closing.callback(log.close)
+        watch = Watch(config, folder, state, log, judging_env, console, clock, checkpoint_period_s)
+        watch.init_callback(model)
+        closing.callback(watch.close)
+        with _stop_on_signal(state):
+            steps = max(0, config.steps - model.num_timesteps)
+            model.learn(steps, watch, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # we log ourselves
+        state.stopped_by = state.stopped_by or "steps"
+        return _finish(config, folder, judging_env, watch, log.count)
 
-    def learn(self) -> None:
-        """Until something stops it."""
-        with _stop_on_signal(self.state):
-            self.model.learn(
-                max(0, self.config.steps - self.model.num_timesteps),
-                callback=self.watch,
-                log_interval=None,  # type: ignore[arg-type]  # we log ourselves
-                reset_num_timesteps=False,
-            )
-        self.state.stopped_by = self.state.stopped_by or "steps"
 
-    def finish(self) -> Metrics:
-        """Leave the files; an interrupted run has no model and no metrics yet."""
-        evaluations, reason = self.state.evaluations, self.state.stopped_by
-        interrupted = reason == "interrupted"
-        if not interrupted and not (
-            evaluations and evaluations[-1].step == self.model.num_timesteps
-        ):
-            self.watch.evaluate()
-            self.state.stopped_by = reason
-        self.watch.save()
-        draw_curve(self.folder, self.config)
-        metrics = self._metrics()
-        if not interrupted:
-            env = self.evaluation_env
-            export_run(self.folder, self.config, env, frames=10 * env.num_envs, int8=False)
-            write_json(self.folder.metrics, metrics)
-        return metrics
+def _as_learned(config: RunConfig, env: VecEnv) -> VecEnv:
+    """The world of a run, as what learns there sees it."""
+    if config.true_path:
+        env = WithTruePath(env)
+    if config.relit:
+        env = Relit(env, np.random.default_rng(config.seed))
+    return ScaledReward(env, config.reward_scale)
 
-    def _metrics(self) -> Metrics:
-        state, nan = self.state, float("nan")
-        solved = next((e for e in state.evaluations if e.success_rate == 1.0), None)
-        return Metrics(
-            train_seconds=state.seconds,
-            evaluation_seconds=state.evaluation_seconds,
-            cpu_seconds=state.cpu_seconds,
-            train_steps=self.model.num_timesteps,
-            episodes=self.log.count,
-            success_rate=state.best.success_rate if state.best else nan,
-            stopped_by=state.stopped_by,
-            solved_seconds=solved.seconds if solved else nan,
-            solved_steps=solved.step if solved else nan,
-            seed=self.config.seed,
-            evaluations=tuple(state.evaluations),
-        )
 
-    def close(self) -> None:
-        """Let go of files and environments; the replay buffer of a finished run is deleted."""
-        self.watch.close()
-        self.log.close()
-        self.model.logger.close()
-        self.env.close()
-        if self.env.venv is not self.evaluation_env:
-            self.evaluation_env.close()
-        buffer = getattr(self.model, "replay_buffer", None)
-        if isinstance(buffer, MappedReplayBuffer):
-            buffer.close(delete=self.state.stopped_by not in ("", "interrupted"))
+def _finish(
+    config: RunConfig, folder: RunFolder, env: VecEnv, watch: Watch, episodes: int
+) -> Metrics:
+    """Leave the files; an interrupted run has no model and no metrics yet."""
+    state, steps, nan = watch.state, watch.model.num_timesteps, float("nan")
+    reason, interrupted = state.stopped_by, state.stopped_by == "interrupted"
+    last = state.evaluations[-1].step if state.evaluations else -1
+    if not interrupted and last != steps:
+        watch.evaluate()
+        state.stopped_by = reason
+    watch.save()
+    draw_curve(folder, config)
+    solved = next((e for e in state.evaluations if e.success_rate == 1.0), None)
+    metrics = Metrics(
+        train_seconds=state.seconds,
+        evaluation_seconds=state.evaluation_seconds,
+        cpu_seconds=state.cpu_seconds,
+        train_steps=steps,
+        episodes=episodes,
+        success_rate=state.best.success_rate if state.best else nan,
+        stopped_by=reason,
+        solved_seconds=solved.seconds if solved else nan,
+        solved_steps=solved.step if solved else nan,
+        seed=config.seed,
+        evaluations=tuple(state.evaluations),
+    )
+    if not interrupted:
+        export_run(folder, config, env, frames=10 * env.num_envs, int8=False)
+        write_json(folder.metrics, metrics)
+    return metrics
+
+
+def _logger(folder: RunFolder) -> Logger:
+    folder.tensorboard.mkdir(parents=True, exist_ok=True)
+    path = str(folder.tensorboard)
+    return Logger(path, [TensorBoardOutputFormat(path)])
+
+
+def _close_replay(model: BaseAlgorithm, state: TrainState) -> None:
+    """A finished run has no more use for its replay buffer."""
+    buffer = getattr(model, "replay_buffer", None)
+    if isinstance(buffer, MappedReplayBuffer):
+        buffer.close(delete=state.stopped_by not in ("", "interrupted"))
 
 
 @contextmanager

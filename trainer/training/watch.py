@@ -53,7 +53,7 @@ class Watch(BaseCallback):
         period_s: float,
     ) -> None:
         super().__init__()
-        self._config, self._folder, self._state, self._log = config, folder, state, log
+        self._config, self._folder, self.state, self._log = config, folder, state, log
         self._env, self._clock, self._period_s = env, clock, period_s
         self._recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         self._saved = self._logged = self._shown = clock()
@@ -71,13 +71,13 @@ class Watch(BaseCallback):
     def _on_training_start(self) -> None:
         robots = self.training_env.num_envs
         self._rewards, self._lengths = np.zeros(robots), np.zeros(robots, dtype=int)
-        self._first = (self.num_timesteps, self._state.seconds)
+        self._first = (self.num_timesteps, self.state.seconds)
         self._bar.start()
 
     def _on_step(self) -> bool:
         ended = self.locals["episodes"] if "episodes" in self.locals else self._ended()
         for robot, reward, length, success in ended:
-            step, seconds = self.num_timesteps, self._state.seconds
+            step, seconds = self.num_timesteps, self.state.seconds
             self._recent.append(Episode(step, seconds, robot, reward, length, success))
             self._log.add(self._recent[-1])
         now = self._clock()
@@ -107,11 +107,11 @@ class Watch(BaseCallback):
         for name in ("reward", "length", "success") if self._recent else ():
             mean = np.mean([getattr(episode, name) for episode in self._recent])
             self.logger.record(f"episode/{name}", mean)
-        self.logger.record("time/seconds", self._state.seconds)
+        self.logger.record("time/seconds", self.state.seconds)
         self.logger.dump(self.num_timesteps)
 
     def _evaluation_is_due(self) -> bool:
-        evaluations, wanted = self._state.evaluations, self._config.evaluation
+        evaluations, wanted = self.state.evaluations, self._config.evaluation
         last = evaluations[-1].step if evaluations else 0
         # the longer the run, the rarer: evaluations take a bounded share of its time
         share = wanted.every_share * self._config.steps
@@ -120,7 +120,7 @@ class Watch(BaseCallback):
     def evaluate(self) -> None:
         """Drive greedily on starts that were never used, and keep the policy if it is the best."""
         began, cpu_began = self._clock(), time.process_time()
-        state, wanted = self._state, self._config.evaluation
+        state, wanted = self.state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
         frames: list[np.ndarray] = []
         network = GreedyNetwork(self.model.policy)
@@ -161,24 +161,24 @@ class Watch(BaseCallback):
     def save(self) -> None:
         """A checkpoint now, and every episode before it."""
         self._log.flush()
-        save_checkpoint(self._folder.checkpoint, self.model, self._state)
+        save_checkpoint(self._folder.checkpoint, self.model, self.state)
         self._saved = self._clock()
 
     def _show(self) -> None:
         """Returns are means of the reward of an episode; choices by chance lower that learning."""
         steps, seconds = self._first
-        rate = (self.num_timesteps - steps) / max(self._state.seconds - seconds, 1e-9)
+        rate = (self.num_timesteps - steps) / max(self.state.seconds - seconds, 1e-9)
         told = f"{rate:.0f}/s"
         if self._recent:
             told += f" · return {np.mean([e.reward for e in self._recent]):.0f} learning"
-        if self._state.evaluations:
-            last = self._state.evaluations[-1]
+        if self.state.evaluations:
+            last = self.state.evaluations[-1]
             told += f" · {last.success_rate:.0%}, {last.mean_reward:.0f} evaluated"
         self._bar.update(self._row, completed=self.num_timesteps, told=told)
 
     def _goes_on(self) -> bool:
         """CPU seconds are kept, too: on a busy machine the wall clock says little."""
-        state, budget_s = self._state, self._config.seconds
+        state, budget_s = self.state, self._config.seconds
         state.seconds = self._clock() - self._started
         workers_s = getattr(self.model, "workers_cpu_s", 0.0)  # of A3C
         state.cpu_seconds = time.process_time() + workers_s - self._cpu_started

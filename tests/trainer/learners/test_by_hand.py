@@ -13,20 +13,19 @@ import pytest
 import torch
 from gymnasium import spaces
 from rich.console import Console
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch.nn.utils import parameters_to_vector
-from trainer.learners.shared_weights import Shared
 
 from robot.errors import ConfigError
 from tests.trainer.toy import make_toy, toy_config
 from trainer.algorithms.a3c import A3C
-from trainer.learners import a3c_worker, coach
-from trainer.learners.a3c_worker import EpisodeEnd, Orders, Worker, _evaluate
-from trainer.learners.actor_critic import CRUISE, ActorCriticConfig
+from trainer.learners import coach
+from trainer.learners.a3c_worker import EpisodeEnd, Orders, Shared, Worker, _evaluate
+from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy
 from trainer.learners.networks import DrivingActorCritic, DrivingFeatures
 from trainer.learners.policies import build_policy, falling, observation_space, policy_arguments
 from trainer.learners.replay import MappedReplayBuffer
-from trainer.learners.true_path import AuxiliaryLosses
 from trainer.presets import preset
 
 ROBOTS = 4
@@ -89,26 +88,6 @@ def test_offsets_begin_at_nothing() -> None:
         biases = [p for name, p in policy.named_parameters() if name.endswith("bias")]
         assert biases
         assert not any(p.any() for p in biases)
-
-
-@pytest.mark.parametrize(
-    ("looks", "workers", "taken"),
-    [
-        (["a"], 3, None),
-        (["a", "b"], 3, "bab"),
-        (["a", "b", "c"], 3, "bca"),
-        (list("abcd"), 3, None),
-    ],
-)
-def test_each_worker_takes_one_look_where_there_are_enough_workers(
-    monkeypatch: pytest.MonkeyPatch, looks: list[str], workers: int, taken: str | None
-) -> None:
-    config = toy_config("a3c", 100, 0)
-    config = replace(config, learn=replace(config.learn, workers=workers))
-    monkeypatch.setattr(a3c_worker, "looks_of", lambda _: looks)
-    for number in (1, 2, 3):
-        own = a3c_worker._own_look(config, number)
-        assert own == (config if taken is None else replace(config, look=taken[number - 1]))
 
 
 def test_a_worker_keeps_the_books_of_its_robots() -> None:
@@ -180,11 +159,11 @@ def test_no_part_of_the_shared_memory_is_another() -> None:
     shared = Shared.of(torch.arange(5.0), torch.arange(5.0) + 10.0, 3)
     shared.steps[:] = torch.tensor([1, 2, 3])
     shared.cpu_ms[:] = torch.tensor([7, 8, 9])
-    shared.stop()
+    shared.leave[0] = 1
     assert shared.weights.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert shared.squares.tolist() == [10.0, 11.0, 12.0, 13.0, 14.0]
     assert (shared.steps.tolist(), shared.cpu_ms.tolist()) == ([1, 2, 3], [7, 8, 9])
-    assert shared.stopped
+    assert shared.leave.tolist() == [1]
 
 
 IMAGE = spaces.Box(0, 255, (2, 2, 3), np.uint8)
@@ -234,17 +213,22 @@ def test_who_drove_when_a_process_died_was_cut_off_and_did_not_fail(tmp_path: Pa
     assert (again.pos, again.full, int(again.rows[0])) == (2, False, 2)
 
 
-def test_entropy_and_the_loss_of_the_path_are_means_since_the_last_time() -> None:
-    losses, told = AuxiliaryLosses(), []
-    logger: Any = SimpleNamespace(record=lambda name, value: told.append((name, value)))
-    losses.log(logger)
-    assert told == []
-    losses.add(torch.tensor([1.0, 3.0]), torch.tensor([0.5, 0.7]))
-    losses.add(torch.tensor([4.0, 4.0]), torch.tensor([1.0, 1.0]))
-    losses.log(logger)
+def test_entropy_and_the_loss_of_the_path_are_means_since_the_last_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[tuple[str, float]] = []
+    monkeypatch.setattr(OnPolicyAlgorithm, "train", lambda _: None)
+    model: Any = object.__new__(FallingEntropy)
+    model.policy = SimpleNamespace(losses=[])
+    model._logger = SimpleNamespace(record=lambda name, value: told.append((name, value)))
+    model.entropies, model._current_progress_remaining = lambda left: 3.0 * left, 0.5
+    model.train()
+    assert (told, model.ent_coef) == ([], 1.5)
+    model.policy.losses += [torch.tensor([2.0, 0.6]), torch.tensor([4.0, 1.0])]
+    model.train()
     assert [name for name, _ in told] == ["train/entropy_loss", "train/path_loss"]
     assert [value for _, value in told] == pytest.approx([-3.0, 0.8])
-    losses.log(logger)
+    model.train()
     assert len(told) == 2
 
 
@@ -297,15 +281,14 @@ def test_how_a_coach_is_taught(monkeypatch: pytest.MonkeyPatch) -> None:
         def __init__(self, kind: str, env: Any, **settings: Any) -> None:
             given.update(settings, kind=kind, robots=env.num_envs)
 
-        def learn(self, steps: int, callback: Any) -> None:
-            given.update(steps=steps, shown=callback)
+        def learn(self, steps: int) -> None:
+            given.update(steps=steps)
 
     monkeypatch.setattr(coach, "PPO", Ppo)
     config = replace(preset("lane", "coached", "debug"), seed=5)
     assert coach._teach(config, 640, Console(quiet=True)) == "taught"  # type: ignore[comparison-overlap]
     network = given.pop("policy_kwargs")
     assert network == {"net_arch": [64, 64], "activation_fn": torch.nn.Tanh}
-    assert given.pop("shown") is not None
     assert given == {
         **{"kind": "MlpPolicy", "robots": 32, "steps": 640, "seed": 5, "device": "cpu"},
         **{"n_steps": 128, "batch_size": 512, "n_epochs": 5, "gamma": 0.9},
