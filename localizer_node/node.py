@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from functools import lru_cache
 from typing import Callable, List, Optional, Tuple
 
 import numpy as np
@@ -19,17 +18,8 @@ REPEAT_BYTES = 32  # two pictures that differ in no more are one; a sensor's noi
 REPEATS_TOLD = 5  # in a row, once
 
 
-@lru_cache(maxsize=4)
-def _detector(calibration: Calibration) -> Detector:
-    return Detector(calibration)
-
-
 def check_picture(image: np.ndarray, calibration: Calibration) -> None:
-    """Refuse a picture of another size or kind than the calibration was made for.
-
-    Raises:
-        ContractError: telling both sizes.
-    """
+    """ContractError for a picture of another size or kind than the calibration was made for."""
     expected = (calibration.lens.height_px, calibration.lens.width_px, 3)
     if image.shape != expected or image.dtype != np.uint8:
         raise ContractError(
@@ -53,13 +43,9 @@ def is_repeat(image: np.ndarray, last: Optional[np.ndarray]) -> bool:
 
 
 def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]:
-    """The robots in one RGB picture (H, W, 3) uint8, surest first; no memory of earlier ones.
-
-    Raises:
-        ContractError: the picture is not of the calibrated size.
-    """
+    """The robots in one RGB picture (H, W, 3) uint8, surest first; errors as ``check_picture``."""
     check_picture(image, calibration)
-    return sorted(_detector(calibration).detect(image), key=lambda d: -d.confidence)
+    return sorted(Detector(calibration).detect(image), key=lambda d: -d.confidence)
 
 
 class Localizer:
@@ -67,14 +53,11 @@ class Localizer:
 
     ``publish`` is told the poses of every picture, even if there are none. A picture that repeats
     the last one says nothing of where the robots are now: it has no poses.
-
-    Attributes:
-        frame: number of the last picture.
     """
 
     def __init__(self, calibration: Calibration, publish: Optional[Publish] = None) -> None:
         self.calibration = calibration
-        self.frame = -1
+        self.frame = -1  # number of the last picture
         self._repeats = 0  # pictures in a row that repeated the one before
         self._last: Optional[np.ndarray] = None
         self._detector = Detector(calibration)

@@ -85,10 +85,7 @@ class NewestFrame(Worker):
     the computer has no descriptor left for it; meanwhile ``read`` gives the last frame, whose age
     stops the robot. ``problem`` says what is wrong, "" while pictures come.
 
-    Args:
-        open_stream: opens the device; raises HardwareError.
-        clock: monotonic time [s].
-        first_wait_s: before the first new attempt [s].
+    ``open_stream`` raises HardwareError; ``clock`` is monotonic [s].
     """
 
     def __init__(

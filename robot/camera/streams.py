@@ -68,10 +68,6 @@ class SocketStream:
     The reader asks for the next picture with one byte; the camera answers at its own next moment
     with a header and the pixels, RGB row by row.
 
-    Args:
-        path: of the socket.
-        size_px: width and height that every picture must have.
-
     Raises:
         HardwareError: nobody listens there.
     """
@@ -113,13 +109,9 @@ VIDEO_FD = "{video}"  # in a command: the descriptor that the pictures are writt
 
 
 def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> List[str]:
-    """The command for an IMX219 on a Jetson: sensor mode 3 (1640x1232), scaled by its hardware.
+    """The command for an IMX219 at a CSI port of a Jetson: sensor mode 3, scaled by its hardware.
 
-    Args:
-        sensor: which CSI port.
-        flip: nvvidconv's ``flip-method``; 2 turns the picture upside down.
-        fps: pictures a second, up to 30.
-        size_px: width and height of what comes out.
+    ``flip`` is nvvidconv's flip-method, 2 for upside down; ``fps`` up to 30.
     """
     source = (
         f"nvarguscamerasrc sensor-id={sensor} sensor-mode=3 ! "
@@ -148,8 +140,7 @@ class GstStream:
     Args:
         command: of the child; ``VIDEO_FD`` in it becomes the number of the descriptor that it
             writes to. Without that it writes to its standard output, and must print nothing there.
-        size_px: width and height.
-        silence_s: without a byte for so long it hangs [s].
+        silence_s: without a byte for so long it hangs.
 
     Raises:
         HardwareError: the command cannot be started.

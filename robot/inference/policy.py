@@ -22,9 +22,7 @@ from robot.parts import Policy
 class OnnxPolicy:
     """A policy from an ONNX file.
 
-    Args:
-        path: the model; its metadata holds a ``PolicyContract``.
-        actions: of another vehicle; see `robot.inference.policy_file.open_policy_file`.
+    Another vehicle's have other ``actions``; see `robot.inference.policy_file.open_policy_file`.
 
     Raises:
         ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without

@@ -37,10 +37,6 @@ class DriveFile:
 
     Not for several threads.
 
-    Args:
-        path: with the suffix ``.mcap``; its folder is made.
-        about: what does not change during the drive.
-
     Raises:
         OSError: from every method, when the disk does not take it.
     """
@@ -175,11 +171,7 @@ def png(image: np.ndarray) -> bytes:
 
 
 def picture(data: bytes) -> np.ndarray:
-    """The RGB picture (H, W, 3) uint8 in PNG or JPEG bytes.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """The RGB picture (H, W, 3) uint8 in PNG or JPEG bytes; ValueError for others."""
     import cv2
 
     found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)

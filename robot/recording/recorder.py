@@ -36,13 +36,7 @@ logger = logging.getLogger(__name__)
 
 
 class DriveWriter:
-    """For one thread. A drive that could not be recorded does not hinder the next.
-
-    Args:
-        config: where to, and how much room to leave.
-        subject: who drives.
-        wall: time of day [s since 1970].
-    """
+    """For one thread. A drive that could not be recorded does not hinder the next."""
 
     def __init__(
         self, config: RecordingConfig, subject: Subject, wall: Callable[[], float]
@@ -129,12 +123,8 @@ ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
 class Recorder(Worker):
     """A ``Subscriber`` in a ``with`` block: one file from arming until two seconds after rest.
 
-    Leaving the block writes what is queued and completes the file.
-
-    Args:
-        config: where to.
-        subject: who drives.
-        wall: time of day [s since 1970]; looked at once a file.
+    Leaving the block writes what is queued and completes the file. ``wall`` is the time of day
+    [s since 1970], looked at once a file.
     """
 
     def __init__(

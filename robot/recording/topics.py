@@ -33,12 +33,10 @@ class Topic(NamedTuple):
 
 
 def _schema(shape: Any) -> Json:
-    """The JSON schema of a shape: types by name, lists of one item, dicts that are always full."""
+    """The JSON schema of a shape: types by name, dicts that are always full."""
     if isinstance(shape, dict):
         properties = {name: _schema(kind) for name, kind in shape.items()}
         return {"type": "object", "properties": properties, "required": list(shape)}
-    if isinstance(shape, list):
-        return {"type": "array", "items": _schema(shape[0])}
     if shape == "base64":
         return {"type": "string", "contentEncoding": "base64"}
     return {"type": shape}
@@ -88,7 +86,12 @@ def image_bytes(message: Json) -> bytes:
 
 def pose_message(time_s: float, pose: Pose, frame: str = WORLD_FRAME) -> Json:
     """A pose on the floor."""
-    return {"timestamp": _stamp(time_s), "frame_id": frame, "pose": _pose(pose)}
+    half_rad = pose.heading_rad / 2.0
+    place = {
+        "position": {"x": float(pose.x_m), "y": float(pose.y_m), "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(half_rad), "w": math.cos(half_rad)},
+    }
+    return {"timestamp": _stamp(time_s), "frame_id": frame, "pose": place}
 
 
 def overhead_message(time_s: float, seen: PoseMessage) -> Json:
@@ -106,11 +109,3 @@ def to_ns(time_s: float) -> int:
 def _stamp(time_s: float) -> Json:
     sec, nsec = divmod(to_ns(time_s), NS)
     return {"sec": sec, "nsec": nsec}
-
-
-def _pose(pose: Pose) -> Json:
-    half_rad = pose.heading_rad / 2.0
-    return {
-        "position": {"x": float(pose.x_m), "y": float(pose.y_m), "z": 0.0},
-        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(half_rad), "w": math.cos(half_rad)},
-    }
