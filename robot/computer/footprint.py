@@ -25,8 +25,7 @@ class Footprint:
 def measure_footprint(model: Union[str, Path]) -> Footprint:
     """Start a fresh Python that imports everything and drives with a policy.
 
-    Raises:
-        ContractError: the model keeps no contract.
+    ContractError where the model keeps no contract.
     """
     from robot.inference.policy import OnnxPolicy
 

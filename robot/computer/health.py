@@ -18,12 +18,7 @@ LOW_MEMORY_MB = 200.0
 
 
 class Health:
-    """Reads at most once a second.
-
-    Args:
-        clock: monotonic time [s].
-        others: further readings, made anew each time.
-    """
+    """Reads at most once a second by a monotonic clock [s]; ``others`` are read beside."""
 
     def __init__(
         self, clock: Callable[[], float], others: Tuple[Callable[[], Reading], ...] = ()

@@ -11,8 +11,7 @@ from robot.errors import HardwareError
 def connect_local(path: str, what: str, silence_s: float) -> socket.socket:
     """Connect to ``what`` at ``path``; reads and writes give up after ``silence_s`` [s].
 
-    Raises:
-        HardwareError: nobody listens there.
+    HardwareError where nobody listens.
     """
     connection = socket.socket(socket.AF_UNIX)
     connection.settimeout(silence_s)

@@ -15,11 +15,8 @@ class Worker:
     """A thread in a ``with`` block, or between ``start`` and ``end``. Derive from it.
 
     What ends it before its time is kept, and ``check`` raises it in the thread that relies on it:
-    a robot must not drive on without, say, its watchdog.
-
-    Args:
-        name: of the thread.
-        patience_s: its end is waited for so long [s], because a device may hang; None for ever.
+    a robot must not drive on without, say, its watchdog. Its end is waited for ``patience_s`` [s],
+    because a device may hang; None for ever.
     """
 
     def __init__(self, name: str, patience_s: Optional[float] = None) -> None:
@@ -51,11 +48,7 @@ class Worker:
             self._thread.join()
 
     def check(self) -> None:
-        """Nothing, while all is well.
-
-        Raises:
-            HardwareError: the thread has died; of what.
-        """
+        """Nothing, while all is well; HardwareError when the thread has died, and of what."""
         if self._died is not None:
             told = self._died if isinstance(self._died, HardwareError) else repr(self._died)
             raise HardwareError(f"{self._name} thread: {told}") from self._died

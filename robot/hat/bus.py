@@ -44,12 +44,9 @@ def bus_read_time_s(data_bytes: int, bus_hz: int) -> float:
 
 
 class SmbusBus:
-    """The bus ``/dev/i2c-<number>`` through smbus2.
+    """The bus ``/dev/i2c-<number>`` through smbus2; HardwareError where this user has none.
 
     Uses plain I2C messages: an SMBus block write ends at 32 bytes, and both motors take 41.
-
-    Raises:
-        HardwareError: there is no such bus, or this user may not use it.
     """
 
     def __init__(self, number: int) -> None:
@@ -105,10 +102,7 @@ class SocketBus:
 
     One transaction is one request and one answer. A request is its kind (``w`` or ``r``), the
     address, the register (``r``), a count, and the data (``w``); an answer is an errno, 0 for done,
-    and data.
-
-    Raises:
-        HardwareError: nobody listens there.
+    and data. HardwareError where nobody listens.
     """
 
     def __init__(self, path: str) -> None:
@@ -143,9 +137,5 @@ class SocketBus:
 
 
 def open_bus(where: Union[int, str]) -> Union[SmbusBus, SocketBus]:
-    """``/dev/i2c-<where>``, or the virtual bus that listens at a path.
-
-    Raises:
-        HardwareError: there is no such bus, or this user may not use it.
-    """
+    """``/dev/i2c-<where>``, or the virtual bus that listens at a path; HardwareError as theirs."""
     return SmbusBus(where) if isinstance(where, int) else SocketBus(where)

@@ -64,8 +64,7 @@ class MotorConfig:
 class HatConfig:
     """All the settings of the motor side. Speeds are of the wheel's rim over the floor.
 
-    Raises:
-        ConfigError: a value out of range, or a combination that the bus cannot carry.
+    ConfigError for a value out of range, or a combination that the bus cannot carry.
     """
 
     bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano

@@ -96,8 +96,7 @@ class MotorDriver:
     def set_wheels(self, wheels: WheelSpeeds) -> Optional[float]:
         """Aim for these rim speeds [m/s]; returns the next deadline, as ``pump`` does.
 
-        Raises:
-            ContractError: a speed that is not finite, or beyond ``max_speed_mps``; nothing changes.
+        ContractError for what is not finite, or beyond ``max_speed_mps``; nothing changes then.
         """
         limit = self.config.max_speed_mps
         if not all(math.isfinite(w) and abs(w) <= limit for w in wheels):

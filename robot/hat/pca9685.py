@@ -39,11 +39,7 @@ def channel_bytes(level: float) -> bytes:
 
 
 class Pca9685:
-    """One chip at a known address.
-
-    Raises:
-        HardwareError: from every method, when the bus reports an error or the chip answers wrongly.
-    """
+    """One chip at a known address. HardwareError from every method when bus or chip fail."""
 
     def __init__(self, bus: I2cBus, address: int, clock: Clock) -> None:
         self.bus = bus

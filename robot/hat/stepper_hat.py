@@ -15,14 +15,11 @@ from robot.hat.stepping import Steps
 
 
 class StepperHat:
-    """The HAT named by ``config``; ``open`` must come first.
+    """The HAT named by ``config``; ``open`` must come first. HardwareError when bus or chip fail.
 
     When both motors step, channels 3 to 12 go out as one 41-byte message and change together on
     STOP; when one does, only its four. Where the duties change, between half steps, PWMA and PWMB
     go along: 49 bytes, and 25.
-
-    Raises:
-        HardwareError: from every method, when bus or chip fail.
     """
 
     def __init__(self, bus: I2cBus, config: HatConfig, clock: Clock) -> None:

@@ -28,8 +28,7 @@ from robot.hat.stepping import Steps
 def own_bus(config: HatConfig) -> Iterator[Union[SmbusBus, SocketBus]]:
     """The configured I2C bus, for nobody else meanwhile.
 
-    Raises:
-        HardwareError: there is no such bus, this user may not use it, or another program drives it.
+    HardwareError where this user has none, or another program drives it.
     """
     with ExitStack() as stack:
         bus = open_bus(config.socket or config.bus)
@@ -161,11 +160,7 @@ class MotorThread(Worker):
 
 @contextmanager
 def real_motors(config: HatConfig) -> Iterator[MotorThread]:
-    """The motors on the configured I2C bus, which belongs to this program meanwhile.
-
-    Raises:
-        HardwareError: as ``own_bus``, or there is no HAT.
-    """
+    """The motors on the configured bus, ours meanwhile; errors as ``own_bus``, or no HAT."""
     with own_bus(config) as bus, motors_on(bus, config) as motors:
         yield motors
 

@@ -30,8 +30,7 @@ logger = logging.getLogger(__name__)
 class AllowList:
     """Answers those who knock at this program's bound sockets; never blocks.
 
-    Attributes:
-        refused: how often whom, by name.
+    ``refused`` counts how often whom, by name.
     """
 
     def __init__(

@@ -66,11 +66,7 @@ class Keys:
     peers: Dict[str, Peer] = field(default_factory=dict)
 
     def peer(self, role: str) -> bytes:
-        """The public key of the machine that is the ``role``.
-
-        Raises:
-            ConfigError: there is no such key in the allow-list, or there are several.
-        """
+        """The public key of the machine that is the ``role``; ConfigError unless one is allowed."""
         found = sorted(name for name, peer in self.peers.items() if peer.role == role)
         if len(found) != 1:
             got = ", ".join(found) or "none"
@@ -82,13 +78,9 @@ class Keys:
 
 
 def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict[str, Path]:
-    """Make a key folder per machine under ``directory``, each allowing all the others.
+    """Make a key folder per machine under ``directory``, each allowing all the others; the folders.
 
-    Returns:
-        The folder of each machine.
-
-    Raises:
-        ConfigError: a folder is there already (keys are never overwritten), or cannot be made.
+    ConfigError where one is there already (keys are never overwritten), or cannot be made.
     """
     import zmq
 
@@ -118,10 +110,8 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
 def renew(folder: Union[str, Path]) -> str:
     """Write the roles into a machine's keys that were made before keys had one; its role.
 
-    Peers are what their files are called, the machine is what its folder is called.
-
-    Raises:
-        ConfigError: no keys, names that do not tell the roles, or files that cannot be written.
+    Peers are what their files are called, the machine is what its folder is called; ConfigError
+    where these are no roles, or there are no keys.
     """
     folder = Path(folder).resolve()
     roles = {path: path.stem for path in sorted((folder / ALLOWED).glob("*.key"))}
@@ -145,8 +135,7 @@ def renew(folder: Union[str, Path]) -> str:
 def load_keys(folder: Union[str, Path]) -> Keys:
     """The keys of this machine from the folder that ``keygen`` made for it.
 
-    Raises:
-        ConfigError: a file is absent, no key, without a role, or the secret can be read by others.
+    ConfigError: a file is absent, no key, without a role, or the secret can be read by others.
     """
     folder = Path(folder)
     role, secret = _read(folder / SECRET, folder)

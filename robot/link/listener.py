@@ -46,11 +46,7 @@ def raise_limit() -> int:
 
 
 def lowest_free() -> int:
-    """The number that the next descriptor would get: all below are in use.
-
-    Raises:
-        OSError: there is none left.
-    """
+    """The number that the next descriptor would get: all below are in use. OSError with none."""
     number = os.open(os.devnull, os.O_RDONLY)
     os.close(number)
     return number
@@ -69,8 +65,7 @@ class Listeners:
     def listen(self, endpoint: str) -> int:
         """A descriptor that listens at ``tcp://ADDRESS:PORT``, for ZeroMQ to own (ZMQ_USE_FD).
 
-        Raises:
-            ConfigError: the port is taken, or the address is not ours.
+        ConfigError where the port is taken, or the address is not ours.
         """
         host, _, port = endpoint[len("tcp://") :].rpartition(":")
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)

@@ -64,9 +64,7 @@ class Link:
     def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
 
-        Raises:
-            ConfigError: our own keys are not those of the machine that binds it, or the port is
-                taken.
+        ConfigError where our keys are not those of the machine that binds it, or the port is taken.
         """
         import zmq
 
@@ -92,9 +90,7 @@ class Link:
     ) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that speaks to the machine that binds a stream, alone.
 
-        Raises:
-            ConfigError: our own keys are of no machine that the stream admits, or we do not know
-                the key of the one that binds it.
+        ConfigError where the stream does not admit our keys, or we do not know that machine's.
         """
         self._expect_role(ADMITS[stream])
         socket = self._socket(kind, endpoint, limit_bytes)
@@ -213,11 +209,7 @@ class Publisher(Generic[M]):
         self._socket = link.bind(zmq.PUB, endpoint, kind.LIMIT_BYTES, kind.KIND)
 
     def send(self, message: M) -> M:
-        """Stamp the message with session, sequence and time, and publish it.
-
-        Returns:
-            The message as sent.
-        """
+        """Stamp the message with session, sequence and time, and publish it; as sent."""
         self._link.admit()
         self._sequence += 1
         stamped = replace(

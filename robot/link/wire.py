@@ -32,8 +32,7 @@ class Message:
     def to_bytes(self) -> bytes:
         """UTF-8 JSON with the message's name and ``schema``; numbers keep six decimals.
 
-        Raises:
-            ContractError: larger than ``LIMIT_BYTES``.
+        ContractError beyond ``LIMIT_BYTES``.
         """
         fields = {"schema": SCHEMA, "message": self.KIND, **plain(self)}
         text = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
@@ -43,11 +42,7 @@ class Message:
 
     @classmethod
     def from_bytes(cls: Type[M], data: bytes) -> M:
-        """What ``to_bytes`` wrote.
-
-        Raises:
-            ContractError: not such a message, of another schema, or with a value out of range.
-        """
+        """What ``to_bytes`` wrote; ContractError for anything else, or a value out of range."""
         name = cls.KIND
         require_size(f"{name} message", data, cls.LIMIT_BYTES)
         fields = _parse(name, data)

@@ -46,13 +46,10 @@ class MissionNavigator:
     """Plans and follows missions on one map; a ``Navigator`` and a ``Subscriber`` of the runtime.
 
     Args:
-        road_map: where it drives.
+        road_map: where it drives; MapError where it has no road.
         receive: the newest overhead poses since the last call, or None; never blocks.
         odometry: step odometry, from anywhere.
         robot: its name among them.
-
-    Raises:
-        MapError: the map has no road.
     """
 
     def __init__(
@@ -88,12 +85,9 @@ class MissionNavigator:
         return Pose(x_m, y_m, heading_rad) if math.isfinite(x_m + y_m + heading_rad) else None
 
     def begin(self, mission: str, destination_m: XY) -> None:
-        """Plan from here to ``destination_m`` [m]; a mission under way is replaced.
+        """Plan from here to ``destination_m`` [m], not the mission under way; errors as ``plan``.
 
         How the robot drives is learned anew: what a fault of the last mission taught ends here.
-
-        Raises:
-            PlanError: as ``plan``.
         """
         path = self.plan(destination_m)
         self._take(path)
@@ -105,9 +99,7 @@ class MissionNavigator:
     def plan(self, destination_m: XY) -> Path:
         """The way from here to ``destination_m`` [m]; changes nothing.
 
-        Raises:
-            PlanError: where the robot is, is not known yet or too far from the way, or there is
-                none.
+        PlanError where there is none, or the robot's place is unknown or too far from any way.
         """
         if self.pose is None:
             raise PlanError(

@@ -33,8 +33,7 @@ class PathPosition:
 class Path:
     """Points (M, 2) and headings (M,) at arc lengths (M,) [m]; a closed path returns to the first.
 
-    For many robots at once use `robot.navigation.path_batch.PathBatch`, which this class is a
-    batch of one of.
+    It is a `PathBatch` of one, which is for many robots at once.
     """
 
     points_m: np.ndarray
@@ -49,10 +48,8 @@ class Path:
     ) -> Path:
         """A path along cubic Beziers, each (4, 2) [m], that follow one another.
 
-        The points lie on the curves, at most about ``spacing_m`` apart.
-
-        Raises:
-            PlanError: no curves, or a gap of more than `MAX_GAP_M` between two of them.
+        The points lie on the curves, at most about ``spacing_m`` apart. PlanError without curves,
+        or with a gap of more than `MAX_GAP_M` between two of them.
         """
         control = _chain(curves, closed)
         t = np.linspace(0.0, 1.0, _SAMPLES + 1)
@@ -72,11 +69,8 @@ class Path:
     def project(self, x_m: float, y_m: float, hint: Optional[int] = None) -> PathPosition:
         """The nearest point of the path to a position in the world.
 
-        Args:
-            x_m: position [m].
-            y_m: position [m].
-            hint: ``index`` of the last call: the search then follows the path from there, in time
-                that does not depend on its length. Without it the whole path is searched.
+        ``hint`` is the ``index`` of the last call: the search then follows the path from there, in
+        time that does not depend on its length. Without it the whole path is searched.
         """
         hints = np.array([NO_HINT if hint is None else hint])
         found = self.batch.project(np.array([[x_m, y_m]]), hints)
@@ -113,10 +107,8 @@ class Path:
 def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
     """The closed outer lane of a ring of road (driven counter-clockwise), or the inner one.
 
-    Of several rings the one with the longest lane is taken.
-
-    Raises:
-        MapError: the road has a junction or an end, so that no lane closes by itself.
+    Of several rings the one with the longest lane is taken. MapError where the road has a junction
+    or an end, so that no lane closes by itself.
     """
     junction = next((tile for tile in road_map.road_tiles if tile.is_junction), None)
     if junction is not None:

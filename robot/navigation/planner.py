@@ -39,16 +39,13 @@ class Route:
 
 
 class LaneGraph:
-    """The lanes of a road map as a directed graph.
+    """The lanes of a road map as a directed graph; MapError where it has no road.
 
     Attributes:
         lanes: as in ``road_map.lanes``.
         lane_nodes: for every lane the nodes where it begins and ends.
         edges: for every node the lanes that leave it: (node at the end, lane).
         node_poses: (nodes, 3) x [m], y [m], heading [rad].
-
-    Raises:
-        MapError: the map has no road.
     """
 
     def __init__(self, road_map: RoadMap) -> None:
@@ -83,11 +80,9 @@ class LaneGraph:
         self._plans: Dict[Tuple[int, int], Tuple[int, ...]] = {}
 
     def plan(self, start: int, goal: int) -> Tuple[int, ...]:
-        """The fewest lanes from node to node, in order; kept, since simulated robots ask for it
-        often.
+        """The fewest lanes from node to node, in order; PlanError where none lead there.
 
-        Raises:
-            PlanError: no way.
+        Kept, since simulated robots ask for it often.
         """
         if (start, goal) not in self._plans:
             self._plans[start, goal] = self._search(start, goal)
@@ -128,10 +123,8 @@ def plan_route(graph: LaneGraph, start: Pose, goal_m: Tuple[float, float]) -> Ro
 
     Where lanes overlap, as at the entry of a junction, all of them are tried; a robot that has
     begun to turn there goes on as it is turned, unless no way leads on. A goal behind the robot is
-    reached by driving round, since U-turns are not planned.
-
-    Raises:
-        PlanError: start or goal is not on the road, or the goal cannot be reached.
+    reached by driving round, since U-turns are not planned. PlanError where start or goal is not on
+    the road, or the goal cannot be reached.
     """
     starts = _lanes_under(graph, start.x_m, start.y_m, "start", start.heading_rad)
     goals = _lanes_under(graph, goal_m[0], goal_m[1], "goal")
@@ -151,12 +144,7 @@ def plan_route(graph: LaneGraph, start: Pose, goal_m: Tuple[float, float]) -> Ro
 
 
 def plan_path(road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float, float]) -> Path:
-    """The path of `plan_route`. Give the graph rather than the map when planning often.
-
-    Raises:
-        MapError: the map has no road.
-        PlanError: start or goal is not on the road, or the goal cannot be reached.
-    """
+    """The path of `plan_route`, and its errors. Give the graph when planning often."""
     graph = road if isinstance(road, LaneGraph) else LaneGraph(road)
     return Path.from_beziers(plan_route(graph, start, goal_m).curves_m)
 
@@ -194,12 +182,9 @@ def _lanes_under(
 def route_between(
     graph: LaneGraph, start_lane: int, start_t: float, goal_lane: int, goal_t: float
 ) -> Route:
-    """The cheapest route from a point on one lane to a point on another.
+    """The cheapest route from a point on one lane to a point on another; PlanError if none leads.
 
     Lanes are indices into ``graph.lanes``; points on them are parameters of the Bezier, 0 to 1.
-
-    Raises:
-        PlanError: the goal cannot be reached.
     """
     first, last = (graph.lanes[lane].control_points_m for lane in (start_lane, goal_lane))
     if start_lane == goal_lane and goal_t > start_t - _SHORTEST:

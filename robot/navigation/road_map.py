@@ -102,10 +102,8 @@ def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
     ``curve_right`` curves (see `robot.navigation.lanes`), and places its objects.
 
     A map without road (a calibration board, say) loads; what needs a road then says so. Where the
-    reference simulator would start (``start_tile``, ``start_pose``) means nothing here.
-
-    Raises:
-        MapError: no such map, or not one that can be read, with row, column and valid choices.
+    reference simulator would start (``start_tile``, ``start_pose``) means nothing here. MapError
+    for what cannot be read, with row, column and valid choices.
     """
     path = _find(source)
     try:

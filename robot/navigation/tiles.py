@@ -61,8 +61,7 @@ class Tile:
 def parse_tile(text: object, row: int, column: int, where: str = "") -> Tile:
     """Read ``kind/ORIENTATION``; no "/" means east, and a bare name with a 4 means 4way/E.
 
-    Raises:
-        MapError: naming row, column and the valid kinds or orientations.
+    MapError names row, column and the valid kinds or orientations.
     """
     place = f"{where}: row {row}, column {column}" if where else f"row {row}, column {column}"
     if not isinstance(text, str):

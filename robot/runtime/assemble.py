@@ -58,16 +58,9 @@ def open_robot(
 ) -> Iterator[Runtime]:
     """Everything that ``config`` names, put together, with a watchdog; DISARMED.
 
-    Args:
-        config: of the robot.
-        operators: beside the one behind the link.
-        subscribers: beside the telemetry.
-        camera: instead of the configured one.
-        motors: instead of the HAT.
-
-    Raises:
-        DuckpilotError: model, map, configuration or keys are wrong.
-        HardwareError: the HAT is not there, or another program drives it.
+    Operators come beside the one behind the link, subscribers beside the telemetry; camera and
+    motors instead of the configured ones. DuckpilotError where model, map, configuration or keys
+    are wrong, HardwareError where the HAT is not there, or another program drives it.
     """
     clock = MonotonicClock()
     watchdog = Watchdog(lambda: runtime.watch())
@@ -117,8 +110,7 @@ def open_robot(
 def open_policy(config: RobotConfig) -> Policy:
     """The configured policy, behind the configured translator if there is one.
 
-    Raises:
-        ContractError: a file that cannot be used, or a translator of other pictures.
+    ContractError for a file that cannot be used, or a translator of other pictures.
     """
     policy = OnnxPolicy(config.model)
     if not config.translator:
@@ -143,8 +135,7 @@ def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
 def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
     """The configured camera's pictures, one after the other.
 
-    Raises:
-        HardwareError: the device does not open.
+    HardwareError where the device does not open.
     """
     if config.kind == "v4l2":
         return V4l2Stream(config.number, size_px, config.fps)

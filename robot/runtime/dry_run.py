@@ -55,11 +55,7 @@ class _StraightPath:
 
 
 def dry_runtime(model: Path) -> Runtime:
-    """A runtime in AUTO on noise pictures.
-
-    Raises:
-        ContractError: the model keeps no contract.
-    """
+    """A runtime in AUTO on noise pictures; ContractError for a model without a contract."""
     clock = MonotonicClock()
     safety = Safety(clock.now, PATIENT)
     runtime = Runtime(

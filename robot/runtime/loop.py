@@ -64,11 +64,8 @@ class Runtime:
         clock: monotonic; the one that ``safety`` and the camera use.
         subscribers: told of every turn, in this order.
         operators: where people's requests come from, each of which counts; ``ask`` is another way.
-        navigator: needed by a policy with a path input.
+        navigator: needed by a policy with a path input; ContractError without.
         eyes: doubt the pictures; without them nothing does.
-
-    Raises:
-        ContractError: a navigating policy without a navigator.
     """
 
     def __init__(

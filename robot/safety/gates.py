@@ -53,8 +53,7 @@ class Reason(Enum):
 class SafetyLimits:
     """When an input is too old. The defaults are where comparable products agree.
 
-    Raises:
-        ConfigError: a limit that is not positive, or a speed beyond the action table's.
+    ConfigError for what is not positive, or a speed beyond the action table's.
     """
 
     frame_age_s: float = 0.2
@@ -137,10 +136,7 @@ _DOUBTS = {
 def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[Trip]:
     """Every gate that does not hold, the gravest of a kind first.
 
-    Args:
-        inputs: as of now.
-        loop_age_s: since the gates were last looked at [s].
-        limits: the greatest ages that pass.
+    ``loop_age_s`` is the time since the gates were last looked at [s].
     """
     operator = "the operator's last sign of life"
     manual_age_s = math.inf if inputs.manual_age_s is None else inputs.manual_age_s

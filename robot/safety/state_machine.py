@@ -98,11 +98,7 @@ class Answer(NamedTuple):
 class Safety:
     """The supervisor. Its caller looks at ``verdict.may_move`` before every motion.
 
-    Not for several threads at once.
-
-    Args:
-        clock: monotonic time [s].
-        limits: of the gates.
+    Not for several threads at once. The clock is monotonic [s].
     """
 
     def __init__(self, clock: Callable[[], float], limits: Optional[SafetyLimits] = None) -> None:

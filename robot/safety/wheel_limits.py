@@ -21,8 +21,7 @@ MAX_WHEEL_MPS2 = 1.25 * MAX_WHEEL_MPS / CONTROL_DT_S  # 3.8 m/s^2
 def limit_speed(wanted: WheelSpeeds, most_mps: float = MAX_WHEEL_MPS) -> WheelSpeeds:
     """The same curve, slower where a wheel would exceed ``most_mps`` [m/s] either way.
 
-    Raises:
-        ContractError: a speed is NaN or infinite.
+    ContractError for a speed that is NaN or infinite.
     """
     _check_finite(wanted)
     fastest_mps = max(abs(speed) for speed in wanted)
@@ -37,10 +36,8 @@ def limit_rate(
 ) -> WheelSpeeds:
     """``wanted``, but each wheel at most ``most_mps2`` x ``dt_s`` away from ``last``.
 
-    Only for driving: a stop is a stop, and never goes through here.
-
-    Raises:
-        ContractError: a speed or the time step is NaN, infinite or negative.
+    Only for driving: a stop is a stop, and never goes through here. ContractError for a speed or a
+    time step that is NaN, infinite or negative.
     """
     _check_finite(wanted)
     _check_finite(last)
@@ -58,11 +55,7 @@ class Drive(NamedTuple):
     dt_s: float  # since then
 
     def limited(self, max_wheel_mps: float) -> WheelSpeeds:
-        """What the motors are told [m/s].
-
-        Raises:
-            ContractError: a speed or the time step is not finite.
-        """
+        """What the motors are told [m/s]; ContractError for what is not finite."""
         return limit_rate(limit_speed(self.wanted, max_wheel_mps), self.before, self.dt_s)
 
 

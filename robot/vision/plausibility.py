@@ -87,8 +87,7 @@ def has_moved(before: np.ndarray, now: np.ndarray) -> bool:
 class PictureDoubts:
     """Looks at every new frame once; keeps ``robot.parts.Eyes``. Ages are by the caller's clock.
 
-    Args:
-        road: where the road must lie in a picture; None where nothing tells it.
+    ``road`` tells where the road must lie in a picture; None where nothing does.
     """
 
     def __init__(self, road: Optional[RoadFit] = None) -> None:

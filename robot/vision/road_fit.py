@@ -104,10 +104,8 @@ def small_picture(frame: np.ndarray) -> np.ndarray:
 class RoadFit:
     """Holds a road against pictures as each reading would have them; see ``MapFit``, ``LaneFit``.
 
-    Args:
-        rig: the camera's lens, for a picture of any size, and its mounting.
-        yaws_rad: by which the robot may be turned from where it is believed to be.
-        aside_m: by which it may be too far to the left of that.
+    The robot may be turned by ``yaws_rad``, and too far to the left by ``aside_m``, from where it
+    is believed to be.
     """
 
     def __init__(
@@ -128,11 +126,9 @@ class RoadFit:
         self._pixels = np.array([_pixels(reading) for reading in self.readings])
 
     def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
-        """How well each reading fits (pitches, readings): the best of the poses around.
+        """How well each reading fits a frame (pitches, readings): the best of the poses around.
 
-        Args:
-            frame: (H, W, 3) uint8 RGB.
-            pose: where the robot believes to be; None, and None back, where it does not know.
+        None where ``pose`` is, which the robot does not know then.
         """
         raise NotImplementedError
 
@@ -243,9 +239,8 @@ def _lines(cover: np.ndarray, near: np.ndarray) -> Tuple[np.ndarray, np.ndarray]
 def _bent_lane(points_m: np.ndarray, bend_pm: float) -> np.ndarray:
     """White, yellow and known (A, N, 3) beside a lane with its middle below the robot.
 
-    Args:
-        points_m: (A, N, 2) in the frame of the lane's beginning.
-        bend_pm: its curvature [1/m], to the left.
+    Points (A, N, 2) are in the frame of the lane's beginning; it bends by ``bend_pm`` [1/m], to the
+    left.
     """
     ahead, left = points_m[..., 0], points_m[..., 1]
     if bend_pm:
