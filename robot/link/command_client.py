@@ -10,7 +10,7 @@ from typing import Dict, List, Optional, Tuple
 from robot.errors import ContractError
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import UNSENT
-from robot.link.sockets import DEAF_S, Clock, Link, new_session
+from robot.link.sockets import DEAF_S, Clock, Link, new_session, receive_now
 
 BEAT_S = 0.1
 STOP_REPEAT_S = 0.1
@@ -77,13 +77,10 @@ class CommandClient:
         return self._clock() - self._heard_s
 
     def _collect(self, now_s: float) -> List[Ack]:
-        import zmq
-
         acks: List[Ack] = []
         while True:
-            try:
-                parts = self._socket.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
+            parts = receive_now(self._socket)
+            if parts is None:
                 return acks
             try:
                 ack = Ack.from_bytes(parts[-1])

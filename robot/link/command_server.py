@@ -15,7 +15,7 @@ from robot.link.commands import (
     Ack,
     Command,
 )
-from robot.link.sockets import Clock, Link, new_session
+from robot.link.sockets import Clock, Link, new_session, receive_now
 from robot.link.wire import tidy_text
 
 MAX_SERVED = 32  # commands in one call, so that a flood cannot hold up the control loop
@@ -91,9 +91,8 @@ class CommandServer:
 
         self._link.admit()
         for _ in range(MAX_SERVED):
-            try:
-                parts = self._socket.recv_multipart(zmq.NOBLOCK, copy=False)
-            except zmq.Again:
+            parts = receive_now(self._socket, copy=False)
+            if parts is None:
                 return
             ack = self._answer(parts, handle)
             if ack is not None:

@@ -2,7 +2,7 @@
 
 The side that binds lets in the keys of its allow-list, each where its role may (``allow_list``);
 the side that connects pins the key of the machine it means. A ``Link`` belongs to one thread; its
-sockets are served by ``Link.wait`` and by their own calls, which never block.
+sockets are served by their own calls, which never block.
 
 One socket per stream and one part per message, because CONFLATE (set on the subscriber only) drops
 parts and breaks topic filters (libzmq #626, #1688, #3323).
@@ -53,13 +53,9 @@ class Link:
             )
         self.keys = keys
         self._context = zmq.Context()
-        self._poller = zmq.Poller()
         self._sockets: List[zmq.Socket[bytes]] = []
         self._listeners = Listeners()
-        self._allow_list: Optional[AllowList] = None
-        if keys is not None:
-            self._allow_list = AllowList(self._context, keys)
-            self._poller.register(self._allow_list.socket, zmq.POLLIN)
+        self._allow_list = None if keys is None else AllowList(self._context, keys)
 
     def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
@@ -117,17 +113,6 @@ class Link:
             socket.disconnect(endpoint)
         socket.connect(endpoint)
 
-    def wait(self, timeout_s: float) -> bool:
-        """Wait until something may have arrived, at most ``timeout_s``; admits peers meanwhile."""
-        deadline_s = time.monotonic() + timeout_s
-        while True:
-            left_s = max(0.0, deadline_s - time.monotonic())
-            ready = dict(self._poller.poll(int(1000 * left_s)))
-            if self._allow_list is not None and ready.pop(self._allow_list.socket, None):
-                self.admit()
-            if ready or time.monotonic() >= deadline_s:
-                return bool(ready)
-
     def admit(self) -> None:
         """Answer those who wait to be let in, without blocking; nobody is when too many came."""
         self._listeners.guard()
@@ -158,8 +143,6 @@ class Link:
         self.close()
 
     def _socket(self, kind: int, endpoint: str, limit_bytes: int) -> zmq.Socket[bytes]:
-        import zmq
-
         if self.keys is None and not endpoint.startswith(LOOPBACK):
             raise ConfigError(
                 f"{endpoint}: expected a loopback address without keys, got one that others reach; "
@@ -176,8 +159,6 @@ class Link:
         socket.reconnect_ivl = RECONNECT_MS
         socket.connect_timeout = CONNECT_TIMEOUT_MS
         self._sockets.append(socket)
-        if kind != zmq.PUB:
-            self._poller.register(socket, zmq.POLLIN)
         return socket
 
     def _expect_role(self, roles: Sequence[str]) -> None:
@@ -187,6 +168,16 @@ class Link:
                 f"keys: expected those of the {expected}, got those of the {self.keys.role}; name "
                 f"the folder {roles[0]}/ that keygen made"
             )
+
+
+def receive_now(socket: zmq.Socket[bytes], copy: bool = True) -> Optional[List]:
+    """The parts of a message that has come, or None; never blocks."""
+    import zmq
+
+    try:
+        return list(socket.recv_multipart(zmq.NOBLOCK, copy=copy))
+    except zmq.Again:
+        return None
 
 
 def new_session() -> str:
@@ -248,18 +239,15 @@ class Subscriber(Generic[M]):
 
     def receive(self) -> Optional[M]:
         """The newest message since the last call, or None; never blocks."""
-        import zmq
-
-        try:
-            data = self._socket.recv(zmq.NOBLOCK)
-        except zmq.Again:
+        parts = receive_now(self._socket)
+        if parts is None:
             if self._clock() - self._alive_s > DEAF_S:
                 self._alive_s = self._clock()
                 self._link.reconnect(self._socket, self._endpoint)
             return None
         self._alive_s = self._clock()
         try:
-            return self._kind.from_bytes(data)
+            return self._kind.from_bytes(parts[-1])
         except ContractError as error:
             self.refused += 1
             self.last_refusal = str(error)
