@@ -42,7 +42,7 @@ class StepperHat:
 
     def open(self) -> None:
         """Find the chip and set it up; the coils are off and the wheels turn freely."""
-        self._forget()
+        self.duty, self._sent = None, {}
         self._chip = Pca9685.probe(self._bus, self._config.addresses, self._clock)
         self._chip.initialise()
 
@@ -66,7 +66,7 @@ class StepperHat:
         """All outputs off in one write of three bytes; nothing to do before the first ``open``."""
         if self._chip is not None:
             self._chip.all_off()
-        self._forget()
+        self.duty, self._sent = None, {}
 
     def check(self) -> None:
         """HardwareError unless the chip still holds what was written; one look each time, in turn.
@@ -79,10 +79,6 @@ class StepperHat:
             self.chip.check()
         else:
             self.chip.expect_channel(channel, self._sent[channel])
-
-    def _forget(self) -> None:
-        self.duty = None
-        self._sent = {}
 
     def _write(self, motors: Sequence[MotorConfig], beside: float = 0.0) -> None:
         """Write the run of channels that covers the coils of ``motors`` in one transaction."""
@@ -114,7 +110,4 @@ def _looks(motors: Sequence[MotorConfig]) -> Sequence[Optional[int]]:
     """
     channels = sorted(chain.from_iterable(motor.channels for motor in motors))
     outer, inner = (channels[0], channels[-1]), [*channels[1:-1], None]
-    order: Sequence[Optional[int]] = [
-        look for index, other in enumerate(inner) for look in (outer[index % 2], other)
-    ]
-    return order
+    return [look for index, other in enumerate(inner) for look in (outer[index % 2], other)]

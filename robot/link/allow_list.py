@@ -43,8 +43,9 @@ class AllowList:
 
         self.refused: Counter[str] = Counter()
         self._clock = clock
+        self._peers = keys.peers
         self._names = {peer.public: name for name, peer in keys.peers.items()}
-        self._peers, self._own = keys.peers, (keys.public, keys.role)
+        self._names[keys.public] = keys.role
         self._told_s: Dict[Tuple[str, str], float] = {}
         self._newest = ""
         self.socket = context.socket(zmq.REP)
@@ -92,9 +93,7 @@ class AllowList:
     def _name(self, public: bytes) -> str:
         from zmq.utils import z85
 
-        key = z85.encode(public) if len(public) == 32 else b""
-        own, role = self._own
-        return role if key == own else self._names.get(key, STRANGER)
+        return self._names.get(z85.encode(public) if len(public) == 32 else b"", STRANGER)
 
     def _turn_away(self, name: str, stream: str, address: bytes) -> None:
         self.refused[name] += 1

@@ -36,13 +36,12 @@ def raise_limit() -> int:
     except ImportError:  # no Unix
         return WANTED
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = WANTED if hard == resource.RLIM_INFINITY else min(hard, WANTED)
-    if soft == resource.RLIM_INFINITY or soft >= most:
-        return WANTED if soft == resource.RLIM_INFINITY else soft
-    with suppress(ValueError, OSError):  # macOS allows less than it says
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-        return most
-    return soft
+    now, most = (WANTED if n == resource.RLIM_INFINITY else min(n, WANTED) for n in (soft, hard))
+    if now < most:
+        with suppress(ValueError, OSError):  # macOS allows less than it says
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+            return most
+    return now
 
 
 def lowest_free() -> int:

@@ -25,8 +25,7 @@ class Reporter:
     """Publishes each turn and its picture; keeps ``robot.parts.Subscriber``.
 
     Args:
-        publish: sends a report; None without a link.
-        show: sends a picture; None without a link.
+        publish: sends a report, as ``show`` sends a picture; None without a link.
         about: what never changes: the robot's name, its model and its map.
         limits: told beside the ages of the inputs.
         navigator: knows the mission; None for a robot that keeps its lane.
@@ -102,12 +101,6 @@ def _age(age_s: float) -> Optional[float]:
     return max(age_s, 0.0) if math.isfinite(age_s) else None
 
 
-def _finite(values: Optional[np.ndarray]) -> Tuple[float, ...]:
-    if values is None or not np.isfinite(values).all():
-        return ()
-    return tuple(round(float(value), 4) for value in values)
-
-
 def _jpeg(frame: Frame) -> FrameMessage:
     import cv2
 
@@ -115,3 +108,9 @@ def _jpeg(frame: Frame) -> FrameMessage:
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     data = cv2.imencode(".jpg", frame.image[..., ::-1], quality)[1].tobytes()
     return FrameMessage(data, width, height, max(frame.time_s, 0.0))
+
+
+def _finite(values: Optional[np.ndarray]) -> Tuple[float, ...]:
+    if values is None or not np.isfinite(values).all():
+        return ()
+    return tuple(round(float(value), 4) for value in values)
