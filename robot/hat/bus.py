@@ -52,17 +52,12 @@ class SmbusBus:
     def __init__(self, number: int) -> None:
         from smbus2 import SMBus, i2c_msg
 
-        self.number = number
+        self.name = f"/dev/i2c-{number}"
         self._message = i2c_msg
         try:
             self._bus = SMBus(number)
         except OSError as error:
             raise HardwareError(self._cannot_open(error)) from error
-
-    @property
-    def name(self) -> str:
-        """The device file."""
-        return f"/dev/i2c-{self.number}"
 
     def write(self, address: int, data: bytes) -> None:
         """One write message; OSError from the kernel when it is not acknowledged."""
@@ -106,13 +101,8 @@ class SocketBus:
     """
 
     def __init__(self, path: str) -> None:
-        self._path = path
+        self.name = path
         self._socket = connect_local(path, "a virtual I2C bus", SILENCE_S)
-
-    @property
-    def name(self) -> str:
-        """The socket's path."""
-        return self._path
 
     def write(self, address: int, data: bytes) -> None:
         """One write message; OSError as the other side tells it."""

@@ -18,6 +18,7 @@ AUTO_INCREMENT, SLEEP = 0x20, 0x10  # bits of MODE1; ALLCALL stays 0: nobody els
 TOTEM_POLE = 0x04  # OUTDRV of MODE2; OCH = 0: outputs change on STOP
 FULL = 0x10  # bit 4 of ON_H and OFF_H: all on, all off
 CHANNELS = 16
+NOBODY = (errno.EREMOTEIO, errno.ENXIO)  # acknowledges
 COUNTS = 4096  # of one PWM period
 FASTEST_PRE_SCALE = 3  # 25 MHz / (4096 * 4) = 1526 Hz, the highest the chip can do
 OSCILLATOR_START_S = 500e-6  # section 7.3.1: before outputs may be used after waking
@@ -54,7 +55,16 @@ class Pca9685:
         probes use, and a stranger at the address is left alone.
         """
         chip = cls(bus, address, clock)
-        return chip if chip._answers() else None
+        try:
+            bus.read(address, MODE1, 1)
+            mode2 = bus.read(address, MODE2, 1)[0]
+            pre_scale = bus.read(address, PRE_SCALE, 1)[0]
+        except OSError as error:
+            if error.errno in NOBODY:
+                return None
+            chip._fail("probe", error)
+        # The upper bits of MODE2 always read 0; a real-time clock also lives at 0x6F.
+        return chip if mode2 & 0xE0 == 0 and pre_scale >= FASTEST_PRE_SCALE else None
 
     @classmethod
     def probe(cls, bus: I2cBus, addresses: Sequence[int], clock: Clock) -> Pca9685:
@@ -129,18 +139,6 @@ class Pca9685:
     def _where(self) -> str:
         return f"{self.bus.name}: PCA9685 at 0x{self.address:02X}"
 
-    def _answers(self) -> bool:
-        try:
-            self.bus.read(self.address, MODE1, 1)
-            mode2 = self.bus.read(self.address, MODE2, 1)[0]
-            pre_scale = self.bus.read(self.address, PRE_SCALE, 1)[0]
-        except OSError as error:
-            if error.errno in (errno.EREMOTEIO, errno.ENXIO):
-                return False
-            self._fail("probe", error)
-        # The upper bits of MODE2 always read 0; a real-time clock also lives at 0x6F.
-        return mode2 & 0xE0 == 0 and pre_scale >= FASTEST_PRE_SCALE
-
     def _write(self, register: int, data: bytes) -> None:
         try:
             self.bus.write(self.address, bytes((register,)) + data)
@@ -154,7 +152,7 @@ class Pca9685:
             self._fail(f"read of register 0x{register:02X}", error)
 
     def _fail(self, what: str, error: OSError) -> NoReturn:
-        if error.errno in (errno.EREMOTEIO, errno.ENXIO):
+        if error.errno in NOBODY:
             advice = "not acknowledged: check the HAT's seat, its supply and the cable"
         else:
             advice = "the bus is stuck: look for a short on SDA or SCL, then cycle the power"

@@ -76,15 +76,11 @@ class Path:
         found = self.batch.project(np.array([[x_m, y_m]]), hints)
         return PathPosition(**{name: column.item() for name, column in vars(found).items()})
 
-    def point_at(self, arc_m: np.ndarray) -> np.ndarray:
-        """Points (..., 2) at arc lengths (...) [m]; an open path goes on straight at its ends."""
-        arc = np.asarray(arc_m, dtype=float)
-        return self.batch.points_at(arc.reshape(1, -1))[0].reshape((*arc.shape, 2))
-
     def pose_at(self, arc_m: float) -> Pose:
-        """The pose of a robot that drives exactly along the path, after ``arc_m``."""
-        x_m, y_m = self.point_at(np.array(arc_m))
-        heading = self.batch.headings_at(np.array([[arc_m]]))[0, 0]
+        """Of a robot on the path, after ``arc_m``; an open path goes on straight at its ends."""
+        where = np.array([[arc_m]])
+        x_m, y_m = self.batch.points_at(where)[0, 0]
+        heading = self.batch.headings_at(where)[0, 0]
         return Pose(float(x_m), float(y_m), float(heading))
 
     @cached_property

@@ -33,14 +33,12 @@ class RoadPaint:
     """
 
     cover: np.ndarray
-    texel_m: float = TEXEL_M
-    margin_m: float = MARGIN_M
 
     def at(self, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """(..., 3) under points of the world [m]; unknown beyond the grid."""
         height, width, planes = self.cover.shape
-        columns = ((x_m + self.margin_m) * (1.0 / self.texel_m)).astype(np.int32)
-        rows = ((y_m + self.margin_m) * (1.0 / self.texel_m)).astype(np.int32)
+        columns = ((x_m + MARGIN_M) * (1.0 / TEXEL_M)).astype(np.int32)
+        rows = ((y_m + MARGIN_M) * (1.0 / TEXEL_M)).astype(np.int32)
         np.clip(columns, 0, width - 1, out=columns)  # the margin is unknown
         np.clip(rows, 0, height - 1, out=rows)
         rows *= width

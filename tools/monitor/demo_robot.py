@@ -155,7 +155,7 @@ class DemoRobot:
             self.safety.arrived()
             self._ended("arrived", "")
             return
-        self._target_m = path.point_at(np.array(place.arc_m + LOOK_AHEAD_M))
+        self._target_m = np.array(path.pose_at(place.arc_m + LOOK_AHEAD_M)[:2])
         forward_m, side_m = self.pose.to_robot(self._target_m)
         wanted = 2.0 * side_m / max(forward_m**2 + side_m**2, 1e-6)
         self._values = tuple(float(value) for value in -np.abs(CURVATURES - wanted))

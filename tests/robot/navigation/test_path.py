@@ -48,7 +48,7 @@ def test_points_are_evenly_spaced_by_arc_length(path: Path) -> None:
 @given(x=st.floats(-0.5, 3.5), y=st.floats(-0.5, 2.5))
 def test_projection_is_the_nearest_point(path: Path, x: float, y: float) -> None:
     found = path.project(x, y)
-    foot = path.point_at(np.array(found.arc_m))
+    foot = np.array(path.pose_at(found.arc_m)[:2])
     assert np.hypot(*(foot - (x, y))) == pytest.approx(brute_force(path, x, y), abs=1e-9)
     if 0 < found.arc_m < path.length_m:
         assert abs(found.offset_m) <= np.hypot(*(foot - (x, y))) + 1e-9
@@ -117,7 +117,7 @@ def test_a_batch_equals_single_paths(seed: int) -> None:
             )
         ahead = batch.points_at(found.arc_m[:, None] + np.array([0.0, 0.3]))
         for i, path in enumerate(chosen):
-            np.testing.assert_allclose(ahead[i, 1], path.point_at(found.arc_m[i] + 0.3))
+            np.testing.assert_allclose(ahead[i, 1], path.pose_at(found.arc_m[i] + 0.3)[:2])
 
 
 def test_a_path_in_a_batch_can_be_replaced_by_a_longer_one() -> None:
@@ -141,9 +141,9 @@ def test_the_index_at_an_arc_length_is_what_a_search_finds_there() -> None:
 def test_an_open_path_goes_on_straight_and_a_closed_one_round() -> None:
     end = OPEN.pose_at(OPEN.length_m)
     np.testing.assert_allclose(
-        OPEN.point_at(OPEN.length_m + 0.5), end.to_world(np.array([0.5, 0.0])), atol=1e-9
+        OPEN.pose_at(OPEN.length_m + 0.5)[:2], end.to_world(np.array([0.5, 0.0])), atol=1e-9
     )
-    np.testing.assert_allclose(LOOP.point_at(LOOP.length_m + 0.5), LOOP.point_at(np.array(0.5)))
+    np.testing.assert_allclose(LOOP.pose_at(LOOP.length_m + 0.5), LOOP.pose_at(0.5))
 
 
 def test_lane_loop_of_the_shipped_ring() -> None:
