@@ -10,6 +10,7 @@ import os
 import select
 import threading
 import time
+import weakref
 from typing import Optional, Protocol
 
 # Descriptors from here on are too great for select; poll takes them, but counts in milliseconds,
@@ -52,6 +53,7 @@ class Alarm:
         self._lock = threading.Lock()
         self._rings = False
         self._read_fd, self._write_fd = os.pipe()
+        weakref.finalize(self, _close, self._read_fd, self._write_fd)
 
     def is_set(self) -> bool:
         """Whether it rings."""
@@ -83,6 +85,7 @@ class Alarm:
             poll.poll(None if timeout_s is None else math.ceil(1e3 * timeout_s))
         return self._rings
 
-    def __del__(self) -> None:
-        os.close(self._read_fd)
-        os.close(self._write_fd)
+
+def _close(*fds: int) -> None:
+    for fd in fds:
+        os.close(fd)
