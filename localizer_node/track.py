@@ -37,9 +37,6 @@ class RobotPose:
     x_m: float
     y_m: float
     heading_rad: Optional[float]  # None for a plain board
-    vx_mps: float
-    vy_mps: float
-    turn_radps: float
     confidence: float  # 0..1
     frame: int
     t_capture_s: float
@@ -139,15 +136,13 @@ class _Track:
 
     def pose(self, frame: int, t_s: float) -> RobotPose:
         """Of the robot's origin, behind the middle of the board."""
-        (x, y), (vx, vy), turn, heading_rad = self.floor.value, self.floor.rate, 0.0, None
+        (x_m, y_m), heading_rad = self.floor.value.tolist(), None
         if self.heading is not None:
-            heading_rad, turn = float(self.heading.value[0]), float(self.heading.rate[0])
-            ahead_m = self.marker.board.forward_m
-            c, s = ahead_m * math.cos(heading_rad), ahead_m * math.sin(heading_rad)
-            x, y, vx, vy = x - c, y - s, vx + turn * s, vy - turn * c
-        confidence = float(np.clip(self.confidence, 0.0, 1.0))
-        place = (float(x), float(y), heading_rad, float(vx), float(vy), turn)
-        return RobotPose(self.marker.robot, *place, confidence, frame, t_s)
+            heading_rad = float(self.heading.value[0])
+            x_m -= self.marker.board.forward_m * math.cos(heading_rad)
+            y_m -= self.marker.board.forward_m * math.sin(heading_rad)
+        sure = min(max(self.confidence, 0.0), 1.0)
+        return RobotPose(self.marker.robot, x_m, y_m, heading_rad, sure, frame, t_s)
 
 
 def doubt(detection: Detection) -> float:

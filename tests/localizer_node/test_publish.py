@@ -10,8 +10,8 @@ from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
 from robot.link.messages import PosesMessage
 
-POSE = RobotPose("robot", 1.0, 2.0, 0.5, 0.3, 0.0, 0.1, 0.9, 42, 12.5)
-OTHER = RobotPose("other", 0.4, 0.6, None, 0.3, 0.0, 0.1, 0.8, 42, 12.5)
+POSE = RobotPose("robot", 1.0, 2.0, 0.5, 0.9, 42, 12.5)
+OTHER = RobotPose("other", 0.4, 0.6, None, 0.8, 42, 12.5)
 
 
 def test_a_message_tells_the_poses_of_a_picture():
