@@ -44,7 +44,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
     (`sim_pybullet.drive_metrics.DriveMetrics`).
 
-    Track racing: Discrete(9), `sim_pybullet.racing.racing_cars.RacingAction`; pictures are (H, W,
+    Track racing: Discrete(9), `sim_pybullet.racing.racing_cars.RACING_ACTIONS`; pictures are (H, W,
     12), the last four frames.
 
     Args:

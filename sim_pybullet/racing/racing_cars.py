@@ -7,8 +7,6 @@ All in the metres of the real track; only what ``step`` returns is at the world'
 
 from __future__ import annotations
 
-from enum import IntEnum
-
 import numpy as np
 
 from robot.contract import ActionTable
@@ -20,22 +18,8 @@ from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.racing.track import SCALE
 from sim_pybullet.vehicle import pursuit
 
-
-class RacingAction(IntEnum):
-    """Paper B, section 3.1, in its order."""
-
-    STRAIGHT_ACCELERATE = 0
-    LEFT_ACCELERATE = 1
-    RIGHT_ACCELERATE = 2
-    STRAIGHT_BRAKE = 3
-    LEFT_BRAKE = 4
-    RIGHT_BRAKE = 5
-    STRAIGHT = 6
-    LEFT = 7
-    RIGHT = 8
-
-
-# Steering (positive to the left) and throttle (negative brakes), each -1, 0 or 1.
+# Steering (positive to the left) and throttle (negative brakes), in the order of paper B, section
+# 3.1: straight, left, right, each with throttle, with brakes, and rolling.
 RACING_ACTIONS: ActionTable = tuple(
     (float(steer), float(throttle)) for throttle in (1, -1, 0) for steer in (0, 1, -1)
 )

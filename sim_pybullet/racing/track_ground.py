@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,39 +32,31 @@ _CLEAR_M = 0.3  # walls nearer than this to the edge of another part of the trac
 _PATCH_M = 0.3  # of the world: size of light and dark areas
 
 
-class TrackField(NamedTuple):
-    """Where each texel of a track's floor is: (H, W) float32 each, in metres of the world."""
-
-    offset_m: np.ndarray  # from the centre line, positive to the left; 1e9 where it is far away
-    arc_m: np.ndarray  # along it
-    texel_m: float
-
-
 def paint_track(track: Track, look: Look) -> Ground:
     """The ground of ``track``; the same arguments paint the same ground."""
-    line, field = centre_line(track), track_field(track)
+    line, (offset_m, arc_m, texel_m) = centre_line(track), track_field(track)
     bend = np.abs(line.curvature) * SCALE > 1.0 / KERB_RADIUS_M
     around = range(-KERB_BEFORE_M, KERB_BEFORE_M + 1)
     bends = np.asarray(np.stack([np.roll(bend, k) for k in around]).any(axis=0))
     ground = look.ground
     noise = surface_noise(ground.texture_seed)
     rgb, classes = lay(
-        field.offset_m,
-        field.arc_m,
+        offset_m,
+        arc_m,
         bends,
         _colours(look),
-        _sizes(line, look, field.texel_m),
+        _sizes(line, look, texel_m),
         noise.grain * np.float32(ground.grain),
         paint_left(noise, ground),
-        _brightness(field.offset_m.shape, field.texel_m, ground),
+        _brightness(offset_m.shape, texel_m, ground),
     )
-    north_m = classes.shape[0] * field.texel_m
-    return Ground(rgb, classes, field.texel_m, 0.0, north_m, outside_rgb(ground))
+    north_m = classes.shape[0] * texel_m
+    return Ground(rgb, classes, texel_m, 0.0, north_m, outside_rgb(ground))
 
 
 @lru_cache(maxsize=2)
-def track_field(track: Track) -> TrackField:
-    """Worked out once for all the looks of a track."""
+def track_field(track: Track) -> tuple[np.ndarray, np.ndarray, float]:
+    """As of `locate`, and a texel's size [m]; worked out once for all the looks of a track."""
     line = centre_line(track)
     east_m, north_m = line.size_m
     texel_m = max(FINEST_TEXEL_M, math.sqrt(east_m * north_m / MOST_TEXELS))
@@ -74,7 +65,7 @@ def track_field(track: Track) -> TrackField:
     points = np.column_stack((path.points_m, path.headings_rad, path.arc_m))
     reach_m = line.half_width_m + line.verge_m + SPACING_M * SCALE
     offset_m, arc_m = locate(points, shape, shape[0] * texel_m, texel_m, reach_m)
-    return TrackField(offset_m, arc_m, texel_m)
+    return offset_m, arc_m, texel_m
 
 
 def _colours(look: Look) -> np.ndarray:

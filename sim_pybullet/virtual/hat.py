@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,21 +12,12 @@ from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 from sim_pybullet.virtual.rotor import Rotor, RotorModel
 
-
-class BridgeWires(NamedTuple):
-    """PCA9685 channels at the inputs of one bridge."""
-
-    in1: int
-    in2: int
-    pwm: int
-
-
 # From the schematic of the Adafruit DC+Stepper Motor HAT (product 2348), which the 0x6F boards
-# copy: terminal -> bridge. Not the driver's table: exchanged pins must show.
-M1 = BridgeWires(in1=10, in2=9, pwm=8)
-M2 = BridgeWires(in1=11, in2=12, pwm=13)
-M3 = BridgeWires(in1=4, in2=3, pwm=2)
-M4 = BridgeWires(in1=5, in2=6, pwm=7)
+# copy: terminal -> PCA9685 channels at the bridge's IN1, IN2 and PWM. Not the driver's table: exchanged pins must show.
+M1 = (10, 9, 8)
+M2 = (11, 12, 13)
+M3 = (4, 3, 2)
+M4 = (5, 6, 7)
 LEFT, RIGHT = (M1, M2), (M3, M4)  # windings A and B of each motor, as docs/wiring.md has them
 # The motors are mounted as mirror images: the right wheel rolls back when its rotor turns forward.
 MOUNTING = (1.0, -1.0)
@@ -87,6 +77,6 @@ class VirtualHat:
                 # Winding A is connected so that OUT2 high turns the rotor on to B.
                 rotor.drive(CoilDrive(-a.current, a.closed), b)
 
-    def _coil(self, wires: BridgeWires, rotor: Rotor) -> CoilDrive:
+    def _coil(self, wires: tuple[int, int, int], rotor: Rotor) -> CoilDrive:
         spans = bridge_spans(self.chip.outputs, *wires)
         return coil_drive(spans, self.chip.pwm_period_s, rotor.model.time_constant_s)

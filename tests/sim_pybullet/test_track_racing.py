@@ -13,10 +13,10 @@ from robot.geometry import wrap_angle
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
-from sim_pybullet.racing.racing_cars import RacingAction
 from sim_pybullet.racing.track import SCALE, centre_line, load_track, shipped_tracks
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.tasks.track_racing import STYLES, Style, TrackRacing
+from tests.sim_pybullet.racing.actions import RacingAction
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)

@@ -10,10 +10,10 @@ from sim_pybullet.racing.racing_cars import (
     RACING_ACTIONS,
     SHARPEST_PER_M,
     TOP_SPEED_MPS,
-    RacingAction,
     RacingCars,
 )
 from sim_pybullet.racing.track import SCALE
+from tests.sim_pybullet.racing.actions import RacingAction
 
 CALM = DriveLook(noise=0.0)
 
