@@ -13,7 +13,8 @@ from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
 from sim_pybullet.virtual.rotor import Rotor, RotorModel
 
 # From the schematic of the Adafruit DC+Stepper Motor HAT (product 2348), which the 0x6F boards
-# copy: terminal -> PCA9685 channels at the bridge's IN1, IN2 and PWM. Not the driver's table: exchanged pins must show.
+# copy: terminal -> PCA9685 channels at the bridge's IN1, IN2 and PWM. Not the driver's table:
+# exchanged pins must show.
 M1 = (10, 9, 8)
 M2 = (11, 12, 13)
 M3 = (4, 3, 2)
