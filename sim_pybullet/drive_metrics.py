@@ -27,29 +27,26 @@ class DriveRecorder:
     """Adds up the figures of N robots while they drive."""
 
     def __init__(self, n_robots: int) -> None:
-        self._driven_m, self._offset_m = np.zeros(n_robots), np.zeros(n_robots)
-        self._outside, self._steps = np.zeros(n_robots, dtype=int), np.zeros(n_robots, dtype=int)
+        self._sums = np.zeros((4, n_robots))  # way in the lane, offsets [m], steps outside, steps
 
     def begin(self, robots: np.ndarray) -> None:
         """Forget the episodes of these robots: indices (M,)."""
-        for total in (self._driven_m, self._offset_m, self._outside, self._steps):
-            total[robots] = 0
+        self._sums[:, robots] = 0.0
 
     def add(self, progress_m: np.ndarray, offset_m: np.ndarray, half_lane_m: np.ndarray) -> None:
         """One decision: progress along the path, distance from it, half the lane's width, (N,)."""
-        outside = np.abs(offset_m) > half_lane_m
-        self._driven_m += np.where(outside, 0.0, progress_m)
-        self._offset_m += np.abs(offset_m)
-        self._outside += outside
-        self._steps += 1
+        away_m = np.abs(offset_m)
+        outside = away_m > half_lane_m
+        driven_m = np.where(outside, 0.0, progress_m)
+        self._sums += np.stack((driven_m, away_m, outside, np.ones(len(away_m))))
 
     def metrics(self, i: int) -> DriveMetrics:
         """The episode of robot ``i`` up to now; the mean offset of no decisions is zero."""
-        steps = int(self._steps[i])
+        driven_m, offsets_m, outside, steps = self._sums[:, i].tolist()
         return DriveMetrics(
-            float(self._driven_m[i]),
+            driven_m,
             steps * CONTROL_DT_S,
-            float(self._offset_m[i]) * CONTROL_DT_S,
-            int(self._outside[i]) * CONTROL_DT_S,
-            float(self._offset_m[i]) / max(steps, 1),
+            offsets_m * CONTROL_DT_S,
+            outside * CONTROL_DT_S,
+            offsets_m / max(steps, 1.0),
         )

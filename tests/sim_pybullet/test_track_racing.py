@@ -205,7 +205,7 @@ def test_who_cruises_may_drive_beside_the_middle_but_pays_for_turned_wheels() ->
     def reward(style: str, offset_m: float, steering: float) -> float:
         task = TrackRacing([TRACK], 1, style=STYLES[style])
         before = place(task, offset_m)
-        task.vehicle._steer[:] = steering
+        task.vehicle.steering[:] = steering
         turn = np.array(((np.cos(before[0, 2]), np.sin(before[0, 2]), 0.0),)) * way[0]
         return float(task.step(before + turn, np.array([False])).reward[0])
 
