@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 from robot.contract import FRAME_WIDTH_PX
 from robot.errors import ConfigError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
-from robot.typed_config import from_plain, read_yaml
+from robot.typed_config import from_plain
 
 # Kinds of numbers with the limits beyond which they cannot be, or leave a camera nothing to see.
 Rgb = Annotated[tuple[float, float, float], (0.0, 255.0)]
@@ -200,15 +199,6 @@ ARENA_POSE = PoseLook(
 )
 
 POSE_ERRORS = {"none": PoseLook(), "arena": ARENA_POSE}
-
-
-def load_look(path: str | Path) -> Look:
-    """A Look from YAML; absent keys are nominal, unknown ones refused with the nearest name.
-
-    Raises:
-        ConfigError: the file does not fit.
-    """
-    return look_from_plain(read_yaml(path), str(path))
 
 
 def look_from_plain(data: object, where: str = "look") -> Look:
