@@ -138,11 +138,8 @@ def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     from robot.inference.policy import OnnxPolicy, time_decisions
 
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
-    return {
-        kind: asdict(time_decisions(OnnxPolicy(path)))
-        for kind, path in files.items()
-        if path.exists()
-    }
+    there = {kind: OnnxPolicy(path) for kind, path in files.items() if path.exists()}
+    return {kind: asdict(time_decisions(policy)) for kind, policy in there.items()}
 
 
 def robot_figures(model: Path) -> dict[str, float]:

@@ -152,11 +152,7 @@ def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo")
 
 
 def show_all(out: Path, seed: int, seconds: float) -> int:
-    """Run the stages that are not done; exit status 0 when it drove.
-
-    Raises:
-        ConfigError: there is no place to write to.
-    """
+    """Run the stages that are not done; 0 when it drove. ConfigError: no place to write to."""
     expect_folder(out)
     console = Console()
     if (out / "metrics.json").exists():  # the last demo ended: this is a new one

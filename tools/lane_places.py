@@ -14,11 +14,9 @@ from robot.navigation.road_map import RoadMap
 
 def on_lane(lane: Lane, t: float) -> Pose:
     """The pose at a parameter of the lane's Bezier, 0 to 1."""
-    (at,), (ahead,) = (f(lane.control_points_m, np.array([t])) for f in _BEZIER)
+    (at,) = bezier_points(lane.control_points_m, np.array([t]))
+    (ahead,) = bezier_tangents(lane.control_points_m, np.array([t]))
     return Pose(float(at[0]), float(at[1]), math.atan2(ahead[1], ahead[0]))
-
-
-_BEZIER = (bezier_points, bezier_tangents)
 
 
 def on_straight_lane(road_map: RoadMap, share: float) -> Pose:

@@ -97,19 +97,13 @@ class LapDrive:
         tick = self.runtime.step()
         self.world.advance(self.driver, self.clock.now() + CONTROL_DT_S)
         pose = self.world.pose
-        at = self.lane.project(*pose[:2])
-        length_m = self.lane.length_m
-        gain_m = math.remainder(at.arc_m - before.arc_m, length_m)
-        record.laps += gain_m / length_m
+        at, length_m = self.lane.project(*pose[:2]), self.lane.length_m
+        record.laps += math.remainder(at.arc_m - before.arc_m, length_m) / length_m
         record.offsets_m.append(at.offset_m)
         record.left_lane = abs(at.offset_m) > self.half_lane_m
         record.collided = self.world.collided
         believed = self.driver.pose
-        record.odometry_errors.append(
-            (
-                math.hypot(believed.x_m - pose.x_m, believed.y_m - pose.y_m),
-                float(wrap_angle(believed.heading_rad - pose.heading_rad)),
-            )
-        )
+        turned_rad = float(wrap_angle(believed.heading_rad - pose.heading_rad))
+        record.odometry_errors.append((math.dist(believed[:2], pose[:2]), turned_rad))
         watch(tick, pose, record)
         return tick

@@ -21,16 +21,16 @@ from robot.contract import ACTION_WHEELS, CONTROL_DT_S
 from robot.geometry import Pose
 from robot.inference.preprocess import preprocess_batch
 from robot.lens import DUCKIEBOT_LENS, CameraRig
-from robot.navigation.road_map import RoadMap, load_map
+from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
-from robot.output import expect_writable, write_json
 from robot.safety.gates import SafetyLimits
 from robot.safety.wheel_limits import STILL
 from robot.vision.plausibility import PictureDoubts
-from robot.vision.road_fit import LaneFit, MapFit, RoadFit
+from robot.vision.road_fit import MapFit
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.spec import find_task
+from tools.loop.drive import expect_navigator
 from trainer.judging.evaluate import open_policy
 
 ROBOTS = 20
@@ -63,11 +63,13 @@ class Eyes:
 
 def missions(options: argparse.Namespace) -> Iterator[Eyes]:
     """The eyes of each mission, as it ends; for ever."""
+    expect_navigator(options.model)
     policy = open_policy(options.model)
     task = find_task(policy.contract.task)
     maps = [load_map(name) for name in options.map]
-    roads = [road_of(road_map, bool(task.path_points)) for road_map in maps]
-    look = load_look_sampler(options.look, "arena" if task.path_points else None)
+    # Of the mounting that the look draws the robot knows nothing.
+    roads = [MapFit(road_paint(road_map), CameraRig(DUCKIEBOT_LENS)) for road_map in maps]
+    look = load_look_sampler(options.look, "arena")
     seed = options.seed
     while True:
         world = BatchWorld(task.build(maps, ROBOTS), look, seed=seed, pool_size=3)
@@ -75,13 +77,7 @@ def missions(options: argparse.Namespace) -> Iterator[Eyes]:
         seed += 1
 
 
-def road_of(road_map: RoadMap, guided: bool) -> RoadFit:
-    """What the robot knows of the road: nothing of the mounting that the look has drawn."""
-    rig = CameraRig(DUCKIEBOT_LENS)
-    return MapFit(road_paint(road_map), rig) if guided else LaneFit(rig)
-
-
-def _drive(world: BatchWorld, policy: Any, roads: list[RoadFit]) -> Iterator[Eyes]:
+def _drive(world: BatchWorld, policy: Any, roads: list[MapFit]) -> Iterator[Eyes]:
     observation, ended = world.reset(), 0
     eyes = [Eyes(PictureDoubts(roads[world.maps[robot]])) for robot in range(ROBOTS)]
     actions: list[int | None] = [None] * ROBOTS
@@ -101,8 +97,7 @@ def _drive(world: BatchWorld, policy: Any, roads: list[RoadFit]) -> Iterator[Eye
 
 
 def measure(options: argparse.Namespace) -> None:
-    """Count over so many missions; ConfigError where the figures cannot be written."""
-    expect_writable(options.json, inputs=[options.model])
+    """Count over so many missions."""
     cv2.setNumThreads(1)
     decisions, reasons = 0, []
     for number, eyes in enumerate(missions(options), start=1):
@@ -112,9 +107,6 @@ def measure(options: argparse.Namespace) -> None:
             print(f"{number} missions, {decisions} decisions, doubted: {reasons}", flush=True)
         if number == options.missions:
             break
-    if options.json:
-        figures = {"missions": options.missions, "decisions": decisions, "doubted": reasons}
-        write_json(options.json, {"schema": 1, **figures})
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -125,7 +117,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--look", default="randomised")
     parser.add_argument("--missions", type=whole(1, 100_000), default=40)
     parser.add_argument("--seed", type=SEED, default=1)
-    parser.add_argument("--json", type=Path, help="write the figures")
     options = parser.parse_args(arguments)
     return answer("picture_doubts", lambda: measure(options))
 

@@ -36,11 +36,7 @@ PICTURE = "P6 4 3 255 " + "duckpilot drives a robot on the road."[:36]
 CALLS: dict[str, tuple[tuple[str, int, str], ...]] = {
     "": (
         ("--help", 0, "calibrate"),
-        (
-            "infer --model {model} --images pictures --json out.json",
-            0,
-            "STRAIGHT",
-        ),
+        ("infer --model {model} --images pictures --json out.json", 0, "STRAIGHT"),
         ("keygen keys", 0, "keys"),
         ("localizer locate --image pictures/a.ppm --calibration none.yaml", 2, "none.yaml"),
         ("train --out run", 2, "pip install 'duckpilot[trainer"),

@@ -97,16 +97,15 @@ class MapView:
 
 
 class DriveFilm:
-    """An MP4 of `SIZE_PX`; ``close`` it.
+    """An MP4 of `SIZE_PX`; ``turn_to`` a floor first, and ``close`` it.
 
     Args:
         path: of the video; its folder is made.
-        ground: the floor that is driven on.
         model: ONNX file of the policy that drives, for what it looks at.
         every_s: between two moments [s].
     """
 
-    def __init__(self, path: Path, ground: Ground, model: Path, every_s: float) -> None:
+    def __init__(self, path: Path, model: Path, every_s: float) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._every_s, self._actions = every_s, read_contract(model).actions
         try:
@@ -114,14 +113,12 @@ class DriveFilm:
         except ContractError:  # a network without convolutions looks nowhere in particular
             self._explainer = None
         self._video = Mp4(path, 1.0 / every_s, QUALITY)
-        self._before: Pose | None = None
         self.filmed = False
-        self.turn_to(ground)
 
     def turn_to(self, ground: Ground) -> None:
         """Go on on another floor."""
         self.map = MapView(ground, *MAP_BOX[2:])
-        self._before = None
+        self._before: Pose | None = None
 
     def add(self, moment: Moment) -> None:
         """One more picture."""
@@ -193,16 +190,9 @@ def _draw_arrow(
         left, top = foot[0] - 14, foot[1] - 38
         cv2.rectangle(picture, (left, top), (left + 28, top + 28), colour, -1)
         return
-    twist = DRIVE.twist(wheels)
-    turned = np.linspace(0.0, twist.turn_radps * ARROW_S, 12)
-    steps = np.stack((-np.sin(turned), -np.cos(turned)), axis=1) * 44 / len(turned)
-    points = np.rint(np.add(foot, np.cumsum(steps, axis=0) - steps.sum(axis=0) * (0.5, 0.0)))
-    points = points.astype(np.int32)
-    cv2.polylines(picture, [points], False, colour, 3, cv2.LINE_AA)
-    for side in (-2.5, 2.5):
-        way = turned[-1] + side
-        barb = (points[-1] + 11 * np.array([-math.sin(way), -math.cos(way)])).astype(int)
-        cv2.line(picture, tuple(points[-1].tolist()), tuple(barb.tolist()), colour, 3, cv2.LINE_AA)
+    turned = DRIVE.twist(wheels).turn_radps * ARROW_S
+    tip = (foot[0] - round(44 * math.sin(turned)), foot[1] - round(44 * math.cos(turned)))
+    cv2.arrowedLine(picture, foot, tip, colour, 3, cv2.LINE_AA, tipLength=0.3)
 
 
 def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:

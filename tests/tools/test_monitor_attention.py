@@ -41,7 +41,7 @@ def test_the_newest_picture_is_explained() -> None:
     assert grid[:3].max() == 0  # the policy does not see the top third
     thread.offer(FrameMessage(b"\xff\xd8no picture\xff\xd9", 160, 120, 9.0))
     assert until(lambda: thread.newest is None)
-    thread.close()
+    thread.end()
 
 
 def test_the_robot_sends_none_and_the_page_gets_one(tmp_path: Path) -> None:

@@ -33,7 +33,9 @@ def moment(**other: object) -> Moment:
 
 @pytest.fixture
 def film(tmp_path: Path) -> DriveFilm:
-    return DriveFilm(tmp_path / "films" / "drive.mp4", GROUND, MODEL, 0.1)
+    film = DriveFilm(tmp_path / "films" / "drive.mp4", MODEL, 0.1)
+    film.turn_to(GROUND)
+    return film
 
 
 def view() -> MapView:

@@ -62,11 +62,6 @@ class Case:
     check: Callable[[Stage], str] = nothing
     drives_again: bool = False
 
-    @property
-    def goes_on(self) -> bool:
-        """Whether the robot must not mind."""
-        return not self.states
-
 
 @dataclass(frozen=True)
 class Outcome:

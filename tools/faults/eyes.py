@@ -82,12 +82,12 @@ def _spoiled(
 
 
 def _held(stage: Stage) -> None:
-    _camera(stage).spoil = spoil.Held()
+    _camera(stage).spoil = spoil.held()
 
 
 def _shortly(name: str, what: str, wrong: spoil.Spoil, pictures: int) -> Case:
     def inject(stage: Stage) -> None:
-        _camera(stage).spoil = spoil.Moment(wrong, pictures)
+        _camera(stage).spoil = spoil.shortly(wrong, pictures)
 
     return Case(name, what, inject, states=(), heal=change(_camera, spoil=None))
 

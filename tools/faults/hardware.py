@@ -6,7 +6,7 @@ import resource
 
 from robot.recording.drive_file import UNFINISHED
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
-from tools.faults.case import Case
+from tools.faults.case import Case, change
 from tools.faults.stage import Stage
 from tools.loop.timekeeper import BenchError
 
@@ -43,10 +43,6 @@ def _move_away(stage: Stage) -> None:
     stage.bench.start_and_end("robot")
 
 
-def _move_back(stage: Stage) -> None:
-    stage.bench.town.hat.chip.address = 0x6F
-
-
 def coils_off(stage: Stage) -> str:
     """Whether no output is high."""
     return "the coils carry current" if stage.bench.town.hat.chip.outputs.any_high else ""
@@ -75,7 +71,7 @@ I2C = (
         moving=False,
         silent=True,
         check=_says_where,
-        heal=_move_back,
+        heal=change(lambda stage: stage.bench.town.hat.chip, address=0x6F),
     ),
 )
 

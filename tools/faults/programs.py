@@ -14,9 +14,10 @@ import numpy as np
 
 from robot.geometry import Pose
 from robot.recording.reader import read_turns
-from tools.faults.case import HOLD, HOLD_OR_FAULT, Act, Case
+from tools.faults.case import HOLD, HOLD_OR_FAULT, Act, Case, change
 from tools.faults.hardware import RELEASED_S, coils_off
 from tools.faults.stage import Stage
+from tools.loop.operator import Operator
 from tools.loop.pursuit import write_pursuit
 
 SLOW_S = 0.35
@@ -105,16 +106,19 @@ MODEL = (
 
 def _gone(name: str, how: int, check: Callable[[Stage], str]) -> Case:
     """The robot's program is ended."""
-    inject: Act = lambda stage: stage.bench.end("robot", how)  # noqa: E731
-    return Case(f"robot {name}", "", inject, silent=True, check=check)
+    return Case(
+        *(f"robot {name}", "", lambda stage: stage.bench.end("robot", how)),
+        silent=True,
+        check=check,
+    )
+
+
+def _operator(stage: Stage) -> Operator:
+    return stage.bench.operator
 
 
 def _unwatched(name: str, inject: Act) -> Case:
     return Case(f"monitor {name}", "", inject, LINK_AGE_S, "operator", HOLD)
-
-
-def _watching(watched: bool) -> Act:
-    return lambda stage: setattr(stage.bench.operator, "watching", watched)
 
 
 def _coils_off(stage: Stage) -> str:
@@ -190,10 +194,10 @@ PROGRAMS = (
     _unwatched("SIGKILL", lambda stage: stage.bench.end("monitor", signal.SIGKILL)),
     _unwatched("SIGSTOP", lambda stage: stage.bench.freeze("monitor")),
     Case(
-        *("page not watched", "it shows nothing any more", _watching(False)),
+        *("page not watched", "it shows nothing any more", change(_operator, watching=False)),
         2.0,  # a second until the monitor falls silent, and one until the robot minds
         *("operator", HOLD),
-        heal=_watching(True),
+        heal=change(_operator, watching=True),
     ),
 )
 

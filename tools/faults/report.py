@@ -18,17 +18,14 @@ age at which the fault is one; *last step* is when a motor last stepped, from th
 nobody may be armed by that. *Shown* is what the monitor's page says (or the robot's terminal, where
 there is no page). A dash: the robot must drive on, or did not drive.
 
-"""
-MADE_BY = (
-    "Made by `python -m tools.faults --model MODEL --report docs/faults.md`, lock-step: times are "
-    "the robot's own clock's."
-)
+Made by `python -m tools.faults --model MODEL --report docs/faults.md`, lock-step: times are the \
+robot's own clock's. """
 
 
 def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
     """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
     passed = f"{sum(outcome.passed for outcome in outcomes)} of {len(outcomes)}"
-    lines = [HEAD, f"{MADE_BY} {passed} as they must be.\n"]
+    lines = [HEAD, f"{passed} as they must be.\n"]
     if unmet:
         lines.append(f"Not met in this run: {', '.join(unmet)}.\n")
     for family in dict.fromkeys(outcome.family for outcome in outcomes):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import cv2
@@ -61,25 +62,18 @@ def rolled(picture: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.warpAffine(picture, turn, picture.shape[1::-1]))
 
 
-class Held:
+def held() -> Spoil:
     """The first picture again and again, through a sensor's noise."""
+    first: list[np.ndarray] = []
 
-    def __init__(self) -> None:
-        self._first: np.ndarray | None = None
+    def again(picture: np.ndarray) -> np.ndarray:
+        first[:] = first or [picture.copy()]
+        return noisy(first[0], 6.0)
 
-    def __call__(self, picture: np.ndarray) -> np.ndarray:
-        """What comes instead of it."""
-        self._first = picture.copy() if self._first is None else self._first
-        return noisy(self._first, 6.0)
+    return again
 
 
-class Moment:
+def shortly(spoil: Spoil, pictures: int) -> Spoil:
     """So many pictures spoiled, the rest as they come."""
-
-    def __init__(self, spoil: Spoil, pictures: int) -> None:
-        self._spoil, self._left = spoil, pictures
-
-    def __call__(self, picture: np.ndarray) -> np.ndarray:
-        """Spoil it, or not any more."""
-        self._left -= 1
-        return self._spoil(picture) if self._left >= 0 else picture
+    spoils = itertools.chain([True] * pictures, itertools.repeat(False))
+    return lambda picture: spoil(picture) if next(spoils) else picture

@@ -156,7 +156,7 @@ class Stage:
         state, reason = self._shown()
         problems = [self._stop_problem(case, stopped_s), _shown_problem(case, state, reason)]
         problems.append(case.check(self))
-        if not case.goes_on:
+        if case.states:
             problems.append(self._resume_problem(case))
         told = "; ".join(filter(None, problems))
         return replace(outcome, stopped_s=stopped_s, state=state, reason=reason, problem=told)
@@ -179,7 +179,7 @@ class Stage:
     def _stop_problem(self, case: Case, stopped_s: float) -> str:
         if not case.moving:
             return ""
-        if case.goes_on:
+        if not case.states:
             moving = self.bench.now_s - self.bench.town.moved_s < 0.3
             return "" if moving else "expected it to drive on, it stands"
         if stopped_s <= case.threshold_s + STOP_BUDGET_S:

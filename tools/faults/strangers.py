@@ -7,6 +7,7 @@ import secrets
 import socket
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import zmq
 
@@ -27,11 +28,6 @@ def _stranger(stage: Stage) -> Keys:
     folder = stage.bench.folder / f"stranger-{secrets.token_hex(4)}"
     own = load_keys(keygen(folder, ("monitor", "robot"))["monitor"])
     return replace(own, peers=_monitors(stage).peers)
-
-
-def _nobody(_: Stage) -> Keys | None:
-    """No encryption."""
-    return None
 
 
 def _monitors(stage: Stage) -> Keys:
@@ -79,11 +75,9 @@ def _junk(stage: Stage) -> list[bytes]:
 
 def _takes_over(stage: Stage) -> list[bytes]:
     """All that moves the robot or stops it."""
-    kinds = ("stop", "disarm", "arm", "clear")
-    asked = [Command(secrets.token_hex(8), "thief", kind) for kind in kinds]
-    asked.append(Command(secrets.token_hex(8), "thief", "mission", Mission(stage.goal)))
-    asked.append(Command(secrets.token_hex(8), "thief", "manual", None, 0))
-    return [command.to_bytes() for command in asked]
+    asked: list[tuple[Any, ...]] = [("stop",), ("disarm",), ("arm",), ("clear",)]
+    asked += [("mission", Mission(stage.goal)), ("manual", None, 0)]
+    return [Command(secrets.token_hex(8), "thief", *words).to_bytes() for words in asked]
 
 
 def _stolen(name: str, thief: str) -> Case:
@@ -139,8 +133,8 @@ def _instead_of_poses(name: str, what: str, data: bytes, count: int) -> Case:
         assert stage.stand_in is not None
         stage.stand_in.instead = [data] * count
 
-    met = (POSE_AGE_S, "overhead pose", HOLD)
-    return Case(name, what, inject, *met, before=Stage.replace_localizer)
+    ready = Stage.replace_localizer
+    return Case(name, what, inject, POSE_AGE_S, "overhead pose", HOLD, before=ready)
 
 
 def _stopped_then_replayed(stage: Stage) -> None:
@@ -179,7 +173,7 @@ STRANGERS = (
         heal=_renewed,
     ),
     _ignored("wrong key", "a stranger's STOP", _commands(_stranger, _stop)),
-    _ignored("no key", "a STOP without encryption", _commands(_nobody, _stop)),
+    _ignored("no key", "a STOP without encryption", _commands(lambda _: None, _stop)),
     Case(
         *("replayed command", "STOP, then this morning's arm and mission", _stopped_then_replayed),
         *(0.0, "stop", HOLD),

@@ -184,8 +184,7 @@ class Bench:
 
     def start_and_end(self, name: str) -> Process:
         """Start a program that cannot work, and let it find out."""
-        self.start(name)
-        process = self.processes[name]
+        process = self.start(name)
         self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
         return process
 

@@ -122,8 +122,7 @@ class Conductor(Timekeeper):
         deadline_s = time.monotonic() + PATIENCE_S
         while True:
             busy = [p for p in self._participants.values() if not (p.idle or p.frozen)]
-            wait_s = 1.0 if busy else 0.0
-            self._listen(wait_s)
+            self._listen(1.0 if busy else 0.0)
             if not busy:
                 return
             if time.monotonic() > deadline_s:

@@ -38,25 +38,26 @@ class Listener:
     def serve(self) -> None:
         """Let in who knocks, and answer requests."""
         with self._serving:
-            self._serve()
+            while select.select([self._listener], [], [], 0.0)[0]:
+                connection = self._listener.accept()[0]
+                connection.settimeout(SILENCE_S)
+                self.connections.append(connection)
+            for connection in select.select(self.connections, [], [], 0.0)[0]:
+                try:
+                    self._answer(connection)
+                except OSError:
+                    self._drop(connection)
 
-    def _serve(self) -> None:
-        while select.select([self._listener], [], [], 0.0)[0]:
-            connection = self._listener.accept()[0]
-            connection.settimeout(SILENCE_S)
-            self.connections.append(connection)
-        ready = select.select(self.connections, [], [], 0.0)[0] if self.connections else []
-        for connection in ready:
-            try:
-                self._answer(connection)
-            except OSError:
-                self._drop(connection)
-
-    def close(self) -> None:
-        """Hang up on everybody."""
+    def hang_up(self) -> None:
+        """Leave everybody who is connected; they may come again."""
         with self._serving:
             for connection in [*self.connections]:
                 self._drop(connection)
+
+    def close(self) -> None:
+        """Hang up on everybody, for good."""
+        self.hang_up()
+        with self._serving:
             self._listener.close()
 
     def _answer(self, connection: socket.socket) -> None:
@@ -131,12 +132,6 @@ class PictureServer(Listener):
             with contextlib.suppress(OSError):
                 connection.sendall(data)
                 self.answered()
-
-    def hang_up(self) -> None:
-        """Leave everybody who looks; they may come again."""
-        with self._serving:
-            for connection in [*self.connections]:
-                self._drop(connection)
 
     def _answer(self, connection: socket.socket) -> None:
         if receive_exactly(connection, 1) == NEXT:

@@ -8,7 +8,7 @@ import math
 import sys
 import tempfile
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -57,14 +57,14 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     with ExitStack() as stack:
         film = None
         if options.video and len(rows) < options.missions:
-            film = stack.enter_context(closing(Film(options.video, options.model)))
+            film = Film(options.video, options.model)
+            stack.callback(film.close)
         bar = stack.enter_context(tqdm(total=options.missions, initial=len(rows), desc="missions"))
         while len(rows) < options.missions:
             robot = _drive_at(site_after(len(rows)), options, rows, folder, film, bar)
     figures = summary(rows, options)
-    if robot:
-        figures["robot"] = robot
-        _write(options.json, figures)
+    if robot and options.json:
+        write_json(options.json, {**figures, "robot": robot})
     return figures
 
 
@@ -107,7 +107,8 @@ def _drive_at(
             record = driver.drive(options.goal)
             figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
             rows.append({"site": site.name, **figures})
-            _write(options.json, summary(rows, options))
+            if options.json:
+                write_json(options.json, summary(rows, options))
             bar.update()
         return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
 
@@ -190,8 +191,3 @@ def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
     names = ("map", "look", "seed", "realtime")
     places = {n: list(p) if (p := getattr(options, n)) else None for n in ("start", "goal")}
     return {"model": str(options.model), **{n: getattr(options, n) for n in names}, **places}
-
-
-def _write(path: Path | None, figures: dict[str, Any]) -> None:
-    if path is not None:
-        write_json(path, figures)

@@ -23,34 +23,22 @@ class Film:
     """
 
     def __init__(self, path: Path, model: Path) -> None:
-        self._path, self._model = path, model
-        self._film: DriveFilm | None = None
+        self._film = DriveFilm(path, model, EVERY_S)
         self._bench: Bench | None = None
         self._due_s = 0.0
+        self.close = self._film.close
 
     def watch(self, bench: Bench) -> None:
         """Take a picture of this bench when it is time."""
         if self._bench is not bench:
-            self._turn_to(bench)
-        if self._film is None or bench.now_s < self._due_s or not bench.operator.picture:
+            self._bench, self._due_s = bench, bench.now_s
+            self._film.turn_to(bench.town.world.scene.ground)
+        if bench.now_s < self._due_s or not bench.operator.picture:
             return
         self._due_s += EVERY_S
         if bench.operator.mission.get("phase") != "driving":
             self._film.map.trail.clear()
         self._film.add(moment(bench))
-
-    def close(self) -> None:
-        """Complete the video, if there is anything in it."""
-        if self._film is not None:
-            self._film.close()
-
-    def _turn_to(self, bench: Bench) -> None:
-        ground = bench.town.world.scene.ground
-        self._bench, self._due_s = bench, bench.now_s
-        if self._film is None:
-            self._film = DriveFilm(self._path, ground, self._model, EVERY_S)
-        else:
-            self._film.turn_to(ground)
 
 
 def moment(bench: Bench) -> Moment:

@@ -7,7 +7,7 @@ the robot's own code. Time is simulated, so the drive is the same on every machi
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +56,9 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
         )
         film = None
         if options.video:
-            ground = lap_drive.world.scene.ground
-            film = DriveFilm(options.video, ground, options.model, CONTROL_DT_S)
-            stack.enter_context(closing(film))
+            film = DriveFilm(options.video, options.model, CONTROL_DT_S)
+            film.turn_to(lap_drive.world.scene.ground)
+            stack.callback(film.close)
 
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
             bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)

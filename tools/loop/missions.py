@@ -116,8 +116,8 @@ class Driver:
                 return record
         began_s = self.bench.now_s
         self.bench.until(lambda: self._look() == "driving", ANSWER_S, "the mission to begin")
-        told = ""
-        while self._look() == "driving" and self._in_time(began_s, record):
+        told, late_s = "", began_s + record.length_m / DAWDLE_MPS
+        while self._look() == "driving" and self.bench.now_s < late_s:
             record.detours += operator.mission["reason"] != told
             told = operator.mission["reason"]
             record.offsets_m.append(distance_m(operator.robot["path"], self.bench.town.pose))
@@ -164,9 +164,6 @@ class Driver:
         self.bench.operator.turn()
         self._watch()
         return str(self.bench.operator.mission.get("phase", ""))
-
-    def _in_time(self, began_s: float, record: MissionRecord) -> bool:
-        return self.bench.now_s - began_s < record.length_m / DAWDLE_MPS
 
     def _found(self) -> bool:
         self._look()

@@ -108,15 +108,6 @@ class Operator:
         answer = json.loads(reply.read())
         return bool(answer["accepted"]), str(answer["reason"])
 
-    def drive_by_hand(self, action: int | None) -> None:
-        """Press an arrow, or let go."""
-        self._protocol.send_text(json.dumps({"manual": action}).encode())
-        self._send(self._socket, b"".join(self._protocol.data_to_send()))
-
-    def close(self) -> None:
-        """Close the page."""
-        self._socket.close()
-
     def _take(self, event: Any) -> bool:
         """Whether it tells of a state."""
         if not isinstance(event, Frame) or event.opcode not in (Opcode.BINARY, Opcode.TEXT):

@@ -16,17 +16,11 @@ MISSIONS_PER_SITE = 5  # then the bench begins anew: a floor cannot change below
 
 @dataclass(frozen=True)
 class Site:
-    """One draw of a look; all that was drawn belongs to the same place.
+    """One draw of a look; all that was drawn belongs to the same place."""
 
-    Attributes:
-        name: of the look's file, as ``reality/night``.
-        look: what was drawn.
-        until: how many missions are over when the robot leaves it; None if it never does.
-    """
-
-    name: str
+    name: str  # of the look's file, as ``reality/night``
     look: Look
-    until: int | None
+    until: int | None  # how many missions are over when the robot leaves it, if ever
 
 
 def sites_of(source: str, seed: int) -> Callable[[int], Site]:

@@ -74,7 +74,8 @@ def _watch_streams(shared: SharedTime) -> None:
             got = receive(subscriber)
             if got is not None:
                 newest, subscriber.last = got, (session_number(got.session), got.sequence)
-            return subscriber.last is None or _is_past(subscriber.last, due)
+            session, sequence = subscriber.last or due
+            return bool(session == due[0] and sequence >= due[1])
 
         if not _look_until(there, shared):
             subscriber.last = due  # lost: do not wait for it again
@@ -82,10 +83,6 @@ def _watch_streams(shared: SharedTime) -> None:
 
     subscribers.__init__ = begin_by_the_wall
     publishers.send, subscribers.receive = told_send, patient_receive
-
-
-def _is_past(heard: tuple[float, float], due: tuple[float, float]) -> bool:
-    return heard[0] == due[0] and heard[1] >= due[1]
 
 
 def _watch_commands(shared: SharedTime) -> None:

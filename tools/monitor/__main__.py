@@ -25,13 +25,11 @@ PORT = 8600
 WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15
 WS_QUEUE = 8
 LAST_PORT = 65_530  # the demonstration's links take the four after it
-
-
 PROGRAM = "python -m tools.monitor"
 
 
-def parse(argv: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
-    """The command line."""
+def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
+    """Serve until interrupted; 2 for wrong input."""
     parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("--host", default="127.0.0.1", help="where to listen; 0.0.0.0: everywhere")
     parser.add_argument("--port", type=whole(1024, LAST_PORT), default=PORT)
@@ -41,12 +39,7 @@ def parse(argv: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--link", type=Path, help="YAML with keys, robot_host, localizer_host")
     source.add_argument("--demo", action="store_true", help="a simulated robot, no hardware")
-    return parser.parse_args(argv)
-
-
-def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
-    """Serve until interrupted; 2 for wrong input."""
-    arguments = parse(argv, prog)
+    arguments = parser.parse_args(argv)
 
     def work() -> None:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))

@@ -130,9 +130,7 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
             found = read_picture(monitor.drives, name, t_s)
         except ConfigError as error:
             raise HTTPException(404, str(error)) from error
-        return (
-            Response(status_code=204) if found is None else Response(found[0], media_type=found[1])
-        )
+        return Response(found[0], media_type=found[1]) if found else Response(status_code=204)
 
 
 def _add_control(app: FastAPI, monitor: Monitor) -> None:

@@ -27,7 +27,7 @@ GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
 
 
 class AttentionThread(Worker):
-    """Explains the newest picture, one at a time; ``close`` it.
+    """Explains the newest picture, one at a time; ``end`` it.
 
     Args:
         model: the policy that drives.
@@ -62,10 +62,6 @@ class AttentionThread(Worker):
         with self._changed:
             self._waiting = frame
             self._changed.notify()
-
-    def close(self) -> None:
-        """End the thread."""
-        self.end()
 
     def _wake(self) -> None:
         with self._changed:

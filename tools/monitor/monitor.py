@@ -51,8 +51,7 @@ class Monitor:
         self._poses: Subscriber[PosesMessage] = config.subscriber(self._link, PosesMessage)
         self._client: CommandClient = config.command_client(self._link)
         self._recorder: DriveRecorder | None = DriveRecorder(drives, time.time)
-        self._waiting: dict[str, asyncio.Future[Ack]] = {}
-        self._names: dict[str, str] = {}  # of the commands in self._waiting
+        self._waiting: dict[str, tuple[str, asyncio.Future[Ack]]] = {}  # what was asked
         self._hand: tuple[object, float] | None = None  # the page that drives, and until when
         self._by_hand: deque[str] = deque(maxlen=64)
         self._hand_refusal = ""
@@ -88,11 +87,8 @@ class Monitor:
     async def command(self, kind: str, mission: Mission | None = None) -> Ack:
         """Ask the robot; returns its answer, or a refusal when it does not answer in time."""
         command_id = self._client.send(kind, mission)
-        future = self._waiting.get(command_id)
-        if future is None:
-            future = asyncio.get_running_loop().create_future()
-            self._waiting[command_id] = future
-            self._names[command_id] = _what(kind, mission)
+        new = (_what(kind, mission), asyncio.get_running_loop().create_future())
+        _, future = self._waiting.setdefault(command_id, new)
         try:
             return await asyncio.wait_for(asyncio.shield(future), PATIENCE_S)
         except TimeoutError:
@@ -155,7 +151,7 @@ class Monitor:
     def close(self) -> None:
         """Complete the recording and close the links."""
         if self._attention is not None:
-            self._attention.close()
+            self._attention.end()
         self._record(DriveRecorder.close)
         self._link.close()
 
@@ -173,9 +169,9 @@ class Monitor:
             if not ack.accepted and ack.reason != self._hand_refusal:
                 self.state.note_answer("manual", ack)
             self._hand_refusal = ack.reason
-        future = self._waiting.pop(ack.id, None)
-        if future is not None:
-            self.state.note_answer(self._names.pop(ack.id), ack)
+        if ack.id in self._waiting:
+            what, future = self._waiting.pop(ack.id)
+            self.state.note_answer(what, ack)
             future.set_result(ack)
 
 

@@ -66,19 +66,16 @@ class MonitorState:
 
     def take_telemetry(self, message: Telemetry) -> bool:
         """Whether the report is new."""
-        before = self.telemetry
-        if not self._passes("telemetry", message):
-            return False
-        self.telemetry = message
-        self._log_changes(before, message)
-        return True
+        if new := self._passes("telemetry", message):
+            self._log_changes(self.telemetry, message)
+            self.telemetry = message
+        return new
 
     def take_frame(self, message: FrameMessage) -> bool:
         """Whether the picture is new."""
-        if not self._passes("picture", message):
-            return False
-        self.frame = message
-        return True
+        if new := self._passes("picture", message):
+            self.frame = message
+        return new
 
     def take_poses(self, message: PosesMessage) -> bool:
         """Whether it is new, and tells of the robot that this monitor watches."""
