@@ -29,9 +29,6 @@ GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
 class AttentionThread(Worker):
     """Explains the newest picture, one at a time; ``end`` it.
 
-    Args:
-        model: the policy that drives.
-
     Raises:
         ConfigError: the extra ``trainer`` is not installed.
         ContractError: the model is no policy of ours.
