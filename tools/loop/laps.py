@@ -1,7 +1,6 @@
 """The runtime drives laps through virtual hardware, in lock-step.
 
-Town, motors and camera are virtual; everything between the camera's frame and the bus's bytes is
-the robot's own code. Time is simulated, so the drive is the same on every machine.
+Town, motors, camera and time are virtual; from the frame to the bytes on the bus it is the robot.
 """
 
 from __future__ import annotations
@@ -46,8 +45,7 @@ def tell(options: argparse.Namespace) -> int:
 def drive(options: argparse.Namespace) -> dict[str, Any]:
     """Drive as asked; the summary."""
     site = sites_of(options.look, options.seed)(0)
-    config = RobotConfig(model=str(options.model), translator=options.translator or "")
-    policy = open_policy(config)
+    policy = open_policy(RobotConfig(str(options.model), translator=options.translator or ""))
     lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
     with ExitStack() as stack:
         stack.callback(lap_drive.close)
