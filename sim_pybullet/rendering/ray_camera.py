@@ -41,7 +41,7 @@ class RigTables:
         self._wanted: list[FloorTable | None] = [None] * n_robots
         self._stored: list[FloorTable | None] = [None] * n_robots
         self.slots = np.zeros(n_robots, np.int64)
-        self._points = np.zeros((n_robots, 4, height * width), np.float32)
+        self._points = np.zeros((4, n_robots, height * width), np.float32)
         self._runs = np.zeros((n_robots, 4 * height, 4), np.int32)
         self._first_run = np.zeros((n_robots, height + 1), np.int32)
         self.directions = np.zeros((n_robots, 3, height, width), np.float32)
@@ -51,7 +51,7 @@ class RigTables:
     @property
     def floor(self) -> FloorTable:
         """The floor tables of all slots."""
-        x, y, dx, dy = self._points.swapaxes(0, 1)
+        x, y, dx, dy = self._points  # each contiguous, or the kernel is half as fast
         return FloorTable(x, y, dx, dy, self._runs, self._first_run)
 
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
@@ -66,7 +66,7 @@ class RigTables:
         slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
         self.slots[i] = slot
         self._stored[slot] = floor
-        self._points[slot] = floor.x, floor.y, floor.dx, floor.dy
+        self._points[:, slot] = floor.x, floor.y, floor.dx, floor.dy
         self._runs = _with_room(self._runs, len(floor.runs))
         self._runs[slot, : len(floor.runs)] = floor.runs
         self._first_run[slot] = floor.first_run
