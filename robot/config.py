@@ -86,6 +86,7 @@ class RobotConfig:
     model: str  # an ONNX policy
     name: str = "robot"  # in poses and telemetry
     map: str = ""  # a map file or the name of a shipped one; for navigation
+    sight: str = ""  # ONNX; tells where a robot with a map is, also without overhead poses
     translator: str = ""  # ONNX, real-to-sim or a parser: for a policy that knows its pictures only
     camera: CameraConfig = CameraConfig()
     hat: HatConfig = field(default_factory=HatConfig)
@@ -108,4 +109,8 @@ class RobotConfig:
             raise ConfigError(
                 "map: expected a link as well, to be told poses and destinations; "
                 "add a link section, or leave the map out to keep a lane"
+            )
+        if self.sight and not self.map:
+            raise ConfigError(
+                "sight: expected a map as well, to know lanes by; add map, or leave it"
             )

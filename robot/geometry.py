@@ -107,3 +107,29 @@ def bezier_tangents(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
     u = 1.0 - t
     d = np.moveaxis(np.diff(np.asarray(control_points, dtype=float), axis=-2), -2, 0)
     return 3 * u**2 * d[0] + 6 * u * t * d[1] + 3 * t**2 * d[2]
+
+
+def compose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Poses (N, 3) moved by steps (N, 3) given in each pose's own frame."""
+    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    x = pose[:, 0] + c * step[:, 0] - s * step[:, 1]
+    y = pose[:, 1] + s * step[:, 0] + c * step[:, 1]
+    return np.stack((x, y, wrap_angle(pose[:, 2] + step[:, 2])), axis=1)
+
+
+def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The steps (N, 3) that lead from poses ``start`` to ``end``: compose(start, step) == end."""
+    delta = end[:, :2] - start[:, :2]
+    c, s = np.cos(start[:, 2]), np.sin(start[:, 2])
+    x = c * delta[:, 0] + s * delta[:, 1]
+    y = -s * delta[:, 0] + c * delta[:, 1]
+    return np.stack((x, y, wrap_angle(end[:, 2] - start[:, 2])), axis=1)
+
+
+def uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The poses (N, 3) from which steps (N, 3) led to ``pose``."""
+    heading = wrap_angle(pose[:, 2] - step[:, 2])
+    c, s = np.cos(heading), np.sin(heading)
+    x = pose[:, 0] - (c * step[:, 0] - s * step[:, 1])
+    y = pose[:, 1] - (s * step[:, 0] + c * step[:, 1])
+    return np.stack((x, y, heading), axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, NamedTuple, Optional, Protocol
+from typing import Callable, NamedTuple, Optional, Protocol, Tuple
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class Guidance(NamedTuple):
     path: Optional[np.ndarray] = None
     pose: Optional[Pose] = None
     pose_age_s: float = float("inf")  # of the newest overhead pose
+    pose_within: Optional[Tuple[float, float]] = None  # see `robot.safety.gates.Inputs`
     arrived: bool = False
     off_path: bool = False
     off_map: bool = False

@@ -11,6 +11,7 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
 from robot.inference.translator import Translator
+from robot.navigation.road_map import RoadMap
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
 from sim_pybullet.episodes import DrawnEpisodes, NumberedEpisodes
 from sim_pybullet.motors import PHYSICS_STEPS
@@ -18,7 +19,7 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
-from sim_pybullet.sensing.guidance_feed import GuidanceFeed
+from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
 from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import Course
 from sim_pybullet.town import Town
@@ -61,6 +62,7 @@ class BatchWorld:
         numbers: of the episodes; without it they have none and never end, see
             `sim_pybullet.episodes`.
         translator: what every picture passes through before the policy sees it.
+        sources: what tells robots on maps where they are.
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class BatchWorld:
         camera: BatchCamera | None = None,
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
+        sources: PoseSources = ALWAYS,
     ) -> None:
         image = image or ImageSpec()
         if not isinstance(image, ImageSpec):
@@ -89,7 +92,10 @@ class BatchWorld:
         self._town = Town(self._episodes.solids, n, reach_m=self._episodes.reach_m)
         camera = camera or RayCamera(image, n)
         self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
-        self._guidance = GuidanceFeed(n) if task.guided else None
+        self._guidance = None
+        if task.guided:
+            maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
+            self._guidance = GuidanceFeed(n, sources, maps)
         self._recorder = DriveRecorder(n)
         self._maps = np.zeros(n, dtype=int)
         self._stack = FrameStack(n, task.frames, self._feed.shape)
@@ -109,9 +115,19 @@ class BatchWorld:
         return self._town.poses
 
     @property
+    def pictured_poses(self) -> np.ndarray:
+        """(N, 3) where the robots were when the pictures that they have now were taken."""
+        return self._feed.shown_poses.copy()
+
+    @property
     def believed_poses(self) -> np.ndarray:
         """(N, 3) where the robots believe to be; the true poses in a task without a path."""
         return self.poses if self._guidance is None else self._guidance.poses.copy()
+
+    @property
+    def certainty(self) -> np.ndarray:
+        """(N, 2) within how far of the truth beliefs are, 95 % sure: [m], [rad]."""
+        return np.zeros((self.n_robots, 2)) if self._guidance is None else self._guidance.certainty
 
     @property
     def maps(self) -> np.ndarray:
@@ -219,6 +235,10 @@ class BatchWorld:
         drawn = None if everyone else robots
         skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
         image = self._feed.pictures(skip, drawn, noise)
+        if begun is None and self._guidance is not None:
+            whole = np.zeros((self.n_robots, *image.shape[1:]), np.uint8)
+            whole[robots] = image
+            self._guidance.see(whole, self._feed.fresh, self._maps)
         if begun is None:
             image = self._stack.push(image, drawn)
         else:

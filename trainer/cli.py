@@ -38,6 +38,9 @@ Group = Mapping[str, Command]
 _RUN, _SEE, _TRY = "trainer.commands", "trainer.transfer.cli", "trainer.experiments.cli"
 COMMANDS: Mapping[str, Command | Group] = {
     "train": Command(f"{_RUN}:train_command", "train a policy"),
+    "train-sight": Command("trainer.sight.cli:train_command", "teach the network that sees lanes"),
+    "judge-sight": Command("trainer.sight.cli:judge_command", "how right sight is, and how sure"),
+    "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
     "endure": Command(f"{_RUN}:endure_command", "let a policy keep its lane for hours"),
     "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),

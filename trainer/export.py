@@ -19,6 +19,7 @@ from torch import nn
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.translator import TranslatorContract
+from robot.vision.sight import SightContract
 from sim_pybullet.tasks.spec import find_task
 from trainer.config import RunConfig
 from trainer.learners.networks import GreedyNetwork
@@ -120,7 +121,7 @@ def write_onnx(
     network: nn.Module,
     inputs: Mapping[str, torch.Tensor],
     output: str,
-    contract: PolicyContract | TranslatorContract,
+    contract: PolicyContract | SightContract | TranslatorContract,
     path: Path,
     size: Sequence[int] = (),
 ) -> None:

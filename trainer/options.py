@@ -122,6 +122,10 @@ class EvaluateOptions:
     """none or arena, in place of the look's own."""
     translate: str | None = None
     """An ONNX translator between the preprocessed picture and the policy."""
+    overhead: str = "always"
+    """When overhead poses come to who navigates: always, 1-in-20 seconds, or at the start only."""
+    sight: str | None = None
+    """An ONNX sight, which corrects where robots believe to be."""
     zero: str | None = None
     """image or path: what the policy gets zeros for, to see what it is worth."""
     episodes: int = 100
@@ -136,6 +140,7 @@ class EvaluateOptions:
             DuckpilotError: they do not.
         """
         from sim_pybullet.randomise import load_look_sampler
+        from sim_pybullet.sensing.guidance_feed import OVERHEAD
         from sim_pybullet.tasks.spec import find_task
         from trainer.config import LARGEST_SEED, choose
         from trainer.division import maps_named
@@ -146,6 +151,7 @@ class EvaluateOptions:
         expect_between("seed", self.seed, 0, LARGEST_SEED - MOST_EPISODES)
         if self.zero is not None:
             choose("zero", self.zero, ZEROS)
+        choose("overhead", self.overhead, OVERHEAD)
         load_look_sampler(self.look, self.pose_error, self.without)
         if self.task is None and not Path(self.model).exists():
             return  # yet

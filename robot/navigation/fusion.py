@@ -8,6 +8,7 @@ beside the pose, what spoils either source:
   its bound: without one, a scale of nearly nothing explains a robot that stands while it steps. An
   estimate beyond it is projected back, and the rest of the state with it (Simon, Kalman filtering
   with state constraints, IET Control Theory and Applications 4, 2010, section 2.3);
+* what sight says wrong of offset and heading, where there is sight: its camera is mounted by hand;
 * the error of the overhead poses, which drifts. Taken for white it would be averaged away over a
   few pictures, which it is not (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
   Tracking and Navigation, 8.3: coloured measurement noise by state augmentation).
@@ -21,17 +22,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import Callable, List, Tuple
 
 import numpy as np
 
-from robot.geometry import wrap_angle
+from robot.geometry import between, compose, uncompose, wrap_angle
 
 HISTORY_S = 3.0  # older pictures are refused
+_CHI_1, _CHI_2 = 3.84, 5.99  # squared distances that 95 % lie within, in one and two dimensions
 _UNKNOWN_HEADING_RAD = 1e3  # standard deviation of a heading that was not measured
-_STATES = 9
 _POSE, _CALIBRATION, _ERROR = slice(0, 3), slice(3, 6), slice(6, 9)  # parts of the state
+SEEN = slice(9, 11)  # the part that only robots with sight have
 _FORWARD, _TURN, _DRIFT = 3, 4, 5  # the calibration
+
+
+# Estimates (N, 3), steps since -> innovation (N, K), design (N, K, S), covariance (N, K, K).
+Compare = Callable[[np.ndarray, np.ndarray], Tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -53,23 +59,10 @@ class FusionConfig:
     wander_rad: float = 0.1  # of the heading, per square root of a metre
     gate: float = 16.3  # squared Mahalanobis distance that 1 of 1000 honest poses exceeds
     rejections: int = 5  # so many unbelievable poses in a row mean that the estimate is wrong
-
-
-def compose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Poses (N, 3) moved by steps (N, 3) given in each pose's own frame."""
-    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    x = pose[:, 0] + c * step[:, 0] - s * step[:, 1]
-    y = pose[:, 1] + s * step[:, 0] + c * step[:, 1]
-    return np.stack((x, y, wrap_angle(pose[:, 2] + step[:, 2])), axis=1)
-
-
-def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The steps (N, 3) that lead from poses ``start`` to ``end``: compose(start, step) == end."""
-    delta = end[:, :2] - start[:, :2]
-    c, s = np.cos(start[:, 2]), np.sin(start[:, 2])
-    x = c * delta[:, 0] + s * delta[:, 1]
-    y = -s * delta[:, 0] + c * delta[:, 1]
-    return np.stack((x, y, wrap_angle(end[:, 2] - start[:, 2])), axis=1)
+    sight: bool = False  # whether there are states for the error of sight
+    seen_offset_m: float = 0.008  # of that error, which goes with camera, lens and light
+    seen_heading_rad: float = math.radians(2.5)
+    seen_correlation_s: float = 20.0  # over which it drifts
 
 
 class PoseFusion:
@@ -84,8 +77,10 @@ class PoseFusion:
         self.config = config
         self.poses = np.full((count, 3), np.nan)
         self.rejected = np.zeros(count, dtype=int)
-        self._beside = np.zeros((count, 6))  # estimate of calibration and overhead error
-        self._covariance = np.zeros((count, _STATES, _STATES))
+        self._states = SEEN.stop if config.sight else SEEN.start
+        # Estimate of calibration, overhead error and that of sight.
+        self._beside = np.zeros((count, self._states - 3))
+        self._covariance = np.zeros((count, self._states, self._states))
         self._measured_s = np.full(count, -math.inf)
         self._odometry = np.zeros((count, 3))  # by calibrated steps
         self._times_s: List[float] = []
@@ -99,6 +94,8 @@ class PoseFusion:
         self._measured_s[robots] = -math.inf
         self._beside[robots] = 0.0
         self._covariance[robots] = 0.0
+        if self.config.sight:
+            self._covariance[robots, SEEN, SEEN] = np.diag(self._seen_variance)
         self.relearn(robots)
 
     def relearn(self, robots: np.ndarray) -> None:
@@ -118,6 +115,12 @@ class PoseFusion:
     def at_bound(self) -> np.ndarray:
         """(N,) whether the wheels seem to be off by as much as wheels can be: a doubt in itself."""
         return np.asarray((np.abs(self._beside[:, :3]) >= self.config.bounds).any(axis=1))
+
+    @property
+    def certainty(self) -> np.ndarray:
+        """(N, 2) within how far of the truth position [m] and heading [rad] are, 95 % sure."""
+        place = np.linalg.eigvalsh(self._covariance[:, :2, :2])[:, 1]
+        return np.sqrt(np.stack((_CHI_2 * place, _CHI_1 * self._covariance[:, 2, 2]), axis=1))
 
     @property
     def position_sd_m(self) -> np.ndarray:
@@ -156,18 +159,62 @@ class PoseFusion:
         fresh = np.isfinite(measured[:, :2]).all(axis=1) & (captured_s > self._measured_s)
         unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= self.config.rejections)
         lost = fresh & unknown & np.isfinite(measured[:, 2])
-        past, beside = _uncompose(self.poses, since), self._beside.copy()
+        past, beside = uncompose(self.poses, since), self._beside.copy()
         covariance = _carry(self._covariance, past[:, :2] - self.poses[:, :2])
         likely = self._correct(past, beside, covariance, measured)
         believed = fresh & ~lost & likely & np.isfinite(then[:, 0])
         past[lost] = measured[lost]
         self._begin(beside, covariance, lost)
-        now, taken = compose(past, since), believed | lost
+        taken = believed | lost
+        self._take(taken, past, since, beside, covariance)
+        self._measured_s[taken] = captured_s[taken]
+        self.rejected = np.where(taken, 0, self.rejected + fresh)
+
+    def correct(self, compare: Compare, captured_s: np.ndarray) -> np.ndarray:
+        """Take what else was measured of the poses at times (N,) [s]; who (N,) took it.
+
+        ``compare`` is told the estimates then, and the steps since, both (N, 3); it gives what
+        was measured less what they let expect (N, K), NaN where nothing was measured, how that
+        goes with the state (N, K, S), and its covariance (N, K, K). What is farther off than
+        ``gate`` is ignored.
+        """
+        then = self._odometry_at(captured_s)
+        since = between(then, self._odometry)
+        past, beside = uncompose(self.poses, since), self._beside.copy()
+        covariance = _carry(self._covariance, past[:, :2] - self.poses[:, :2])
+        innovation, design, noise = compare(past, since)
+        known = np.isfinite(innovation).all(axis=1) & np.isfinite(past).all(axis=1)
+        seen = covariance @ design.transpose(0, 2, 1)
+        inverse = np.linalg.inv(design @ seen + noise)
+        gain = seen @ inverse
+        difference = np.nan_to_num(innovation)
+        correction = np.einsum("nij,nj->ni", gain, difference)
+        past += correction[:, _POSE]
+        beside += correction[:, 3:]
+        covariance -= gain @ seen.transpose(0, 2, 1)
+        self._bound(past, beside, covariance)
+        distance = np.einsum("ni,nij,nj->n", difference, inverse, difference)
+        taken = known & (distance < self.config.gate)
+        self._take(taken, past, since, beside, covariance)
+        return np.asarray(taken)
+
+    def seen_error(self) -> np.ndarray:
+        """(N, 2) what sight seems to say wrong: offset [m], heading [rad]."""
+        return self._beside[:, 6:8].copy()
+
+    def _take(
+        self,
+        taken: np.ndarray,
+        past: np.ndarray,
+        since: np.ndarray,
+        beside: np.ndarray,
+        covariance: np.ndarray,
+    ) -> None:
+        """Let corrected estimates of some robots (N,) count, with the steps since."""
+        now = compose(past, since)
         self.poses[taken] = now[taken]
         self._beside[taken] = beside[taken]
         self._covariance[taken] = _carry(covariance, now[:, :2] - past[:, :2])[taken]
-        self._measured_s[taken] = captured_s[taken]
-        self.rejected = np.where(taken, 0, self.rejected + fresh)
 
     def age_s(self, now_s: float) -> np.ndarray:
         """(N,) time since the picture of the last overhead pose that was taken [s]."""
@@ -185,8 +232,10 @@ class PoseFusion:
         config = self.config
         c, s = np.cos(along_rad), np.sin(along_rad)
         keep = math.exp(-elapsed_s / config.correlation_s)
+        keep_seen = math.exp(-elapsed_s / config.seen_correlation_s)
         change = np.zeros_like(self._covariance)  # Jacobian of the new state by the old one
-        change[:, range(_STATES), range(_STATES)] = (1.0,) * 6 + (keep,) * 3
+        kept = np.array((1.0,) * 6 + (keep,) * 3 + (keep_seen,) * 2)[: self._states]
+        change[:, range(self._states), range(self._states)] = kept
         change[:, 0, 2], change[:, 1, 2] = -displaced_m[:, 1], displaced_m[:, 0]
         change[:, 0, _FORWARD], change[:, 1, _FORWARD] = forward_m * c, forward_m * s
         for number, steps in ((_TURN, turn_rad), (_DRIFT, forward_m)):
@@ -200,8 +249,10 @@ class PoseFusion:
         noise[:, 0, 1] = noise[:, 1, 0] = variance * c * s
         noise[:, 2, 2] = config.turn_noise**2 * np.abs(turn_rad) + config.wander_rad**2 * length_m
         noise[:, range(6, 9), range(6, 9)] = (1.0 - keep**2) * self._overhead_variance
+        if config.sight:
+            noise[:, (9, 10), (9, 10)] = (1.0 - keep_seen**2) * self._seen_variance
         self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
-        self._beside[:, 3:] *= keep
+        self._beside[:, 3:] *= kept[6:]
 
     def _correct(
         self, past: np.ndarray, beside: np.ndarray, covariance: np.ndarray, measured: np.ndarray
@@ -212,7 +263,7 @@ class PoseFusion:
         jitter[:, range(3), range(3)] = self.config.jitter**2 * self._overhead_variance
         jitter[np.isnan(measured[:, 2]), 2, 2] = _UNKNOWN_HEADING_RAD**2
         inverse = np.linalg.inv(seen[:, _POSE] + seen[:, _ERROR] + jitter)
-        innovation = measured - past - beside[:, 3:]
+        innovation = measured - past - beside[:, 3:6]
         innovation[:, 2] = wrap_angle(innovation[:, 2])
         innovation = np.nan_to_num(innovation)
         gain = seen @ inverse
@@ -250,12 +301,18 @@ class PoseFusion:
         first[:, _POSE, _POSE] = error * (1.0 + self.config.jitter**2)
         first[:, _ERROR, _ERROR] = error
         first[:, _POSE, _ERROR] = first[:, _ERROR, _POSE] = -error
+        if self.config.sight:
+            first[:, SEEN, SEEN] = np.diag(self._seen_variance)
         covariance[lost] = first
 
     @property
     def _wheel_variance(self) -> np.ndarray:
         config = self.config
         return np.diag(np.square((config.forward_scale, config.turn_scale, config.drift_rad_per_m)))
+
+    @property
+    def _seen_variance(self) -> np.ndarray:
+        return np.square((self.config.seen_offset_m, self.config.seen_heading_rad))
 
     @property
     def _overhead_variance(self) -> np.ndarray:
@@ -276,19 +333,10 @@ class PoseFusion:
         return np.where((when_s >= times[0])[:, None], at, np.nan)
 
 
-def _uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The poses from which ``step`` led to ``pose``."""
-    heading = wrap_angle(pose[:, 2] - step[:, 2])
-    c, s = np.cos(heading), np.sin(heading)
-    x = pose[:, 0] - (c * step[:, 0] - s * step[:, 1])
-    y = pose[:, 1] - (s * step[:, 0] + c * step[:, 1])
-    return np.stack((x, y, heading), axis=1)
-
-
 def _carry(covariance: np.ndarray, displaced_m: np.ndarray) -> np.ndarray:
     """Covariance after displacements (N, 2): a heading error swings the position."""
     jacobian = np.zeros_like(covariance)
-    jacobian[:, range(_STATES), range(_STATES)] = 1.0
+    jacobian[:, range(covariance.shape[1]), range(covariance.shape[1])] = 1.0
     moved = np.nan_to_num(displaced_m)  # of a robot whose place is unknown
     jacobian[:, 0, 2], jacobian[:, 1, 2] = -moved[:, 1], moved[:, 0]
     return jacobian @ covariance @ jacobian.transpose(0, 2, 1)

@@ -9,24 +9,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Callable, Optional, Tuple
+from typing import Callable, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from robot.camera.source import Frame
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
+from robot.inference.preprocess import preprocess
 from robot.link.freshness import PoseGate
 from robot.link.messages import PoseMessage, PosesMessage
 from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, MissionStatus, thin_path
 from robot.link.wire import tidy_text
-from robot.navigation.fusion import PoseFusion
+from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.guidance import path_input
+from robot.navigation.lane_view import LaneView
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
+from robot.navigation.sight_fix import SightFix
 from robot.navigation.way_check import WayCheck
 from robot.parts import Guidance, Tick
 from robot.safety.state_machine import State
+from robot.vision.sight import OnnxSight
 
 ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
 # The middle of the yellow line, seen from the middle of the lane: beyond it the robot is on the
@@ -42,6 +47,13 @@ BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
 
+class Glimpse(NamedTuple):
+    """How a navigator looks around."""
+
+    sight: OnnxSight
+    newest: Callable[[], Optional[Frame]]  # a camera's ``read``
+
+
 class MissionNavigator:
     """Plans and follows missions on one map; a ``Navigator`` and a ``Subscriber`` of the runtime.
 
@@ -50,6 +62,7 @@ class MissionNavigator:
         receive: the newest overhead poses since the last call, or None; never blocks.
         odometry: step odometry, from anywhere.
         robot: its name among them.
+        glimpse: what sees, and the newest frame; without it overhead poses alone tell the place.
     """
 
     def __init__(
@@ -58,6 +71,7 @@ class MissionNavigator:
         receive: Callable[[], Optional[PosesMessage]],
         odometry: Callable[[], Pose],
         robot: str,
+        glimpse: Optional[Glimpse] = None,
     ) -> None:
         east, north = road_map.width_m + MAP_MARGIN_M, road_map.height_m + MAP_MARGIN_M
         self.status: Optional[MissionStatus] = None
@@ -68,7 +82,10 @@ class MissionNavigator:
         self._graph = LaneGraph(road_map)
         self._receive, self._odometry, self._robot = receive, odometry, robot
         self._gate = PoseGate(robot, (-MAP_MARGIN_M, -MAP_MARGIN_M, east, north))
-        self._fusion, self._way = PoseFusion(), WayCheck()
+        self._fusion = PoseFusion(config=FusionConfig(sight=glimpse is not None))
+        self._way, self._glimpse = WayCheck(), glimpse
+        self._fix = SightFix(self._fusion, [LaneView(road_map)] if glimpse is not None else [])
+        self._seen: Optional[int] = None  # number of the newest frame that was looked at
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer = odometry()
         self._jumps = 0
@@ -136,12 +153,14 @@ class MissionNavigator:
         """Take what poses and steps have come, and see where that is on the path."""
         self._move(now_s)
         self._measure(now_s)
+        self._see()
         pose, doubt = self.pose, self._way.doubt
         if not self._fusion.at_bound[0]:
             self._within_s = now_s
         guidance = Guidance(
             pose=pose,
             pose_age_s=self._pose_age_s(now_s),
+            pose_within=self._pose_within(),
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
             pose_jump=self._jumps >= JUMPS,
             pose_doubt=(doubt.doubtful and not doubt.stands) or now_s - self._within_s > BOUND_S,
@@ -233,6 +252,21 @@ class MissionNavigator:
         self._jumps = int(self._fusion.rejected[0])
         if self._fusion.age_s(now_s)[0] < age_s:
             self._arrived_s = now_s
+
+    def _see(self) -> None:
+        frame = None if self._glimpse is None else self._glimpse.newest()
+        if self._glimpse is None or frame is None or frame.sequence == self._seen:
+            return
+        self._seen, sight = frame.sequence, self._glimpse.sight
+        seen = sight(preprocess(frame.image, sight.contract.image)[None])
+        self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
+
+    def _pose_within(self) -> Optional[Tuple[float, float]]:
+        """How surely the place is known; nobody asks where only overhead poses tell it."""
+        if self._glimpse is None:
+            return None
+        place_m, turned_rad = self._fusion.certainty[0].tolist()
+        return (place_m, turned_rad) if self.pose is not None else (math.inf, math.inf)
 
     def _pose_age_s(self, now_s: float) -> float:
         """Time without a pose [s], and the delay of the last one beyond what is usual.

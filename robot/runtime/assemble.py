@@ -22,7 +22,7 @@ from robot.lens import CameraRig
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
-from robot.navigation.navigator import MissionNavigator
+from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
 from robot.parts import Motors, Operator, Policy, Subscriber
@@ -35,6 +35,7 @@ from robot.runtime.timing import Watchdog
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import LaneFit, MapFit
+from robot.vision.sight import OnnxSight
 
 FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
@@ -83,12 +84,8 @@ def open_robot(
             audience.insert(1, wheels)
         if link is not None and config.link is not None:
             if navigates:
-                navigator = MissionNavigator(
-                    load_map(config.map),
-                    config.link.subscriber(link, PosesMessage).receive,
-                    lambda: wheels.pose,
-                    config.name,
-                )
+                poses = config.link.subscriber(link, PosesMessage).receive
+                navigator = open_navigator(config, poses, wheels, eye)
                 audience.append(navigator)
             everybody.append(RemoteOperator(config.link.command_server(link), navigator))
         audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
@@ -142,6 +139,22 @@ def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
     if config.kind == "socket":
         return SocketStream(config.path, FRAME_PX)
     return GstStream(csi_command(config.number, config.flip, config.fps, size_px), size_px)
+
+
+def open_navigator(
+    config: RobotConfig,
+    receive: Callable[[], Optional[PosesMessage]],
+    motors: DrivenMotors,
+    camera: Camera,
+) -> MissionNavigator:
+    """Plans on the configured map, from overhead poses, the motors' steps, and sight if there is.
+
+    Raises:
+        DuckpilotError: the map or the network of sight is wrong.
+    """
+    glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
+    road_map = load_map(config.map)
+    return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse)
 
 
 def open_reports(

@@ -210,7 +210,8 @@ class Runtime:
             still_s=sight.still_s,
             picture_wrong=sight.wrong,
             values_finite=seen.action is not None or no_mission,  # without a path nobody asked it
-            pose_age_s=way.pose_age_s if navigates else None,
+            pose_age_s=way.pose_age_s if navigates and way.pose_within is None else None,
+            pose_within=way.pose_within if navigates else None,
             link_age_s=seen.link_age_s,
             manual_age_s=None if self._manual is None else now_s - self._manual[1],
             no_mission=no_mission,

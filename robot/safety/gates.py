@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Iterator, NamedTuple, Optional
+from typing import Iterator, NamedTuple, Optional, Tuple
 
 from robot.contract import MAX_WHEEL_MPS
 from robot.errors import ConfigError
@@ -34,6 +34,7 @@ class Reason(Enum):
     POSE_DOUBT = "pose_doubt"
     NOT_MOVING = "not_moving"
     POSE_STALE = "pose_stale"
+    POSE_UNSURE = "pose_unsure"
     OFF_MAP = "off_map"
     OFF_PATH = "off_path"
     NO_MISSION = "no_mission"
@@ -62,6 +63,8 @@ class SafetyLimits:
     still_s: float = 1.3  # of turning wheels before a picture that stands
     loop_age_s: float = 0.2  # ArduPilot Rover disarms when its main loop stalls for 0.2 s
     pose_age_s: float = 1.0
+    pose_within_m: float = 0.08  # of where the robot is, 95 % sure; asked of robots with sight
+    pose_within_rad: float = 0.35
     link_age_s: float = 1.0
     manual_age_s: float = 0.5  # ros2_control's diff_drive, LeKiwi
     max_wheel_mps: float = MAX_WHEEL_MPS
@@ -92,6 +95,7 @@ class Inputs:
     picture_wrong: str = ""  # what is wrong with the pictures, in words; "" is nothing
     values_finite: bool = True  # the policy gave a number for every action
     pose_age_s: Optional[float] = None
+    pose_within: Optional[Tuple[float, float]] = None  # 95 % sure [m], [rad]; without sight None
     link_age_s: Optional[float] = None
     manual_age_s: Optional[float] = None
     no_mission: bool = False
@@ -155,6 +159,8 @@ def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[T
     for reason, sentence in _DOUBTS.items():
         if getattr(inputs, reason.value):
             yield Trip(reason, sentence)
+    if inputs.pose_within is not None:
+        yield from _unsure(inputs.pose_within, limits)
 
 
 def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
@@ -170,6 +176,17 @@ def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
     if _old(inputs.still_s, limits.still_s):
         sentence = f"the wheels turn, but for {inputs.still_s:.1f} s the picture has not moved"
         yield Trip(Reason.PICTURE_STILL, f"{sentence}; is the robot held, or the picture?")
+
+
+def _unsure(within: Tuple[float, float], limits: SafetyLimits) -> Iterator[Trip]:
+    place_m, turned_rad = within
+    if not (place_m <= limits.pose_within_m and turned_rad <= limits.pose_within_rad):  # nor a NaN
+        yield Trip(
+            Reason.POSE_UNSURE,
+            f"the pose is only known to {100.0 * place_m:.0f} cm and "
+            f"{math.degrees(turned_rad):.0f} degrees, not to {100.0 * limits.pose_within_m:g} cm "
+            f"and {math.degrees(limits.pose_within_rad):.0f} degrees",
+        )
 
 
 def _old(age_s: float, limit_s: float) -> bool:

@@ -53,7 +53,8 @@ TRANSITIONS: Dict[Tuple[State, Command], State] = {
 }
 ALWAYS_TAKEN: FrozenSet[Command] = frozenset((Command.STOP, Command.DISARM))
 
-_ASTRAY = frozenset((Reason.POSE_STALE, Reason.OFF_MAP, Reason.OFF_PATH, Reason.NO_MISSION))
+_UNKNOWN = frozenset((Reason.POSE_STALE, Reason.POSE_UNSURE))
+_ASTRAY = _UNKNOWN | {Reason.OFF_MAP, Reason.OFF_PATH, Reason.NO_MISSION}
 _ROBOT = frozenset((Reason.LOOP_LATE, Reason.FRAME_STALE, Reason.FRAME_FROZEN, Reason.LINK_LOST))
 _ROUTE = _ASTRAY | frozenset(
     (Reason.DUPLICATE_PUBLISHER, Reason.POSE_JUMP, Reason.POSE_DOUBT, Reason.NOT_MOVING)

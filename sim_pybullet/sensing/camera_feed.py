@@ -26,6 +26,10 @@ class CameraFeed:
     Args:
         crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
         translator: what every picture passes through last.
+
+    Attributes:
+        shown_poses: (N, 3) where the robots were when their newest picture was taken.
+        fresh: (N,) bool, whether that came now for the first time.
     """
 
     def __init__(
@@ -49,6 +53,8 @@ class CameraFeed:
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
         self._shown = np.zeros((n_robots, *camera.shape), np.uint8)
+        self.shown_poses = np.zeros((n_robots, 3))
+        self.fresh = np.zeros(n_robots, dtype=bool)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -93,10 +99,14 @@ class CameraFeed:
         pictures = self._sensors.take(light, chosen, noise_rng, self._turns_radps[chosen])
         if self._translator is not None:
             pictures = self._translator(pictures)
+        again = np.zeros(len(chosen), dtype=bool)
         if self._skip.any():
             again = (rng.random(len(pictures)) < self._skip[chosen]) & ~self._first[chosen]
             pictures[again] = self._shown[chosen][again]
             self._shown[chosen] = pictures
+        self.shown_poses[chosen[~again]] = poses[chosen[~again]]
+        self.fresh[:] = False
+        self.fresh[chosen[~again]] = True
         self._first[chosen] = False
         return pictures
 

@@ -3,17 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
-from robot.navigation.fusion import PoseFusion
+from robot.inference.preprocess import preprocess_batch
+from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.guidance import path_inputs
+from robot.navigation.lane_view import LaneView
 from robot.navigation.path_batch import PathBatch
+from robot.navigation.road_map import RoadMap
+from robot.navigation.sight_fix import SightFix
+from robot.vision.sight import OnnxSight
 from sim_pybullet.look import PoseLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.sensing.pose_error import PoseError
+
+# When overhead poses come: for so many seconds of so many, from an episode's start on.
+OVERHEAD = {"always": (1.0, 1.0), "1-in-20": (1.0, 20.0), "start": (0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class PoseSources:
+    """What tells robots where they are, beside their wheels and the poses of their start."""
+
+    overhead: str = "always"  # one of `OVERHEAD`
+    sight: OnnxSight | None = None
+
+
+ALWAYS = PoseSources()
 
 
 class GuidanceFeed:
@@ -21,16 +40,28 @@ class GuidanceFeed:
 
     Every robot fuses the overhead poses that its ``PoseLook`` lets through with the steps of its
     wheels, by the filter that real robots run (`robot.navigation.fusion`), and follows its path
-    from where it believes to be. A robot whose ``PoseLook`` has no error knows its true pose.
+    from where it believes to be. A robot whose ``PoseLook`` has no error knows its true pose, where
+    overhead poses always come.
 
     Attributes:
         poses: (N, 3) where the robots believe to be: x [m], y [m], heading [rad].
     """
 
-    def __init__(self, n_robots: int) -> None:
+    def __init__(
+        self,
+        n_robots: int,
+        sources: PoseSources = ALWAYS,
+        road_maps: Sequence[RoadMap] = (),
+    ) -> None:
+        """``road_maps``: what robots with sight may drive on."""
         self.poses = np.zeros((n_robots, 3))
+        self._sources = sources
         self._exact = np.ones(n_robots, dtype=bool)
-        self._errors, self._fusion = PoseError(n_robots), PoseFusion(n_robots)
+        config = FusionConfig(sight=sources.sight is not None)
+        self._errors, self._fusion = PoseError(n_robots), PoseFusion(n_robots, config)
+        self._views = [LaneView(m) for m in road_maps] if sources.sight else []
+        self._fix = SightFix(self._fusion, self._views[:1] * n_robots)
+        self._began = np.zeros(n_robots, dtype=int)  # after so many decisions
         self._driven = np.zeros((n_robots, 2))  # [m] and [rad] since the last decision
         self._hints = np.zeros(n_robots, dtype=int)
         self._decisions = self._moved = 0  # so far, and when the filter moved last
@@ -50,7 +81,8 @@ class GuidanceFeed:
         all robots are on their paths, see `robot.navigation.path_batch.PathBatch.index_at`.
         """
         for i, look, rng in zip(robots.tolist(), looks, rngs, strict=True):
-            self._exact[i] = replace(look, correlation_s=PoseLook.correlation_s) == PoseLook()
+            exact = replace(look, correlation_s=PoseLook.correlation_s) == PoseLook()
+            self._exact[i] = exact and self._sources.overhead == "always"
             self._errors.reset(i, look, rng)
         if not self._exact[robots].all():
             if self._moved < self._decisions:
@@ -60,6 +92,7 @@ class GuidanceFeed:
             self._fusion.reset(robots)
             self._fusion.measure(told, np.full(len(poses), self._now_s))
         self._hints[robots] = hints[robots]
+        self._began[robots] = self._decisions
         self._driven[robots] = 0.0
         self._believe(poses)
 
@@ -74,8 +107,32 @@ class GuidanceFeed:
             self._driven[:] = 0.0  # nobody needs the filter
         else:
             self._move()
-            self._fusion.measure(*self._errors.observe(poses, self._now_s, rng))
+            told, captured_s = self._errors.observe(poses, self._now_s, rng)
+            told = np.where(self._silent()[:, None], np.nan, told)
+            self._fusion.measure(told, captured_s)
         self._believe(poses)
+
+    def see(self, images: np.ndarray, fresh: np.ndarray, maps: np.ndarray) -> None:
+        """Pictures (N, H, W, 3) came now, after the poses of this moment.
+
+        Args:
+            images: frames, or pictures as sight takes them.
+            fresh: (N,) who has a new one.
+            maps: (N,) index of the map that each robot is on.
+        """
+        sight = self._sources.sight
+        if sight is None:
+            return
+        if images.shape[1:] != sight.contract.image.shape:
+            images = preprocess_batch(images, sight.contract.image)
+        self._fix.views = [self._views[k] for k in maps.tolist()]
+        self._fix.see(sight(images), fresh & ~self._exact, self._now_s)
+        self.poses = np.where(self._exact[:, None], self.poses, self._fusion.poses)
+
+    @property
+    def certainty(self) -> np.ndarray:
+        """(N, 2) as of the filter; nothing of robots who know their true poses."""
+        return np.where(self._exact[:, None], 0.0, self._fusion.certainty)
 
     def path_inputs(self, paths: PathBatch) -> np.ndarray:
         """(N, 10) float32, see `robot.navigation.guidance.path_inputs`, on paths of the robots."""
@@ -86,6 +143,11 @@ class GuidanceFeed:
     @property
     def _now_s(self) -> float:
         return self._decisions * CONTROL_DT_S
+
+    def _silent(self) -> np.ndarray:
+        """(N,) bool: whose overhead camera says nothing now."""
+        for_s, every_s = OVERHEAD[self._sources.overhead]
+        return np.asarray((self._decisions - self._began) * CONTROL_DT_S % every_s >= for_s)
 
     def _move(self) -> None:
         forward_m, turn_rad = self._driven.T.copy()

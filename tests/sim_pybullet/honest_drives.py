@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
-from robot.geometry import Pose
-from robot.navigation.fusion import PoseFusion, compose
+from robot.geometry import Pose, compose
+from robot.navigation.fusion import PoseFusion
 from robot.navigation.road_map import load_map
 from robot.navigation.way_check import WayCheck
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS, MotorModel

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from robot.inference.policy import OnnxPolicy
 from robot.inference.policy_file import TOLERANCE
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
+from robot.typed_config import to_plain
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.objects import Place
+from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import WHEELED, Choices, find_task
 from trainer.judging.drive_log import DriveLog, Tracer
 from trainer.options import task_of
@@ -62,6 +64,14 @@ class Inputs:
     translate: str | None = None  # the translator between picture and policy
     without: tuple[str, ...] = ()  # what of the look stays nominal
     lane: str | None = None  # of rings: outer, inner or both
+    overhead: str = "always"  # when overhead poses come
+    sight: str | None = None  # what else corrects a robot's belief
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON has it; files from before there was sight read the same."""
+        found = to_plain(self)
+        usual = {"overhead": "always", "sight": None}
+        return {k: v for k, v in found.items() if k not in usual or v != usual[k]}
 
 
 @dataclass(frozen=True)
@@ -128,6 +138,7 @@ def evaluate(
     zero: str | None = None,
     log: DriveLog | None = None,
     lane: str | None = None,
+    sources: PoseSources = ALWAYS,
 ) -> list[Drive]:
     """One greedy episode for each seed; ``finished`` hears of each, ``log`` gets its track.
 
@@ -143,7 +154,7 @@ def evaluate(
     if not len(seeds):
         return []
     task_of_all = find_task(task).build(road_maps, min(ROBOTS, len(seeds)), Choices(lane))
-    world = BatchWorld(task_of_all, looks, seed=_FIRST_WORLD, numbers=seeds)
+    world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
     tracer = None if log is None else Tracer(world, log)
     drives: list[Drive] = []
     try:

@@ -21,7 +21,9 @@ from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
 from robot.output import expect_writable, write_text
 from robot.typed_config import to_plain
+from robot.vision.sight import OnnxSight
 from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, part_of
 from trainer.judging.drive_log import DriveLog, drives_beside
@@ -64,6 +66,7 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
         raise ConfigError(f"drives: expected a task on maps, got {asked.task}: no map to draw on")
     looks = spec.looks(options.look, options.pose_error, options.without)
     log = DriveLog() if tracks else None
+    sources = PoseSources(asked.overhead, OnnxSight(asked.sight) if asked.sight else None)
     kept = KeptDrives(None if tracks else out, asked)
     wanted = range(asked.seed, asked.seed + asked.episodes)
     left = [seed for seed in wanted if seed not in kept.drives]
@@ -76,14 +79,15 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
             bar.advance(row)
 
         try:
-            evaluate(policy, asked.task, maps, looks, left, hear, asked.zero, log, asked.lane)
+            where = asked.task, maps, looks, left, hear
+            evaluate(policy, *where, asked.zero, log, asked.lane, sources)
         except KeyboardInterrupt:
             console.print(f"interrupted; {kept.told()}")
             return INTERRUPTED
     parts = {road_map.name: part_of(road_map) for road_map in roads}
     result = summarise(asked, policy, [kept.drives[seed] for seed in wanted], parts)
     if out is not None:
-        write_json(out, result)
+        write_json(out, {**to_plain(result), "inputs": asked.plain()})
     if log is not None and beside is not None:
         log.save(beside)
     kept.forget()
@@ -107,7 +111,7 @@ def answers(file: Path, options: EvaluateOptions) -> bool:
     found = read_json(file).get("inputs")
     found = {"lane": None, **found} if isinstance(found, dict) else {}  # once no choice
     task = found.get("task")
-    if not task or found != to_plain(inputs(options, task)):
+    if not task or found != inputs(options, task).plain():
         raise ConfigError(
             f"{file}: expected the evaluation asked for, got another one; choose another --json"
         )
@@ -138,9 +142,11 @@ class KeptDrives:
         self._path = None
         if evaluation is None:
             return
-        files = [Path(file) for file in (asked.model, asked.translate) if file is not None]
+        files = [
+            Path(file) for file in (asked.model, asked.translate, asked.sight) if file is not None
+        ]
         prints = [hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files]
-        plain = {k: v for k, v in to_plain(asked).items() if k not in _FREE}
+        plain = {k: v for k, v in asked.plain().items() if k not in _FREE}
         head = {"schema": 1, "inputs": plain, "files": prints}
         self._path = evaluation.with_name(f"{evaluation.stem}.rows.jsonl")
         self.drives = _read(self._path, head)

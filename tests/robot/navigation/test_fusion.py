@@ -5,8 +5,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.geometry import Pose, wrap_angle
-from robot.navigation.fusion import FusionConfig, PoseFusion, between, compose
+from robot.geometry import Pose, between, compose, wrap_angle
+from robot.navigation.fusion import FusionConfig, PoseFusion
 
 poses = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3)).map(lambda p: np.array([p]))
 NEVER = np.full((1, 3), np.nan)

@@ -222,6 +222,9 @@ FAULTS: Dict[str, Tuple[Reason, Fault]] = {
     "navigator raises": (Reason.NAVIGATOR, breaks("navigator", KeyError("lane"))),
     "pose is old": (Reason.POSE_STALE, guidance(pose_age_s=1.1)),
     "pose is NaN old": (Reason.POSE_STALE, guidance(pose_age_s=math.nan)),
+    "pose is unsure": (Reason.POSE_UNSURE, guidance(pose_within=(0.081, 0.1))),
+    "heading is unsure": (Reason.POSE_UNSURE, guidance(pose_within=(0.02, 0.36))),
+    "certainty is NaN": (Reason.POSE_UNSURE, guidance(pose_within=(math.nan, 0.1))),
     "pose jumps": (Reason.POSE_JUMP, guidance(pose_jump=True)),
     "poses drift": (Reason.POSE_DOUBT, guidance(pose_doubt=True)),
     "it is held": (Reason.NOT_MOVING, guidance(not_moving=True)),
@@ -256,6 +259,18 @@ def test_the_motors_stop_within_the_turn_and_nothing_resumes(name: str) -> None:
     assert bench.safety.verdict == verdict, "the cause is gone, and still nothing resumes"
     assert not bench.motors.turning
     again(bench)
+
+
+def test_a_pose_that_is_sure_needs_no_overhead_pose() -> None:
+    bench = Bench().drive()
+    guidance(pose_within=(0.079, 0.34), pose_age_s=math.inf)(bench)
+    bench.turn(5)
+    assert bench.state is State.AUTO
+    lost_s = bench.clock.now()
+    guidance(pose_within=(0.2, 0.1))(bench)
+    while bench.motors.turning:
+        bench.turn()
+    assert bench.clock.now() - lost_s <= 0.25
 
 
 def heal(bench: Bench) -> None:

@@ -41,6 +41,10 @@ BAD: Dict[Reason, Tuple[Inputs, ...]] = {
     Reason.POSE_DOUBT: (replace(GOOD, pose_doubt=True),),
     Reason.NOT_MOVING: (replace(GOOD, not_moving=True),),
     Reason.POSE_STALE: tuple(replace(GOOD, pose_age_s=age) for age in (1.01, -0.1, NAN, INF)),
+    Reason.POSE_UNSURE: tuple(
+        replace(GOOD, pose_within=within)
+        for within in ((0.081, 0.1), (0.05, 0.351), (NAN, 0.1), (0.05, NAN), (INF, INF))
+    ),
     Reason.NO_MISSION: (replace(GOOD, no_mission=True),),
     Reason.OFF_MAP: (replace(GOOD, off_map=True),),
     Reason.OFF_PATH: (replace(GOOD, off_path=True),),

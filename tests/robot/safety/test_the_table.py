@@ -48,6 +48,7 @@ GATES = {
     "pose_doubt": ("READY", "FAULT", "MANUAL"),
     "not_moving": ("READY", "FAULT", "MANUAL"),
     "pose_stale": ("READY", "HOLD", "MANUAL"),
+    "pose_unsure": ("READY", "HOLD", "MANUAL"),
     "off_map": ("READY", "HOLD", "MANUAL"),
     "off_path": ("READY", "HOLD", "MANUAL"),
     "no_mission": ("READY", "HOLD", "MANUAL"),
@@ -68,6 +69,7 @@ SHUTS: Dict[str, Dict[str, object]] = {
     "pose_doubt": {"pose_doubt": True},
     "not_moving": {"not_moving": True},
     "pose_stale": {"pose_age_s": 1.01},
+    "pose_unsure": {"pose_within": (0.0801, 0.1)},
     "off_map": {"off_map": True},
     "off_path": {"off_path": True},
     "no_mission": {"no_mission": True},
@@ -80,6 +82,7 @@ PASSES: Dict[str, Dict[str, object]] = {
     "picture_blind": {"blind_s": 0.49},
     "picture_still": {"still_s": 1.29},
     "pose_stale": {"pose_age_s": 0.99},
+    "pose_unsure": {"pose_within": (0.0799, 0.349)},
     "link_lost": {"link_age_s": 0.99},
     "manual_stale": {"manual_age_s": 0.49},
 }
@@ -90,7 +93,8 @@ REFUSES: Dict[str, Tuple[str, ...]] = {
     "auto": (
         *ROBOT,
         *("picture_blind", "picture_wrong", "picture_still", "non_finite", "duplicate_publisher"),
-        *("pose_jump", "pose_doubt", "not_moving", "pose_stale", "off_map", "off_path"),
+        *("pose_jump", "pose_doubt", "not_moving", "pose_stale", "pose_unsure"),
+        *("off_map", "off_path"),
     ),
     "manual": ROBOT,
 }

@@ -1,0 +1,112 @@
+"""What one small network sees in a picture: the lane, the red line, the junction, and how surely.
+
+Each figure comes with its own standard deviation (Nix and Weigend, Estimating the mean and variance
+of the target probability distribution, ICNN 1994). Frames and signs are those of
+`robot.navigation.lane_view`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Tuple, Union
+
+import numpy as np
+
+from robot.contract import ImageSpec
+from robot.errors import ContractError, DuckpilotError
+from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
+from robot.navigation.lane_view import KINDS
+from robot.typed_config import from_plain, to_plain
+
+FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m")
+COLUMNS = (
+    *FIGURES,
+    *(f"sd_{name}" for name in FIGURES),
+    "line",
+    "road",
+    *(f"junction_{kind}" for kind in KINDS),
+)
+REMEDY = "make one with duckpilot train-sight"
+
+
+class Seen(NamedTuple):
+    """What N pictures show; probabilities lie in [0, 1]."""
+
+    figures: np.ndarray  # (N, 4), as `FIGURES`
+    deviations: np.ndarray  # (N, 4) their standard deviations
+    line: np.ndarray  # (N,) probability that a red line lies 12 to 45 cm before the axle
+    road: np.ndarray  # (N,) probability that the robot looks along a lane that it stands in
+    junction: np.ndarray  # (N, 5) probability of each of `robot.navigation.lane_view.KINDS` ahead
+
+
+@dataclass(frozen=True)
+class SightContract:
+    """Travels inside the file, as JSON under the key ``duckpilot-sight``.
+
+    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``seen`` float32 (N, columns).
+    """
+
+    image: ImageSpec
+    columns: Tuple[str, ...] = COLUMNS
+    run: str = ""
+    trained_steps: int = 0
+    schema: int = 1
+
+    METADATA_KEY = "duckpilot-sight"
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(to_plain(self), sort_keys=True)
+
+
+class OnnxSight:
+    """The network from its ONNX file.
+
+    Args:
+        path: the model; its metadata holds a ``SightContract``.
+
+    Raises:
+        ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
+            metadata, or sees something else.
+    """
+
+    def __init__(self, path: Union[str, Path]) -> None:
+        self.path = Path(path)
+        self._network = open_network(path, REMEDY)
+        text = read_metadata(path, self._network, SightContract.METADATA_KEY, REMEDY)
+        try:
+            self.contract = from_plain(SightContract, json.loads(text), "sight metadata")
+        except (DuckpilotError, json.JSONDecodeError) as error:
+            raise ContractError(f"{path}: {error}; {REMEDY}") from error
+        if self.contract.columns != COLUMNS:
+            raise ContractError(
+                f"{path}: expected the columns {', '.join(COLUMNS)}, got "
+                f"{', '.join(self.contract.columns)}; {REMEDY}"
+            )
+        inputs = [Tensor("image", "tensor(uint8)", (None, *self.contract.image.shape))]
+        outputs = [Tensor("seen", "tensor(float)", (None, len(COLUMNS)))]
+        expect_tensors(path, self._network, inputs, outputs, REMEDY)
+
+    def __call__(self, pictures: np.ndarray) -> Seen:
+        """What pictures (N, H, W, 3) uint8 RGB show, as ``preprocess`` makes them.
+
+        Raises:
+            ContractError: pictures of another size or kind, or the network answered no numbers.
+        """
+        shape = self.contract.image.shape
+        if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
+            raise ContractError(
+                f"pictures: expected (N, {shape[0]}, {shape[1]}, 3) uint8, got {pictures.shape} "
+                f"{pictures.dtype}; {self.path.name} was trained for {self.contract.image}"
+            )
+        rows = self._network.run(["seen"], {"image": np.ascontiguousarray(pictures)})[0]
+        if not np.isfinite(rows).all():
+            raise ContractError(f"{self.path}: expected finite figures, got others; {REMEDY}")
+        return as_seen(rows)
+
+
+def as_seen(rows: np.ndarray) -> Seen:
+    """The columns (N, 15) of a network's answer."""
+    return Seen(rows[:, :4], rows[:, 4:8], rows[:, 8], rows[:, 9], rows[:, 10:])

@@ -1,0 +1,101 @@
+import math
+
+import numpy as np
+import pytest
+
+from robot.navigation.lane_view import AHEAD_M, KINDS, LaneView, RoadAhead
+from robot.navigation.road_map import RoadMap, read_map
+
+TILE = 0.6
+
+
+def map_of(*rows: str) -> RoadMap:
+    return read_map({"tile_size": TILE, "tiles": [row.split() for row in rows]}, "drawn")
+
+
+# A crossing in the middle; a street comes to it from the west, another bends to it from the south.
+CROSS = map_of(
+    "floor straight/S floor",
+    "straight/E 4way straight/E",
+    "floor straight/S floor",
+)
+EASTWARDS_M = 1.5 * TILE - 0.2 * TILE  # the right-hand lane of the middle row
+
+
+def seen(road_map: RoadMap, x_m: float, y_m: float, heading_rad: float) -> RoadAhead:
+    road = LaneView(road_map).at(x_m, y_m, heading_rad)
+    assert road is not None
+    return road
+
+
+def test_a_robot_left_of_its_lane_and_turned_left_sees_both_positive() -> None:
+    road = seen(CROSS, 0.2, EASTWARDS_M + 0.03, 0.1)
+    assert road.offset_m == pytest.approx(0.03, abs=1e-3)
+    assert road.heading_rad == pytest.approx(0.1, abs=1e-3)
+    assert road.along_rad == pytest.approx(0.0, abs=1e-6)
+    assert road.curvature_pm == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_red_line_lies_where_the_junction_begins() -> None:
+    road = seen(CROSS, 0.2, EASTWARDS_M, 0.0)
+    assert road.line_m == pytest.approx(TILE - 0.2, abs=1e-3)
+    assert KINDS[road.kind] == "cross"
+    assert math.isnan(seen(CROSS, TILE - AHEAD_M + 0.01, EASTWARDS_M, 0.0).curvature_pm)
+
+
+@pytest.mark.parametrize(
+    ("tile", "kind"),
+    [
+        ("3way_left/E", "left"),
+        ("3way_left/W", "right"),
+        ("3way_left/N", "tee"),
+        ("4way", "cross"),
+        ("3way_left/S", "none"),  # closed to who comes
+        ("straight/E", "none"),
+    ],
+)
+def test_a_junction_is_known_by_the_ways_that_it_offers(tile: str, kind: str) -> None:
+    assert KINDS[seen(map_of(f"straight/E {tile}"), 0.2, 0.3 * TILE, 0.0).kind] == kind
+
+
+def test_in_a_junction_lanes_go_straight_on_and_change_half_way_through_a_turn() -> None:
+    middle = 1.5 * TILE
+    along = seen(CROSS, middle, EASTWARDS_M - 0.02, 0.2)
+    assert along.in_junction
+    assert (along.offset_m, along.heading_rad) == pytest.approx((-0.02, 0.2))
+    across = seen(CROSS, middle, EASTWARDS_M, math.radians(50))
+    assert across.along_rad == pytest.approx(0.5 * math.pi)
+    assert across.offset_m == pytest.approx(0.2 * TILE)  # its lane runs 0.2 tiles farther east
+
+
+def test_who_faces_across_or_stands_beside_the_road_sees_no_lane() -> None:
+    view = LaneView(CROSS)
+    assert view.at(0.2, 0.2, 0.0) is None
+    assert view.at(-5.0, 0.0, 0.0) is None
+    against = view.at(0.2, EASTWARDS_M, math.pi)
+    assert against is not None
+    assert against.offset_m > 0.2, "the lane meant is the one on the other side"
+
+
+def test_a_bend_to_the_left_has_the_curvature_of_its_circle_and_turns_the_lane() -> None:
+    drawn = map_of("curve_left/N", "straight/S")
+    lanes = [e for e in drawn.lanes if (e.tile_row, e.tile_column) == (0, 0)]
+    for lane in lanes:
+        begin, end = lane.control_points_m[0], lane.control_points_m[3]
+        first = lane.control_points_m[1] - begin
+        road = seen(drawn, *(0.5 * (begin + end)).tolist(), math.atan2(first[1], first[0]))
+        chord = end - begin
+        turns_left = first[0] * chord[1] - first[1] * chord[0] > 0.0
+        assert (road.bend_pm > 1.0) == turns_left
+        assert (road.curvature_pm > 0.0) == turns_left
+
+
+def test_curvature_ahead_grows_by_its_slope() -> None:
+    view = LaneView(map_of("curve_left/E", "straight/N", "straight/N"))
+    xs = 0.7 * TILE
+    roads = [view.at(xs, y, 0.5 * math.pi) for y in np.arange(0.3, 1.2, 0.05)]
+    pairs = [(a, b) for a, b in zip(roads, roads[1:]) if a is not None and b is not None]
+    assert len(pairs) > 10
+    for a, b in pairs:
+        grown = 0.5 * (a.slope_pm2 + b.slope_pm2) * 0.05
+        assert b.curvature_pm - a.curvature_pm == pytest.approx(grown, abs=0.25)

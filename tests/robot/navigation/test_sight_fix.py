@@ -1,0 +1,160 @@
+"""A robot whose overhead poses end after its start finds its way by what it sees of the lane."""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+import numpy as np
+
+from robot.camera.source import Frame
+from robot.contract import ImageSpec
+from robot.geometry import Pose
+from robot.navigation.fusion import FusionConfig, PoseFusion
+from robot.navigation.lane_view import LaneView
+from robot.navigation.navigator import Glimpse, MissionNavigator
+from robot.navigation.road_map import load_map
+from robot.navigation.sight_fix import SightFix
+from robot.vision.sight import Seen, SightContract
+from tests.robot.navigation.test_navigator import GOAL, TOWN, World, driving
+
+SLIP = 1.06  # wheels larger than their steps say
+LIMIT_M, LIMIT_RAD = 0.08, 0.35
+
+
+class FakeSight:
+    """Sees the lane where the robot truly is, or nothing."""
+
+    contract = SightContract(ImageSpec(80, 60, 20))
+
+    def __init__(self, world: World) -> None:
+        self.world, self.view, self.blind = world, LaneView(TOWN), False
+
+    def __call__(self, pictures: np.ndarray) -> Seen:
+        road = None if self.blind else self.view.at(*self.world.pose)
+        figures, line, sure = np.zeros((1, 4)), np.zeros(1), np.zeros(1)
+        if road is not None:
+            line_m = road.line_m if 0.12 < road.line_m < 0.45 else math.nan
+            curvature_pm = np.nan_to_num(road.curvature_pm)
+            figures[0] = road.offset_m, road.heading_rad, curvature_pm, np.nan_to_num(line_m)
+            line[0], sure[0] = math.isfinite(line_m), 1.0
+        deviations = np.array([[0.01, 0.05, 0.5, 0.02]])
+        return Seen(figures, deviations, line, sure, np.zeros((1, 5)))
+
+    def newest(self) -> Optional[Frame]:
+        number = round(self.world.now_s / 0.1)
+        return Frame(np.zeros((120, 160, 3), np.uint8), number, self.world.now_s)
+
+
+def seeing() -> World:
+    """A robot on its mission, with sight, whose wheels slip."""
+    world = driving()
+    sight = FakeSight(world)
+    receive, odometry = world.navigator._receive, world.navigator._odometry  # as they are wired
+    glimpse = Glimpse(sight, sight.newest)  # type: ignore[arg-type]
+    world.navigator = MissionNavigator(TOWN, receive, odometry, "robot", glimpse)
+    world.sight = sight  # type: ignore[attr-defined]
+    for _ in range(5):
+        world.turn()
+    world.navigator.begin("mission-1", GOAL)
+    world.turn()
+    return world
+
+
+def apart_m(world: World) -> float:
+    believed = world.guidance.pose
+    assert believed is not None
+    return math.hypot(believed.x_m - world.pose.x_m, believed.y_m - world.pose.y_m)
+
+
+def drive(world: World, decisions: int) -> None:
+    for _ in range(decisions):
+        assert world.guidance.path is not None
+        before = world.odometry
+        world.follow(world.guidance.path, seen=False)
+        step_m = math.hypot(world.odometry.x_m - before.x_m, world.odometry.y_m - before.y_m)
+        world.pose = world.pose.moved((SLIP - 1.0) * step_m, 0.0)
+        if world.guidance.arrived:
+            return
+
+
+def test_it_arrives_without_an_overhead_pose_after_the_start() -> None:
+    world = seeing()
+    drive(world, 400)
+    assert world.guidance.arrived
+    assert apart_m(world) < 0.06
+
+
+def test_without_sight_it_loses_its_way() -> None:
+    world = driving()
+    drive(world, 200)
+    assert apart_m(world) > 0.15
+
+
+def test_it_is_sure_while_it_sees_and_unsure_soon_after() -> None:
+    world = seeing()
+    drive(world, 20)
+    within = world.guidance.pose_within
+    assert within is not None
+    assert within[0] < LIMIT_M
+    assert within[1] < LIMIT_RAD
+    world.sight.blind = True  # type: ignore[attr-defined]
+    driven = 0
+    while world.guidance.pose_within[0] < LIMIT_M:  # type: ignore[index]
+        world.turn(0.03, 0.0, seen=False)
+        driven += 1
+        assert driven < 60, "it must not believe in its wheels for ever"
+    assert driven > 3
+
+
+def test_before_the_first_pose_nothing_is_sure() -> None:
+    world = driving()
+    assert world.guidance.pose_within is None, "nobody asks a robot without sight"
+    sight = FakeSight(world)
+    lost = MissionNavigator(
+        TOWN,
+        lambda: None,
+        lambda: Pose(0.0, 0.0, 0.0),
+        "robot",
+        Glimpse(sight, sight.newest),  # type: ignore[arg-type]
+    )
+    assert lost.look(1.0).pose_within == (math.inf, math.inf)
+
+
+def test_a_steady_error_of_sight_becomes_a_state_and_not_a_pose() -> None:
+    road_map = load_map("loop")
+    config = FusionConfig(sight=True, position_m=0.004)  # overhead poses are much better
+    view, fusion = LaneView(road_map), PoseFusion(1, config)
+    lane = road_map.lanes[0].control_points_m
+    heading_rad = math.atan2(*(lane[3] - lane[0])[::-1])
+    truth = Pose(*lane[0], heading_rad)
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(np.array([truth]), np.zeros(1))
+    fix, rng = SightFix(fusion, [view]), np.random.default_rng(0)
+    for k in range(1, 60):
+        now_s = 0.1 * k
+        fusion.move(np.zeros(1), np.zeros(1), now_s)
+        told = np.array([truth]) + rng.normal(0.0, (0.004, 0.004, 0.05))
+        fusion.measure(told, np.array([now_s]))
+        road = view.at(*truth)
+        assert road is not None
+        figures = np.array([[road.offset_m + 0.02, road.heading_rad, 0.0, 0.0]])
+        seen = Seen(
+            figures, np.array([[0.01, 0.05, 9.0, 0.1]]), *np.zeros((2, 1)), np.zeros((1, 5))
+        )
+        fix.see(seen._replace(road=np.ones(1)), np.ones(1, dtype=bool), now_s)
+    assert fusion.seen_error()[0, 0] > 0.012
+    assert np.hypot(*(fusion.poses[0, :2] - truth[:2])) < 0.008
+
+
+def test_what_cannot_be_is_not_believed() -> None:
+    view, fusion = LaneView(TOWN), PoseFusion(1, FusionConfig(sight=True))
+    world = driving()
+    fusion.move(np.zeros(1), np.zeros(1), 0.0)
+    fusion.measure(np.array([world.pose]), np.zeros(1))
+    before = fusion.poses.copy()
+    far = Seen(np.array([[0.4, 0.0, 0.0, 0.0]]), np.full((1, 4), 0.01), *np.zeros((3, 1)))
+    fusion.move(np.zeros(1), np.zeros(1), 0.1)
+    fix = SightFix(fusion, [view])
+    fix.see(far._replace(road=np.ones(1)), np.ones(1, dtype=bool), 0.1)
+    np.testing.assert_array_equal(fusion.poses, before)

@@ -1,0 +1,206 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+
+from robot.errors import ConfigError, ContractError
+from robot.navigation.lane_view import KINDS, LaneView
+from robot.navigation.road_map import load_map
+from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
+from sim_pybullet.look import NOMINAL
+from trainer.cli import main
+from trainer.sight.cli import SHIPPED, SightRun
+from trainer.sight.judge import judge
+from trainer.sight.network import SightNetwork, calibrate, export_sight
+from trainer.sight.pictures import (
+    CROSSING,
+    DRIVEN_M,
+    IMAGE,
+    KIND,
+    LINE,
+    NEW,
+    ROAD,
+    ROBOTS,
+    Pictures,
+    anywhere,
+    drive,
+    label,
+    spoiled,
+)
+from trainer.sight.train import drawn, lesson
+
+TOWN = load_map("town")
+
+
+@pytest.fixture(scope="module")
+def driven() -> Pictures:
+    return drive([TOWN], [NOMINAL], 3, 40)
+
+
+@pytest.fixture(scope="module")
+def elsewhere() -> Pictures:
+    return anywhere([TOWN], [NOMINAL], 3)
+
+
+@pytest.fixture(scope="module")
+def untaught(tmp_path_factory: pytest.TempPathFactory, driven: Pictures) -> Path:
+    path = tmp_path_factory.mktemp("sight") / "sight.onnx"
+    torch.manual_seed(0)
+    network = SightNetwork().eval()
+    export_sight(network, SightContract(IMAGE, run="none"), driven.images[:8], path)
+    return path
+
+
+def test_labels_are_those_of_the_map_where_the_picture_was_taken(driven: Pictures) -> None:
+    labels = driven.labels
+    assert driven.images.shape == (40 * ROBOTS, 40, 80, 3)
+    assert (labels[:, NEW] == 1.0).all(), "no picture of this look comes twice"
+    assert 0.05 < labels[:, DRIVEN_M].sum() / ROBOTS < 0.03 * 40 * 1.1
+    lane = (labels[:, CROSSING] == 0.0) & (labels[:, ROAD] == 1.0)
+    assert np.abs(labels[lane, 0]).max() <= 0.14
+    lined = labels[:, LINE] == 1.0
+    assert ((labels[lined, 3] >= 0.12) & (labels[lined, 3] <= 0.45)).all()
+    assert (labels[lined, KIND] >= 1.0).all()
+    assert np.isnan(labels[labels[:, LINE] == 0.0, 3]).all()
+
+
+def test_the_same_seed_gives_the_same_pictures(driven: Pictures) -> None:
+    again = drive([TOWN], [NOMINAL], 3, 5)
+    np.testing.assert_array_equal(again.images, driven.images[: 5 * ROBOTS])
+
+
+def test_who_looks_against_the_traffic_or_stands_beside_the_road_sees_none() -> None:
+    lane = TOWN.lanes[0].control_points_m
+    x, y = lane[0].tolist()
+    heading = float(np.arctan2(*(lane[1] - lane[0])[::-1]))
+    view = LaneView(TOWN)
+    assert label(view, (x, y, heading))[ROAD] == 1.0
+    assert label(view, (x, y, heading + np.pi))[ROAD] == 0.0
+    assert label(view, (-1.0, -1.0, 0.0))[ROAD] == 0.0
+
+
+def test_some_pictures_from_anywhere_show_no_road(elsewhere: Pictures) -> None:
+    assert (elsewhere.labels[:, ROAD] == 0.0).sum() >= 4
+
+
+def test_a_spoiled_picture_is_another_one(driven: Pictures) -> None:
+    rng = np.random.default_rng(0)
+    assert all((spoiled(image, rng) != image).any() for image in driven.images[:30])
+
+
+def test_spoiled_pictures_of_a_lesson_say_no_road_and_nothing_else(driven: Pictures) -> None:
+    images, labels = drawn(driven, 200, np.random.default_rng(0))
+    none = labels[:, ROAD] == 0.0
+    assert 5 < none.sum() < 60
+    assert np.isnan(labels[none, :4]).all()
+    assert (labels[none, LINE] == -1.0).all()
+    assert images.dtype == np.uint8
+
+
+def test_an_answer_that_nobody_knows_teaches_nothing() -> None:
+    torch.manual_seed(0)
+    network = SightNetwork()
+    images = torch.randint(0, 256, (4, *IMAGE.shape), dtype=torch.uint8)
+    labels = torch.full((4, 10), float("nan"))
+    labels[:, 4:] = -1.0
+    assert float(network.loss(images, labels).detach()) == 0.0
+
+
+def test_it_learns_and_its_uncertainty_is_scaled_to_its_errors(driven: Pictures) -> None:
+    torch.manual_seed(0)
+    network = SightNetwork()
+    optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
+    run = SightRun(steps=120, batch=64)
+    step = lesson(network, optimiser, driven, run)
+    told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(120)]
+    assert np.mean(told[-10:]) < np.mean(told[:10]) - 1.0
+    calibrate(network, driven)
+    seen = as_seen(network.see(driven.images))
+    ratio = (seen.figures - driven.labels[:, :4]) / seen.deviations
+    np.testing.assert_allclose(np.sqrt(np.nanmean(ratio**2, axis=0)), 1.0, atol=0.02)
+
+
+def test_the_file_holds_its_contract_and_answers_in_columns(untaught: Path) -> None:
+    sight = OnnxSight(untaught)
+    assert (sight.contract.image, sight.contract.run) == (IMAGE, "none")
+    seen = sight(np.zeros((3, *IMAGE.shape), np.uint8))
+    assert seen.figures.shape == seen.deviations.shape == (3, 4)
+    assert (seen.deviations > 0.0).all()
+    np.testing.assert_allclose(seen.junction.sum(axis=1), 1.0, rtol=1e-5)
+    assert len(COLUMNS) == 4 + 4 + 2 + len(KINDS)
+    with pytest.raises(ContractError, match="expected"):
+        sight(np.zeros((1, 60, 80, 3), np.uint8))
+
+
+def test_a_policy_is_no_sight() -> None:
+    with pytest.raises(ContractError, match="train-sight"):
+        OnnxSight(SHIPPED.with_name("lane_ppo.onnx"))
+
+
+def test_a_judgement_of_the_map_itself_is_perfect(
+    driven: Pictures, elsewhere: Pictures, untaught: Path
+) -> None:
+    class Knowing(OnnxSight):
+        def __call__(self, pictures: np.ndarray):  # type: ignore[no-untyped-def]
+            seen = super().__call__(pictures)
+            return seen._replace(line=np.zeros(len(pictures)))
+
+    found = judge(Knowing(untaught), "nominal", driven, elsewhere)
+    assert found.line_found == 0.0
+    assert found.lines_passed_by == found.lines > 0
+    assert found.invented_per_200_m == 0.0
+    assert found.driven_m == pytest.approx(float(driven.labels[:, DRIVEN_M].sum()), rel=1e-3)
+
+
+def test_a_run_that_was_cut_off_goes_on_and_another_is_refused(tmp_path: Path) -> None:
+    from trainer.sight import train
+
+    run = SightRun(files=1, steps=4, batch=8, look="nominal", choosing_files=1)
+    out, small = tmp_path / "run", pytest.MonkeyPatch()
+    small.setattr(train, "DECISIONS", 3)
+    try:
+        path = train.train_sight(out, run, Console(quiet=True))
+        kept = (out / "training" / "000.npz").stat().st_mtime_ns
+        first = path.read_bytes()
+        path.unlink()
+        assert train.train_sight(out, run, Console(quiet=True)).read_bytes() == first
+        assert (out / "training" / "000.npz").stat().st_mtime_ns == kept
+        with pytest.raises(ConfigError, match="another --out"):
+            train.train_sight(out, SightRun(steps=5), Console(quiet=True))
+    finally:
+        small.undo()
+    assert (out / "sight_int8.onnx").exists()
+
+
+def test_sight_never_learns_in_looks_that_it_is_judged_in(tmp_path: Path) -> None:
+    words = ["train-sight", "--out", str(tmp_path / "run"), "--look", "reality"]
+    assert main(words) == 2
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture
+def photograph(tmp_path: Path) -> Path:
+    path = tmp_path / "one.png"
+    cv2.imwrite(str(path), np.full((120, 160, 3), 90, np.uint8))
+    return path
+
+
+def test_what_is_seen_is_drawn_over_a_picture(untaught: Path, photograph: Path) -> None:
+    out = photograph.parent / "seen"
+    assert main(["sight", str(photograph), "--out", str(out), "--model", str(untaught)]) == 0
+    drawn_picture = cv2.imread(str(out / "one_seen.png"))
+    assert drawn_picture.shape == (360, 480, 3)
+    assert (drawn_picture != 90).any()
+
+
+def test_judging_writes_its_figures(untaught: Path, tmp_path: Path) -> None:
+    path = tmp_path / "sight.json"
+    words = ["judge-sight", "--model", str(untaught), "--json", str(path), "--look", "nominal"]
+    assert main([*words, "--map", "town", "--decisions", "5"]) == 0
+    found = json.loads(path.read_text())
+    assert found["inputs"]["maps"] == ["town"]
+    assert found["looks"][0]["offset_m"]["pictures"] > 0

@@ -1,0 +1,1 @@
+"""Teaching the network of `robot.vision.sight`, and judging what it sees."""

@@ -1,0 +1,90 @@
+"""What sight tells of a picture, drawn over it: the lane, the red line, and a few words."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from robot.camera.files import VIDEOS
+from robot.inference.preprocess import preprocess
+from robot.lens import CameraRig
+from robot.navigation.lane_view import KINDS
+from robot.output import write_png
+from robot.vision.sight import OnnxSight, Seen
+from sim_pybullet.look import NOMINAL
+from trainer.judging.explain import VIDEO_FPS, pictures
+from trainer.mp4 import enlarged, write_mp4
+
+_AHEAD_M = np.linspace(0.1, 0.55, 16)  # where the lane is drawn, before the axle
+_HALF_LINE_M = 0.1
+_CYAN, _RED, _WHITE = (0, 230, 230), (255, 40, 40), (255, 255, 255)
+
+
+def write_seen(sight: OnnxSight, source: Path, out: Path) -> int:
+    """Draw what is seen in a picture, a folder of pictures, or a film; how many there were."""
+    rig, count = NOMINAL.rig(), itertools.count()
+    frames = pictures(source)
+    first = next(frames)  # nothing is written where there is none
+    out.mkdir(parents=True, exist_ok=True)
+    shown = (
+        (next(count), name, drawn(frame, sight(preprocess(frame, sight.contract.image)[None]), rig))
+        for name, frame in itertools.chain([first], frames)
+    )
+    if source.suffix.lower() in VIDEOS:
+        write_mp4(out / f"{source.stem}_seen.mp4", (each for _, _, each in shown), VIDEO_FPS)
+    else:
+        for _, name, picture in shown:
+            write_png(out / f"{name}_seen.png", picture)
+    return next(count)
+
+
+def drawn(frame: np.ndarray, seen: Seen, rig: CameraRig) -> np.ndarray:
+    """A frame (120, 160, 3) enlarged to a width of 480, with what was seen in it (N is 1).
+
+    The middle of the lane is drawn as a parabola on the floor under a camera of this rig, the
+    fainter the less sure its heading is.
+    """
+    picture = enlarged(frame)
+    offset_m, heading_rad, curvature_pm, line_m = seen.figures[0].tolist()
+    scaled = CameraRig(rig.lens.scaled(picture.shape[1], picture.shape[0]), rig.mount)
+    left_m = -offset_m + 0.5 * curvature_pm * _AHEAD_M**2
+    c, s = math.cos(-heading_rad), math.sin(-heading_rad)
+    lane = np.stack((c * _AHEAD_M - s * left_m, s * _AHEAD_M + c * left_m), axis=1)
+    over = picture.copy()
+    if seen.road[0] > 0.5:
+        _line(over, lane, scaled, _CYAN)
+    if seen.line[0] > 0.5:
+        sides = np.array((-_HALF_LINE_M, _HALF_LINE_M)) - offset_m
+        ends = np.stack((c * line_m - s * sides, s * line_m + c * sides), axis=1)
+        _line(over, ends, scaled, _RED)
+    sure = float(np.clip(1.2 - 3.0 * seen.deviations[0, 1], 0.15, 1.0))
+    picture = cv2.addWeighted(over, sure, picture, 1.0 - sure, 0.0)
+    for row, text in enumerate(_words(seen)):
+        cv2.putText(picture, text, (6, 16 + 17 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, 1)
+    return picture
+
+
+def _words(seen: Seen) -> tuple[str, ...]:
+    figures, deviations = seen.figures[0], seen.deviations[0]
+    kind = int(seen.junction[0].argmax())
+    line, likely = "none", float(seen.junction[0, kind])
+    if seen.line[0] > 0.5:
+        line = f"{100 * figures[3]:.0f} +-{100 * deviations[3]:.0f} cm"
+    return (
+        f"road {seen.road[0]:.0%}  line {line}  junction {KINDS[kind]} {likely:.0%}",
+        f"offset {100 * figures[0]:+.1f} +-{100 * deviations[0]:.1f} cm  heading "
+        f"{math.degrees(figures[1]):+.0f} +-{math.degrees(deviations[1]):.0f} deg  "
+        f"bend {figures[2]:+.1f} /m",
+    )
+
+
+def _line(
+    picture: np.ndarray, floor_m: np.ndarray, rig: CameraRig, colour: tuple[int, ...]
+) -> None:
+    pixels = rig.to_pixels(np.column_stack((floor_m, np.zeros(len(floor_m)))))
+    points = np.rint(pixels[np.isfinite(pixels).all(axis=1)]).astype(np.int32)
+    cv2.polylines(picture, [points[:, None]], False, colour, 3, cv2.LINE_AA)

@@ -1,0 +1,176 @@
+"""How right sight is about pictures of maps and looks that it never saw, and how sure of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot.vision.sight import OnnxSight, Seen
+from trainer.sight.pictures import (
+    CROSSING,
+    DRIVEN_M,
+    KIND,
+    LINE,
+    NEW,
+    ROAD,
+    ROBOTS,
+    Pictures,
+    spoiled,
+)
+
+SURE = 0.5  # a probability above it is a yes
+NEAR_M = 0.4  # within which a red line must be found
+OUTLIER = 3.0  # standard deviations
+_SPOILED = 2_000
+
+
+@dataclass(frozen=True)
+class Error:
+    """Of one figure, in its own unit."""
+
+    pictures: int
+    rms: float
+    median: float
+    ratio: float  # rms of the error over its own standard deviation: 1 is honest
+    outliers: float  # share of errors beyond three standard deviations
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What ``judge-sight`` finds in one look; shares are of the pictures asked about."""
+
+    look: str
+    pictures: int
+    driven_m: float
+    offset_m: Error
+    heading_rad: Error
+    curvature_pm: Error
+    line_m: Error  # of lines that were found, 12 to 40 cm before the axle
+    crossing_offset_m: Error  # in junctions
+    crossing_heading_rad: Error
+    line_found: float  # of the pictures with a line 12 to 40 cm before the axle
+    lines_passed_by: int  # lines of which less than half of these pictures told
+    lines: int
+    invented_per_200_m: float  # lines told where none is within 1.2 m
+    junction_right: float
+    road_believed: float
+    no_road_believed: float  # anywhere else, and in spoiled pictures
+
+
+def judge(sight: OnnxSight, look: str, driven: Pictures, elsewhere: Pictures) -> Judgement:
+    """Compare what is seen in pictures of experts that drive, and from anywhere, with the map."""
+    labels, seen = driven.labels, see(sight, driven.images)
+    lane, crossing = (labels[:, CROSSING] == value for value in (0.0, 1.0))
+    told = seen.line > SURE
+    near = (labels[:, LINE] == 1.0) & (labels[:, 3] <= NEAR_M)
+    asked = labels[:, KIND] >= 0.0
+    whole_m = float(labels[:, DRIVEN_M].sum())
+    # A line farther than its question reaches is no invention.
+    invented = told & ((labels[:, KIND] == 0.0) | (crossing & (labels[:, LINE] == 0.0)))
+    lines, passed_by = _lines(near, told)
+    offset, heading, curvature = (_error(seen, labels, k, lane) for k in range(3))
+    aside, askew = (_error(seen, labels, k, crossing) for k in range(2))
+    return Judgement(
+        look=look,
+        pictures=len(labels),
+        driven_m=whole_m,
+        offset_m=offset,
+        heading_rad=heading,
+        curvature_pm=curvature,
+        line_m=_error(seen, labels, 3, near & told),
+        crossing_offset_m=aside,
+        crossing_heading_rad=askew,
+        line_found=float(told[near].mean()),
+        lines_passed_by=passed_by,
+        lines=lines,
+        invented_per_200_m=200.0 / whole_m * _runs(invented),
+        junction_right=float((seen.junction.argmax(1) == labels[:, KIND])[asked].mean()),
+        road_believed=float((seen.road > SURE)[labels[:, ROAD] == 1.0].mean()),
+        no_road_believed=_believed(sight, driven, elsewhere),
+    )
+
+
+def see(sight: OnnxSight, images: np.ndarray) -> Seen:
+    """What is seen in many pictures."""
+    parts = [sight(part) for part in np.array_split(images, max(1, len(images) // 512))]
+    return Seen(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _error(seen: Seen, labels: np.ndarray, figure: int, where: np.ndarray) -> Error:
+    known = where & np.isfinite(labels[:, figure]) & (labels[:, NEW] > 0.0)
+    if not known.any():
+        return Error(0, *[float("nan")] * 4)
+    error = seen.figures[known, figure] - labels[known, figure]
+    ratio = error / seen.deviations[known, figure]
+    return Error(
+        len(error),
+        float(np.sqrt((error**2).mean())),
+        float(np.median(np.abs(error))),
+        float(np.sqrt((ratio**2).mean())),
+        float((np.abs(ratio) > OUTLIER).mean()),
+    )
+
+
+def _lines(near: np.ndarray, told: np.ndarray) -> tuple[int, int]:
+    """How many lines robots came to, and how many they passed by without telling of them."""
+    lines = passed_by = 0
+    for there, tells in zip(near.reshape(-1, ROBOTS).T, told.reshape(-1, ROBOTS).T, strict=True):
+        begins = np.flatnonzero(np.diff(there, prepend=False, append=False)).reshape(-1, 2)
+        for begin, end in begins.tolist():
+            lines += 1
+            passed_by += tells[begin:end].mean() < 0.5
+    return lines, int(passed_by)
+
+
+def _runs(where: np.ndarray) -> int:
+    """How often each robot begins to be where this holds."""
+    return int((np.diff(where.reshape(-1, ROBOTS).astype(int), axis=0, prepend=0) > 0).sum())
+
+
+def _believed(sight: OnnxSight, driven: Pictures, elsewhere: Pictures) -> float:
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(driven.images), min(_SPOILED, len(driven.images)), replace=False)
+    spoilt = np.stack([spoiled(image, rng) for image in driven.images[np.sort(chosen)]])
+    wrong = np.concatenate((spoilt, elsewhere.images[elsewhere.labels[:, ROAD] == 0.0]))
+    return float((see(sight, wrong).road > SURE).mean())
+
+
+def as_rows(judgements: list[Judgement]) -> list[tuple[str, ...]]:
+    """For a table: a head, and a row for each look."""
+    rows: list[tuple[str, ...]] = [
+        (
+            "look",
+            "pictures",
+            "offset rms (ratio, outliers)",
+            "heading",
+            "in junctions",
+            "red line: error",
+            "found",
+            "passed by",
+            "invented in 200 m",
+            "junction right",
+            "road believed",
+            "no road believed",
+        )
+    ]
+    for each in judgements:
+        at, turned, line = each.offset_m, each.heading_rad, each.line_m
+        aside, askew = each.crossing_offset_m, each.crossing_heading_rad
+        rows.append(
+            (
+                each.look,
+                str(each.pictures),
+                f"{100 * at.rms:.1f} cm ({at.ratio:.2f}, {at.outliers:.1%})",
+                f"{np.degrees(turned.rms):.1f}° ({turned.ratio:.2f}, {turned.outliers:.1%})",
+                f"{100 * aside.rms:.1f} cm, {np.degrees(askew.rms):.1f}°",
+                f"{100 * line.rms:.1f} cm ({line.ratio:.2f}, {line.outliers:.1%})",
+                f"{each.line_found:.1%}",
+                f"{each.lines_passed_by} of {each.lines}",
+                f"{each.invented_per_200_m:.1f}",
+                f"{each.junction_right:.1%}",
+                f"{each.road_believed:.1%}",
+                f"{each.no_road_believed:.1%}",
+            )
+        )
+    return rows

@@ -1,0 +1,124 @@
+"""The network of `robot.vision.sight`: three convolutions, one layer, and what it is taught by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional as f
+
+from robot.errors import ContractError
+from robot.output import atomically
+from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
+from trainer.export import write_onnx
+from trainer.sight.pictures import FIGURES, IMAGE, KIND, LINE, ROAD, Pictures
+
+CHANNELS = (24, 48, 64)
+_HIDDEN = 128
+# Middle and spread of the figures, in which the network speaks.
+_MIDDLE = (0.0, 0.0, 0.0, 0.3)
+_SPREAD = (0.05, 0.3, 2.0, 0.15)
+_LOG_SD = (-4.0, 2.0)  # least and most, of the standard deviation in spreads
+# Weight of an error by its variance to this power: Seitzer et al., On the pitfalls of
+# heteroscedastic uncertainty estimation, ICLR 2022. At 0 hard pictures are given up too early.
+_BETA = 0.5
+_TOLERANCE = 1e-4
+_AT_ONCE = 512
+
+
+class SightNetwork(nn.Module):
+    """Pictures (N, 40, 80, 3) uint8 -> what they show (N, 15), see `robot.vision.sight.COLUMNS`.
+
+    Standard deviations are multiplied by ``scale`` (4,), which is set when the network is judged
+    on maps to choose by.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, second, third = CHANNELS
+        self.body = nn.Sequential(
+            nn.Conv2d(3, first, 5, 2),
+            nn.ReLU(),
+            nn.Conv2d(first, second, 3, 2),
+            nn.ReLU(),
+            nn.Conv2d(second, third, 3, 2),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.LazyLinear(_HIDDEN),
+            nn.ReLU(),
+            nn.Linear(_HIDDEN, len(COLUMNS)),
+        )
+        self.body(torch.zeros(1, 3, *IMAGE.shape[:2]))  # the lazy layer takes its size
+        self.scale: torch.Tensor
+        self.middle: torch.Tensor
+        self.spread: torch.Tensor
+        self.register_buffer("scale", torch.ones(FIGURES))
+        self.register_buffer("middle", torch.tensor(_MIDDLE))
+        self.register_buffer("spread", torch.tensor(_SPREAD))
+
+    def raw(self, images: torch.Tensor) -> torch.Tensor:
+        """(N, 15) in spreads, logarithms and logits."""
+        return self.body(images.permute(0, 3, 1, 2).float() / 127.5 - 1.0)
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        raw = self.raw(images)
+        figures = raw[:, :FIGURES] * self.spread + self.middle
+        deviations = self.scale * self.spread * raw[:, FIGURES:8].clamp(*_LOG_SD).exp()
+        sure = raw[:, 8:10].sigmoid()
+        return torch.cat((figures, deviations, sure, raw[:, 10:].softmax(1)), 1)
+
+    def loss(self, images: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+        """How wrong it is about pictures with these labels, where a question has an answer."""
+        raw = self.raw(images)
+        wanted = (labels[:, :FIGURES] - self.middle) / self.spread
+        known = torch.isfinite(wanted)
+        log_sd = raw[:, FIGURES:8].clamp(*_LOG_SD)
+        square = (raw[:, :FIGURES] - torch.nan_to_num(wanted)) ** 2
+        likely = 0.5 * square * (-2.0 * log_sd).exp() + log_sd
+        likely = likely * (2.0 * _BETA * log_sd).exp().detach()
+        total = (likely * known).sum() / len(images)
+        for column, logit in ((LINE, raw[:, 8]), (ROAD, raw[:, 9])):
+            asked = labels[:, column] >= 0.0
+            right = labels[:, column].clamp(min=0.0)
+            each = f.binary_cross_entropy_with_logits(logit, right, reduction="none")
+            total = total + (each * asked).sum() / len(images)
+        kinds = labels[:, KIND].long()
+        wrong = f.cross_entropy(raw[:, 10:], kinds, ignore_index=-1, reduction="sum")
+        return total + 0.5 * wrong / len(images)
+
+    @torch.no_grad()
+    def see(self, images: np.ndarray) -> np.ndarray:
+        """(N, 15) of pictures (N, 40, 80, 3) uint8."""
+        parts = np.array_split(images, max(1, len(images) // _AT_ONCE))
+        return np.concatenate([self(torch.from_numpy(part)).numpy() for part in parts])
+
+
+def calibrate(network: SightNetwork, pictures: Pictures) -> None:
+    """Scale the standard deviations, so that errors are on average what they promise."""
+    network.scale.fill_(1.0)
+    seen = as_seen(network.see(pictures.images))
+    ratio = (seen.figures - pictures.labels[:, :FIGURES]) / seen.deviations
+    network.scale.copy_(torch.from_numpy(np.sqrt(np.nanmean(ratio**2, axis=0))))
+
+
+def export_sight(
+    network: SightNetwork, contract: SightContract, images: np.ndarray, path: Path
+) -> None:
+    """Write the network with its contract, and compare it with torch on these pictures.
+
+    Raises:
+        ContractError: they disagree.
+    """
+    example = {"image": torch.from_numpy(images[:2])}
+    with atomically(path) as temporary:
+        write_onnx(network, example, "seen", contract, temporary)
+    pairs = zip(OnnxSight(path)(images), as_seen(network.see(images)), strict=True)
+    difference = max(float(np.abs(ours - theirs).max()) for ours, theirs in pairs)
+    if not difference <= _TOLERANCE:
+        raise ContractError(
+            f"{path}: expected torch and ONNX to agree within {_TOLERANCE}, they differ by "
+            f"{difference:.1e}"
+        )

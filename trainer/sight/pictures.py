@@ -1,0 +1,162 @@
+"""Pictures of robots that drive, and what the map says each of them shows.
+
+The expert drives missions and is disturbed now and then, so that it is seen off its lane and
+returning. Besides there are pictures from anywhere, most of which show no lane to drive in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from robot.contract import ImageSpec
+from robot.navigation.lane_view import LaneView
+from robot.navigation.road_map import RoadMap
+from robot.output import atomically
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.pool import LookPool, Looks
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.tasks.navigation import Navigation
+
+IMAGE = ImageSpec(80, 60, 20)
+ROBOTS = 20
+FIGURES = 4  # labels that are measured: those of `robot.vision.sight.FIGURES`
+# Columns of the labels beside them; -1 is: nobody can tell, or nobody should be asked.
+LINE, ROAD, KIND, NEW, CROSSING, DRIVEN_M = range(FIGURES, FIGURES + 6)
+_COLUMNS = FIGURES + 6
+LINE_M = (0.12, 0.45)  # from the axle: a line that must be seen; nearer ones leave the picture
+NO_LINE_M = (0.06, 0.6)  # nearer or farther than these there is none
+_START_SPREAD = 4.0
+_DISTURBED = 0.04  # chance of a disturbance in a decision, of 2 to 6 decisions
+_IN_LANE_M = 0.14  # from its middle, at most
+_ELSEWHERE_M = 0.19
+_ALONG_RAD, _ACROSS_RAD = 1.0, 1.4
+_WORLDS = 2  # painted, of each map
+_ANYWHERE = 16  # pictures of each map, from anywhere
+_MARGIN_M = 0.3
+
+
+class Pictures(NamedTuple):
+    """What robots saw, and what there was to see."""
+
+    images: np.ndarray  # (M, 40, 80, 3) uint8 RGB
+    labels: np.ndarray  # (M, 10) float32; NaN where there is no such figure
+
+
+def label(view: LaneView, pose: Sequence[float]) -> np.ndarray:
+    """(10,) what a picture taken at a pose shows: it is new, and nothing was driven before it."""
+    found = np.full(_COLUMNS, np.nan, np.float32)
+    found[LINE:] = 0.0, 0.0, -1.0, 1.0, 0.0, 0.0
+    road = view.at(*pose)
+    if road is None:
+        return found
+    found[CROSSING] = road.in_junction
+    aside_m, turned_rad = abs(road.offset_m), abs(road.heading_rad)
+    if turned_rad > _ACROSS_RAD or aside_m > _ELSEWHERE_M:
+        return found
+    found[[LINE, ROAD]] = -1.0
+    if turned_rad > _ALONG_RAD or (aside_m > _IN_LANE_M and not road.in_junction):
+        return found
+    found[ROAD] = 1.0
+    found[:3] = road.offset_m, road.heading_rad, road.curvature_pm
+    near, far = NO_LINE_M
+    if near <= road.line_m <= far:
+        found[3] = road.line_m
+        found[KIND] = road.kind
+        found[LINE] = 1.0 if LINE_M[0] <= road.line_m <= LINE_M[1] else -1.0
+    else:
+        found[LINE] = 0.0
+        found[KIND] = -1.0 if road.in_junction or road.line_m < 2.0 * far else 0.0
+    return found
+
+
+def drive(maps: Sequence[RoadMap], looks: Looks, seed: int, decisions: int) -> Pictures:
+    """What `ROBOTS` experts see on missions, decision by decision: M is of both."""
+    rng = np.random.default_rng((seed, 1))
+    views = [LaneView(road_map) for road_map in maps]
+    task = Navigation(maps, ROBOTS, start_spread=_START_SPREAD)
+    world = BatchWorld(task, looks, IMAGE, seed, _WORLDS)
+    observation, driven_m = world.reset(), np.zeros(ROBOTS)
+    astray, wrong = np.zeros(ROBOTS, dtype=int), np.zeros(ROBOTS, dtype=int)
+    images = np.empty((decisions, *observation.image.shape), np.uint8)
+    labels = np.empty((decisions, ROBOTS, _COLUMNS), np.float32)
+    last = np.full((ROBOTS, 3), np.nan)
+    for k in range(decisions):
+        images[k] = observation.image
+        poses, where = world.pictured_poses, world.maps
+        for i, pose in enumerate(poses.tolist()):
+            labels[k, i] = label(views[where[i]], pose)
+        labels[k, :, NEW] = (poses != last).any(axis=1)
+        labels[k, :, DRIVEN_M] = driven_m
+        last = poses
+        begins = (astray == 0) & (rng.random(ROBOTS) < _DISTURBED)
+        astray = np.where(begins, rng.integers(2, 7, ROBOTS), np.maximum(astray - 1, 0))
+        wrong = np.where(begins, rng.integers(0, 5, ROBOTS), wrong)
+        step = world.step(np.where(astray > 0, wrong, world.expert_actions()))
+        observation, driven_m = step.observation, step.course.progress_m
+    world.close()
+    return Pictures(images.reshape(-1, *IMAGE.shape), labels.reshape(-1, _COLUMNS))
+
+
+def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
+    """What cameras see that stand and look anywhere on the maps and around them."""
+    rng = np.random.default_rng((seed, 2))
+    pool = LookPool(maps, looks, rng, 1)
+    camera = RayCamera(IMAGE, _ANYWHERE)
+    images, labels = [], []
+    for road_map, world in zip(maps, pool.worlds, strict=True):
+        look, view = world.episode_look(rng), LaneView(road_map)
+        for i in range(_ANYWHERE):
+            camera.set_robot(i, world.scene, look.rig())
+        most = road_map.width_m + _MARGIN_M, road_map.height_m + _MARGIN_M, np.pi
+        poses = rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_ANYWHERE, 3))
+        seen = camera.render(poses)
+        images.append(apply_sensor(seen, [look.sensor] * _ANYWHERE, rng, IMAGE.crop_top_px))
+        labels += [label(view, pose) for pose in poses.tolist()]
+    return Pictures(np.concatenate(images), np.stack(labels))
+
+
+def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A picture (H, W, 3) uint8 that shows no road: mirrored, upside down, covered, or noise."""
+    way = int(rng.integers(5))
+    if way == 0:
+        return np.ascontiguousarray(image[:, ::-1])
+    if way == 1:
+        return np.ascontiguousarray(image[::-1])
+    if way == 2:
+        return np.ascontiguousarray(image[::-1, ::-1])
+    if way == 3:  # a hand before the lens: next to nothing of the picture is left
+        blurred = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(12, 30))).astype(np.float32)
+        dark = blurred * rng.uniform(0.02, 0.6) + rng.normal(0, rng.uniform(0, 8), image.shape)
+        return np.clip(dark, 0, 255).astype(np.uint8)
+    grain = rng.normal(rng.uniform(0, 255), rng.uniform(0, 80), image.shape).astype(np.float32)
+    if rng.random() < 0.5:
+        grain = 3.0 * cv2.GaussianBlur(grain, (0, 0), float(rng.uniform(0.5, 4)))
+    return np.clip(grain, 0, 255).astype(np.uint8)
+
+
+def save(pictures: Pictures, path: Path) -> None:
+    """Whole or not at all."""
+    with atomically(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, images=pictures.images, labels=pictures.labels)
+
+
+def load(path: Path) -> Pictures:
+    """What `save` wrote."""
+    with np.load(path) as parts:
+        return Pictures(parts["images"], parts["labels"])
+
+
+def joined(parts: Sequence[Pictures]) -> Pictures:
+    """All of them, one after the other."""
+    return Pictures(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def driven_m(labels: np.ndarray) -> float:
+    """How far the robots of driven pictures came [m]."""
+    return float(np.maximum(labels[:, DRIVEN_M], 0.0).sum())

@@ -1,0 +1,120 @@
+"""``train-sight``: gather pictures, teach the network, calibrate it, write it for the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import track
+
+from robot.errors import ConfigError
+from robot.navigation.road_map import RoadMap, load_map
+from robot.vision.sight import SightContract
+from sim_pybullet.randomise import load_look_sampler
+from trainer.division import division, refuse_judging_look, refuse_judging_maps
+from trainer.export import quantise
+from trainer.relit import relit
+from trainer.resumable import Loop, Stateful, descend, set_rate
+from trainer.run import take_up
+from trainer.sight.cli import SightRun
+from trainer.sight.network import SightNetwork, calibrate, export_sight
+from trainer.sight.pictures import (
+    IMAGE,
+    ROAD,
+    Pictures,
+    anywhere,
+    drive,
+    joined,
+    load,
+    save,
+    spoiled,
+)
+
+DECISIONS = 200  # of each file of pictures
+_RATE = 1e-3
+_SPOILED = 0.12  # share of a batch
+_CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
+
+
+def train_sight(out: Path, run: SightRun, console: Console) -> Path:
+    """Do what of a run is not done yet; the ONNX file.
+
+    Raises:
+        ConfigError: another run lies in ``out``, or the look is kept for judging.
+    """
+    refuse_judging_look(run.look)
+    if take_up(SightRun, out, True, lambda: run) != run:
+        raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
+    maps = division().maps
+    training = gathered(out / "training", maps.training, run.look, run.files, run.seed, console)
+    chosen = gathered(
+        out / "choosing", maps.choosing, run.look, run.choosing_files, run.seed + 1, console
+    )
+    torch.manual_seed(run.seed)
+    network = SightNetwork()
+    optimiser = torch.optim.AdamW(network.parameters(), _RATE)
+    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser}
+    loop = Loop(out / "checkpoint.pt", parts, run.steps, run.seed)
+    loop.run(lesson(network, optimiser, training, run), "sight", console)
+    network.eval()
+    calibrate(network, chosen)
+    path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
+    contract = SightContract(IMAGE, run=out.name, trained_steps=run.steps)
+    export_sight(network, contract, images, path)
+    quantise(path, {"image": images}, out / "sight_int8.onnx")
+    return path
+
+
+def gathered(
+    folder: Path, names: Sequence[str], look: str, files: int, seed: int, console: Console
+) -> Pictures:
+    """Pictures of robots on these maps, from files that are there or are made now."""
+    maps = [load_map(name) for name in names]
+    refuse_judging_maps(maps)
+    folder.mkdir(parents=True, exist_ok=True)
+    found = []
+    for number in track(range(files), f"{folder.name} pictures", console=console):
+        path = folder / f"{number:03d}.npz"
+        if not path.exists():
+            save(pictures_of(maps, look, seed * 1_000 + number), path)
+        found.append(load(path))
+    return joined(found)
+
+
+def pictures_of(maps: Sequence[RoadMap], look: str, seed: int) -> Pictures:
+    """One file of pictures, in looks of its own."""
+    looks = load_look_sampler(look)
+    return joined([drive(maps, looks, seed, DECISIONS), anywhere(maps, looks, seed)])
+
+
+def lesson(
+    network: SightNetwork, optimiser: torch.optim.Optimizer, pictures: Pictures, run: SightRun
+) -> Callable[[np.random.Generator, int], str]:
+    """One step of the training, for `trainer.resumable.Loop`."""
+
+    def step(rng: np.random.Generator, number: int) -> str:
+        set_rate([optimiser], _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps)))
+        images, labels = drawn(pictures, run.batch, rng)
+        loss = network.loss(torch.from_numpy(images), torch.from_numpy(labels))
+        descend(optimiser, loss)
+        return f"loss {float(loss.detach()):.3f}"
+
+    return step
+
+
+def drawn(pictures: Pictures, count: int, rng: np.random.Generator) -> Pictures:
+    """Images and labels of so many pictures, half of them relit, some spoiled."""
+    chosen = rng.integers(len(pictures.labels), size=count)
+    images, labels = pictures.images[chosen], pictures.labels[chosen].copy()
+    for i, chance in enumerate(rng.random(count).tolist()):
+        if chance < _SPOILED:
+            images[i] = spoiled(images[i], rng)
+            labels[i, :4], labels[i, 4:7] = np.nan, -1.0
+            labels[i, ROAD] = 0.0
+        elif chance > 0.5:
+            images[i] = relit(images[i], rng)
+    return Pictures(images, labels)
