@@ -31,9 +31,7 @@ class CameraConfig:
     fps: int = 30
     path: str = ""  # of a virtual camera's socket
     lens: Lens = DUCKIEBOT_LENS  # ``calibrate lens`` writes it
-    mount: Mount = field(
-        default_factory=Mount
-    )  # ``calibrate camera`` writes its pitch, roll and height
+    mount: Mount = field(default_factory=Mount)  # ``calibrate camera``: pitch, roll and height
 
     def __post_init__(self) -> None:
         if self.kind not in CAMERAS:

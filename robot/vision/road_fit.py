@@ -42,12 +42,14 @@ FAR_WHITE_TILES = 0.632  # the far edge of the road, beside the middle of the ri
 DASHED = 0.64  # share of the yellow line that is painted
 CLIPPED = 3.0  # mean deviations; one lamp shall not outweigh a road
 LEAST_LEVELS = 2.0  # of deviation: below that there is only noise
-TURNS = 20  # of the loop that are judged together: 2 s
-SHARE = 0.6  # of another reading's fit that the picture as it is must not reach
+TURNS, SHIFT_TURNS, ROLL_TURNS = 20, 40, 60  # of the loop that are judged together
+# Of another reading's fit that the picture as it is must not reach: half, where honest pictures in
+# bends came near.
+SHARE, HALF = 0.6, 0.5
 # By how much another reading must fit better: more than it did in most honest missions in random
-# looks. A small shift or roll is most like a bend and needs most, so it is noticed later. An honest
-# picture fits by 1.2 there, in the nominal look by 2, and a spoiled one as badly as 0.
-MIRRORED, UPSIDE_DOWN, SHEARED, SHIFTED, ROLLED = 0.55, 0.7, 0.75, 1.0, 0.95
+# looks. A small shift or roll is most like a bend, and takes longer to tell. An honest picture fits
+# by 1.2 there, in the nominal look by 2, and a spoiled one as badly as 0.
+MIRRORED, UPSIDE_DOWN, SHEARED, SHIFTED, ROLLED = 0.55, 0.7, 0.75, 0.6, 0.75
 
 
 class Reading(NamedTuple):
@@ -58,6 +60,8 @@ class Reading(NamedTuple):
     rows: np.ndarray
     margin: float = 0.5  # by which it must fit better than the picture as it is
     anywhere: bool = True  # told without a map, too
+    share: float = SHARE
+    turns: int = TURNS
 
 
 def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
@@ -65,24 +69,28 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
 
     def sheared(share: float, still_row: float) -> Reading:
         moved = columns + share * (rows - still_row) + 0.5 * COLUMNS
-        return Reading("sheared", moved % COLUMNS - 0.5 * COLUMNS, rows, SHEARED)
+        x = moved % COLUMNS - 0.5 * COLUMNS
+        return Reading("sheared", x, rows, SHEARED, share=HALF)
 
-    def rolled(degrees: float, margin: float) -> Reading:
+    def turned(degrees: float) -> Tuple[np.ndarray, np.ndarray]:
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-        return Reading("rolled", c * columns + s * rows, c * rows - s * columns, margin, False)
+        return c * columns + s * rows, c * rows - s * columns
+
+    def rolled(degrees: float) -> Reading:
+        return Reading("rolled", *turned(degrees), ROLLED, False, HALF, ROLL_TURNS)
 
     def shifted(right: float, down: float) -> Reading:
         x = (columns + right + 0.5 * COLUMNS) % COLUMNS - 0.5 * COLUMNS
         y = (rows + down + 0.5 * ROWS) % ROWS - 0.5 * ROWS
-        return Reading("shifted", x, y, SHIFTED, False)
+        return Reading("shifted", x, y, SHIFTED, False, HALF, SHIFT_TURNS)
 
     return (
         Reading("", columns, rows),
         Reading("mirrored", -columns, rows, MIRRORED),
         Reading("upside down", -columns, -rows, UPSIDE_DOWN),
         Reading("upside down and mirrored", columns, -rows, UPSIDE_DOWN),
-        *(rolled(degrees, UPSIDE_DOWN) for degrees in (-90.0, 90.0)),
-        *(rolled(degrees, ROLLED) for degrees in (-28.0, 28.0)),
+        *(Reading("rolled", *turned(way), UPSIDE_DOWN, False) for way in (-90.0, 90.0)),
+        *(rolled(degrees) for degrees in (-28.0, 28.0)),
         *(sheared(share, 0.0) for share in (-0.8, 0.8)),
         *(sheared(share, -0.5 * ROWS) for share in (-1.0, 1.0)),
         *(shifted(right, 0.0) for right in (-10.0, 10.0, 20.0)),
@@ -189,7 +197,9 @@ class Verdict:
     def __init__(self, kinds: Tuple[Reading, ...]) -> None:
         self._sentences = [reading.sentence for reading in kinds[1:]]
         self._margins = np.array([reading.margin for reading in kinds[1:]])
-        self._fits: Deque[np.ndarray] = deque(maxlen=TURNS)
+        self._shares = np.array([reading.share for reading in kinds[1:]])
+        self._turns = np.array([reading.turns for reading in kinds[1:]])
+        self._fits: Deque[np.ndarray] = deque(maxlen=ROLL_TURNS)
 
     def forget(self) -> None:
         """Begin anew."""
@@ -198,12 +208,16 @@ class Verdict:
     def add(self, fits: np.ndarray) -> str:
         """What is wrong with the pictures, or "", after one more turn's fits."""
         self._fits.append(fits)
-        mean = np.sum(self._fits, axis=0).max(axis=0) / TURNS  # a mounting's pitch stays
-        others = mean[1:]
-        clearly = (others - mean[0] > self._margins) & (mean[0] < SHARE * others)
-        return (
-            self._sentences[int(np.where(clearly, others, -1.0).argmax())] if clearly.any() else ""
-        )
+        worst, seems = 0.0, ""
+        for turns in (TURNS, SHIFT_TURNS, ROLL_TURNS):
+            # the best of the pitches: a mounting's stays
+            mean = np.sum(list(self._fits)[-turns:], axis=0).max(axis=0) / turns
+            others = np.where(self._turns == turns, mean[1:], 0.0)
+            clearly = (others - mean[0] > self._margins) & (mean[0] < self._shares * others)
+            best = int(np.where(clearly, others, 0.0).argmax())
+            if clearly[best] and others[best] > worst:
+                worst, seems = float(others[best]), self._sentences[best]
+        return seems
 
 
 def _floor(rig: CameraRig, pitch_rad: float) -> np.ndarray:
