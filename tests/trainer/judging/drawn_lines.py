@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -157,7 +157,11 @@ def verdict(found: YellowLine, drawn: Sequence[DrawnLine]) -> str:
     return AGREES if same else WRONG_SIDE
 
 
-def verdicts(photographs: Path, rig: CameraRig) -> dict[str, Counter[str]]:
+def verdicts(
+    photographs: Path,
+    rig: CameraRig,
+    detect: Callable[[np.ndarray, CameraRig], YellowLine] = detect_yellow_line,
+) -> dict[str, Counter[str]]:
     """How often each thing is to be said, site by site; ``photographs`` holds the sites' folders.
 
     Raises:
@@ -171,5 +175,5 @@ def verdicts(photographs: Path, rig: CameraRig) -> dict[str, Counter[str]]:
         for drawn, frame in frames_of(site, photographs):
             people = [drawn_line(points, lines.size, rig, reference_m) for points in drawn.yellow]
             seen = [each for each in people if each is not None]
-            said[site.name][verdict(detect_yellow_line(frame, rig), seen)] += 1
+            said[site.name][verdict(detect(frame, rig), seen)] += 1
     return said
