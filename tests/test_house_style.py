@@ -11,7 +11,7 @@ PACKAGES = ("robot", "trainer", "sim_pybullet", "localizer_node", "tools")
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 MAX_FILE_LINES = 350
 MAX_FUNCTION_LINES = 50
-MAX_LINES = 47_000  # of all that is no test, comments and blank lines counted
+MAX_LINES = 42_000  # of all that is no test, comments and blank lines counted
 
 
 def lines_of(path: Path) -> int:
@@ -45,5 +45,5 @@ def test_the_program_is_small() -> None:
 def test_files_and_functions_are_mostly_short(package: str) -> None:
     files = [path for path in FILES if path.is_relative_to(ROOT / package)]
     sizes = sorted(body_lines(node) for path in files for node in functions(path))
-    assert statistics.median(map(lines_of, files)) <= 110
+    assert statistics.median(map(lines_of, files)) <= 115
     assert sizes[int(0.9 * len(sizes))] <= 20

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="re
 def test_the_robot_ends_with_its_monitor(tmp_path: Path, how: signal.Signals) -> None:
     command = [sys.executable, "-m", "tools.monitor", "--demo", "--port", str(free_base_port())]
     command += ["--map", "loop", "--drives", str(tmp_path / "drives")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
+    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # tests may run behind a nohup
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=heeds) as monitor:
         assert monitor.stdout is not None
         assert "http" in monitor.stdout.readline()
         children = Path(f"/proc/{monitor.pid}/task/{monitor.pid}/children").read_text().split()

@@ -10,9 +10,9 @@ from rich.console import Console
 from robot.contract import PATH_POINTS
 from robot.navigation.guidance import path_inputs
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.racing.racing_cars import RacingAction
 from sim_pybullet.rendering.camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
+from tests.sim_pybullet.racing.actions import RacingAction
 from tests.trainer.toy import build_model
 from trainer.algorithms.dagger import Dagger
 from trainer.cli import main
