@@ -111,3 +111,14 @@ def test_a_robots_recording_gives_its_frames(tmp_path: Path) -> None:
     assert main([*words, "--frames", "3"]) == 0
     images = load_pictures([out], ImageSpec()).images
     np.testing.assert_array_equal(images, np.stack(frames[:21:10]))
+
+
+def test_what_a_killed_run_left_is_swept_away(real: Path, tmp_path: Path) -> None:
+    left = tmp_path / ".out.unfinished" / "image"
+    left.mkdir(parents=True)
+    (left / "000099.png").write_bytes(b"half a picture")
+    words = ["collect", "--out", str(tmp_path / "out"), "--pictures", str(real), "--frames", "2"]
+    assert main(words) == 0
+    names = sorted(path.name for path in (tmp_path / "out" / "image").iterdir())
+    assert names == ["000000.png", "000001.png"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

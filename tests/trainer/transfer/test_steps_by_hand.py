@@ -162,6 +162,13 @@ def test_the_rate_of_cyclegan_falls_in_its_second_half(steps: int, share: float)
     assert model._rate() == pytest.approx(8e-4 * share)
 
 
+def test_the_rate_of_the_shortest_runs_falls_evenly_too() -> None:
+    for steps, done, share in ((3, 2, 2.0 / 3.0), (1, 0, 1.0), (2, 1, 1.0)):
+        model = CycleGan(config(steps=steps, learning_rate=8e-4), CPU)
+        model.steps = done
+        assert model._rate() == pytest.approx(8e-4 * share)
+
+
 def test_one_step_of_pix2pix() -> None:
     """The critic by the halved sum over true and made pairs; then the generator by L1 and by it."""
     model = Pix2Pix(SMALL, 0)
