@@ -20,11 +20,15 @@ def on_lane(lane: Lane, t: float) -> Pose:
 
 
 def on_straight_lane(road_map: RoadMap, share: float) -> Pose:
-    """The pose after a share of the first straight lane; ContractError on a map without one."""
+    """The pose after a share of the longest straight lane; ContractError on a map without one."""
+    longest, found = 0.0, None
     for lane in road_map.lanes:
         points = np.asarray(lane.control_points_m)
         (x_m, y_m), ways = points[3] - points[0], np.diff(points, axis=0)
-        if np.abs(x_m * ways[:, 1] - y_m * ways[:, 0]).max() < 1e-9:
-            at = points[0] + share * (points[3] - points[0])
-            return Pose(float(at[0]), float(at[1]), math.atan2(y_m, x_m))
-    raise ContractError(f"{road_map.name}: expected a map with a straight road, got none")
+        straight = np.abs(x_m * ways[:, 1] - y_m * ways[:, 0]).max() < 1e-9
+        if straight and math.hypot(x_m, y_m) > longest:
+            longest, at = math.hypot(x_m, y_m), points[0] + share * (points[3] - points[0])
+            found = Pose(float(at[0]), float(at[1]), math.atan2(y_m, x_m))
+    if found is None:
+        raise ContractError(f"{road_map.name}: expected a map with a straight road, got none")
+    return found
