@@ -21,7 +21,7 @@ def test_neither_threads_nor_files_grow_while_the_others_come_and_go(tmp_path: P
         values = [row[figure] for row in rows[1:]]
         half = len(values) // 2  # who has just gone or come makes single values smaller or greater
         assert min(values[half:]) <= max(values[:half]), (figure, values)
-    assert rows[-1]["rss_mb"] < 150.0
+    assert rows[-1]["rss_mb"] < 200.0  # mostly libraries, whose size differs between machines
 
 
 ASTRAY = """

@@ -98,7 +98,7 @@ def test_the_policys_own_task_and_map_are_the_usual_ones() -> None:
 def test_a_file_answers_what_it_was_asked(tmp_path: Path) -> None:
     options = EvaluateOptions(model="m.onnx")
     out = tmp_path / "e.json"
-    plain = json.loads(json.dumps(vars(inputs(options, "lane"))))
+    plain = json.loads(json.dumps(inputs(options, "lane").plain()))
     out.write_text(json.dumps({"inputs": plain}))
     assert answers(out, options)
     out.write_text(json.dumps({"inputs": {k: v for k, v in plain.items() if k != "lane"}}))
@@ -191,8 +191,8 @@ def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
     made: list[tuple[int, dict[str, Any]]] = []
 
     class World:
-        def __init__(self, task: Any, looks: Any, **told: Any) -> None:
-            made.append((task.n_robots, told))
+        def __init__(self, task: Any, looks: Any, image: Any, seed: int, **told: Any) -> None:
+            made.append((task.n_robots, {"seed": seed, **told}))
             self.closed = False
 
         def close(self) -> None:
