@@ -14,8 +14,9 @@ from tools.faults.case import Outcome
 from tools.faults.report import write_report
 from tools.loop import __main__ as loop
 
-STOPPED = Outcome("camera", "stops", "", 0.26, 0.2, "FAULT", "frame | old", "")
-DRIVES = Outcome("network", "late", "", math.nan, 0.0, "AUTO", "", "")
+STOPPED = Outcome("camera", "stops", "none", 0.26, 0.2, "FAULT", "frame | old; is it covered?", "")
+ALIKE = Outcome("camera", "hangs", "", 0.5, 0.6, "FAULT", "frame | old; clean it", "")
+DRIVES = Outcome("network", "late", "", math.nan, 0.0, "AUTO", "auto, by a person", "")
 FAILED = Outcome("network", "cut", "", 9.0, 1.0, "AUTO", "", "still moving")
 # Poses that drift by 3 cm/s are 8 cm off a quarter of a second later; by 3 degrees a second, 15.
 # A picture that is rolled or shifted a little is most like a bend.
@@ -38,12 +39,11 @@ def test_every_case_has_its_own_name_and_states_that_exist() -> None:
 
 def test_the_report_shows_stops_dashes_and_failures(tmp_path: Path) -> None:
     path = tmp_path / "faults.md"
-    write_report([STOPPED, DRIVES, FAILED], path)
+    write_report([STOPPED, ALIKE, DRIVES, FAILED], path)
     text = path.read_text(encoding="utf-8")
-    assert "| stops |  | 200 | 260 | FAULT: frame \\| old | ok |" in text
-    assert "| late |  | – | – |" in text
-    assert "**still moving**" in text
-    assert "2 of 3 as they must be" in text
+    assert "| stops: none | 200 | 260 | FAULT: frame \\| old |\n| hangs | 600 | 500 | ″ |" in text
+    assert "| late | – | – | AUTO |\n| cut | 1000 | 9000 | **still moving** AUTO: " in text
+    assert "3 of 4 passed" in text
 
 
 def test_cases_are_chosen_by_family_and_name() -> None:
