@@ -96,7 +96,7 @@ def _run(words: List[str]) -> Optional[int]:
 def _help(groups: Dict[str, Dict[str, Program]]) -> str:
     lines = [f"usage: {NAME} COMMAND …"]
     for title, group in groups.items():
-        lines += ["", f"{title}:", *(f"  {name:11}{each.purpose}" for name, each in group.items())]
+        lines += ["", f"{title}:", *(f"  {name:13}{each.purpose}" for name, each in group.items())]
     return "\n".join([*lines, "", f"{NAME} COMMAND --help tells its options."])
 
 
