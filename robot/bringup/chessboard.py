@@ -15,11 +15,7 @@ from robot.runtime.assemble import open_stream
 COLUMNS, ROWS = 8, 5  # squares; one even and one odd number, so that it has one way up only
 SQUARE_M = 0.03
 CORNERS = (COLUMNS - 1, ROWS - 1)  # inner ones, across and along
-SHEET_M = (0.297, 0.210)  # A4, landscape; the board fits on US Letter too
-MARGIN_M = ((SHEET_M[0] - COLUMNS * SQUARE_M) / 2.0, (SHEET_M[1] - ROWS * SQUARE_M) / 2.0)
-RULER_M = 0.1
-POINTS_PER_M = 72.0 / 0.0254
-_TEXT = "This edge towards the robot. Print at 100 %: the line below is 100 mm long."
+SHEET = Path(__file__).with_name("target.pdf")  # A4, landscape; the board fits on US Letter too
 
 
 def board_points_m(near_edge_m: float) -> np.ndarray:
@@ -50,37 +46,6 @@ def find_board(picture: np.ndarray) -> Optional[np.ndarray]:
     if grid[0, :, 1].mean() > grid[-1, :, 1].mean():
         grid = grid[::-1, ::-1]
     return np.ascontiguousarray(grid).reshape(-1, 2)
-
-
-def sheet_pdf() -> bytes:
-    """The sheet as PDF 1.4, one page in true size."""
-    width, height = (POINTS_PER_M * side for side in SHEET_M)
-    left, low, side = (POINTS_PER_M * length for length in (MARGIN_M[0], 0.008, SQUARE_M))
-    squares = "\n".join(
-        f"{left + column * side:.3f} {POINTS_PER_M * MARGIN_M[1] + row * side:.3f} "
-        f"{side:.3f} {side:.3f} re"
-        for row in range(ROWS)
-        for column in range(COLUMNS)
-        if (row + column) % 2 == 0
-    )
-    drawn = (
-        f"{squares}\nf\n{left:.3f} {low:.3f} m {left + POINTS_PER_M * RULER_M:.3f} {low:.3f} l S\n"
-        f"BT /F1 12 Tf {left:.3f} {low + 14.0:.3f} Td ({_TEXT}) Tj ET\n"
-    )
-    objects = (
-        "<< /Type /Catalog /Pages 2 0 R >>",
-        "<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-        f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.3f} {height:.3f}] /Contents 4 0 R "
-        "/Resources << /Font << /F1 5 0 R >> >> >>",
-        f"<< /Length {len(drawn)} >>\nstream\n{drawn}endstream",
-        "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
-    )
-    text, table = "%PDF-1.4\n", f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n"
-    for number, body in enumerate(objects, 1):
-        table += f"{len(text):010d} 00000 n \n"
-        text += f"{number} 0 obj\n{body}\nendobj\n"
-    trailer = f"<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(text)}\n%%EOF\n"
-    return f"{text}{table}trailer\n{trailer}".encode("latin-1")
 
 
 SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well

@@ -1,7 +1,7 @@
 """Measure this robot and write what was found into its configuration.
 
 trim and baseline move the robot while a person watches; camera and lens look at a printed
-chessboard, which target draws. What is implausible is refused, and nothing written.
+chessboard, which target writes. What is implausible is refused, and nothing written.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NEAR_EDGE_M = 0.18
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     kinds = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
-    sheet = kinds.add_parser("target", help="draw the chessboard to print")
+    sheet = kinds.add_parser("target", help="the chessboard to print")
     sheet.add_argument("--out", type=Path, required=True, help="a .pdf file to write")
     for name, purpose in PURPOSES.items():
         _add_config(kinds.add_parser(name, help=purpose))
@@ -85,10 +85,10 @@ def keep(path: Path, values: Values, person: Prompts) -> None:
 
 
 def write_target(path: Path) -> None:
-    """Draw the chessboard; ConfigError for another ending than .pdf."""
+    """The chessboard to print; ConfigError for another ending than .pdf."""
     if path.suffix != ".pdf":
         raise ConfigError(f"--out: expected a name that ends in .pdf, got {path}")
-    write_bytes(path, chessboard.sheet_pdf())
+    write_bytes(path, chessboard.SHEET.read_bytes())
     print(f"{path}: print it on A4 or Letter at 100 %, and check the 100 mm line with a ruler")
 
 

@@ -19,6 +19,7 @@ from robot.errors import ConfigError, HardwareError
 from robot.output import write_bytes
 
 SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"
+FILES = ROOT / "robot" / "install"  # which name the places below, too
 PREFIX = "/opt/duckpilot"
 VENV = f"{PREFIX}/venv"
 MODEL = f"{PREFIX}/lane.onnx"
@@ -104,11 +105,11 @@ def make_plan(checkout: Path, python: str, model: Path) -> List[Step]:
         (*pip, "pip"),  # Ubuntu 18.04's is too old to know the wheels of onnxruntime
         (*pip, "--constraint", pins, str(checkout)),
         Write(MODEL, policy),
-        Write(CONFIG, config_text(MODEL).encode("utf-8"), theirs=True),
-        Write(UDEV_RULE, UDEV.encode("utf-8")),
+        Write(CONFIG, (FILES / "robot.yaml").read_bytes(), theirs=True),
+        Write(UDEV_RULE, (FILES / Path(UDEV_RULE).name).read_bytes()),
         ("udevadm", "control", "--reload"),
         ("udevadm", "trigger", "--subsystem-match=i2c-dev"),
-        Write(UNIT_FILE, unit_text(" ".join(GROUPS)).encode("utf-8")),
+        Write(UNIT_FILE, (FILES / UNIT).read_bytes()),
         ("systemctl", "daemon-reload"),
         ("systemctl", "enable", UNIT),
     ]
@@ -144,69 +145,3 @@ def do(step: Step, root: Path = Path("/")) -> None:
         raise HardwareError(f"{step[0]}: expected a program, got: {error}") from error
     if done.returncode != 0:
         raise HardwareError(f"{' '.join(step)}: ended with status {done.returncode}")
-
-
-UDEV = """\
-# duckpilot: the group i2c may use the buses, as the robot's motor HAT needs it.
-SUBSYSTEM=="i2c-dev", GROUP="i2c", MODE="0660"
-"""
-
-
-def unit_text(groups: str) -> str:
-    """The systemd unit; ``groups`` separated by spaces.
-
-    The robot boots DISARMED, so a restart never drives. WatchdogSec kills a loop that hangs; what
-    runs after every end, however it came, switches the motors off.
-    """
-    python = f"{VENV}/bin/python"
-    return f"""\
-# {UNIT}: written by `python -m robot install`.
-[Unit]
-Description=duckpilot robot (boots DISARMED; a person arms it)
-After=network-online.target nvargus-daemon.service
-Wants=network-online.target
-StartLimitIntervalSec=60
-StartLimitBurst=5
-
-[Service]
-Type=notify
-User={USER}
-SupplementaryGroups={groups}
-WorkingDirectory={STATE}
-Environment=PYTHONUNBUFFERED=1
-ExecStart={python} -m robot drive --config {CONFIG}
-ExecStopPost={python} -m robot off --config {CONFIG}
-TimeoutStopSec=5
-WatchdogSec=2
-Restart=on-failure
-RestartSec=3
-# 2 is wrong input: a person has to mend it first.
-RestartPreventExitStatus=2
-Nice=-5
-LimitCORE=0
-MemoryMax=512M
-NoNewPrivileges=yes
-ProtectSystem=strict
-ProtectHome=yes
-ReadWritePaths={STATE}
-
-[Install]
-WantedBy=multi-user.target
-"""
-
-
-def config_text(model: str) -> str:
-    """The first configuration: what a person must look at; everything else has a default."""
-    return f"""\
-# The robot. docs/runtime.md describes every section; `python -m robot doctor --config {CONFIG}`
-# says what is wrong with it.
-model: {model}
-name: robot
-camera: {{kind: csi}}
-hat: {{steps_per_rev: 48, left: {{port: M1M2}}, right: {{port: M3M4, reversed: true}}}}
-safety: {{max_wheel_mps: 0.2}}
-recording: {{folder: {STATE}/drives}}
-# For a monitor and a localizer, after `python -m robot keygen`:
-# map: town
-# link: {{keys: /etc/duckpilot/keys/robot, localizer_host: 192.168.1.11}}
-"""

@@ -7,7 +7,7 @@
 | ``freshness`` | age, order and plausibility at the receiver |
 | ``keys`` | ``keygen``; roles: who speaks and who listens on which stream |
 | ``allow_list`` | lets in whom its allow-list and the roles let in |
-| ``listener``, ``sockets`` | ZeroMQ: publish and subscribe |
+| ``sockets`` | ZeroMQ: publish and subscribe |
 | ``command_server``, ``command_client`` | commands, with answers; one operator at a time |
 | ``config`` | hosts, ports, and the sockets of each program |
 """

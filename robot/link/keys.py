@@ -24,7 +24,7 @@ import os
 import string
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple, Union
+from typing import Dict, Sequence, Tuple, Union
 
 from robot.errors import ConfigError, nearest
 
@@ -107,52 +107,27 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
     return folders
 
 
-def renew(folder: Union[str, Path]) -> str:
-    """Write the roles into a machine's keys that were made before keys had one; its role.
-
-    Peers are what their files are called, the machine is what its folder is called; ConfigError
-    where these are no roles, or there are no keys.
-    """
-    folder = Path(folder).resolve()
-    roles = {path: path.stem for path in sorted((folder / ALLOWED).glob("*.key"))}
-    roles.update({folder / SECRET: folder.name, folder / PUBLIC: folder.name})
-    old = {path: words[0] for path, words in ((p, _words(p)) for p in roles) if len(words) == 1}
-    for path in old:
-        if roles[path] not in ROLES:
-            raise ConfigError(
-                f"{path}: expected a name that tells the role ({', '.join(ROLES)}), got "
-                f"{roles[path]!r}; rename it, or write the role and a space before the key"
-            )
-    lines = {path: _line(roles[path], _key(path, key)) for path, key in old.items()}
-    try:
-        for path, line in lines.items():
-            path.write_bytes(line)
-    except OSError as error:
-        raise ConfigError(f"{folder}: expected keys to write to, got: {error.strerror}") from error
-    return _words(folder / SECRET)[0]
-
-
 def load_keys(folder: Union[str, Path]) -> Keys:
     """The keys of this machine from the folder that ``keygen`` made for it.
 
     ConfigError: a file is absent, no key, without a role, or the secret can be read by others.
     """
     folder = Path(folder)
-    role, secret = _read(folder / SECRET, folder)
+    role, secret = _read(folder / SECRET)
     mode = (folder / SECRET).stat().st_mode & 0o777
     if mode & 0o077:
         raise ConfigError(
             f"{folder / SECRET}: expected mode 600, got {mode:o}: others can read the secret; "
             f"run chmod 600 {folder / SECRET}"
         )
-    public_role, public = _read(folder / PUBLIC, folder)
+    public_role, public = _read(folder / PUBLIC)
     if public_role != role:
         raise ConfigError(
             f"{folder}: expected a pair of keys of one role, got the secret of a {role} and the "
             f"public key of a {public_role}"
         )
     paths = sorted((folder / ALLOWED).glob("*.key"))
-    return Keys(role, public, secret, {path.stem: Peer(*_read(path, folder)) for path in paths})
+    return Keys(role, public, secret, {path.stem: Peer(*_read(path)) for path in paths})
 
 
 def _line(role: str, key: bytes) -> bytes:
@@ -165,39 +140,18 @@ def _write(path: Path, line: bytes, mode: int) -> None:
         file.write(line)
 
 
-def _read(path: Path, folder: Path) -> Tuple[str, bytes]:
+def _read(path: Path) -> Tuple[str, bytes]:
     """Role and key."""
-    words = _words(path)
-    if len(words) == 1 and _is_key(words[0]):
-        raise ConfigError(
-            f"{path}: expected a role and a key, got a key without a role, from an older version; "
-            f"renew it: python -m robot keygen --renew {folder}"
-        )
-    if len(words) != 2 or words[0] not in ROLES:
-        raise ConfigError(
-            f"{path}: expected a role ({', '.join(ROLES)}) and a key of 40 characters of Z85, got "
-            f"{len(words)} words, {sum(map(len, words))} characters; make keys with: "
-            "python -m robot keygen DIR"
-        )
-    return words[0], _key(path, words[1])
-
-
-def _words(path: Path) -> List[str]:
+    remedy = "make keys with: python -m robot keygen DIR"
     try:
         with path.open(encoding="ascii", errors="replace") as file:
-            return file.read(READ_LIMIT).split()
+            words = file.read(READ_LIMIT).split()
     except OSError as error:
+        raise ConfigError(f"{path}: expected a key, got: {error.strerror}; {remedy}") from error
+    known = len(words) == 2 and words[0] in ROLES
+    if not (known and len(words[1]) == 40 and _Z85.issuperset(words[1])):
         raise ConfigError(
-            f"{path}: expected a key, got: {error.strerror}; make keys with: "
-            "python -m robot keygen DIR"
-        ) from error
-
-
-def _is_key(text: str) -> bool:
-    return len(text) == 40 and _Z85.issuperset(text)
-
-
-def _key(path: Path, text: str) -> bytes:
-    if not _is_key(text):
-        raise ConfigError(f"{path}: expected 40 characters of Z85, got {len(text)} characters")
-    return text.encode("ascii")
+            f"{path}: expected a role ({', '.join(ROLES)}) and a key of 40 characters of Z85, got "
+            f"{len(words)} words, {sum(map(len, words))} characters; {remedy}"
+        )
+    return words[0], words[1].encode("ascii")

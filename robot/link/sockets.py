@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, T
 from robot.errors import ConfigError, ContractError
 from robot.link.allow_list import AllowList
 from robot.link.keys import ADMITS, BOUND_BY, Keys
-from robot.link.listener import Listeners
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.telemetry import Reading, Telemetry
 
@@ -38,6 +37,7 @@ CONNECT_TIMEOUT_MS = 500  # without it a lost SYN on Wi-Fi costs seconds
 DEAF_S = 2.0
 SEND_QUEUE = 2
 RECEIVE_QUEUE = 16
+DESCRIPTORS = 65_536
 
 
 class Link:
@@ -54,7 +54,7 @@ class Link:
         self.keys = keys
         self._context = zmq.Context()
         self._sockets: List[zmq.Socket[bytes]] = []
-        self._listeners = Listeners()
+        raise_limit()
         self._allow_list = None if keys is None else AllowList(self._context, keys)
 
     def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> zmq.Socket[bytes]:
@@ -76,9 +76,13 @@ class Link:
             socket.zap_domain = stream.encode("ascii")
             socket.zap_enforce_domain = True  # without a list nobody enters
             socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
-        if endpoint.startswith("tcp://"):
-            socket.setsockopt(zmq.USE_FD, self._listeners.listen(endpoint))
-        socket.bind(endpoint)
+        try:
+            socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            raise ConfigError(
+                f"{endpoint}: expected a free port of this machine, got: {error}; does the program "
+                "run already? choose another base_port otherwise"
+            ) from error
         return socket
 
     def connect(
@@ -114,8 +118,7 @@ class Link:
         socket.connect(endpoint)
 
     def admit(self) -> None:
-        """Answer those who wait to be let in, without blocking; nobody is when too many came."""
-        self._listeners.guard()
+        """Answer those who wait to be let in, without blocking."""
         if self._allow_list is not None:
             self._allow_list.admit()
 
@@ -134,7 +137,6 @@ class Link:
         if self._allow_list is not None:
             self._allow_list.close()
         self._context.term()
-        self._listeners.close()
 
     def __enter__(self) -> Link:
         return self
@@ -168,6 +170,21 @@ class Link:
                 f"keys: expected those of the {expected}, got those of the {self.keys.role}; name "
                 f"the folder {roles[0]}/ that keygen made"
             )
+
+
+def raise_limit() -> None:
+    """Let this program have as many descriptors as it may, up to ``DESCRIPTORS``.
+
+    Whoever reaches a port can open connections and say nothing; each costs a descriptor until
+    ``HANDSHAKE_MS`` are over, and a program without one can open no camera and no file.
+    """
+    with contextlib.suppress(ImportError, ValueError, OSError):  # no Unix; macOS says too much
+        import resource
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        most = DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, DESCRIPTORS)
+        if soft != resource.RLIM_INFINITY and soft < most:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def receive_now(socket: zmq.Socket[bytes], copy: bool = True) -> Optional[List]:

@@ -14,10 +14,12 @@ import pytest
 
 from robot.cli import install as files
 from robot.cli import main
-from robot.cli.install import Step, Write, config_text, do, make_plan, told, unit_text
+from robot.cli.install import FILES, Step, Write, do, make_plan, told
 from robot.computer.footprint import ROOT
 from robot.errors import ConfigError, HardwareError
 from tests.robot.tiny_onnx import lane_contract, write_policy
+
+UNIT_TEXT = (FILES / files.UNIT).read_text()
 
 
 @pytest.fixture
@@ -107,12 +109,14 @@ def test_a_python_without_any_package_can_install() -> None:
     assert b"nothing was done" in subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
 
 
-def test_the_first_configuration_is_valid(tmp_path: Path) -> None:
+def test_the_first_configuration_is_valid() -> None:
     from robot.config import RobotConfig
     from robot.typed_config import load_yaml
 
-    (tmp_path / "robot.yaml").write_text(config_text("lane.onnx"))
-    config = load_yaml(RobotConfig, tmp_path / "robot.yaml")
+    config = load_yaml(RobotConfig, FILES / "robot.yaml")
+    assert config.model == files.MODEL
+    assert config.recording is not None
+    assert config.recording.folder.startswith(f"{files.STATE}/")
     assert config.safety.max_wheel_mps < 0.3
     assert config.link is None
 
@@ -123,7 +127,7 @@ def test_the_unit_passes_systemds_own_check(tmp_path: Path) -> None:
     program = tmp_path / "python"
     program.write_text("#!/bin/sh\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    text = unit_text("i2c video").replace(f"{files.VENV}/bin/python", str(program))
+    text = UNIT_TEXT.replace(f"{files.VENV}/bin/python", str(program))
     unit = tmp_path / files.UNIT
     unit.write_text(text.replace(f"User={files.USER}", "User=root"))
     assert complaints(unit) == []
@@ -132,9 +136,10 @@ def test_the_unit_passes_systemds_own_check(tmp_path: Path) -> None:
 
 
 def test_the_unit_switches_off_where_the_configuration_says() -> None:
-    lines = unit_text("i2c").splitlines()
+    lines = UNIT_TEXT.splitlines()
     config = "--config /etc/duckpilot/robot.yaml"
     assert f"ExecStart=/opt/duckpilot/venv/bin/python -m robot drive {config}" in lines
+    assert "SupplementaryGroups=i2c video gpio" in lines
     assert f"ExecStopPost=/opt/duckpilot/venv/bin/python -m robot off {config}" in lines
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import zmq
 
 from robot.link.commands import Command, Mission
-from robot.link.keys import Keys, keygen, load_keys, renew
+from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import UNSENT
 from tools.faults.case import HOLD, Act, Case
 from tools.faults.stage import Stage
@@ -106,28 +106,6 @@ def _localizer_with_the_monitors_keys(stage: Stage) -> None:
     stage.replace_localizer(replace(_monitors(stage), role="localizer"))
 
 
-def _robot_with_old_keys(stage: Stage) -> None:
-    """Started again with keys of before there were roles."""
-    folder = stage.bench.keys["robot"]
-    for path in folder.rglob("*.key"):
-        path.write_text(path.read_text().split()[-1] + "\n", encoding="ascii")
-    stage.bench.stop("robot")
-    stage.note = stage.bench.start_and_end("robot").said().strip().rpartition("\n")[2]
-
-
-def _refused_old_key(stage: Stage) -> str:
-    status = stage.bench.processes["robot"].child.returncode
-    told = "renew it: python -m robot keygen --renew"
-    if status != 2 or told not in stage.note:
-        return f"expected status 2 and {told!r}, got {status}: {stage.note}"
-    return ""
-
-
-def _renewed(stage: Stage) -> None:
-    for folder in stage.bench.keys.values():
-        renew(folder)
-
-
 def _instead_of_poses(name: str, what: str, data: bytes, count: int) -> Case:
     def inject(stage: Stage) -> None:
         assert stage.stand_in is not None
@@ -164,13 +142,6 @@ STRANGERS = (
     Case(
         *("monitor's key tells poses", "true ones", _localizer_with_the_monitors_keys),
         *(POSE_AGE_S, "overhead pose", HOLD),
-    ),
-    Case(
-        *("old key", "without a role", _robot_with_old_keys),
-        moving=False,
-        silent=True,
-        check=_refused_old_key,
-        heal=_renewed,
     ),
     _ignored("wrong key", "a stranger's STOP", _commands(_stranger, _stop)),
     _ignored("no key", "a STOP without encryption", _commands(lambda _: None, _stop)),

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from robot.cli import main
-from robot.errors import ConfigError
 from robot.link.keys import load_keys
 
 pytest.importorskip("zmq")
@@ -32,22 +31,3 @@ def test_a_place_that_cannot_be_written_is_one_line(
     (tmp_path / "file").write_text("")
     assert main(["keygen", str(tmp_path / "file" / "keys")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_the_command_that_an_old_key_is_refused_with_renews_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["keygen", str(tmp_path / "keys")])
-    new = load_keys(tmp_path / "keys" / "robot")
-    for path in (tmp_path / "keys").rglob("*.key"):
-        path.write_text(path.read_text().split()[1] + "\n")
-    with pytest.raises(ConfigError) as caught:
-        load_keys(tmp_path / "keys" / "robot")
-    command = str(caught.value).split("python -m robot ")[1].split()
-    capsys.readouterr()
-    assert main(command) == 0
-    assert capsys.readouterr().out.count("\n") == 1
-    assert load_keys(tmp_path / "keys" / "robot") == new
-    assert main(["keygen", "--renew", str(tmp_path / "keys")]) == 0, "all three at once"
-    assert load_keys(tmp_path / "keys" / "monitor").role == "monitor"
-    assert main(["keygen", "--renew", str(tmp_path / "nothing")]) == 2
