@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Optional, Sequence
 
 from localizer_node import calibrate_command, commands
@@ -24,25 +25,22 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     run.add_argument(
         "--source",
         default="0",
-        help="camera number, csi, pipe:COMMAND, socket:PATH, video, or picture folder",
+        help="camera number, csi, socket:PATH, video, or picture folder",
     )
     run.add_argument("--fps", type=whole(1, 240), default=30)
     run.add_argument("--link", help="YAML of the link; without it poses are printed as JSON lines")
     run.set_defaults(command=commands.run)
     locate = actions.add_parser("locate", help="find the robots in one picture")
-    locate.add_argument("--image", required=True)
-    locate.add_argument("--calibration", required=True)
-    _add_outputs(locate)
+    locate.add_argument("--image", type=Path, required=True)
+    locate.add_argument("--calibration", type=Path, required=True)
+    locate.add_argument(
+        "--json", nargs="?", const=commands.STDOUT, metavar="OUT", help="JSON to OUT or stdout"
+    )
+    locate.add_argument("--picture", type=Path, metavar="PNG", help="draw what was found")
     locate.set_defaults(command=commands.locate)
     calibrate = actions.add_parser("calibrate", help="make the calibration of an arena")
     calibrate_command.add_arguments(calibrate)
-    _add_outputs(calibrate)
     return parser
-
-
-def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", nargs="?", const="-", metavar="OUT", help="JSON to OUT or stdout")
-    parser.add_argument("--picture", metavar="PNG", help="draw what was found")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from typing import Tuple
 
 from localizer_node.calibrate import KnownPoint, Report, calibrate, corner_points, guess_lens
 from localizer_node.calibration import Marker, save_calibration
-from localizer_node.commands import SCHEMA, expect_outputs, write_json
 from localizer_node.draw import annotated
 from robot.bringup.camera_place import Freedom
 from robot.camera.files import read_picture
@@ -18,7 +17,7 @@ from robot.command_line import number
 from robot.errors import ConfigError
 from robot.lens import MODELS, Lens
 from robot.navigation.road_map import load_map
-from robot.output import write_png
+from robot.output import expect_writable, write_png
 from robot.typed_config import load_yaml
 
 DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too
@@ -39,10 +38,10 @@ class RobotsFile:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``calibrate``, less its outputs."""
-    parser.add_argument("--out", required=True, help="the calibration file to write")
-    parser.add_argument("--image", help="a picture of the camera; gives the size")
-    parser.add_argument("--size", type=_size, metavar="WxH", help="picture size without --image")
+    """The arguments of ``calibrate``."""
+    parser.add_argument("--out", type=Path, required=True, help="the calibration file to write")
+    parser.add_argument("--image", type=Path, required=True, help="a picture of the camera")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the map's edge into it")
     parser.add_argument("--points", help="YAML of known points (see docs/localizer.md)")
     parser.add_argument(
         "--corner",
@@ -61,16 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=make)
 
 
-def _size(text: str) -> Tuple[int, int]:
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"expected WxH such as 1280x720, got {text!r}")
-    size = int(match.group(1)), int(match.group(2))
-    if not all(16 <= side <= 16_384 for side in size):
-        raise argparse.ArgumentTypeError(f"expected sides of 16 to 16384 pixels, got {text!r}")
-    return size
-
-
 def _pixel(text: str) -> Tuple[float, float]:
     match = re.fullmatch(r"(-?[\d.]+),(-?[\d.]+)", text)
     if match is None:
@@ -84,13 +73,11 @@ def make(arguments: argparse.Namespace) -> None:
     Raises:
         ConfigError: whatever is wrong with points, lens, colours or result.
     """
-    names = ("image", "points", "robots", "lens", "map")
-    inputs = {name: getattr(arguments, name) for name in names}
-    expect_outputs(arguments.out, arguments.json, arguments.picture, inputs=inputs)
-    image = read_picture(Path(arguments.image)) if arguments.image else None
-    size = arguments.size if image is None else (image.shape[1], image.shape[0])
-    if size is None:
-        raise ConfigError("calibrate: expected --image or --size WxH, got neither")
+    named = (arguments.points, arguments.robots, arguments.lens, arguments.map)
+    inputs = [arguments.image, *(Path(name) for name in named if name)]
+    expect_writable(arguments.out, arguments.picture, inputs=inputs)
+    image = read_picture(arguments.image)
+    size = (image.shape[1], image.shape[0])
     road_map = load_map(arguments.map)
     map_size_m = (road_map.width_m, road_map.height_m)
     if arguments.points:
@@ -103,9 +90,9 @@ def make(arguments: argparse.Namespace) -> None:
     robots = load_yaml(RobotsFile, arguments.robots).robots if arguments.robots else (Marker(),)
     report = calibrate(points, lens, freedom, map_size_m, robots)
     save_calibration(report.calibration, arguments.out)
-    if arguments.picture and image is not None:
-        write_png(Path(arguments.picture), annotated(image, report.calibration, ()))
-    _tell(report, arguments)
+    if arguments.picture:
+        write_png(arguments.picture, annotated(image, report.calibration, ()))
+    _tell(report, arguments.out)
 
 
 def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
@@ -121,21 +108,9 @@ def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
     return lens.scaled(width_px, height_px), True
 
 
-def _tell(report: Report, arguments: argparse.Namespace) -> None:
-    if arguments.json:
-        plain = {
-            "schema": SCHEMA,
-            "inputs": {"image": arguments.image, "points": arguments.points, "map": arguments.map},
-            "residual_mm": report.calibration.residual_mm,
-            "checked": report.checked,
-            "residuals_mm": list(report.residuals_mm),
-            "parallax_sigma_mm": report.parallax_sigma_mm,
-            "camera_m": list(report.calibration.camera_m),
-        }
-        write_json(arguments.json, plain)
-        return
+def _tell(report: Report, out: Path) -> None:
     x, y, height = report.calibration.camera_m
-    print(f"{arguments.out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
+    print(f"{out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
     print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
     print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")
     if not report.checked:

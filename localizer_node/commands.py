@@ -5,40 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 from localizer_node.calibration import load_calibration
 from localizer_node.detect import Detection
 from localizer_node.draw import annotated
 from localizer_node.node import Localizer, Publish, locate_frame
 from localizer_node.sources import open_source
-from localizer_node.track import RobotPose
-from robot import output
 from robot.camera.files import read_picture
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
-from robot.output import write_png
+from robot.output import expect_writable, write_json, write_png
 from robot.typed_config import load_yaml, to_plain
 
-SCHEMA = 1
 STDOUT = "-"
-
-
-def write_json(target: str, plain: Dict[str, Any]) -> None:
-    """JSON to a file, whole or not at all, or to standard output for ``-``."""
-    if target == STDOUT:
-        sys.stdout.write(json.dumps(plain, indent=1) + "\n")
-        return
-    output.write_json(Path(target), plain)
-
-
-def expect_outputs(*targets: Optional[str], inputs: Dict[str, Any]) -> None:
-    """Make sure, before the work, that these files can be written; ConfigError if not."""
-    files = (Path(target) for target in targets if target not in (None, STDOUT))
-    output.expect_writable(*files, inputs=[Path(each) for each in inputs.values() if each])
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -64,36 +46,33 @@ def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
     stack.callback(link.close)
     channel = config.publisher(link, PosesMessage)
 
-    def publish(poses: Tuple[RobotPose, ...]) -> None:
+    def publish(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:
         link.admit()
         if poses:
-            channel.send(message_of(poses))
+            channel.send(PosesMessage(poses, t_capture_s))
 
     return publish
 
 
-def message_of(poses: Tuple[RobotPose, ...]) -> PosesMessage:
-    """The message that tells the poses of one picture, of which there is at least one."""
-    seen = tuple(Sighting(p.robot, p.x_m, p.y_m, p.heading_rad, p.confidence) for p in poses)
-    return PosesMessage(seen, poses[0].t_capture_s)
-
-
-def _print_lines(poses: Tuple[RobotPose, ...]) -> None:
+def _print_lines(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:
     for pose in poses:
-        print(json.dumps(to_plain(pose)), flush=True)
+        print(json.dumps({**to_plain(pose), "t_capture_s": t_capture_s}), flush=True)
 
 
 def locate(arguments: argparse.Namespace) -> None:
     """Find the robots in one picture, and tell or draw them."""
-    inputs = {"image": arguments.image, "calibration": arguments.calibration}
-    expect_outputs(arguments.json, arguments.picture, inputs=inputs)
-    image = read_picture(Path(arguments.image))
+    json_file = None if arguments.json in (None, STDOUT) else Path(arguments.json)
+    expect_writable(json_file, arguments.picture, inputs=[arguments.image, arguments.calibration])
+    image = read_picture(arguments.image)
     calibration = load_calibration(arguments.calibration)
     found = locate_frame(image, calibration)
     if arguments.picture:
-        write_png(Path(arguments.picture), annotated(image, calibration, found))
+        write_png(arguments.picture, annotated(image, calibration, found))
+    if json_file is not None:
+        write_json(json_file, _located(found, arguments))
+    elif arguments.json:
+        print(json.dumps(_located(found, arguments), indent=1))
     if arguments.json:
-        write_json(arguments.json, _located(found, inputs))
         return
     for one in found:
         heading = "?" if one.heading_rad is None else f"{math.degrees(one.heading_rad):.1f}"
@@ -102,12 +81,12 @@ def locate(arguments: argparse.Namespace) -> None:
         print("no robot found")
 
 
-def _located(found: List[Detection], inputs: Dict[str, str]) -> Dict[str, Any]:
+def _located(found: List[Detection], arguments: argparse.Namespace) -> Dict[str, Any]:
     best = to_plain(found[0]) if found else {"confidence": 0.0}
     keys = ("robot", "x_m", "y_m", "heading_rad", "confidence")
     return {
-        "schema": SCHEMA,
-        "inputs": inputs,
+        "schema": 1,
+        "inputs": {name: str(getattr(arguments, name)) for name in ("image", "calibration")},
         "found": bool(found),
         **{key: best.get(key) for key in keys},
         "robots": [to_plain(d) for d in found],

@@ -9,11 +9,12 @@ import numpy as np
 
 from localizer_node.calibration import Calibration
 from localizer_node.detect import Detection, Detector
-from localizer_node.track import RobotPose, Tracker
+from localizer_node.track import Tracker
 from robot.errors import ContractError
+from robot.link.messages import Sighting
 
 logger = logging.getLogger(__name__)
-Publish = Callable[[Tuple[RobotPose, ...]], None]
+Publish = Callable[[Tuple[Sighting, ...], float], None]
 REPEAT_BYTES = 32  # two pictures that differ in no more are one; a sensor's noise changes most
 REPEATS_TOLD = 5  # in a row, once
 
@@ -51,20 +52,19 @@ def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]
 class Localizer:
     """Follows the robots from picture to picture.
 
-    ``publish`` is told the poses of every picture, even if there are none. A picture that repeats
-    the last one says nothing of where the robots are now: it has no poses.
+    ``publish`` is told the poses of every picture, even if there are none, and when it was taken. A
+    picture that repeats the last one says nothing of where the robots are now: it has no poses.
     """
 
     def __init__(self, calibration: Calibration, publish: Optional[Publish] = None) -> None:
         self.calibration = calibration
-        self.frame = -1  # number of the last picture
         self._repeats = 0  # pictures in a row that repeated the one before
         self._last: Optional[np.ndarray] = None
         self._detector = Detector(calibration)
         self._tracker = Tracker(calibration)
         self._publish = publish
 
-    def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[RobotPose, ...]:
+    def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[Sighting, ...]:
         """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
 
         Only robots seen in this picture are told, from their third picture on, and none in a
@@ -74,14 +74,13 @@ class Localizer:
             ContractError: a picture of another size, or taken before the last one.
         """
         check_picture(image, self.calibration)
-        self.frame += 1
         self._repeats = self._repeats + 1 if is_repeat(image, self._last) else 0
         if self._repeats == REPEATS_TOLD:
             logger.warning("the overhead camera repeats its picture; no poses until it goes on")
         self._last = image
-        poses: Tuple[RobotPose, ...] = ()
+        poses: Tuple[Sighting, ...] = ()
         if not self._repeats:
-            poses = self._tracker.update(self._detector.detect(image), t_capture_s, self.frame)
+            poses = self._tracker.update(self._detector.detect(image), t_capture_s)
         if self._publish is not None:
-            self._publish(poses)
+            self._publish(poses, t_capture_s)
         return poses

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from typing import Callable, Iterator, NamedTuple
+from typing import Iterator, NamedTuple
 
 import numpy as np
 
@@ -22,9 +22,7 @@ class Frame(NamedTuple):
     t_capture_s: float  # monotonic
 
 
-def open_source(
-    source: str, lens: Lens, fps: int = 30, clock: Callable[[], float] = time.monotonic
-) -> Iterator[Frame]:
+def open_source(source: str, lens: Lens, fps: int = 30) -> Iterator[Frame]:
     """Frames of a source until it ends.
 
     Args:
@@ -33,7 +31,6 @@ def open_source(
             pictures.
         lens: gives the picture size that a camera is set to.
         fps: of a camera; pictures of a file or folder are taken to be 1 / fps apart.
-        clock: monotonic time [s], of cameras.
 
     Raises:
         ConfigError: there is no such file or folder, or nothing in it to play.
@@ -41,23 +38,23 @@ def open_source(
     """
     size_px = (lens.width_px, lens.height_px)
     if source.isdigit():
-        return _live(V4l2Stream(int(source), size_px, fps), clock)
+        return _live(V4l2Stream(int(source), size_px, fps))
     if source.startswith("socket:"):
-        return _live(SocketStream(source[len("socket:") :], size_px), clock)
+        return _live(SocketStream(source[len("socket:") :], size_px))
     csi = re.fullmatch(r"csi(?::(\d))?", source)
     if csi:
         command = csi_command(int(csi.group(1) or 0), 0, fps, size_px)
-        return _live(GstStream(command, size_px), clock)
+        return _live(GstStream(command, size_px))
     return (Frame(picture, i / fps) for i, picture in enumerate(play(source)))
 
 
-def _live(stream: Stream, clock: Callable[[], float]) -> Iterator[Frame]:
+def _live(stream: Stream) -> Iterator[Frame]:
     try:
         while True:
             try:
                 picture = stream.grab()
             except ContractError as error:  # it was opened for pictures of this size and kind
                 raise HardwareError(str(error)) from error
-            yield Frame(picture, clock())
+            yield Frame(picture, time.monotonic())
     finally:
         stream.close()

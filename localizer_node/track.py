@@ -7,7 +7,6 @@ Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 6.3.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from localizer_node.calibration import Calibration, Marker
 from localizer_node.detect import Detection
 from robot.errors import ContractError
 from robot.geometry import wrap_angle
+from robot.link.messages import Sighting
 
 GATE = 5.0  # standard deviations
 SIGMA_M, SIGMA_RAD = 0.003, math.radians(0.8)  # of a clean sighting
@@ -27,19 +27,6 @@ CONFIRM_HITS = 3  # pictures in which a robot is seen before its pose is told
 REACQUIRE_HITS = 8  # as many at one other place in a row: it was carried there
 ELSEWHERE_M = 0.05  # within which that is one place
 FORGET_S = 1.0  # without being seen
-
-
-@dataclass(frozen=True)
-class RobotPose:
-    """Where a robot was when a picture was taken; world frame."""
-
-    robot: str
-    x_m: float
-    y_m: float
-    heading_rad: Optional[float]  # None for a plain board
-    confidence: float  # 0..1
-    frame: int
-    t_capture_s: float
 
 
 class RateFilter:
@@ -134,7 +121,7 @@ class _Track:
         self.elsewhere.append(place)
         return len(self.elsewhere) >= REACQUIRE_HITS
 
-    def pose(self, frame: int, t_s: float) -> RobotPose:
+    def pose(self) -> Sighting:
         """Of the robot's origin, behind the middle of the board."""
         (x_m, y_m), heading_rad = self.floor.value.tolist(), None
         if self.heading is not None:
@@ -142,7 +129,7 @@ class _Track:
             x_m -= self.marker.board.forward_m * math.cos(heading_rad)
             y_m -= self.marker.board.forward_m * math.sin(heading_rad)
         sure = min(max(self.confidence, 0.0), 1.0)
-        return RobotPose(self.marker.robot, x_m, y_m, heading_rad, sure, frame, t_s)
+        return Sighting(self.marker.robot, x_m, y_m, heading_rad, sure)
 
 
 def doubt(detection: Detection) -> float:
@@ -167,9 +154,7 @@ class Tracker:
         self._tracks: Dict[str, _Track] = {}
         self._t_s = -math.inf
 
-    def update(
-        self, detections: Sequence[Detection], t_s: float, frame: int
-    ) -> Tuple[RobotPose, ...]:
+    def update(self, detections: Sequence[Detection], t_s: float) -> Tuple[Sighting, ...]:
         """Take in the detections of the picture taken at ``t_s``; the robots seen in it.
 
         Raises:
@@ -193,7 +178,7 @@ class Tracker:
             else:
                 self._tracks[robot] = _Track(marker, seen)
             if self._tracks[robot].hits >= CONFIRM_HITS:
-                poses.append(self._tracks[robot].pose(frame, t_s))
+                poses.append(self._tracks[robot].pose())
         for robot in [r for r, track in self._tracks.items() if track.unseen_s > FORGET_S]:
             del self._tracks[robot]
         return tuple(poses)

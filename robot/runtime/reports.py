@@ -15,7 +15,7 @@ from robot.link.wire import tidy_text
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Tick
 from robot.safety.gates import Inputs, SafetyLimits
-from robot.safety.state_machine import MOVING
+from robot.safety.state_machine import State
 
 JPEG_QUALITY = 85
 SMOOTHING = 0.1  # of the rate of decisions: ten turns' memory
@@ -61,12 +61,11 @@ class Reporter:
     def _report(self, tick: Tick) -> Telemetry:
         guidance, navigator = tick.guidance, self._navigator
         pose = guidance.pose if guidance is not None else None
-        moving = tick.verdict.state in MOVING
         return replace(
             self._about,
             state=tick.verdict.state.value,
             reason=tidy_text(tick.verdict.sentence, TEXT_LIMIT_BYTES),
-            action=tick.action if moving else None,
+            action=self._driven(tick),
             values=_finite(tick.values),
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
             path=navigator.path_points if navigator else (),
@@ -76,6 +75,13 @@ class Reporter:
             fps=self._rate(tick.time_s),
             lag_s=_age(tick.inputs.frame_age_s) or 0.0,
         )
+
+    def _driven(self, tick: Tick) -> Optional[int]:
+        """The policy's action while that drives, or a person's; None at rest."""
+        if tick.verdict.state is not State.MANUAL or tick.drive is None:
+            return tick.action if tick.verdict.may_move else None
+        actions, wanted = self._about.actions, tuple(tick.drive.wanted)
+        return actions.index(wanted) if wanted in actions else None
 
     def _rate(self, now_s: float) -> float:
         """Decisions a second."""

@@ -56,12 +56,10 @@ def test_calibrate_by_corners_then_locate(arena, capsys):
     out = arena / "mine.yaml"
     image = ["--image", str(arena / "arena.png")]
     drawn = arena / "drawn.png"
-    more = ["--height", "2.5", "--out", str(out), "--picture", str(drawn), "--json"]
+    more = ["--height", "2.5", "--out", str(out), "--picture", str(drawn)]
     assert main(["calibrate", *image, *corners, *more]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["residual_mm"] < 8.0
-    assert report["checked"] is False
-    assert load_calibration(out).residual_mm == report["residual_mm"]
+    assert "so few points fit almost any lens" in capsys.readouterr().out
+    assert load_calibration(out).residual_mm < 8.0
     assert cv2.imread(str(drawn)).shape[:2] == (1280, 1280)
     assert main(["locate", *image, "--calibration", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -79,8 +77,8 @@ def test_calibrate_by_a_file_of_points_with_a_lens_and_robots(arena, capsys):
     text = "\n".join(f"{k}: {getattr(lens, k)}" for k in fields)
     (arena / "lens.yaml").write_text(f"{text}\ndistortion: {list(lens.distortion)}\n")
     files = [f"--{k}={arena / k}.yaml" for k in ("points", "robots", "lens")]
-    size = ["--size", "1280x1280"]
-    assert main(["calibrate", *files, *size, "--out", str(arena / "new.yaml")]) == 0
+    image = ["--image", str(arena / "arena.png")]
+    assert main(["calibrate", *files, *image, "--out", str(arena / "new.yaml")]) == 0
     made = load_calibration(arena / "new.yaml")
     assert made.robots == (Marker("seven", "tag", tag=7),)
     assert made.lens == lens
@@ -98,9 +96,8 @@ def test_run_prints_the_poses_of_each_picture(arena, capsys):
     where = ["--source", str(frames), "--calibration", str(arena / "arena.yaml"), "--fps", "20"]
     assert main(["run", *where]) == 0
     poses = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [p["frame"] for p in poses] == [2, 3, 4]
+    assert [p["t_capture_s"] for p in poses] == pytest.approx([0.1, 0.15, 0.2])
     assert poses[0]["robot"] == "robot"
-    assert poses[0]["t_capture_s"] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
@@ -108,8 +105,7 @@ def test_run_prints_the_poses_of_each_picture(arena, capsys):
     [
         (["locate", "--image", "no.png", "--calibration", "C"], "no.png"),
         (["locate", "--image", "I", "--calibration", "no.yaml"], "no.yaml"),
-        (["calibrate", "--out", "X"], "--image or --size"),
-        (["calibrate", "--out", "X", "--size", "640x480", "--corner", "1,2"], "got 1"),
+        (["calibrate", "--out", "X", "--image", "I", "--corner", "1,2"], "got 1"),
         (["calibrate", "--out", "X", "--image", "I", "--lens", "fisheyes"], "valid: fisheye"),
         (["calibrate", "--out", "X", "--image", "I", "--map", "arna"], "arena"),
         (["run", "--source", "nothing", "--calibration", "C"], "a folder of pictures or a video"),
@@ -127,10 +123,10 @@ def test_wrong_input_is_one_line_and_exit_status_2(arguments, complaint, arena, 
     assert not (arena / "out.yaml").exists()
 
 
-@pytest.mark.parametrize("flag", ["--corner=1;2", "--size=640", "--height=low"])
+@pytest.mark.parametrize("flag", ["--corner=1;2", "--height=low"])
 def test_wrong_flags_say_what_they_should_be(flag, capsys):
     with pytest.raises(SystemExit) as stopped:
-        main(["calibrate", "--out", "X", flag])
+        main(["calibrate", "--out", "X", "--image", "I", flag])
     assert stopped.value.code == 2
     assert "expected" in capsys.readouterr().err
 

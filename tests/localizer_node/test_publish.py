@@ -3,19 +3,18 @@ from contextlib import ExitStack
 
 import pytest
 
-from localizer_node.commands import message_of, publisher
-from localizer_node.track import RobotPose
+from localizer_node.commands import publisher
 from robot.errors import ConfigError
 from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
-from robot.link.messages import PosesMessage
+from robot.link.messages import PosesMessage, Sighting
 
-POSE = RobotPose("robot", 1.0, 2.0, 0.5, 0.9, 42, 12.5)
-OTHER = RobotPose("other", 0.4, 0.6, None, 0.8, 42, 12.5)
+POSE = Sighting("robot", 1.0, 2.0, 0.5, 0.9)
+OTHER = Sighting("other", 0.4, 0.6, None, 0.8)
 
 
 def test_a_message_tells_the_poses_of_a_picture():
-    message = message_of((POSE, OTHER))
+    message = PosesMessage((POSE, OTHER), 12.5)
     assert PosesMessage.from_bytes(message.to_bytes()) == message
     told = message.of("robot")
     assert (told.x_m, told.y_m, told.heading_rad, told.confidence) == (1.0, 2.0, 0.5, 0.9)
@@ -33,7 +32,7 @@ def test_each_of_two_robots_gets_its_pose_from_one_stream(configs):
         taken = [0, 0]
         deadline = time.monotonic() + 10.0
         while min(taken) < 20 and time.monotonic() < deadline:
-            publish((POSE, OTHER))
+            publish((POSE, OTHER), 12.5)
             time.sleep(0.02)
             for i, name in enumerate(("robot", "other")):
                 message = ears[i].receive()
@@ -52,8 +51,8 @@ def test_poses_arrive_where_the_robot_listens(configs):
         subscriber = configs["robot"].subscriber(link, PosesMessage)
         deadline = time.monotonic() + 5.0
         while received is None and time.monotonic() < deadline:
-            publish(())
-            publish((POSE,))
+            publish((), 12.5)
+            publish((POSE,), 12.5)
             time.sleep(0.02)
             received = subscriber.receive()
     assert received is not None

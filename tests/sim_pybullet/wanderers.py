@@ -13,10 +13,10 @@ from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
 from localizer_node.calibration import Board, Calibration, Marker
 from localizer_node.node import Localizer
 from localizer_node.rectify import map_outline
-from localizer_node.track import RobotPose
 from robot.bringup.camera_place import Freedom
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
+from robot.link.messages import Sighting
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.look import GroundLook
 from sim_pybullet.overhead import (
@@ -164,7 +164,7 @@ class Score:
     expected: int = 0
     wrong: int = 0
 
-    def add(self, told: Iterable[RobotPose], poses: dict[str, Pose]) -> None:
+    def add(self, told: Iterable[Sighting], poses: dict[str, Pose]) -> None:
         """Compare the poses told of one picture with the true ones."""
         self.expected += len(poses)
         for one in told:

@@ -3,11 +3,9 @@
 import threading
 import time
 
-import numpy as np
-
 from robot.link.config import LinkConfig
 from robot.navigation.road_map import load_map
-from tools.monitor.demo_robot import TURN_S, DemoRobot
+from tools.monitor.demo_robot import DemoRobot
 
 
 class RobotThread:
@@ -30,9 +28,9 @@ class RobotThread:
         self._thread.join(5.0)
 
     def _run(self) -> None:
-        self.robot = DemoRobot(load_map("loop"), self._config, None, np.random.default_rng(0))
+        self.robot = DemoRobot(load_map("loop"), self._config, sees=False)
         self._ready.set()
         while not self._closing.is_set():
             self.robot.turn()
-            time.sleep(TURN_S)
+            time.sleep(0.1)
         self.robot.close()

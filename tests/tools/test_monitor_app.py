@@ -292,6 +292,7 @@ def test_of_two_pages_one_drives_by_hand(
     page: Page, thread: RobotThread, browser: TestClient
 ) -> None:
     drive_by_hand(page, thread)
+    heading_rad = thread.robot.pose.heading_rad
     with browser.websocket_connect(LIVE, headers=HEADERS) as socket:
         other = Page(browser, socket)
         for _ in range(5):
@@ -299,7 +300,7 @@ def test_of_two_pages_one_drives_by_hand(
             other.socket.send_text(json.dumps({"manual": 0}))
             page.read()
             other.read()
-        page.until(action=2)
+        assert thread.robot.pose.heading_rad == pytest.approx(heading_rad), "none of it was LEFT"
         assert other.ask("stop")["accepted"]
     page.until(state="HOLD")
 
@@ -455,14 +456,14 @@ def test_a_page_that_floods_passes_on_no_more_than_fifty_commands_a_second(
     page: Page, thread: RobotThread
 ) -> None:
     asked: list[float] = []
-    obey = thread.robot._obey
+    ask = thread.robot.runtime.ask
 
-    def counted(command: Any) -> None:
-        if command.kind == "manual":
+    def counted(command: Any, wheels: Any = None) -> Any:
+        if command is Request.MANUAL:
             asked.append(time.monotonic())
-        obey(command)
+        return ask(command, wheels)
 
-    thread.robot._obey = counted  # type: ignore[method-assign]
+    thread.robot.runtime.ask = counted  # type: ignore[method-assign]
     began_s = time.monotonic()
     while time.monotonic() - began_s < 0.5:
         for _ in range(50):

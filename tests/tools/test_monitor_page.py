@@ -16,7 +16,7 @@ import pytest
 from robot.navigation.road_map import RoadMap, load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
-from tools.monitor.demo_robot import start_pose
+from tools.lane_places import on_straight_lane
 
 CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -106,7 +106,7 @@ def text(browser: Browser, selector: str) -> str:
 def test_a_person_drives_stops_and_sees_silence(browser: Browser, programs: Programs) -> None:
     opened(browser, programs)
     road_map = load_map("loop")
-    start = start_pose(road_map)
+    start = on_straight_lane(road_map, 1.0 / 3.0)
 
     click_map(browser, *start.moved(0.3, 0.0)[:2])
     browser.click_on("#go")
@@ -162,7 +162,7 @@ def test_a_place_off_the_road_is_told_beside_the_map_and_arms_nobody(
 ) -> None:
     opened(browser, programs)
     road_map = load_map(programs.map)
-    start = start_pose(road_map)
+    start = on_straight_lane(road_map, 1.0 / 3.0)
 
     click_map(browser, *off_road(road_map, 1.05), programs.map)
     browser.until(f"!{PROBLEM}.hidden")
@@ -243,7 +243,7 @@ def test_zooming_keeps_the_place_under_the_pointer_and_following_the_robot_in_th
     browser: Browser, programs: Programs
 ) -> None:
     opened(browser, programs)
-    ahead = start_pose(load_map("loop")).moved(0.5, 0.0)
+    ahead = on_straight_lane(load_map("loop"), 1.0 / 3.0).moved(0.5, 0.0)
     x, y = on_screen(browser, "loop", *ahead[:2])
     browser.click(x, y)
     before = chosen(browser)
@@ -264,7 +264,7 @@ def test_zooming_keeps_the_place_under_the_pointer_and_following_the_robot_in_th
 
 def test_the_last_minute_is_drawn_and_the_theme_turns(browser: Browser, programs: Programs) -> None:
     opened(browser, programs)
-    click_map(browser, *start_pose(load_map("loop")).moved(0.8, 0.0)[:2])
+    click_map(browser, *on_straight_lane(load_map("loop"), 1.0 / 3.0).moved(0.8, 0.0)[:2])
     browser.click_on("#go")
     browser.until(f"{STATE} === 'AUTO'")
     curves = "[...document.querySelectorAll('.plot .curve')].map((p) => p.getAttribute('d'))"
