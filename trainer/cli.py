@@ -42,7 +42,6 @@ COMMANDS: Mapping[str, Command | Group] = {
     "judge-sight": Command("trainer.sight.cli:judge_command", "how right sight is, and how sure"),
     "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
-    "endure": Command(f"{_RUN}:endure_command", "let a policy keep its lane for hours"),
     "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),
     "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, drives"),
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),

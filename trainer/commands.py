@@ -8,11 +8,10 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import Progress
 
 from robot.errors import ConfigError
 from trainer.options import EvaluateOptions, TrainOptions
-from trainer.sweeps.sweep import SweepOptions, run_sweep
+from trainer.sweeps.sweep import SweepOptions, combinations, run_sweep
 
 EXPORT_ROBOTS = 32
 _TRAIN = TrainOptions()
@@ -38,10 +37,11 @@ def train_command(
         many: several at once.
         given: the names of the options that were given.
     """
-    from trainer.sweeps.jobs import TrainJob, train_jobs
+    from trainer.sweeps.jobs import TrainJob
 
     if many.wanted:
-        return run_sweep(train_jobs(out, options, many), many, Console(soft_wrap=True))
+        jobs = [TrainJob(out / n, each, resume=True) for n, each in combinations(options, many)]
+        return run_sweep(jobs, many, Console(soft_wrap=True))
     return TrainJob(out, options, resume, given).run(Console())
 
 
@@ -69,52 +69,6 @@ def evaluate_command(
         raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
     options.check()
     return EvaluateJob(json, options, drives).run(Console(soft_wrap=True))
-
-
-def endure_command(
-    model: Path,
-    json: Path | None = None,
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop",),
-    look: str = "nominal",
-    hours: float = 1.0,
-    robots: int = 4,
-    seed: int = 1000,
-    lane: str = "outer",
-) -> int:
-    """Let a policy keep its lane for hours of simulated time, and see who leaves it.
-
-    Args:
-        model: a policy for lane keeping, .onnx.
-        json: write the figures there.
-        map_names: rings of road, files, or names or folders of shipped maps.
-        look: a YAML file with a look or a distribution of looks, or the name of a shipped one.
-        hours: of simulated time.
-        robots: each at a place and in a look of its own.
-        seed: of everything random.
-        lane: outer, inner (the other way round), or both.
-    """
-    from robot.contract import FIVE_ACTIONS
-    from robot.inference.policy import OnnxPolicy
-    from robot.navigation.road_map import load_map
-    from sim_pybullet.randomise import load_look_sampler
-    from trainer.division import maps_named
-    from trainer.judging.endurance import endure
-    from trainer.run import write_json
-
-    policy = OnnxPolicy(model, actions=FIVE_ACTIONS)
-    maps = [load_map(name) for name in maps_named(map_names)]
-    with Progress() as bar:
-        row = bar.add_task(f"{hours:g} h {model.name}", total=hours * 36_000)
-        looks = load_look_sampler(look)
-        result = endure(policy, maps, looks, hours, robots, seed, lambda: bar.advance(row), lane)
-    if json is not None:
-        write_json(json, result)
-    Console(soft_wrap=True).print(
-        f"{model}: {result.stayed} of {robots} stayed in their lane for {hours:g} h, "
-        f"{result.driven_lane_m:.0f} m each, {100 * result.mean_path_distance_m:.1f} cm from its "
-        f"middle, {100 * result.largest_path_distance_m:.1f} cm at most"
-    )
-    return 0
 
 
 def export_command(
@@ -166,8 +120,6 @@ def report_command(
     port: int = 8701,
 ) -> int:
     """Write report.html: summary, films, curves, tables and maps of runs.
-
-    Runs that differ in nothing but the seed are shown together.
 
     Args:
         runs: run folders, or folders of run folders.

@@ -57,11 +57,11 @@ class SeenOtherwise(VecEnvWrapper):
         raise NotImplementedError
 
     def reset(self) -> VecEnvObs:
-        """As of the environment, seen otherwise."""
+        """Seen otherwise."""
         return self.see(self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """As of the environment, seen otherwise."""
+        """Seen otherwise."""
         seen, rewards, done, infos = self.venv.step_wait()
         for i in np.flatnonzero(done).tolist():
             infos[i]["terminal_observation"] = self.see_last(infos[i]["terminal_observation"], i)

@@ -18,7 +18,7 @@ from torch import nn
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.inference.translator import TranslatorContract
+from robot.inference.translator import OnnxTranslator, TranslatorContract
 from robot.vision.sight import SightContract
 from sim_pybullet.tasks.spec import find_task
 from trainer.config import RunConfig
@@ -32,6 +32,7 @@ from trainer.training.greedy import collect_observations
 OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10
 TOLERANCE = 1e-4  # of a value
+GREY_TOLERANCE = 1  # of a translator's pixels, by which rounding may go the other way
 CHECKED_FRAMES = 1_000
 
 
@@ -158,6 +159,33 @@ def write_onnx(
         axis.dim_value = length
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
+
+
+def export_translator(network: nn.Module, contract: TranslatorContract, path: Path) -> None:
+    """Write a network (N, H, W, 3) uint8 -> the same; compare the file with torch on noise.
+
+    Raises:
+        ContractError: they disagree by more than a grey level.
+    """
+    rng = np.random.default_rng(0)
+    pictures = rng.integers(0, 256, (3, *contract.image.shape), dtype=np.uint8)
+    example = {"image": torch.from_numpy(pictures)}
+    with atomically(path) as temporary:
+        write_onnx(network, example, "translation", contract, temporary, contract.image.shape)
+        check_translator(network, OnnxTranslator(temporary), pictures)
+
+
+@torch.no_grad()
+def check_translator(network: nn.Module, exported: OnnxTranslator, pictures: np.ndarray) -> None:
+    """ContractError unless torch and ONNX make the same of pictures, to a grey level."""
+    ours = network(torch.from_numpy(pictures)).numpy()
+    theirs = np.concatenate([exported(part) for part in (pictures[:1], pictures[1:])])
+    difference = int(np.abs(theirs.astype(int) - ours.astype(int)).max())
+    if difference > GREY_TOLERANCE:
+        raise ContractError(
+            f"{exported.path}: expected torch and ONNX to agree within {GREY_TOLERANCE} grey "
+            f"level, they differ by {difference}"
+        )
 
 
 def run_onnx(path: Path, observations: dict[str, np.ndarray]) -> np.ndarray:

@@ -25,8 +25,6 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "frames": (1, 10_000_000),
     "every": (1, 10_000_000),
     "batch": (1, 100_000),
-    "robots": (1, 1_000),
-    "hours": (1e-3, 1e5),
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),
 }
@@ -34,11 +32,7 @@ OUT_IS_FILE = ("export", "parse export")
 
 
 def check(command: str, options: Mapping[str, Any]) -> None:
-    """Make sure that a command can be done and its results be written; nothing is left.
-
-    Args:
-        command: its name.
-        options: by name, some of them frozen dataclasses of options.
+    """Make sure that a command's options by name can be, and its results be written.
 
     Raises:
         ConfigError: a number out of its range, an output that cannot be or is an input.
@@ -53,9 +47,8 @@ def check(command: str, options: Mapping[str, Any]) -> None:
     elif out is not None:
         expect_folder(out)
     names = ("model", "parser", "pictures", "images", "source", "contract")
-    inputs = [every.get(name) for name in names]
-    inputs = [Path(path) for path in inputs if isinstance(path, (str, Path)) and str(path)]
-    expect_writable(*files, inputs=inputs)
+    inputs = (every[name] for name in names if every.get(name))
+    expect_writable(*files, inputs=[Path(path) for path in inputs])
 
 
 def _flat(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -109,7 +109,7 @@ class EvaluateOptions:
     model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
     """A policy, .onnx."""
     task: str | None = None
-    """lane, four_laps, navigation, manoeuvres or track; else what the policy was trained for."""
+    """lane, four_laps, hundred_laps, navigation, manoeuvres or track; else the policy's own."""
     map: tuple[str, ...] = ()
     """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
     lane: str | None = None
@@ -182,16 +182,10 @@ def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
 def refuse_others(
     folder: Path, found: RunConfig, asked: TrainOptions, given: Iterable[str]
 ) -> None:
-    """Make sure that options that a person gave are those of the run that is to go on.
-
-    Args:
-        folder: of the run.
-        found: what it was begun with.
-        asked: the options.
-        given: the names of those that the person gave; limits may differ.
+    """Make sure that the options that a person gave, by name, are those of the run in a folder.
 
     Raises:
-        ConfigError: one is another than the run's; all that differ are named.
+        ConfigError: some are others than those that it was begun with; limits may differ.
     """
     from trainer.division import maps_named
 
@@ -205,22 +199,22 @@ def refuse_others(
         "judgings": judging.every_share and round(1.0 / judging.every_share),
         "full": judging.stop_after_perfect == 0,
     }
+
+    def shown(value: object) -> str:
+        return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
     other = []
-    for name in of_run.keys() & set(given) - {"steps", "seconds"}:
+    for name in sorted(of_run.keys() & set(given) - {"steps", "seconds"}):
         value = getattr(asked, name)
         value = maps_named(value) if name in ("map", "judge_map") else value
         if value != of_run[name]:
             option = name.replace("_", "-")
-            other.append(f"--{option} {_shown(value)} (the run: {_shown(of_run[name])})")
+            other.append(f"--{option} {shown(value)} (the run: {shown(of_run[name])})")
     if other:
         raise ConfigError(
-            f"{folder}: expected the options of the run that goes on, got "
-            f"{', '.join(sorted(other))}; leave them out, or choose another --out"
+            f"{folder}: expected the options of the run that goes on, got {', '.join(other)}; "
+            "leave them out, or choose another --out"
         )
-
-
-def _shown(value: object) -> str:
-    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:

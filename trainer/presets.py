@@ -42,20 +42,12 @@ def preset(task: str, algorithm: str, name: str) -> RunConfig:
 
 
 def styled(config: RunConfig, style: str) -> RunConfig:
-    """The run in a style of driving.
-
-    Raises:
-        ConfigError: its task has no such style.
-    """
+    """The run in a style of driving; ConfigError if its task has no such style."""
     return _by_both(replace(config, style=style), style, style)
 
 
 def changed(settings: Settings, changes: Changes) -> Settings:
-    """A dataclass with other values; of a nested one a mapping changes only what it names.
-
-    Raises:
-        ConfigError: no such field.
-    """
+    """A dataclass with other values, of a nested one those named; ConfigError for no such field."""
     names = [each.name for each in fields(settings)]  # type: ignore[arg-type]
     new = {}
     for key, value in changes.items():

@@ -1,7 +1,7 @@
 """A training loop that may be killed at any moment and goes on as if it had not been.
 
-What happens in step k depends on the seed and k alone (`step_rng`), so a run that was resumed is
-the same as one that was not.
+What happens in step k depends on the seed and k alone, so a run that was resumed is the same as one
+that was not.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,22 +24,12 @@ _CHECKPOINT = "the checkpoint of this run"
 _REMEDY = "; put a copy of it back, or delete it and begin again"
 
 
-class Stateful(Protocol):
-    """A network or an optimiser."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """What must be kept."""
-
-    def load_state_dict(self, state_dict: dict[str, Any], /) -> Any:
-        """Take it up again."""
-
-
 @dataclass(frozen=True)
 class Loop:
     """Runs ``steps`` steps, keeping ``parts`` in the file ``path``."""
 
     path: Path
-    parts: Mapping[str, Stateful]
+    parts: Mapping[str, Any]  # networks, optimisers: with state_dict and load_state_dict
     steps: int
     seed: int
     clock: Callable[[], float] = time.monotonic
@@ -56,8 +46,8 @@ class Loop:
 
     def save(self, step: int) -> None:
         """Write the file, whole or not at all."""
-        content = {"step": step, "parts": {n: p.state_dict() for n, p in self.parts.items()}}
-        save_torch(self.path, content)
+        parts = {name: part.state_dict() for name, part in self.parts.items()}
+        save_torch(self.path, {"step": step, "parts": parts})
 
     def run(
         self, step: Callable[[np.random.Generator, int], str], name: str, console: Console
@@ -72,7 +62,9 @@ class Loop:
         with Progress(*columns, TextColumn("{task.fields[note]}"), console=console) as bar:
             row = bar.add_task(name, total=self.steps, completed=first, note="")
             for k in range(first, self.steps):
-                bar.update(row, note=step(step_rng(self.seed, k), k), advance=1)
+                rng = np.random.default_rng((self.seed, k))
+                torch.manual_seed(int(rng.integers(2**31)))  # dropout's
+                bar.update(row, note=step(rng, k), advance=1)
                 if self.clock() - saved > SAVE_EVERY_S:
                     self.save(k + 1)
                     saved = self.clock()
@@ -88,19 +80,13 @@ def fit(
     name: str,
     console: Console,
 ) -> None:
-    """Train a network until its steps are done; their rate falls to nothing along a cosine.
+    """Train a network until its steps are done; it ends in evaluation mode.
 
-    Args:
-        network: ends in evaluation mode.
-        optimiser: of it.
-        loss_of: of a batch that it draws.
-        loop: checkpoint to go on from, steps, seed.
-        name: beside the bar.
-        console: where progress is shown.
+    ``loop``: checkpoint to go on from, steps, seed. The rate falls to nothing along a cosine.
     """
     path, steps, seed = loop
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
-    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser, "schedule": schedule}
+    parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
 
     def step(rng: np.random.Generator, _: int) -> str:
         loss = loss_of(rng)
@@ -125,10 +111,3 @@ def set_rate(optimisers: Iterable[torch.optim.Optimizer], rate: float) -> None:
     for optimiser in optimisers:
         for group in optimiser.param_groups:
             group["lr"] = rate
-
-
-def step_rng(seed: int, step: int) -> np.random.Generator:
-    """The generator of one step; torch's own (dropout) is seeded from it, too."""
-    rng = np.random.default_rng((seed, step))
-    torch.manual_seed(int(rng.integers(2**31)))
-    return rng

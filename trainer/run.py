@@ -26,11 +26,7 @@ def write_json(path: Path, data: Any) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file.
-
-    Raises:
-        ConfigError: it is absent, or none.
-    """
+    """The object in a JSON file; ConfigError if it is absent, or none."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -54,11 +50,7 @@ Config = TypeVar("Config")
 
 
 def refuse_run(folder: Path) -> None:
-    """Make sure that no run lies in a folder.
-
-    Raises:
-        ConfigError: one does.
-    """
+    """ConfigError if a run lies in a folder."""
     if (folder / CONFIG).exists():
         raise ConfigError(
             f"{folder}: expected no run here yet, got one; "
@@ -71,22 +63,6 @@ def _begin_run(folder: Path, config: object) -> None:
     write_text(folder / CONFIG, yaml.safe_dump(to_plain(config), sort_keys=False))
 
 
-def read_run(kind: type[Config], folder: Path) -> Config:
-    """The configuration that a run was begun with.
-
-    Raises:
-        ConfigError: no run lies here.
-    """
-    expect_run(folder)
-    return load_yaml(kind, folder / CONFIG)
-
-
-def expect_run(folder: Path) -> None:
-    """ConfigError unless a run lies in a folder."""
-    if not (folder / CONFIG).exists():
-        raise ConfigError(f"{folder}: expected the folder of a run, found no {CONFIG}")
-
-
 def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], Config]) -> Config:
     """The configuration of a run to resume, or that of one that is begun here.
 
@@ -94,7 +70,7 @@ def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], 
         ConfigError: a run lies here and it is not to be resumed.
     """
     if resume and (folder / CONFIG).exists():
-        return read_run(kind, folder)
+        return load_yaml(kind, folder / CONFIG)
     refuse_run(folder)
     config = fresh()
     expect_folder(folder)
@@ -158,7 +134,8 @@ class RunFolder:
 
     def load_config(self) -> RunConfig:
         """The configuration that this run was begun with; ConfigError if there is none."""
-        expect_run(self.path)
+        if not self.config.exists():
+            raise ConfigError(f"{self.path}: expected the folder of a run, found no {CONFIG}")
         return load_run(self.config)
 
     def episodes(self) -> list[Episode]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -88,14 +89,12 @@ class LaneKeeping(Task):
         return self._judged(terms, laps[None], (terminated, laps >= self._laps, late))
 
 
-def _make(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> LaneKeeping:
-    usual = LAPS if chosen.start_spread == 1.0 else _PRACTICE_LAPS
+def _make(
+    maps: Sequence[RoadMap], robots: int, chosen: Choices, usual_laps: float = LAPS
+) -> LaneKeeping:
+    usual = usual_laps if chosen.start_spread == 1.0 else _PRACTICE_LAPS
     laps = usual if chosen.laps is None else chosen.laps
     return LaneKeeping(maps, robots, chosen.lane or LANES[0], laps, chosen.start_spread)
-
-
-def _make_four_laps(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> LaneKeeping:
-    return LaneKeeping(maps, robots, chosen.lane or LANES[0], laps=4.0)
 
 
 _ON = "drives on until stopped"
@@ -123,15 +122,19 @@ register(
         },
     )
 )
-register(
-    TaskSpec(
-        name="four_laps",
-        title="Four laps",
-        purpose="Lane keeping for four laps (paper A, section 4.4).",
-        kind=LaneKeeping,
-        map="loop",
-        make=_make_four_laps,
-        lanes=LANES,
-        learned=False,
+for _name, _laps, _purpose in (
+    ("four_laps", 4.0, "Lane keeping for four laps (paper A, section 4.4)."),
+    ("hundred_laps", 100.0, "Lane keeping for an hour or so: unlimited, in paper A."),
+):
+    register(
+        TaskSpec(
+            name=_name,
+            title=_name.replace("_", " ").capitalize(),
+            purpose=_purpose,
+            kind=LaneKeeping,
+            map="loop",
+            make=partial(_make, usual_laps=_laps),
+            lanes=LANES,
+            learned=False,
+        )
     )
-)

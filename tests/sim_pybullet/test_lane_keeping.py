@@ -191,6 +191,7 @@ def test_how_long_an_episode_is() -> None:
         return built._laps
 
     assert (laps("lane"), laps("lane", laps=7.0), laps("four_laps")) == (2.0, 7.0, 4.0)
+    assert laps("hundred_laps") == 100.0
     assert laps("lane", start_spread=2.5) == 0.5, "in practice more places for as many decisions"
     assert laps("lane", start_spread=2.5, laps=1.5) == 1.5
 
@@ -295,8 +296,9 @@ def test_what_lane_keeping_is_to_others() -> None:
         ("ppo", "250,000 (steady from 550,000)", "not given", "250,000 (steady from 550,000)"),
     ]
     assert PaperRow("not given", "not given", "drives on until stopped").told == on
-    four = find_task("four_laps")
-    assert (four.learned, four.counts_laps, four.lanes) == (False, False, spec.lanes)
+    four, hundred = find_task("four_laps"), find_task("hundred_laps")
+    for each in (four, hundred):
+        assert (each.learned, each.counts_laps, each.lanes) == (False, False, spec.lanes)
     with pytest.raises(ConfigError, match="task: unknown 'four_laps'"):
         find_task("four_laps", to_learn=True)
     with pytest.raises(ConfigError, match="did you mean 'lane'"):

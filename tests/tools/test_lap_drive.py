@@ -21,7 +21,7 @@ from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
 from tools.loop.__main__ import main
 from tools.loop.options import parse
-from trainer.transfer.export import export_translator
+from trainer.export import export_translator
 
 
 class ExpertPolicy:

@@ -115,10 +115,6 @@ def table1_command(
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
     console.print(as_table(table))
-    console.print(
-        f"angles and pictures agree with a correlation of {table.turning.correlation:.2f}, "
-        f"{table.turning.late_frames} pictures after the angle"
-    )
     return 0
 
 
@@ -133,8 +129,7 @@ def six_models_command(
     finished is not done again.
 
     Args:
-        out: folder for the runs, six_models.json, six_models.md, six_models.png (learning) and
-            attention.png.
+        out: folder for the runs, six_models.json, six_models.md and six_models.png (learning).
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """

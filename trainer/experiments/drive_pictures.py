@@ -1,19 +1,10 @@
-"""A recorded drive in pictures: as stacks for a policy, split by time, and how they turn.
-
-The upper part of a picture is far away. When the camera turns it shifts sideways, by the same way
-at every distance, and hardly otherwise (phase correlation, Kuglin and Hines 1975). Recorded angles
-must agree with that, some pictures later, for wheels and camera are late; where they do not, they
-are of another sign, of another drive, or of nothing.
-"""
+"""A recorded drive in pictures: as stacks for a policy, split by time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from robot.camera.files import read_picture
@@ -25,10 +16,6 @@ See = Callable[[np.ndarray], np.ndarray]  # frames (N, 120, 160, 3) -> pictures 
 STACK = 4  # paper B: four consecutive frames
 TRAINING_SHARE = 0.6
 GAP_FRAMES = 20  # between training and test: neighbours look alike
-_FAR = slice(0, 40), slice(30, 130)  # rows and columns of a frame, above and around the road
-_SMOOTHED = 5  # pictures
-_LATEST = 20  # pictures by which a camera may be late
-_AGAINST = -0.5  # correlation at which angles have the wrong sign for sure
 
 
 class Stacks(NamedTuple):
@@ -85,42 +72,3 @@ def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
         )
     parts = [stacks._replace(last=stacks.last[m], turns=stacks.turns[m]) for m in (training, test)]
     return parts[0], parts[1]
-
-
-@dataclass(frozen=True)
-class Turning:
-    """How angles go with what the pictures show."""
-
-    correlation: float  # of angle and turning, where it is greatest; 0 for angles all alike
-    late_frames: int  # pictures from an angle to the turning that agrees with it best
-
-
-def shifts_px(frames: np.ndarray) -> np.ndarray:
-    """(N - 1,) by how much the far world moves to the left between frames: to the right we turn."""
-    rows, columns = _FAR
-    shape = columns.stop - columns.start, rows.stop - rows.start
-    window = cv2.createHanningWindow(shape, cv2.CV_32F)
-    far = [cv2.cvtColor(each, cv2.COLOR_RGB2GRAY)[_FAR].astype(np.float32) for each in frames]
-    return np.array([-cv2.phaseCorrelate(a, b, window)[0][0] for a, b in pairwise(far)])
-
-
-def turning(steering_deg: np.ndarray, moved_px: np.ndarray) -> Turning:
-    """How the angles (N,) of a drive go with what its pictures (N - 1,) show.
-
-    Raises:
-        ConfigError: they go against each other.
-    """
-    smooth = np.convolve(moved_px, np.full(_SMOOTHED, 1.0 / _SMOOTHED), mode="same")
-    best = Turning(0.0, 0)
-    for late in range(min(_LATEST, len(smooth) // 2)):
-        angle, seen = steering_deg[: len(smooth) - late], smooth[late:]
-        if angle.std() > 0.0 and seen.std() > 0.0:
-            correlation = float(np.corrcoef(angle, seen)[0, 1])
-            if abs(correlation) > abs(best.correlation):
-                best = Turning(correlation, late)
-    if best.correlation < _AGAINST:
-        raise ConfigError(
-            "angles: expected positive ones where the pictures turn right, got a correlation of "
-            f"{best.correlation:.2f}; change the sign of the angles"
-        )
-    return best

@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from trainer.experiments.cli import Figure5Options
-from trainer.experiments.student import half_interval
 from trainer.options import TrainOptions
-from trainer.run import RunFolder, atomically
+from trainer.report.curves import half_interval, save_figure
+from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
 from trainer.training.checkpoint import read_state
 
@@ -95,12 +95,8 @@ def trainings(out: Path, options: Figure5Options, translator: Path) -> list[Trai
             judge_look=options.test_look,
             full=True,
         )
-        jobs.append(TrainJob(_run(out, name, seed), training, resume=True))
+        jobs.append(TrainJob(out / f"{name}_{seed}", training, resume=True))
     return jobs
-
-
-def _run(out: Path, variant: str, seed: int) -> Path:
-    return out / f"{variant}_{seed}"
 
 
 @dataclass(frozen=True)
@@ -137,7 +133,7 @@ def gather(out: Path, options: Figure5Options) -> Figure5:
     """What all trainings have recorded."""
     curves = []
     for name in VARIANTS:
-        runs = [RunFolder(_run(out, name, seed)) for seed in range(options.seeds)]
+        runs = [RunFolder(out / f"{name}_{seed}") for seed in range(options.seeds)]
         records = [read_state(run.checkpoint).evaluations for run in runs]
         ends = [[e for e in r if e.step >= (1.0 - LAST_SHARE) * r[-1].step] for r in records]
         curves.append(
@@ -203,5 +199,4 @@ def draw_figure(found: Figure5, path: Path) -> None:
     )
     axis.legend(frameon=False)
     axis.grid(alpha=0.25)
-    with atomically(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save_figure(figure, path)

@@ -1,4 +1,4 @@
-"""Paper A's comparison of ways from simulation to reality: Tables 4 and 5, Figures 36 to 40.
+"""Paper A's comparison of ways from simulation to reality: Tables 4 and 5, Figures 36 to 39.
 
 Every algorithm is trained in the nominal look, under domain randomisation, through a CycleGAN, and
 through both, with the same number of steps, maps and pose error. All are judged in looks that no
@@ -15,22 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.inference.preprocess import preprocess_batch
-from robot.navigation.road_map import load_map
 from robot.output import write_text
-from sim_pybullet.pool import LookPool
-from sim_pybullet.randomise import load_look_sampler, looks_of
 from trainer.algorithms import find_algorithm
 from trainer.experiments.cli import SixModelsOptions
-from trainer.experiments.student import half_interval
-from trainer.judging.explain import Explainer, overlay
 from trainer.options import EvaluateOptions, TrainOptions
-from trainer.report.curves import draw_panels
+from trainer.report.curves import draw_panels, half_interval
 from trainer.run import RunFolder, read_json, write_json
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 from trainer.training.checkpoint import read_state
-from trainer.transfer.collect import snapshots
-from trainer.transfer.pictures import draw_sheet
 
 ALGORITHMS = ("dueling", "ppo")
 PATHS, MISSIONS = 32, 50  # of each navigator
@@ -38,7 +30,6 @@ FIRST_SEED = 160 * 32  # whole worlds of 160 episodes: 32 paths are then each pa
 # Of 32 paths and of 50 missions; the models that are not named failed (fewer than 10 paths).
 PAPER = {("dueling", "cyclegan"): (27, 31), ("ppo", "cyclegan"): (24, 26)}
 SUCCESS_ABOVE, FAILURE_BELOW = 20, 10  # paths
-_ATTENTION_SEED = 40
 
 
 class Variant(NamedTuple):
@@ -178,11 +169,10 @@ def gather(out: Path, options: SixModelsOptions) -> Transfer:
 
 
 def report(out: Path, options: SixModelsOptions) -> str:
-    """Write six_models.json, .md and .png and attention.png; the table."""
+    """Write six_models.json, .md and .png; the table."""
     transfer = gather(out, options)
     write_json(out / "six_models.json", transfer)
     draw_transfer_curves(out, options, out / "six_models.png")
-    draw_attention(out, options, out / "attention.png")
     head, *rows = table_rows(transfer)
     rule = ["---"] * len(head)
     text = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)) + "\n"
@@ -228,31 +218,3 @@ def _each(counts: tuple[int, ...]) -> str:
     if len(counts) < 2:
         return seeds
     return f"{seeds} ({mean(counts):.1f} ± {half_interval(np.array(counts)):.1f})"
-
-
-def judged_frames(options: SixModelsOptions) -> np.ndarray:
-    """(L, 120, 160, 3) uint8 RGB: a picture of the test's map in each of its L looks.
-
-    Raises:
-        DuckpilotError: no such look or map.
-    """
-    road_maps = [load_map(options.test_map)]
-    found = []
-    for file in looks_of(options.look):
-        rng = np.random.default_rng(_ATTENTION_SEED)
-        pool = LookPool(road_maps, load_look_sampler(file), rng, 1)
-        found.append(snapshots(road_maps, pool, 1, rng)[0][0])
-    return np.stack(found)
-
-
-def draw_attention(out: Path, options: SixModelsOptions, path: Path) -> None:
-    """A PNG with a row for each look and a column for each navigator of the first seed."""
-    frames, columns = judged_frames(options), dict[str, np.ndarray]()
-    for model in models(options):
-        if model.seed == 0:
-            explainer = Explainer(RunFolder(model.run(out, "navigation")).onnx)
-            seen = preprocess_batch(frames, explainer.contract.image)
-            pairs = zip(seen, explainer.attention(seen), strict=True)
-            columns.setdefault("picture", seen)
-            columns[f"{model.algorithm}, {model.variant}"] = np.stack([overlay(*p) for p in pairs])
-    draw_sheet(path, columns)

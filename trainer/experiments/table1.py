@@ -18,18 +18,15 @@ from robot.inference.preprocess import preprocess_batch
 from trainer.experiments.drive_pictures import (
     See,
     Stacks,
-    Turning,
     frames_of,
     make_stacks,
-    shifts_px,
     split_by_time,
-    turning,
 )
 from trainer.experiments.racing_policy import SteeringPolicy
 from trainer.experiments.records import Drive, Turn, load_drive
 from trainer.experiments.supervised import teach_turns
 from trainer.presets import preset
-from trainer.run import atomically
+from trainer.report.curves import save_figure
 
 # Paper B, Table 1, on Sully Chen's frames.
 PAPER = {"ours": 0.4340, "b-rl": 0.2833, "supervised": 0.5360}
@@ -48,9 +45,7 @@ class Accuracy:
     accuracy: float
     low: float  # 95 % interval, see `interval`
     high: float
-    balanced: float  # mean of the three recalls
-    recalls: tuple[float, float, float]  # left, straight, right; NaN where there is none
-    guessed: tuple[float, float, float]  # share of the frames
+    balanced: float  # mean of the recalls of the turns that occur
 
 
 @dataclass(frozen=True)
@@ -62,7 +57,6 @@ class Table:
     test_frames: int
     training_shares: tuple[float, float, float]  # of left, straight and right
     shares: tuple[float, float, float]  # likewise, of the test frames
-    turning: Turning  # how the angles go with what the pictures show
     rows: tuple[Accuracy, ...]
 
 
@@ -92,7 +86,6 @@ def foretell(
     training, test = halves(usual)
     for part, name in ((training, "first 60 %"), (test, "rest")):
         _refuse_one_turn(part, name, drive)
-    of_angles = turning(drive.steering_deg, shifts_px(frames))
     rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
     kinds: dict[str, See] = {"supervised": usual}  # and as policies see through translators
     translators = set[str]()
@@ -110,7 +103,7 @@ def foretell(
             rows.append(compare(kind, seed, rest.turns, network.turns(rest.stacked())))
     counts = len(training.last), len(test.last)
     parts = shares(training.turns), shares(test.turns)
-    return Table(str(data), *counts, *parts, of_angles, tuple(rows))
+    return Table(str(data), *counts, *parts, tuple(rows))
 
 
 def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
@@ -127,17 +120,8 @@ def compare(driver: str, seed: int, wanted: np.ndarray, guessed: np.ndarray) -> 
     """How far guesses (N,) agree with what the person did (N,), values of `Turn`."""
     right = wanted == guessed
     low, high = interval(right, np.random.default_rng(0))
-    recalls = [right[wanted == turn].mean() if (wanted == turn).any() else np.nan for turn in Turn]
-    return Accuracy(
-        driver,
-        seed,
-        float(right.mean()),
-        low,
-        high,
-        float(np.nanmean(recalls)),
-        (float(recalls[0]), float(recalls[1]), float(recalls[2])),
-        shares(guessed),
-    )
+    recalls = [right[wanted == turn].mean() for turn in np.unique(wanted)]
+    return Accuracy(driver, seed, float(right.mean()), low, high, float(np.mean(recalls)))
 
 
 def shares(turns: np.ndarray) -> tuple[float, float, float]:
@@ -193,8 +177,7 @@ def draw_table(table: Table, path: Path) -> None:
     axis.invert_yaxis()
     axis.set(xlim=(0, 1), xlabel="turns foretold", title=f"{table.test_frames} test frames")
     axis.legend(frameon=False, fontsize="small")
-    with atomically(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+    save_figure(figure, path)
 
 
 def _by_driver(table: Table) -> dict[str, list[Accuracy]]:

@@ -1,1 +1,1 @@
-"""What a trained policy is worth: driven, endured, explained."""
+"""What a trained policy is worth: driven and explained."""

@@ -69,6 +69,16 @@ def save_figure(figure: Figure, path: Path) -> None:
         figure.savefig(temporary, format="png", dpi=110)
 
 
+def half_interval(values: np.ndarray) -> np.ndarray:
+    """Half of Student's 95 % interval of the mean over the first axis; NaN of one value."""
+    from scipy.stats import t
+
+    count = len(values)
+    if count < 2:
+        return np.full(values.shape[1:], np.nan)
+    return np.asarray(t.ppf(0.975, count - 1) * values.std(axis=0, ddof=1) / np.sqrt(count))
+
+
 def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
     axis.set(ylabel="success [%]", ylim=(-4, 104))
     _draw_means(axis, records, lambda e: 100.0 * e.success)

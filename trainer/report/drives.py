@@ -20,7 +20,6 @@ from sim_pybullet.tasks.following import HALF_LANE_TILES
 from trainer.judging.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
 from trainer.report.curves import save_figure
 
-MOST_TRACKS = 150  # drawn on one map, and every failure
 FLOOR_PX_PER_TILE = 64
 STRIP_S = (STRIP_FRAMES - 1) * STRIP_EVERY * CONTROL_DT_S  # from its first frame to its last, about
 PALENESS = 0.6  # of the floor's colours, so that tracks stand out
@@ -74,8 +73,7 @@ def _draw_map(axis: Axes, road_map: RoadMap, tracks: Sequence[Track]) -> None:
     extent = (0.0, road_map.width_m, 0.0, road_map.height_m)
     axis.imshow(_floor(road_map), extent=extent, interpolation="bilinear")
     half_lane_cm = 100.0 * HALF_LANE_TILES * road_map.tile_size_m
-    shown = _chosen(tracks)
-    lines, offsets_cm = _segments(shown)
+    lines, offsets_cm = _segments(sorted(tracks, key=lambda track: track.badness))
     drawn = LineCollection(list(lines), cmap=DEVIATION, norm=Normalize(0.0, half_lane_cm))
     drawn.set_array(offsets_cm)
     axis.add_collection(drawn)
@@ -87,14 +85,6 @@ def _draw_map(axis: Axes, road_map: RoadMap, tracks: Sequence[Track]) -> None:
     axis.set_title(f"{road_map.name}: {done} of {len(tracks)} {DONE}", fontsize=10)
     bar = axis.figure.colorbar(drawn, ax=axis, shrink=0.75, pad=0.02)
     bar.set_label("distance from the path [cm]; top: edge of the lane", fontsize=8)
-
-
-def _chosen(tracks: Sequence[Track]) -> list[Track]:
-    """Evenly some, and all that failed, so that the worst are drawn last."""
-    fine = [track for track in tracks if track.success]
-    some = np.unique(np.linspace(0, len(fine) - 1, min(MOST_TRACKS, len(fine))).round().astype(int))
-    failed = [track for track in tracks if not track.success]
-    return sorted([fine[i] for i in some] + failed, key=lambda track: track.badness)
 
 
 def _segments(tracks: Sequence[Track]) -> tuple[np.ndarray, np.ndarray]:

@@ -19,11 +19,11 @@ from trainer.algorithms import NAMES
 from trainer.judging.drive_log import WORST, Track
 from trainer.report.curves import draw_panels
 from trainer.report.drives import STRIP_S, draw_drives, draw_strips
-from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
+from trainer.report.runs import Run, read_runs
 from trainer.report.tables import (
     DrivingRow,
     describe,
-    driving_rows,
+    driving_row,
     learning_row,
     summary_card,
 )
@@ -32,12 +32,11 @@ PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
 CURVES = (
     "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean of "
-    "the last 50 training episodes, in which some choices are made by chance, of each seed; pink: "
-    "each of them."
+    "the last 50 training episodes, in which some choices are made by chance; pink: each of them."
 )
 DRIVES = (
-    "Up to 150 episodes that were done and all that failed, from above; crosses: where a robot "
-    "failed. Colour: distance from the path."
+    "Every episode from above; crosses: where a robot failed. Colour: distance from the path, the "
+    "worst on top."
 )
 
 
@@ -63,12 +62,11 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
         ConfigError: there are no runs, or a run's configuration cannot be read.
     """
     missing: list[str] = []
-    runs = [read_run(path, missing) for path in find_runs(paths)]
-    groups = group_runs(runs)
-    rows = driving_rows(groups)
+    runs = read_runs(paths, missing)
+    rows = [driving_row(run, judgement) for run in runs for judgement in run.judgements]
     out.mkdir(parents=True, exist_ok=True)
     films = _films(paths, runs, missing)
-    curves = [picture for task in learned_tasks() if (picture := _curves(task, groups, out))]
+    curves = [picture for task in learned_tasks() if (picture := _curves(task, runs, out))]
     drives, worst = _drives(rows, out, missing), _worst(rows, out)
     templates = Environment(
         loader=PackageLoader("trainer.report", "."),
@@ -79,8 +77,8 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     )
     html = templates.get_template("page.html").render(
         runs=runs,
-        cards=[summary_card(group, rows) for group in groups],
-        tasks=[table for task in learned_tasks() if (table := _table(task, groups, rows))],
+        cards=[summary_card(run, rows) for run in runs],
+        tasks=[table for task in learned_tasks() if (table := _table(task, runs, rows))],
         pictures={"films": films, "curves": curves, "drives": drives, "worst": worst},
         missing=[*missing, *(line for run in runs for line in _missing(run))],
         live=live,
@@ -89,14 +87,10 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     return out / PAGE
 
 
-def _of(task: TaskSpec, groups: Sequence[Group]) -> list[Group]:
-    return [group for group in groups if group[0].config.task == task.name]
-
-
-def _table(task: TaskSpec, groups: Sequence[Group], rows: Sequence[DrivingRow]) -> tuple | None:
+def _table(task: TaskSpec, runs: Sequence[Run], rows: Sequence[DrivingRow]) -> tuple | None:
     """Title, rows of learning and driving, and whether the paper has figures for any."""
-    learning = [learning_row(group) for group in _of(task, groups)]
-    driving = [row for row in rows if row.group[0].config.task == task.name]
+    learning = [learning_row(run) for run in runs if run.config.task == task.name]
+    driving = [row for row in rows if row.run.config.task == task.name]
     papers = [row.paper for row in learning] + [row.paper for row in driving]
     theirs = any(paper != PaperRow() for paper in papers)
     return (task.title, learning, driving, theirs) if learning else None
@@ -116,31 +110,30 @@ def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> li
     return films
 
 
-def _curves(task: TaskSpec, groups: Sequence[Group], out: Path) -> Picture | None:
-    """A row of panels for each group that has an episode, the paper's algorithms first."""
+def _curves(task: TaskSpec, runs: Sequence[Run], out: Path) -> Picture | None:
+    """A row of panels for each run that has an episode, the paper's algorithms first."""
     order = [*task.paper, *NAMES]
-    shown = [group for group in _of(task, groups) if any(run.episodes for run in group)]
-    shown.sort(key=lambda group: order.index(group[0].config.algorithm))
+    shown = [run for run in runs if run.config.task == task.name and run.episodes]
+    shown.sort(key=lambda run: order.index(run.config.algorithm))
     if not shown:
         return None
     path = out / f"curves_{task.name}.png"
-    panels = [(describe(g), [(r.episodes, r.state.evaluations) for r in g]) for g in shown]
-    draw_panels(panels, path)
+    draw_panels([(describe(r), [(r.episodes, r.state.evaluations)]) for r in shown], path)
     return Picture(task.title, CURVES, path)
 
 
 def _drives(rows: Sequence[DrivingRow], out: Path, missing: list[str]) -> list[Picture]:
     pictures: list[Picture] = []
     for row in rows:
-        if not row.tracks:
+        if row.judgement.drives is None:
             continue
         try:
-            road_maps = [load_map(name) for name in row.inputs.maps]
+            road_maps = [load_map(name) for name in row.judgement.result.inputs.maps]
         except MapError as error:
             missing.append(f"drive map of {row.name}: {error}")
             continue
         path = out / f"drives_{len(pictures) + 1}.png"
-        draw_drives(road_maps, row.tracks, path)
+        draw_drives(road_maps, row.judgement.drives.tracks, path)
         pictures.append(Picture(row.name, f"{row.where}. {DRIVES}", path))
     return pictures
 
@@ -148,23 +141,25 @@ def _drives(rows: Sequence[DrivingRow], out: Path, missing: list[str]) -> list[P
 def _worst(rows: Sequence[DrivingRow], out: Path) -> list[Picture]:
     pictures: list[Picture] = []
     for row in rows:
-        worst = [track for track in row.worst if _went_wrong(track, row)][:WORST]
-        if not worst or row.inputs.zero:
+        found, drives = row.judgement.result, row.judgement.drives
+        tracks = drives.worst if drives else []
+        worst = [track for track in tracks if _went_wrong(track, found.inputs.maps)][:WORST]
+        if not worst or found.inputs.zero:
             continue
         path = out / f"worst_{len(pictures) + 1}.png"
-        draw_strips(worst, row.inputs.maps, path)
-        failed = row.episodes - row.successes
-        what = f"{failed} of {row.episodes} episodes failed"
+        draw_strips(worst, found.inputs.maps, path)
+        failed = len(found.failures)
+        what = f"{failed} of {found.episodes} episodes failed"
         what += "; the others shown left their lane for a while." if failed < len(worst) else "."
         seconds = f"The last {STRIP_S:.1f} s before the worst moment, left to right."
         pictures.append(Picture(row.name, f"{row.where}. {what} {seconds}", path))
     return pictures
 
 
-def _went_wrong(track: Track, row: DrivingRow) -> bool:
+def _went_wrong(track: Track, maps: Sequence[str]) -> bool:
     """Whether it failed, or was once out of its lane."""
     try:
-        tile_m = load_map(row.inputs.maps[track.map_index]).tile_size_m
+        tile_m = load_map(maps[track.map_index]).tile_size_m
     except MapError:  # its file is gone
         return True
     return not track.success or track.deviation_m > HALF_LANE_TILES * tile_m

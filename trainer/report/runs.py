@@ -1,9 +1,9 @@
-"""Runs and evaluations, read from run folders; runs that differ in the seed are one group."""
+"""Runs and evaluations, read from run folders."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from robot.errors import ConfigError
@@ -49,9 +49,6 @@ class Run:
         return next((e for e in self.state.evaluations if e.success_rate >= SKILLED), None)
 
 
-Group = tuple[Run, ...]  # that differ in nothing but the seed
-
-
 def find_runs(paths: Iterable[Path]) -> list[Path]:
     """Run folders: the paths themselves, or all that lie anywhere below them.
 
@@ -67,31 +64,28 @@ def find_runs(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def read_run(path: Path, problems: list[str]) -> Run:
-    """One run; what of its evaluations cannot be read is told in ``problems``.
+def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
+    """The runs of `find_runs` by task, algorithm and seed.
+
+    What of their evaluations cannot be read is told in ``problems``.
 
     Raises:
-        ConfigError: the run's own configuration cannot be read.
+        ConfigError: there are none, or a run's own configuration cannot be read.
     """
-    folder = RunFolder(path)
-    state = read_state(folder.checkpoint) if folder.checkpoint.exists() else TrainState()
-    found = (_judgement(file, problems) for file in sorted(path.glob("*.json")))
-    judgements = tuple(each for each in found if each is not None)
-    return Run(folder, folder.load_config(), state, tuple(folder.episodes()), judgements)
+    tasks, runs = list(TASKS), []
+    for path in find_runs(paths):
+        folder = RunFolder(path)
+        state = read_state(folder.checkpoint) if folder.checkpoint.exists() else TrainState()
+        found = (_judgement(file, problems) for file in sorted(path.glob("*.json")))
+        judgements = tuple(each for each in found if each is not None)
+        config, episodes = folder.load_config(), tuple(folder.episodes())
+        runs.append(Run(folder, config, state, episodes, judgements))
 
+    def order(run: Run) -> tuple[int, int, int]:
+        config = run.config
+        return tasks.index(config.task), NAMES.index(config.algorithm), config.seed
 
-def group_runs(runs: Sequence[Run]) -> list[Group]:
-    """By task, then by algorithm; in a group by seed."""
-    tasks = list(TASKS)
-    groups: dict[str, list[Run]] = {}
-    for run in sorted(runs, key=lambda run: run.config.seed):
-        groups.setdefault(repr(replace(run.config, seed=0, seconds=None)), []).append(run)
-
-    def order(group: Group) -> tuple[int, int]:
-        config = group[0].config
-        return tasks.index(config.task), NAMES.index(config.algorithm)
-
-    return sorted(map(tuple, groups.values()), key=order)
+    return sorted(runs, key=order)
 
 
 def _judgement(file: Path, problems: list[str]) -> Judgement | None:

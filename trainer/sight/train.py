@@ -18,7 +18,7 @@ from sim_pybullet.randomise import load_look_sampler
 from trainer.division import division, refuse_judging_look, refuse_judging_maps
 from trainer.export import quantise
 from trainer.relit import relit
-from trainer.resumable import Loop, Stateful, descend, set_rate
+from trainer.resumable import Loop, descend, set_rate
 from trainer.run import take_up
 from trainer.sight.cli import SightRun
 from trainer.sight.network import SightNetwork, calibrate, export_sight
@@ -57,7 +57,7 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     torch.manual_seed(run.seed)
     network = SightNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), _RATE)
-    parts: dict[str, Stateful] = {"network": network, "optimiser": optimiser}
+    parts = {"network": network, "optimiser": optimiser}
     loop = Loop(out / "checkpoint.pt", parts, run.steps, run.seed)
     loop.run(lesson(network, optimiser, training, run), "sight", console)
     network.eval()

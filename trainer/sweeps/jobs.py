@@ -77,10 +77,9 @@ def ended(folder: RunFolder, config: RunConfig) -> str:
         return ""
     metrics = read_json(folder.metrics)
     try:
-        by, steps = metrics["stopped_by"], metrics["train_steps"]
+        by, steps, seconds = (metrics[k] for k in ("stopped_by", "train_steps", "train_seconds"))
         more = by == "steps" and steps < config.steps
-        if by == "seconds":
-            more = config.seconds is None or metrics["train_seconds"] < config.seconds
+        more |= by == "seconds" and (config.seconds is None or seconds < config.seconds)
         return "" if more else f"{steps} steps, stopped by {by}"
     except (KeyError, TypeError) as error:
         raise ConfigError(
@@ -119,12 +118,6 @@ class EvaluateJob:
         from trainer.judging.judge import judge
 
         return judge(self.json, self.options, self.drives, console)
-
-
-def train_jobs(out: Path, options: TrainOptions, many: SweepOptions) -> list[TrainJob]:
-    """A training in a folder of ``out`` for each combination; ConfigError as of `combinations`."""
-    found = combinations(options, many)
-    return [TrainJob(out / name, each, resume=True) for name, each in found]
 
 
 def evaluate_jobs(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent import futures
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
@@ -17,11 +17,14 @@ from rich.progress import MofNCompleteColumn, Progress
 from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.typed_config import from_plain, read_yaml, to_plain
-from trainer.sweeps.workers import Job, LocalWorkers, RayWorkers, Workers, last_words
+from trainer.sweeps.workers import LocalWorkers, RayWorkers, last_words
 
 T = TypeVar("T")
 STOPPING_S = 60.0  # for runs to write their checkpoints
 _COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
+
+if TYPE_CHECKING:
+    from trainer.sweeps.workers import Job
 
 
 @dataclass(frozen=True)
@@ -90,9 +93,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     asked = {workers.submit(job): job for job in waiting}
     failures: list[str] = []
     try:
-        with Progress(
-            *Progress.get_default_columns(), MofNCompleteColumn(), console=console
-        ) as bar:
+        with Progress(*_COLUMNS, console=console) as bar:
             for done in bar.track(futures.as_completed(asked), len(asked), description="jobs"):
                 status, said = last_words(asked[done], done)
                 if status == 0:
@@ -113,7 +114,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     return 1 if failures else 0
 
 
-def _workers(many: WorkerOptions) -> Workers:
+def _workers(many: WorkerOptions) -> LocalWorkers | RayWorkers:
     if many.ray is not None:
         return RayWorkers(many.ray)
     count = len(os.sched_getaffinity(0)) if many.workers is None else many.workers

@@ -13,7 +13,7 @@ import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.console import Console
 
@@ -21,44 +21,14 @@ from robot.command_line import one_line
 from robot.errors import ConfigError, DuckpilotError
 from trainer.one_thread import ONE_THREAD, one_thread_each
 
+if TYPE_CHECKING:
+    from trainer.sweeps.jobs import EvaluateJob, TrainJob
+
+    Job: TypeAlias = TrainJob | EvaluateJob
+
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 ANSWER_S = 15.0  # that a cluster may take to answer
 _TRY = "import sys, ray; ray.init(sys.argv[1], log_to_driver=False, logging_level='ERROR')"
-
-
-class Job(Protocol):
-    """One training or evaluation; goes to another process as it is, and may be begun again."""
-
-    @property
-    def title(self) -> str:
-        """What people call it."""
-
-    @property
-    def log(self) -> Path:
-        """Where another process writes what this one would print."""
-
-    def finished(self) -> bool:
-        """Whether its results lie there already.
-
-        Raises:
-            DuckpilotError: it cannot be done, or results of something else lie there.
-        """
-
-    def run(self, console: Console) -> int:
-        """Do it; the exit status."""
-
-
-class Workers(Protocol):
-    """Who does jobs."""
-
-    def submit(self, job: Job) -> Future[int]:
-        """Do a job when there is room; its exit status, below 0 where a signal killed it."""
-
-    def stop(self) -> None:
-        """Ask all to stop with a checkpoint, and begin none of the rest."""
-
-    def close(self) -> None:
-        """Let go of the processes."""
 
 
 class LocalWorkers:
@@ -70,17 +40,17 @@ class LocalWorkers:
         self._running: set[BaseProcess] = set()
 
     def submit(self, job: Job) -> Future[int]:
-        """See `Workers`."""
+        """Do a job when there is room; its exit status, below 0 where a signal killed it."""
         return self._threads.submit(self._do, job)
 
     def stop(self) -> None:
-        """See `Workers`."""
+        """Ask all to stop with a checkpoint, and begin none of the rest."""
         self._threads.shutdown(wait=False, cancel_futures=True)
         for process in list(self._running):
             process.terminate()
 
     def close(self) -> None:
-        """See `Workers`; one that has not stopped yet is killed."""
+        """Let go of the processes; one that has not stopped yet is killed."""
         self._threads.shutdown(wait=False, cancel_futures=True)
         for process in list(self._running):
             process.kill()
@@ -110,18 +80,18 @@ class RayWorkers:
         self._references: list[Any] = []
 
     def submit(self, job: Job) -> Future[int]:
-        """See `Workers`."""
+        """As of `LocalWorkers`."""
         self._references.append(self._perform.remote(job, os.getcwd()))
         status: Future[int] = self._references[-1].future()
         return status
 
     def stop(self) -> None:
-        """See `Workers`."""
+        """As of `LocalWorkers`."""
         for reference in self._references:
             self._ray.cancel(reference)
 
     def close(self) -> None:
-        """See `Workers`; the cluster goes on."""
+        """Let go of the cluster, which goes on."""
         self._ray.shutdown()
 
 

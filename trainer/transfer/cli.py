@@ -129,9 +129,9 @@ def translate_judge_command(
     if json is not None:
         write_json(json, found)
     _say(
-        f"{model}: lanes kept {found.lanes_kept:.3f} (at least {LANE_OVERLAP} is due), "
-        f"KID {found.kid_before:.3f} -> {found.kid_after:.3f} "
-        f"(photographs apart {found.kid_apart:.3f})"
+        f"{model}: lanes kept {found['lanes_kept']:.3f} (at least {LANE_OVERLAP} is due), "
+        f"KID {found['kid_before']:.3f} -> {found['kid_after']:.3f} "
+        f"(photographs apart {found['kid_apart']:.3f})"
     )
     return 0
 

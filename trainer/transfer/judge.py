@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,21 +73,10 @@ class Judge:
         return kernel_distance(self._real[::2], self._real[1::2])
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """``--json`` of ``translate judge``."""
+def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path]) -> dict[str, Any]:
+    """``--json`` of ``translate judge``: distances to photographs, and the lines kept.
 
-    translator: str
-    pictures: int  # simulated, none of them trained with if the folders are others
-    photographs: int
-    kid_before: float  # simulated pictures from photographs
-    kid_after: float  # translations from photographs
-    kid_apart: float  # photographs from each other
-    lanes_kept: float  # overlap of the lines found in input and translation; LANE_OVERLAP is due
-
-
-def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path]) -> Judgement:
-    """Measure a translator sim-to-real by collections from the simulator and photographs.
+    ``sim`` are collections from the simulator, best none that it was trained with.
 
     Raises:
         ConfigError: a folder is absent, empty or without labels.
@@ -96,7 +84,12 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
     simulated, photographs = (load_pictures(paths, translator.image) for paths in (sim, real))
     asked = Judge(simulated, load_paint(simulated, translator.image), photographs.images)
     before, after = asked.score(lambda pictures: pictures), asked.score(translator)
-    counts = len(simulated.images), len(photographs.images)
-    return Judgement(
-        str(translator.path), *counts, before.kid, after.kid, asked.apart(), after.lanes
-    )
+    return {
+        "translator": str(translator.path),
+        "pictures": len(simulated.images),
+        "photographs": len(photographs.images),
+        "kid_before": before.kid,
+        "kid_after": after.kid,
+        "kid_apart": asked.apart(),  # photographs from each other
+        "lanes_kept": after.lanes,  # in the collection where it is least; LANE_OVERLAP is due
+    }

@@ -73,9 +73,6 @@ class ThroughOptions:
     """Of the policies whose pictures these are."""
     labels: str = "road"
     """road, or track for race tracks: kerbs, grass, walls and sky are told apart."""
-    virtual_labels: str = "true"
-    """true (the simulator's own, as paper B) or parser (what the photographs' parser sees in the
-    simulator: of the kind that the second network learns from)."""
 
     def __post_init__(self) -> None:
         _known("net", self.net, NETS)
@@ -85,8 +82,6 @@ class ThroughOptions:
                 f"{self.parser or 'none'} for {self.real}"
             )
         _known("labels", self.labels, ("road",) if self.parser else ("road", "track"))
-        known = ("true", "parser") if self.parser else ("true",)
-        _known("virtual_labels", self.virtual_labels, known)
 
 
 def is_collection(folder: Path) -> bool:

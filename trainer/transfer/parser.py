@@ -20,12 +20,12 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.translator import PARSING, TranslatorContract
 from robot.typed_config import from_plain, to_plain
+from trainer.export import export_translator
 from trainer.relit import relit
 from trainer.resumable import fit
 from trainer.run import atomically
 from trainer.torch_file import load_torch, reading
 from trainer.transfer.classes import VOID, label_set
-from trainer.transfer.export import export_translator
 from trainer.transfer.labelled import Labelled
 from trainer.transfer.metrics import through
 from trainer.transfer.networks import painted

@@ -12,7 +12,7 @@ from torch import nn
 from torch.nn import functional
 
 from robot.contract import ImageSpec
-from trainer.resumable import Loop, Stateful, descend, set_rate
+from trainer.resumable import Loop, descend, set_rate
 from trainer.transfer.networks import as_floats, patch_critic, pix2pix_unet, resized
 
 
@@ -38,13 +38,11 @@ PIX2PIX = {"paper": PAPER, "small": SMALL}
 def fitted(config: Pix2PixConfig, image: ImageSpec) -> Pix2PixConfig:
     """The small networks at the pictures' own size, where they can be halved so often.
 
-    Enlarging 40 rows to 48 blurs edges and leaves stripes. The paper's size stays the paper's.
+    Enlarging 40 rows to 48 blurs edges and leaves stripes.
     """
-    height, width, _ = image.shape
-    divisible = height % 2**config.halvings == width % 2**config.halvings == 0
-    if config is PAPER or not divisible:
-        return config
-    return replace(config, size=(height, width))
+    size, cells = image.shape[:2], 2**config.halvings
+    kept = config is PAPER or size[0] % cells or size[1] % cells
+    return config if kept else replace(config, size=size)
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class Pairs:
 
 
 class Pix2Pix:
-    """Generator, critic and their optimisers: one step at a time."""
+    """Generator, critic and their optimisers."""
 
     def __init__(self, config: Pix2PixConfig, seed: int) -> None:
         torch.manual_seed(seed)
@@ -106,7 +104,7 @@ def teach_pairs(
     al. 2017: the last updates would else leave their own texture on even surfaces.
     """
     names = ("generator", "critic", "of_generator", "of_critic")
-    parts: dict[str, Stateful] = {name: getattr(model, name) for name in names}
+    parts = {name: getattr(model, name) for name in names}
     optimisers = (model.of_generator, model.of_critic)
 
     def step(rng: np.random.Generator, k: int) -> str:

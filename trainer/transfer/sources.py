@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from robot.errors import ConfigError
-from trainer.sequences import ends
 from trainer.transfer.annotations import load_annotated, load_annotations
 from trainer.transfer.classes import ROAD, LabelSet
 from trainer.transfer.labelled import Labelled, load_pairs
 from trainer.transfer.options import Sources
 
-HELD_OUT_SHARE = 0.25  # of each sequence: its end, see `trainer.sequences`
+HELD_OUT_SHARE = 0.25  # of each sequence: its end, see `ends`
 
 
 class Split(NamedTuple):
@@ -47,3 +47,20 @@ def load_sources(sources: Sources, labels: LabelSet, size: tuple[int, int]) -> l
     if not splits:
         raise ConfigError("parse: expected --pairs or --annotations with --photos, got none")
     return splits
+
+
+def ends(names: Sequence[str], share: float, fewest: int = 0) -> np.ndarray:
+    """(N,) bool: what is held out, the last ``share`` of every sequence, for neighbours look alike.
+
+    A sequence is what shares the name before the last underscore; names sort by time. At least
+    ``fewest`` are held out of each, where that is not more than half of it.
+    """
+    chosen = np.zeros(len(names), bool)
+    sequences: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        sequences.setdefault(name.rpartition("_")[0], []).append(i)
+    for members in sequences.values():
+        members.sort(key=lambda i: names[i])
+        count = max(round(share * len(members)), min(fewest, len(members) // 2))
+        chosen[members[len(members) - count :]] = True
+    return chosen

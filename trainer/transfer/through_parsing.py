@@ -23,9 +23,9 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import DIRECTIONS, TranslatorContract
+from trainer.export import export_translator
 from trainer.presets import preset
 from trainer.transfer.classes import ROAD, LabelSet, label_set
-from trainer.transfer.export import export_translator
 from trainer.transfer.labelled import load_pairs
 from trainer.transfer.metrics import through
 from trainer.transfer.networks import as_bytes, as_floats, painted
@@ -46,8 +46,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     """
     image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
     parser = _road_parser(Path(run.parser)) if run.parser else None
-    sees = parser if run.virtual_labels == "parser" else None
-    virtual = _virtual(run.sim, image, labels, sees)
+    virtual = _virtual(run.sim, image, labels)
     if parser is not None:
         real = _real(Path(run.real), parser, image)
     else:
@@ -77,19 +76,19 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     return path
 
 
-def _virtual(
-    collection: str, image: ImageSpec, labels: LabelSet, parser: Parser | None = None
-) -> Pairs:
-    """A simulator's frames and their labels painted, or what a parser sees in place of these."""
+def _virtual(collection: str, image: ImageSpec, labels: LabelSet) -> Pairs:
+    """A simulator's frames and their labels painted."""
     data = load_pairs(Path(collection), labels, FRAME)
-    classes = labels.paint(data.truth) if parser is None else _seen(data.frames, parser)
-    return Pairs(preprocess_batch(data.frames, image), _small(classes, labels, image))
+    classes = _small(labels.paint(data.truth), labels, image)
+    return Pairs(preprocess_batch(data.frames, image), classes)
 
 
 def _real(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
     """What a parser sees in photographs, painted, and the photographs."""
     frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
-    return Pairs(_small(_seen(frames, parser), ROAD, image), preprocess_batch(frames, image))
+    seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
+    whole = [cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen]
+    return Pairs(_small(np.stack(whole), ROAD, image), preprocess_batch(frames, image))
 
 
 def _road_parser(path: Path) -> Parser:
@@ -97,12 +96,6 @@ def _road_parser(path: Path) -> Parser:
     if parser.labels is not ROAD:
         raise ConfigError(f"{path}: expected a parser of labels road, got {parser.labels.name!r}")
     return parser
-
-
-def _seen(frames: np.ndarray, parser: Parser) -> np.ndarray:
-    """What a parser sees in frames (N, 120, 160, 3), painted, as large as they are."""
-    seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
-    return np.stack([cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen])
 
 
 def _small(classes: np.ndarray, labels: LabelSet, image: ImageSpec) -> np.ndarray:

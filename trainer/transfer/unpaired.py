@@ -17,14 +17,14 @@ from rich.console import Console
 from torch import nn
 
 from robot.inference.translator import DIRECTIONS, TranslatorContract
-from trainer.resumable import Loop, Stateful
-from trainer.sequences import ends
+from trainer.export import export_translator
+from trainer.resumable import Loop
 from trainer.transfer.cyclegan import Batch, CycleGan, TranslationConfig
-from trainer.transfer.export import export_translator
 from trainer.transfer.judge import FEWEST, Judge, Score
 from trainer.transfer.metrics import through
 from trainer.transfer.networks import PictureTranslator, as_floats
 from trainer.transfer.pictures import SHEET_ROWS, Pictures, draw_sheet, load_paint, load_pictures
+from trainer.transfer.sources import ends
 
 JUDGE_EVERY = 125
 HELD_OUT_EVERY = 8  # one picture of so many is not learned from
@@ -109,7 +109,7 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
             best.offer(pictures.judge.score(lambda some: through(kept, some, device)), model)
         return f"cycle {losses['cycle']:.2f}, structure {losses['structure']:.2f}"
 
-    parts: dict[str, Stateful] = {"model": model, "best": best}
+    parts = {"model": model, "best": best}
     Loop(out / "checkpoint.pt", parts, config.steps, config.seed).run(step, "CycleGAN", console)
     generators = [PictureTranslator(each) for each in best.generators(model)]
     for direction, generator in zip(DIRECTIONS, generators, strict=True):
@@ -134,7 +134,7 @@ def held_out(sim: Pictures) -> np.ndarray:
 
 
 def held_out_photographs(real: Pictures) -> np.ndarray:
-    """(N,) bool: the end of every drive of every folder, see `trainer.sequences`.
+    """(N,) bool: the end of every drive of every folder, see `ends`.
 
     Neighbours in a drive look alike, so photographs here and there would not be strangers.
     """

@@ -19,7 +19,7 @@ from trainer.experiments.figure5 import (
     on_common_steps,
     trainings,
 )
-from trainer.experiments.student import half_interval
+from trainer.report.curves import half_interval
 
 OPTIONS = Figure5Options(seeds=2)
 TRANSLATOR = Path("translator.onnx")

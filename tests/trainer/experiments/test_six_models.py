@@ -18,8 +18,8 @@ from trainer.experiments.six_models import (
     trainings,
     trials,
 )
-from trainer.experiments.student import half_interval
 from trainer.judging.judge import inputs
+from trainer.report.curves import half_interval
 
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
 

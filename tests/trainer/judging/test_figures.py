@@ -9,7 +9,6 @@ import pytest
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import Course
-from trainer.judging import endurance
 from trainer.judging.drive_log import Tracer, _end, _Ride
 from trainer.judging.evaluate import Drive, Inputs, summarise, wilson_low
 
@@ -69,18 +68,6 @@ def step_of(
     task = TaskStep(np.zeros((2, count)), np.zeros((1, count)), ended, ended, np.array(success))
     poses = np.zeros((count, 3))
     return SimpleNamespace(task=task, course=course, collided=np.array(collided), poses=poses)
-
-
-def test_endurance_counts_until_a_robot_leaves_its_lane() -> None:
-    record = endurance._Record(2)
-    record.add(step_of([0.02, -0.04], [False, False], [0.03, 0.02]))
-    record.add(step_of([0.01, -0.20], [False, True], [0.06, 0.04]))
-    record.add(step_of([-0.03, 0.00], [False, False], [0.09, 0.99]))  # its next episode
-    assert record.staying.tolist() == [True, False]
-    assert record.decisions.tolist() == [3, 1]
-    assert record.travelled_m.tolist() == [0.09, 0.02]
-    np.testing.assert_allclose(record.offset_m, [0.06, 0.04])
-    assert record.largest_m == 0.04
 
 
 @pytest.mark.parametrize(

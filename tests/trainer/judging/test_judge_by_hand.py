@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robot.contract import CONTROL_DT_S, ImageSpec
+from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import Observation
 from sim_pybullet.drive_metrics import DriveMetrics
-from trainer.judging import endurance, evaluate
+from trainer.judging import evaluate
 from trainer.judging import judge as module
 from trainer.judging.drive_log import DriveLog, Track, drives_beside
 from trainer.judging.evaluate import Drive, Evaluation, Inputs, OnMap, _choose, _own_speeds
@@ -215,66 +215,6 @@ def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
     assert [robots for robots, _ in made] == [20, 3]
     assert {told["seed"] for _, told in made} == {1_000_000_007}
     assert [drive.lane for drive in heard[:2]] == ["outer", "inner"], "8 and 7 take turns"
-
-
-@pytest.mark.parametrize(("robots", "maps", "worlds"), [(7, 1, 7), (7, 3, 2), (1, 3, 1)])
-def test_who_endures_drives_in_as_many_worlds_as_there_are_robots(
-    monkeypatch: pytest.MonkeyPatch, robots: int, maps: int, worlds: int
-) -> None:
-    made: dict[str, Any] = {}
-
-    class Ended(Exception):  # noqa: N818
-        pass
-
-    def world(*_: Any, **told: Any) -> Any:
-        made.update(told)
-        raise Ended
-
-    monkeypatch.setattr(endurance, "BatchWorld", world)
-    rings = [load_map("loop")] * maps
-    with pytest.raises(Ended):
-        endurance.endure(None, rings, [], 1.0, robots, 5, lambda: None)  # type: ignore[arg-type]
-    assert made == {"seed": 5, "pool_size": worlds}
-
-
-class Steady:
-    """A world in which nobody leaves a lane; each decision leads 3 cm on, and 1 cm aside."""
-
-    def __init__(self, task: Any, *_: Any, **__: Any) -> None:
-        self.n, self.count, self.closed = task.n_robots, 0, False
-
-    def reset(self) -> Any:
-        return SimpleNamespace(image=np.zeros((self.n, 120, 160, 3), np.uint8))
-
-    def step(self, _: np.ndarray) -> Any:
-        self.count += 1
-        alike = np.ones(self.n)
-        course = SimpleNamespace(offset_m=-0.01 * alike, travelled_m=0.03 * self.count * alike)
-        task = SimpleNamespace(terminated=np.zeros(self.n, dtype=bool))
-        return SimpleNamespace(observation=self.reset(), course=course, task=task)
-
-    def close(self) -> None:
-        self.closed = True
-
-
-def test_who_stays_drives_for_all_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(endurance, "BatchWorld", Steady)
-    contract = SimpleNamespace(image=ImageSpec(80, 60, 20), algorithm="a", run="r")
-    policy: Any = SimpleNamespace(
-        contract=contract, act=lambda pictures, _: np.zeros(len(pictures))
-    )
-    ticks: list[None] = []
-    found = endurance.endure(
-        policy, [load_map("loop")], [], 0.01, 2, 5, lambda: ticks.append(None), "inner"
-    )
-    assert len(ticks) == 360 == round(36.0 / CONTROL_DT_S)
-    assert (found.robots, found.stayed, found.hours, found.shortest_h) == (2, 2, 0.01, 0.01)
-    assert found.driven_lane_m == pytest.approx(360 * 0.03)
-    assert (found.mean_path_distance_m, found.largest_path_distance_m) == pytest.approx(
-        (0.01, 0.01)
-    )
-    assert (found.seed, found.lane, found.algorithm, found.run) == (5, "inner", "a", "r")
-    assert found.schema == 1
 
 
 def test_a_log_keeps_the_strips_of_the_ten_worst() -> None:

@@ -17,8 +17,8 @@ from trainer.judging.drive_log import DONE, DriveLog
 from trainer.judging.evaluate import Evaluation, Inputs
 from trainer.presets import preset
 from trainer.report.page import write_report
-from trainer.report.runs import Group, Run, find_runs, group_runs, read_run
-from trainer.report.tables import driving_rows, learning_row
+from trainer.report.runs import Run, find_runs, read_runs
+from trainer.report.tables import DrivingRow, driving_row, learning_row
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState
 
@@ -121,41 +121,39 @@ def test_an_ablation_has_its_row_but_nothing_of_the_papers(tmp_path: Path) -> No
     folder = make_run(tmp_path / "a", "dueling", task="navigation")
     judge(folder)
     judge(folder, failures=(8, 9), zero="image")
-    rows = {row.inputs.zero: row for row in driving_rows(groups(tmp_path))}
+    rows = {row.judgement.result.inputs.zero: row for row in driving(tmp_path)}
     assert rows[None].paper.driving == "96.4 % of 1000"
     assert rows["image"].paper.driving == "–"
     assert rows["image"].where == "arena · nominal · true pose · image zeroed"
 
 
-def test_seeds_come_together_and_nothing_else_does(tmp_path: Path) -> None:
-    for seed, failures in ((0, ()), (1, (7, 8, 9, 10))):
-        judge(make_run(tmp_path / f"ppo{seed}", "ppo", seed), failures)
-    make_run(tmp_path / "ddqn", "ddqn")
-    found = groups(tmp_path)
-    kinds = [(g[0].config.algorithm, [run.config.seed for run in g]) for g in found]
-    assert kinds == [("ddqn", [0]), ("ppo", [0, 1])]
-    (row,) = driving_rows(found)
-    assert (row.successes, row.episodes) == (36, 40)
-    assert row.by_run == "100.0 %, 80.0 %"
+def test_each_run_has_a_row_by_algorithm_and_seed(tmp_path: Path) -> None:
+    for seed, failures in ((1, (7, 8, 9, 10)), (0, ())):
+        judge(make_run(tmp_path / f"a{1 - seed}", "ppo", seed), failures)
+    make_run(tmp_path / "z", "ddqn")
+    found = [(run.config.algorithm, run.config.seed) for run in read_runs([tmp_path], [])]
+    assert found == [("ddqn", 0), ("ppo", 0), ("ppo", 1)]
+    shares = [(row.name[-6:], row.share) for row in driving(tmp_path)]
+    assert shares == [("seed 0", "100.0 %"), ("seed 1", "80.0 %")]
 
 
-def test_learned_is_the_first_good_evaluation(tmp_path: Path) -> None:
-    config = preset("lane", "ppo", "debug")
-    runs = []
-    for seed, shares in enumerate(((0.5, 1.0, 0.0), (1.0,), (0.9,))):
-        state = TrainState(evaluations=[
-            Evaluated(100 * (k + 1), 10.0 * (k + 1), share, 1.0, 1.0)
-            for k, share in enumerate(shares)
-        ])  # fmt: skip
-        folder = RunFolder(tmp_path / str(seed))
-        runs.append(Run(folder, replace(config, seed=seed), state, (episode(300),), ()))
-    row = learning_row(group_runs(runs)[0])
-    assert row.learned == "2 of 3"
-    assert row.steps == "150 (100 to 200)"
-    assert row.seconds == "15 (10 to 20)"
-    assert row.cpu_seconds == "–"
-    assert row.used == "300 (300 to 300)"
-    assert row.best == "100 %, 100 %, 90 %"
+@pytest.mark.parametrize(
+    ("shares", "told"),
+    [
+        ((0.5, 1.0, 0.0), ("200", "20", "–", "300", "100 %")),
+        ((0.9,), ("–", "–", "–", "300", "90 %")),
+        ((), ("–", "–", "–", "300", "–")),
+    ],
+)
+def test_learned_is_the_first_good_evaluation(
+    tmp_path: Path, shares: tuple[float, ...], told: tuple[str, ...]
+) -> None:
+    evaluations = [
+        Evaluated(100 * (k + 1), 10.0 * (k + 1), share, 1.0, 1.0) for k, share in enumerate(shares)
+    ]
+    config, state = preset("lane", "ppo", "debug"), TrainState(evaluations=evaluations)
+    run = Run(RunFolder(tmp_path), config, state, (episode(300),), ())
+    assert learning_row(run)[2:] == told
 
 
 def test_a_broken_evaluation_is_told_and_the_rest_still_shown(tmp_path: Path) -> None:
@@ -182,8 +180,8 @@ def test_a_folder_without_runs_is_refused(
     assert capsys.readouterr().err.count("\n") == 2
 
 
-def groups(path: Path) -> list[Group]:
+def driving(path: Path) -> list[DrivingRow]:
     problems: list[str] = []
-    found = group_runs([read_run(folder, problems) for folder in find_runs([path])])
+    runs = read_runs([path], problems)
     assert not problems
-    return found
+    return [driving_row(run, judgement) for run in runs for judgement in run.judgements]

@@ -10,7 +10,7 @@ from trainer.cli import main
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.presets import preset
 from trainer.run import RunFolder, write_json
-from trainer.sweeps.jobs import evaluate_jobs, train_jobs
+from trainer.sweeps.jobs import TrainJob, evaluate_jobs
 from trainer.sweeps.sweep import SweepOptions, combinations, run_sweep
 
 
@@ -20,6 +20,10 @@ class Dish:
     sauce: str = "none"
     sides: tuple[str, ...] = ()
     too_hot: bool = False
+
+
+def train_jobs(out: Path, options: TrainOptions, many: SweepOptions) -> list[TrainJob]:
+    return [TrainJob(out / name, each, resume=True) for name, each in combinations(options, many)]
 
 
 def matrix(path: Path, text: str) -> SweepOptions:

@@ -14,15 +14,15 @@ import torch
 from robot.contract import ImageSpec
 from robot.errors import ConfigError, ContractError
 from robot.navigation.road_map import load_map, read_map
-from trainer.sequences import ends
+from trainer.export import check_translator
 from trainer.transfer import collect, parser, unpaired
 from trainer.transfer.annotations import Photograph, Shape, draw
 from trainer.transfer.classes import ROAD, VOID
-from trainer.transfer.export import _check_equal
 from trainer.transfer.labelled import Labelled
 from trainer.transfer.options import ParseOptions, Sources, ThroughOptions
 from trainer.transfer.parser import Parser, class_weights, draw_batch
 from trainer.transfer.pictures import Pictures, draw_sheet, load_paint, pictures_in, spread
+from trainer.transfer.sources import ends
 from trainer.transfer.unpaired import _shifted, onnx_file
 
 
@@ -248,10 +248,10 @@ def test_an_export_may_differ_by_one_level() -> None:
         exported: Any = lambda given, off=off: given + np.int64(off)  # noqa: E731
         exported = _Named(exported)
         if abs(off) <= 1:
-            _check_equal(network, exported, pictures)  # type: ignore[arg-type]
+            check_translator(network, exported, pictures)  # type: ignore[arg-type]
         else:
             with pytest.raises(ContractError, match="within 1 grey level, they differ by 2"):
-                _check_equal(network, exported, pictures)  # type: ignore[arg-type]
+                check_translator(network, exported, pictures)  # type: ignore[arg-type]
 
 
 class _Named:
@@ -272,7 +272,7 @@ def test_what_may_be_asked_of_trainings() -> None:
     through = ThroughOptions("s", "r", "p.pt")
     told = (through.preset, through.net, through.steps, through.seed, through.task)
     assert told == ("fast", "small", 2000, 0, "lane")
-    assert (through.labels, through.virtual_labels) == ("road", "true")
+    assert through.labels == "road"
 
 
 def test_names_of_translators() -> None:

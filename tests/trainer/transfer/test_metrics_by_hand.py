@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from trainer.transfer.classes import CAMVID, ROAD, TRACK
+from trainer.transfer.cyclegan import structure
 from trainer.transfer.metrics import (
     bright_lines,
     features,
@@ -16,7 +17,6 @@ from trainer.transfer.metrics import (
     overlap,
 )
 from trainer.transfer.scores import score_classes
-from trainer.transfer.structure import structure
 
 
 def draws(count: int, width: int, seed: int, scale: float = 1.0, shift: float = 0.0) -> np.ndarray:

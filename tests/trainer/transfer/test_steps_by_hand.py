@@ -16,10 +16,10 @@ from trainer.transfer.cyclegan import (
     ImagePool,
     TranslationConfig,
     adversarial,
+    structure,
     translation_preset,
 )
 from trainer.transfer.pix2pix import Pairs, Pix2Pix, Pix2PixConfig, fitted
-from trainer.transfer.structure import structure
 
 CPU = torch.device("cpu")
 SMALL = Pix2PixConfig((16, 32), 4, 2, 1, batch=2, learning_rate=1e-3)

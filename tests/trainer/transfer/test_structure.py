@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from trainer.transfer.structure import structure
+from trainer.transfer.cyclegan import structure
 
 
 def scene() -> tuple[torch.Tensor, torch.Tensor]:

@@ -125,18 +125,13 @@ def write_inputs(folder: Path, size: tuple[int, int]) -> list[str]:
     return [text for flag, name in names.items() for text in (flag, str(folder / name))]
 
 
-@pytest.mark.parametrize(
-    ("size", "virtual_labels"),
-    [((60, 80), "true"), ((90, 120), "parser")],
-    ids=["the policy's", "larger"],
-)
+@pytest.mark.parametrize("size", [(60, 80), (90, 120)], ids=["the policy's", "larger"])
 def test_the_command_leaves_a_translator(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int], virtual_labels: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int]
 ) -> None:
     image = preset("lane", "dueling", "fast").image
     inputs, out = write_inputs(tmp_path, size), tmp_path / "run"
     command = ["parse", "translate", "--out", str(out), *inputs, "--steps", "1"]
-    command += ["--virtual-labels", virtual_labels]
     assert main(command) == 0
     translator = OnnxTranslator(out / "sim_to_real.onnx")
     assert (translator.contract.method, translator.image) == ("pix2pix", image)
@@ -155,5 +150,3 @@ def test_an_unknown_net_is_refused() -> None:
     assert set(PIX2PIX) == set(SEGNETS) == set(NETS)
     with pytest.raises(ConfigError, match="valid: road"):
         ThroughOptions("a", "b", "c", "fast", "small", 1, 0, labels="track")
-    with pytest.raises(ConfigError, match="did you mean 'parser'"):
-        ThroughOptions("a", "b", "c", "fast", "small", 1, 0, virtual_labels="parse")
