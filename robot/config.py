@@ -12,6 +12,7 @@ from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 from robot.safety.gates import SafetyLimits
+from robot.safety.governors import Rules
 
 CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.streams.csi_command` sets
 CAMERAS = ("csi", "v4l2", "socket")
@@ -89,6 +90,7 @@ class RobotConfig:
     camera: CameraConfig = CameraConfig()
     hat: HatConfig = field(default_factory=HatConfig)
     safety: SafetyLimits = field(default_factory=SafetyLimits)
+    rules: Rules = field(default_factory=Rules)  # of the road; for a robot with a map
     recording: Optional[RecordingConfig] = None  # of every drive, in MCAP; without: none
     link: Optional[LinkConfig] = None  # to localizer and monitor; without: the terminal alone
 
@@ -107,6 +109,10 @@ class RobotConfig:
             raise ConfigError(
                 "map: expected a link as well, to be told poses and destinations; "
                 "add a link section, or leave the map out to keep a lane"
+            )
+        if self.rules.stop_lines and not self.map:
+            raise ConfigError(
+                "rules.stop_lines: expected a map as well, to know lines by; add map, or leave it"
             )
         if self.sight and not self.map:
             raise ConfigError(

@@ -51,6 +51,8 @@ class Guidance(NamedTuple):
     pose: Optional[Pose] = None
     pose_age_s: float = float("inf")  # of the newest overhead pose
     pose_within: Optional[Tuple[float, float]] = None  # see `robot.safety.gates.Inputs`
+    line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
+    driven_m: float = 0.0  # by the wheels' steps, since anywhere
     arrived: bool = False
     off_path: bool = False
     off_map: bool = False

@@ -12,7 +12,7 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from robot.geometry import bezier_points, bezier_tangents, wrap_angle
+from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.lanes import Lane, LaneIndex, border_point
 from robot.navigation.road_map import RoadMap
 from robot.navigation.tiles import Tile
@@ -24,6 +24,7 @@ AHEAD_M = 0.3  # over which the curvature ahead is meant
 LANE_TILES = 0.2  # from the middle of the road to that of a lane
 _REACH_M = 1.2  # that a lane is followed
 _POINTS = 33  # of a lane
+_LEAVING_RAD = 0.3  # in a junction: who is turned farther does not go straight on
 _AROUND_M = 0.04  # a place, to tell how the lane bends there
 _SIDES = "ENWS"  # by quarter turns from east
 _WAYS = {"ALR": "cross", "AL": "left", "AR": "right", "LR": "tee"}
@@ -86,6 +87,13 @@ class LaneView:
             chain.kind,
             False,
         )
+
+    def line_ahead_m(self, pose: Pose) -> float:
+        """From the axle to the red line that a robot at a pose comes to; infinite where none is."""
+        road = self.at(*pose)
+        if road is None or (road.in_junction and abs(road.heading_rad) > _LEAVING_RAD):
+            return math.inf
+        return road.line_m
 
     def _crossing(self, tile: Tile, x_m: float, y_m: float, heading_rad: float) -> RoadAhead:
         size_m = self._map.tile_size_m

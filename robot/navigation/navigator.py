@@ -27,9 +27,10 @@ from robot.navigation.lane_view import LaneView
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
-from robot.navigation.sight_fix import SightFix
+from robot.navigation.sight_fix import LINE, ROAD, SightFix
 from robot.navigation.way_check import WayCheck
 from robot.parts import Guidance, Tick
+from robot.safety.governors import NOSE_M
 from robot.safety.state_machine import State
 from robot.vision.sight import OnnxSight
 
@@ -44,6 +45,7 @@ DETOURS = 3  # in one mission; then something is wrong with the robot
 MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
 USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
 BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
+MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
 
@@ -63,6 +65,7 @@ class MissionNavigator:
         odometry: step odometry, from anywhere.
         robot: its name among them.
         glimpse: what sees, and the newest frame; without it overhead poses alone tell the place.
+        lines: whether red lines are to be told.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class MissionNavigator:
         odometry: Callable[[], Pose],
         robot: str,
         glimpse: Optional[Glimpse] = None,
+        lines: bool = False,
     ) -> None:
         east, north = road_map.width_m + MAP_MARGIN_M, road_map.height_m + MAP_MARGIN_M
         self.status: Optional[MissionStatus] = None
@@ -84,10 +88,13 @@ class MissionNavigator:
         self._gate = PoseGate(robot, (-MAP_MARGIN_M, -MAP_MARGIN_M, east, north))
         self._fusion = PoseFusion(config=FusionConfig(sight=glimpse is not None))
         self._way, self._glimpse = WayCheck(), glimpse
-        self._fix = SightFix(self._fusion, [LaneView(road_map)] if glimpse is not None else [])
+        self._views = [LaneView(road_map)] if glimpse is not None or lines else []
+        self._fix = SightFix(self._fusion, self._views)
+        self._lines = lines
         self._seen: Optional[int] = None  # number of the newest frame that was looked at
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
-        self._odometer = odometry()
+        self._odometer, self._driven_m = odometry(), 0.0
+        self._line_seen_m = math.nan  # where sight saw a red line: `driven_m` with the axle there
         self._jumps = 0
         self._arrived_s = -math.inf  # when the last pose came that the fusion took
         self._driving = False
@@ -161,6 +168,8 @@ class MissionNavigator:
             pose=pose,
             pose_age_s=self._pose_age_s(now_s),
             pose_within=self._pose_within(),
+            line_m=self._line_m(pose),
+            driven_m=self._driven_m,
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
             pose_jump=self._jumps >= JUMPS,
             pose_doubt=(doubt.doubtful and not doubt.stands) or now_s - self._within_s > BOUND_S,
@@ -228,6 +237,7 @@ class MissionNavigator:
         arc_m = math.copysign(math.hypot(forward_m, left_m), forward_m)
         arc_m /= np.sinc(turn_rad / (2.0 * math.pi))
         self._fusion.move(np.array([arc_m]), np.array([turn_rad]), now_s)
+        self._driven_m += arc_m
         self._way.stepped(now_s, self._odometer)
 
     def _measure(self, now_s: float) -> None:
@@ -260,6 +270,18 @@ class MissionNavigator:
         self._seen, sight = frame.sequence, self._glimpse.sight
         seen = sight(preprocess(frame.image, sight.contract.image)[None])
         self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
+        told = seen.line[0] > LINE and seen.road[0] > ROAD
+        self._line_seen_m = self._driven_m + float(seen.figures[0, 3]) if told else math.nan
+
+    def _line_m(self, pose: Optional[Pose]) -> Optional[float]:
+        """From the nose to the next red line: the map's, or what is seen where nothing is sure."""
+        if not self._lines:
+            return None
+        if pose is not None and self._fusion.certainty[0, 0] <= MAP_LINES_M:
+            ahead_m = self._views[0].line_ahead_m(pose)
+        else:
+            ahead_m = self._line_seen_m - self._driven_m
+        return ahead_m - NOSE_M if math.isfinite(ahead_m) else None
 
     def _pose_within(self) -> Optional[Tuple[float, float]]:
         """How surely the place is known; nobody asks where only overhead poses tell it."""

@@ -128,9 +128,9 @@ def _decision(
 
 def _wheels(turn: Turn, contract: PolicyContract, max_wheel_mps: float) -> List[str]:
     """Whether the wheels were told what the action and the limits make of it."""
-    if turn.driven is None:
+    drive = turn.drive
+    if drive is None:
         return []
-    drive = turn.driven.drive()
     problems = []
     if turn.state == "AUTO" and turn.action is not None:
         name = _name(contract, turn.action)

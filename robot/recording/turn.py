@@ -10,6 +10,7 @@ import numpy as np
 
 from robot.geometry import WheelSpeeds
 from robot.parts import Tick
+from robot.safety.governors import Cap
 from robot.safety.wheel_limits import Drive
 from robot.typed_config import from_plain, to_plain
 
@@ -23,10 +24,6 @@ class Driven:
     wanted: Tuple[float, float]
     before: Tuple[float, float]
     dt_s: float
-
-    def drive(self) -> Drive:
-        """As the runtime had it."""
-        return Drive(WheelSpeeds(*self.wanted), WheelSpeeds(*self.before), self.dt_s)
 
 
 @dataclass(frozen=True)
@@ -52,9 +49,20 @@ class Turn:
     margin: Optional[float] = None  # of the best value over the second
     action: Optional[int] = None
     driven: Optional[Driven] = None
+    most_mps: Optional[float] = None  # that the rules of the road allowed; None: any speed
+    governed: Optional[str] = None  # why
     frame_age_s: Optional[float] = None
     pose_age_s: Optional[float] = None
     operator_age_s: Optional[float] = None
+
+    @property
+    def drive(self) -> Optional[Drive]:
+        """What the wheels were asked for, and what limited it, as the runtime had it."""
+        if self.driven is None:
+            return None
+        cap = Cap() if self.most_mps is None else Cap(self.most_mps, self.governed or "")
+        wanted, before = WheelSpeeds(*self.driven.wanted), WheelSpeeds(*self.driven.before)
+        return Drive(wanted, before, self.driven.dt_s, cap)
 
     @property
     def decided(self) -> bool:
@@ -91,6 +99,7 @@ class Turn:
             margin=_margin(values) if finite and values is not None else None,
             action=tick.action,
             driven=_driven(tick.drive),
+            **_governed(tick.drive),
             frame_age_s=_age(inputs.frame_age_s),
             pose_age_s=_age(inputs.pose_age_s),
             operator_age_s=_age(inputs.link_age_s),
@@ -99,6 +108,12 @@ class Turn:
 
 def _driven(drive: Optional[Drive]) -> Optional[Driven]:
     return None if drive is None else Driven(_pair(drive.wanted), _pair(drive.before), drive.dt_s)
+
+
+def _governed(drive: Optional[Drive]) -> Dict[str, Any]:
+    if drive is None or not drive.cap.reason:
+        return {}
+    return {"most_mps": drive.cap.most_mps, "governed": drive.cap.reason}
 
 
 def _pair(wheels: WheelSpeeds) -> Tuple[float, float]:

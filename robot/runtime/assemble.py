@@ -71,6 +71,8 @@ def open_robot(
         raise ConfigError(
             f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
         )
+    if config.rules.stop_lines and not navigates:
+        raise ConfigError(f"rules.stop_lines: expected a navigation policy, {config.model} is none")
     with ExitStack() as stack:
         if motors is None:  # before anything that a robot which drives already would mind
             motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
@@ -99,6 +101,7 @@ def open_robot(
             everybody,
             navigator,
             open_eyes(config),
+            config.rules.chain(),
         )
         stack.enter_context(watchdog)
         yield runtime
@@ -154,7 +157,8 @@ def open_navigator(
     """
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
     road_map = load_map(config.map)
-    return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse)
+    named = config.name, glimpse, config.rules.stop_lines
+    return MissionNavigator(road_map, receive, lambda: motors.pose, *named)
 
 
 def open_reports(

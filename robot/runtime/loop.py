@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple, TypeVar
+from typing import Any, Callable, Iterable, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from robot.parts import (
 )
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
+from robot.safety.governors import Cap, Road, Rule, govern
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
 from robot.safety.wheel_limits import STILL, Drive
 
@@ -66,6 +67,7 @@ class Runtime:
         operators: where people's requests come from, each of which counts; ``ask`` is another way.
         navigator: needed by a policy with a path input; ContractError without.
         eyes: doubt the pictures; without them nothing does.
+        rules: of the road, for a robot that drives by itself.
     """
 
     def __init__(
@@ -79,6 +81,7 @@ class Runtime:
         operators: Iterable[Operator] = (),
         navigator: Optional[Navigator] = None,
         eyes: Optional[Eyes] = None,
+        rules: Sequence[Rule] = (),
     ) -> None:
         if policy.contract.path_points and navigator is None:
             raise ContractError(
@@ -91,6 +94,7 @@ class Runtime:
         self._subscribers = tuple(subscribers)
         self._operators, self._navigator, self._eyes = tuple(operators), navigator, eyes
         self._guard_motion = threading.RLock()  # safety, motors and what was last sent to them
+        self._every_rule = self._rules = tuple(rules)
         self._number = 0
         self._wheels = STILL
         self._drove: Optional[Drive] = None  # in this turn
@@ -193,9 +197,9 @@ class Runtime:
             self.safety.check(inputs)
             if seen.way.arrived:
                 self.safety.arrived()
-            wanted = self._wanted(seen.action)
+            wanted, cap = self._wanted(seen.action), self._govern(seen.way, now_s)
             if wanted is not None:
-                self._try(Reason.MOTORS, self._drive, wanted, now_s)
+                self._try(Reason.MOTORS, self._drive, wanted, now_s, cap)
             self._rest_unless_moving()
         return inputs
 
@@ -239,10 +243,19 @@ class Runtime:
             return self._manual[0]
         return None
 
-    def _drive(self, wanted: WheelSpeeds, now_s: float) -> None:
+    def _govern(self, way: Guidance, now_s: float) -> Cap:
+        """What the rules of the road allow; they begin anew with each drive."""
+        if self.safety.verdict.state is not State.AUTO:
+            self._rules = self._every_rule
+            return Cap()
+        road = Road(now_s, way.driven_m, self._wheels == STILL, way.line_m)
+        self._rules, cap = govern(self._rules, road)
+        return cap
+
+    def _drive(self, wanted: WheelSpeeds, now_s: float, cap: Cap) -> None:
         limits = self.safety.limits
         dt_s = min(max(now_s - self._sent_s, 0.0), limits.loop_age_s)
-        drive = Drive(wanted, self._wheels, dt_s)
+        drive = Drive(wanted, self._wheels, dt_s, cap)
         wheels = drive.limited(limits.max_wheel_mps)
         self._resting = None
         self._motors.set_wheels(wheels)

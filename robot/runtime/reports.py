@@ -64,7 +64,7 @@ class Reporter:
         return replace(
             self._about,
             state=tick.verdict.state.value,
-            reason=tidy_text(tick.verdict.sentence, TEXT_LIMIT_BYTES),
+            reason=tidy_text(_why(tick), TEXT_LIMIT_BYTES),
             action=self._driven(tick),
             values=_finite(tick.values),
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
@@ -91,6 +91,12 @@ class Reporter:
             self._period_s += share * (period_s - self._period_s)
         self._last_s = now_s
         return 1.0 / self._period_s if self._period_s else 0.0
+
+
+def _why(tick: Tick) -> str:
+    """Why the robot is slow or stands, or is in its state."""
+    governed = "" if tick.drive is None else tick.drive.cap.reason
+    return governed or tick.verdict.sentence
 
 
 def _ages(inputs: Inputs, limits: SafetyLimits) -> Tuple[InputAge, ...]:

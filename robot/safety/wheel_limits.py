@@ -12,6 +12,7 @@ from typing import NamedTuple
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
+from robot.safety.governors import Cap
 
 STILL = WheelSpeeds(0.0, 0.0)
 # From rest to the table's fastest wheel within one decision, and a quarter more.
@@ -53,10 +54,12 @@ class Drive(NamedTuple):
     wanted: WheelSpeeds  # of the policy or of a person [m/s]
     before: WheelSpeeds  # as told in the turn before [m/s]
     dt_s: float  # since then
+    cap: Cap = Cap()  # of the rules of the road
 
     def limited(self, max_wheel_mps: float) -> WheelSpeeds:
         """What the motors are told [m/s]; ContractError for what is not finite."""
-        return limit_rate(limit_speed(self.wanted, max_wheel_mps), self.before, self.dt_s)
+        most_mps = min(max_wheel_mps, self.cap.most_mps)
+        return limit_rate(limit_speed(self.wanted, most_mps), self.before, self.dt_s)
 
 
 def _check_finite(wheels: WheelSpeeds) -> None:

@@ -1,0 +1,110 @@
+"""Rules of the road. Each gives a highest speed and why; the lowest holds, along the same curve.
+
+A rule is pure: what it remembers is itself. Rules stand between the policy's choice and the limits
+of the wheels; they slow a robot that drives by itself, and never make it go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Optional, Protocol, Sequence, Tuple
+
+NOSE_M = 0.066  # of the robot, before its axle
+
+
+class Road(NamedTuple):
+    """What the rules look at in one turn."""
+
+    now_s: float
+    driven_m: float  # by the wheels' steps, since anywhere
+    standing: bool  # so the wheels were told in the turn before
+    line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
+
+
+class Cap(NamedTuple):
+    """The most that the faster wheel may do [m/s], and why."""
+
+    most_mps: float = math.inf
+    reason: str = ""
+
+
+class Rule(Protocol):
+    """One rule of the road, with its memory."""
+
+    def after(self, road: Road) -> Tuple[Rule, Cap]:
+        """The rule as it goes on from this turn, and its cap."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """``rules`` of robot.yaml."""
+
+    stop_lines: bool = False  # stand before each red line, then go on
+
+    def chain(self) -> Tuple[Rule, ...]:
+        """The rules that are asked for, as they begin."""
+        return (StopLines(),) if self.stop_lines else ()
+
+
+def govern(rules: Sequence[Rule], road: Road) -> Tuple[Tuple[Rule, ...], Cap]:
+    """Ask all rules; the first of the lowest caps holds."""
+    asked = [rule.after(road) for rule in rules]
+    caps = (cap for _, cap in asked)
+    return tuple(rule for rule, _ in asked), min(caps, key=lambda cap: cap.most_mps, default=Cap())
+
+
+STAND_S = 1.2  # told to stand: with motors that lag by 0.2 s half a second at rest is left
+_STOP_M = 0.05  # from the nose to the line: the middle of what is right
+_AT_M = 0.01  # before that place it is reached
+_STAY_M = 0.1  # who stands so near to a line stays, though the belief may move
+_BEHIND_M = -0.04  # a line under the robot is behind it
+_BRAKE_S = 0.6  # slower with what is left, so that a motor's lag does not carry it over the line
+_CREEP_MPS = 0.04
+_SAME_M = 0.12  # so near to each other two tellings mean one line
+_SURE = 2  # tellings of a line before it counts
+_KEPT = 5  # turns for which a line is remembered of which nothing is told
+_PAST_M = 0.25  # behind a line where the robot stood: there none is meant
+
+
+@dataclass(frozen=True)
+class StopLines:
+    """Stand with the nose 0 to 10 cm before each red line, for half a second at least, then go on.
+
+    A line that was told twice is remembered by the wheels' steps when it is not told again.
+    """
+
+    at_m: float = math.nan  # of the line, where ``driven_m`` will be with the nose there
+    told: int = 0
+    since_s: Optional[float] = None  # the robot has stood at it
+    free_m: float = -math.inf  # ``driven_m`` up to which no line counts
+
+    def after(self, road: Road) -> Tuple[StopLines, Cap]:
+        """See `Rule`."""
+        if road.driven_m < self.free_m:
+            return StopLines(free_m=self.free_m), Cap()
+        rule = self._told(road)
+        left_m = rule.at_m - road.driven_m
+        if rule.told < _SURE or left_m < _BEHIND_M:
+            return replace(rule, since_s=None), Cap()
+        if left_m > (_STOP_M + _AT_M if rule.since_s is None else _STAY_M):
+            most_mps = max(_CREEP_MPS, (left_m - _STOP_M) / _BRAKE_S)
+            reason = f"a stop line is {100.0 * left_m:.0f} cm ahead"
+            return replace(rule, since_s=None), Cap(most_mps, reason)
+        if rule.since_s is None or not road.standing:
+            rule = replace(rule, since_s=road.now_s)
+        elif road.now_s - rule.since_s >= STAND_S:
+            return StopLines(free_m=rule.at_m + _PAST_M), Cap()
+        return rule, Cap(0.0, "it stands at a stop line")
+
+    def _told(self, road: Road) -> StopLines:
+        """With what is told of a line in this turn."""
+        if road.line_m is None:
+            fewer = self.told if self.since_s is not None else max(0, self.told - 1)
+            return replace(self, told=fewer)
+        at_m = road.driven_m + road.line_m
+        if self.told and abs(at_m - self.at_m) < _SAME_M:
+            return replace(self, at_m=at_m, told=min(self.told + 1, _KEPT))
+        if self.since_s is not None:
+            return self
+        return replace(self, at_m=at_m, told=1)

@@ -1,0 +1,166 @@
+"""Rules of the road: they only slow, along the same curve, and stand at red lines as they must."""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, List, NamedTuple, Optional
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.geometry import WheelSpeeds
+from robot.safety.governors import Cap, Road, Rules, StopLines, govern
+from robot.safety.wheel_limits import Drive
+
+FREE = math.inf
+FULL_MPS = 0.3
+Telling = Callable[[float, float], Optional[float]]
+
+
+class Fixed(NamedTuple):
+    """A rule that always says the same."""
+
+    cap: Cap
+
+    def after(self, road: Road) -> "tuple[Fixed, Cap]":
+        return self, self.cap
+
+
+CAPS = st.builds(Cap, st.floats(0.0, 1.0) | st.just(FREE), st.text(max_size=3))
+SPEEDS = st.builds(WheelSpeeds, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+
+
+@given(st.lists(CAPS, max_size=4))
+def test_the_lowest_cap_holds_and_without_rules_any_speed_is_free(caps: List[Cap]) -> None:
+    _, cap = govern([Fixed(each) for each in caps], Road(0.0, 0.0, False))
+    assert cap.most_mps == min([FREE, *(each.most_mps for each in caps)])
+    assert not caps or cap in caps
+
+
+@given(SPEEDS, CAPS)
+def test_a_cap_slows_both_wheels_alike_and_never_speeds_up(wanted: WheelSpeeds, cap: Cap) -> None:
+    told = Drive(wanted, wanted, 0.1, cap).limited(0.5)
+    fastest = max(map(abs, wanted))
+    if cap.most_mps >= fastest:
+        assert told == wanted
+    # The rate of a wheel may hold it back, but never push it beyond what was wanted.
+    assert all(abs(t) <= abs(w) + 1e-9 and t * w >= 0.0 for t, w in zip(told, wanted))
+    settled = told
+    for _ in range(5):
+        settled = Drive(wanted, settled, 0.1, cap).limited(0.5)
+    assert max(map(abs, settled)) <= cap.most_mps + 1e-9
+    assert settled.left_mps * wanted.right_mps == pytest.approx(
+        settled.right_mps * wanted.left_mps, abs=1e-9
+    )
+
+
+def test_rules_are_off_unless_asked_for() -> None:
+    assert Rules().chain() == ()
+    assert Rules(stop_lines=True).chain() == (StopLines(),)
+
+
+class Stand(NamedTuple):
+    """A place where the robot stood: nose [m], for how long [s]."""
+
+    nose_m: float
+    for_s: float
+
+
+def drive(
+    tell: Telling, lag_s: float = 0.1, delay_turns: int = 0, until_m: float = 2.0
+) -> List[Stand]:
+    """Drive along a line at full speed under the rule, with a motor's lag; where it stood."""
+    rule, nose_m, speed, stands = StopLines(), 0.0, FULL_MPS, []
+    sent, since, k = [FULL_MPS] * (delay_turns + 1), None, 0
+    while nose_m < until_m:
+        k += 1
+        assert k < 600, "it must go on"
+        road = Road(0.1 * k, nose_m, sent[-1] == 0.0, tell(nose_m, 0.1 * k))
+        rule, cap = rule.after(road)
+        sent.append(min(FULL_MPS, cap.most_mps))
+        for _ in range(10):
+            speed += (sent[-1 - delay_turns] - speed) * min(1.0, 0.01 / max(lag_s, 0.01))
+            nose_m += 0.01 * speed
+        if speed > 0.005:
+            if since is not None:
+                stands.append(Stand(nose_m, 0.1 * k - since))
+            since = None
+        elif since is None:
+            since = 0.1 * k
+    return stands
+
+
+def at(*lines_m: float, reach_m: float = 0.6) -> Telling:
+    """Tells the next of these lines, as far as the map is looked at, a line under it too."""
+
+    def tell(nose_m: float, _: float) -> Optional[float]:
+        ahead = [line - nose_m for line in lines_m if -0.06 < line - nose_m < reach_m]
+        return min(ahead) if ahead else None
+
+    return tell
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize("delay_turns", [0, 1])
+@pytest.mark.parametrize("begin_m", [0.25, 0.417, 0.7, 1.0])
+def test_it_stands_before_the_line_half_a_second_and_goes_on(
+    lag_s: float, delay_turns: int, begin_m: float
+) -> None:
+    stands = drive(at(begin_m), lag_s, delay_turns)
+    assert len(stands) == 1
+    assert 0.0 <= begin_m - stands[0].nose_m <= 0.1
+    assert stands[0].for_s >= 0.5
+
+
+def test_each_line_of_a_road_is_stood_at_once() -> None:
+    lines = (0.5, 1.1, 1.7)
+    stands = drive(at(*lines))
+    assert len(stands) == 3
+    assert all(0.0 <= line - stand.nose_m <= 0.1 for line, stand in zip(lines, stands))
+
+
+def test_without_a_line_it_never_slows() -> None:
+    assert drive(lambda nose_m, now_s: None) == []
+
+
+@given(st.integers(0, 40))
+def test_one_telling_that_nothing_confirms_stops_nobody(turn: int) -> None:
+    assert drive(lambda _, now_s: 0.1 if round(10 * now_s) == turn else None) == []
+
+
+@given(st.sets(st.integers(0, 40), max_size=8))
+def test_a_line_that_is_missed_now_and_then_is_stood_at(missed: "set[int]") -> None:
+    known = at(1.0)
+
+    def tell(nose_m: float, now_s: float) -> Optional[float]:
+        skipped = round(10 * now_s) in missed and round(10 * now_s) - 1 not in missed
+        return None if skipped else known(nose_m, now_s)
+
+    stands = drive(tell)
+    assert len(stands) == 1
+    assert 0.0 <= 1.0 - stands[0].nose_m <= 0.1
+
+
+@given(st.lists(st.floats(-0.015, 0.015), min_size=1, max_size=20))
+def test_a_line_told_with_an_error_is_stood_at(errors: List[float]) -> None:
+    known = at(1.0)
+
+    def tell(nose_m: float, now_s: float) -> Optional[float]:
+        told = known(nose_m, now_s)
+        return None if told is None else told + errors[round(10 * now_s) % len(errors)]
+
+    stands = drive(tell)
+    assert stands
+    assert all(0.0 <= 1.0 - stand.nose_m <= 0.1 for stand in stands)
+    assert max(stand.for_s for stand in stands) >= 0.5
+
+
+@given(st.floats(-1.0, 2.0) | st.none(), st.booleans(), st.floats(-1.0, 3.0), st.integers(0, 5))
+def test_a_cap_is_never_negative_and_says_why(
+    line_m: Optional[float], standing: bool, at_m: float, told: int
+) -> None:
+    rule, cap = StopLines(at_m=at_m, told=told).after(Road(1.0, 0.5, standing, line_m))
+    assert cap.most_mps >= 0.0
+    assert (cap.most_mps < FREE) == bool(cap.reason)
+    assert isinstance(rule, StopLines)
