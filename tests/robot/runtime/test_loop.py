@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from dataclasses import replace
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from robot.parts import Sight
 from robot.runtime.loop import Runtime
 from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
+from robot.safety.governors import Rule
 from robot.safety.state_machine import Command, Safety, State
 from robot.safety.wheel_limits import STILL
 from tests.robot.clocks import FakeClock
@@ -41,7 +42,10 @@ class Bench:
     """A whole robot of fakes."""
 
     def __init__(
-        self, contract: Optional[PolicyContract] = None, limits: Optional[SafetyLimits] = None
+        self,
+        contract: Optional[PolicyContract] = None,
+        limits: Optional[SafetyLimits] = None,
+        rules: Sequence[Rule] = (),
     ) -> None:
         self.clock = FakeClock()
         self.safety = Safety(self.clock, limits)
@@ -61,6 +65,7 @@ class Bench:
             (self.operator,),
             self.navigator,
             self.eyes,
+            rules,
         )
 
     def turn(self, count: int = 1) -> None:
