@@ -55,3 +55,8 @@ def test_what_does_not_fit_is_refused(data: dict, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         from_plain(RobotConfig, data)
     assert said in str(caught.value)
+
+
+def test_who_obeys_stop_lines_has_a_map() -> None:
+    with pytest.raises(ConfigError, match="rules.stop_lines: expected a map"):
+        RobotConfig("model.onnx", rules=Rules(stop_lines=True))

@@ -1,4 +1,4 @@
-"""The rules of the road hold what the policy drives, are told and recorded, and hold nobody else."""
+"""The rules of the road hold what the policy drives; this is told and recorded."""
 
 from __future__ import annotations
 
