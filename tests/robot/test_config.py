@@ -6,6 +6,7 @@ import pytest
 
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
+from robot.safety.governors import Rules
 from robot.typed_config import from_plain, load_yaml, to_plain
 
 
@@ -58,5 +59,5 @@ def test_what_does_not_fit_is_refused(data: dict, said: str) -> None:
 
 
 def test_who_obeys_stop_lines_has_a_map() -> None:
-    with pytest.raises(ConfigError, match="rules.stop_lines: expected a map"):
+    with pytest.raises(ConfigError, match=r"rules\.stop_lines: expected a map"):
         RobotConfig("model.onnx", rules=Rules(stop_lines=True))
