@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 from contextlib import suppress
 from pathlib import Path
-from typing import Dict, Mapping, NamedTuple, Optional
+from typing import Callable, Dict, Mapping, NamedTuple, Optional
 
 import numpy as np
 
+from robot.config import RobotConfig
 from robot.errors import HardwareError
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage
@@ -23,6 +25,7 @@ from robot.parts import Tick
 from robot.recording import topics
 from robot.recording.topics import Json, Topic, to_ns
 from robot.recording.turn import Turn
+from robot.typed_config import to_plain
 
 SUFFIX = ".mcap"
 UNFINISHED = ".mcap.partial"
@@ -104,13 +107,59 @@ class DriveFile:
 PNG_LEVEL = 1
 
 
+MODEL, TRANSLATOR = "model.onnx", "translator.onnx"  # attachments of a recording
+
+
 class Heard(NamedTuple):
     """One turn, with what its tick does not tell."""
 
     tick: Tick
     odometry: Optional[Pose] = None
     report: Optional[Telemetry] = None
-    overhead: Optional[PoseMessage] = None
+    overhead: Optional[PoseMessage] = None  # the localizer's newest
+
+
+class Subject(NamedTuple):
+    """Who drives: facts for the head of a recording, models by their names there, and each turn."""
+
+    about: Mapping[str, str]
+    models: Mapping[str, Path]
+    hear: Callable[[Tick], Heard] = Heard
+
+
+def describe(config: RobotConfig, hear: Callable[[Tick], Heard] = Heard) -> Subject:
+    """A configured robot. Its models' files are read again while the recording is written."""
+    models = {MODEL: Path(config.model)}
+    if config.translator:
+        models[TRANSLATOR] = Path(config.translator)
+    about = {
+        "robot": config.name,
+        "map": config.map,
+        "model": Path(config.model).name,
+        "max_wheel_mps": repr(config.safety.max_wheel_mps),
+        "config": json.dumps(to_plain(config)),
+        **arithmetic(),
+    }
+    return Subject(about, models, hear)
+
+
+def arithmetic() -> Dict[str, str]:
+    """What a policy's last bits depend on: processor, onnxruntime, and OpenCV, which resizes."""
+    import cv2
+    import onnxruntime
+
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    told = ("model name", "CPU part")
+    model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith(told)), "")
+    return {
+        "machine": platform.machine(),
+        "processor": model,
+        "onnxruntime": onnxruntime.__version__,
+        "opencv": cv2.__version__,
+    }
 
 
 class DriveLog:

@@ -23,8 +23,15 @@ from robot.computer.threads import Worker
 from robot.config import RecordingConfig
 from robot.link.telemetry import Reading
 from robot.parts import Tick
-from robot.recording.about import Subject
-from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile, DriveLog, Heard
+from robot.recording.drive_file import (
+    END,
+    SUFFIX,
+    UNFINISHED,
+    DriveFile,
+    DriveLog,
+    Heard,
+    Subject,
+)
 from robot.recording.reader import recover_folder
 from robot.safety.state_machine import State
 
@@ -107,7 +114,7 @@ class DriveWriter:
 
     def _free_path(self, wall_s: float) -> Path:
         """A name that no recording has: a robot's clock may well have stood still."""
-        stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._subject.name}"
+        stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._subject.about['robot']}"
         names = (stem if not number else f"{stem}-{number}" for number in itertools.count())
         paths = (self._folder / f"{name}{SUFFIX}" for name in names)
         return next(p for p in paths if not (p.exists() or p.with_suffix(UNFINISHED).exists()))
@@ -155,13 +162,7 @@ class Recorder(Worker):
             self._until_s = now_s + TAIL_S
         elif resting:
             return
-        subject = self._subject
-        heard = Heard(
-            tick,
-            subject.odometry() if subject.odometry else None,
-            subject.report() if subject.report else None,
-            subject.overhead() if subject.overhead else None,
-        )
+        heard = self._subject.hear(tick)
         with self._lock:  # held for no longer than it takes to look
             if len(self._waiting) < QUEUE_TURNS:
                 self._waiting.append((self._part, heard))

@@ -19,7 +19,7 @@ from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy, best_action, values_of
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.parts import Policy
-from robot.recording.about import MODEL, TRANSLATOR, arithmetic
+from robot.recording.drive_file import MODEL, TRANSLATOR, arithmetic
 from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
 from robot.recording.turn import Turn
 

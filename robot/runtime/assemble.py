@@ -25,8 +25,8 @@ from robot.link.telemetry import Reading, Telemetry
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
-from robot.parts import Motors, Operator, Policy, Subscriber
-from robot.recording.about import describe
+from robot.parts import Motors, Operator, Policy, Subscriber, Tick
+from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator
@@ -173,13 +173,12 @@ def open_reports(
     others: List[Callable[[], Reading]] = []
     recorders: List[Subscriber] = []
     if config.recording is not None:
-        subject = describe(
-            config,
-            odometry=lambda: motors.pose,
-            report=lambda: reporter.newest,
-            overhead=lambda: navigator.overhead if navigator is not None else None,
-        )
-        recorder = stack.enter_context(Recorder(config.recording, subject))
+
+        def hear(tick: Tick) -> Heard:
+            overhead = navigator.overhead if navigator is not None else None
+            return Heard(tick, motors.pose, reporter.newest, overhead)
+
+        recorder = stack.enter_context(Recorder(config.recording, describe(config, hear)))
         recorders.append(recorder)
         others.append(recorder.reading)
     if link is not None:

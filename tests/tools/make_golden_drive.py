@@ -15,7 +15,7 @@ from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
-from robot.recording.about import describe
+from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder
 from sim_pybullet.look import NOMINAL
 from tools.lap_drive import LapDrive, LapRecord
@@ -44,9 +44,9 @@ def main() -> None:
 
     config = RobotConfig(str(MODEL), name="golden")
     with tempfile.TemporaryDirectory() as folder:
-        subject = describe(config, lambda: drive.driver.pose)
+        subject = describe(config, lambda tick: Heard(tick, drive.driver.pose))
         # Any processor must decide alike, whichever made the drive.
-        subject = replace(subject, about={**subject.about, "processor": "any"})
+        subject = subject._replace(about={**subject.about, "processor": "any"})
         with Recorder(RecordingConfig(folder, 0.0), subject, lambda: WALL_S) as recorder:
             drive.drive(LAPS, watch)
         drive.close()

@@ -19,8 +19,7 @@ from sim_pybullet.look import NOMINAL
 from sim_pybullet.vehicle import expert_actions
 from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
-from tools.loop.__main__ import main
-from tools.loop.options import parse
+from tools.loop.__main__ import main, parse
 from trainer.export import export_translator
 
 

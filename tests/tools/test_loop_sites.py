@@ -12,8 +12,7 @@ from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from tools.loop import drive
-from tools.loop.__main__ import main
-from tools.loop.options import parse
+from tools.loop.__main__ import main, parse
 from tools.loop.sites import sites_of
 
 REALITY = {"reality/noon", "reality/night", "reality/rink", "reality/lab", "reality/hall"}

@@ -9,8 +9,7 @@ import pytest
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
 from robot.parts import Tick
-from robot.recording.about import MODEL
-from robot.recording.drive_file import DriveFile, DriveLog, Heard
+from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
 from robot.recording.topics import TURN
 from tests.robot.recording.drives import Robot
 from tests.robot.tiny_onnx import lane_contract, write_policy

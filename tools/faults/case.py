@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 Act = Callable[["Stage"], object]
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
+AGE_S = 1.0  # of the newest overhead pose, and of the operator's last sign of life
 HOLD = ("HOLD",)
 HOLD_OR_FAULT = ("HOLD", "FAULT")
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import resource
+from collections.abc import Callable
 
-from tools.faults import spoil
+import cv2
+import numpy as np
+
 from tools.faults.case import HOLD_OR_FAULT, Act, Case, change
 from tools.faults.stage import Stage
 from tools.loop.devices import PictureServer
@@ -74,45 +78,92 @@ CAMERA = (
 )
 
 
-def _spoiled(
-    name: str, what: str, wrong: spoil.Spoil, met: tuple[float, str, tuple[str, ...]]
-) -> Case:
+Spoil = Callable[[np.ndarray], np.ndarray]
+RNG = np.random.default_rng(0)
+
+
+def noisy(picture: np.ndarray, deviation: float) -> np.ndarray:
+    """With a sensor's noise, new in every picture."""
+    noise = deviation * RNG.standard_normal(picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def covered(level: float, deviation: float = 0.0) -> Spoil:
+    """One grey level with noise."""
+    return lambda picture: noisy(np.full(picture.shape, level), deviation)
+
+
+def grains(picture: np.ndarray) -> np.ndarray:
+    """Noise in grains of 8 px."""
+    small = noisy(np.full((15, 20, 3), 128.0), 80.0)
+    return small.repeat(8, axis=0).repeat(8, axis=1)[: len(picture)]
+
+
+def finger(picture: np.ndarray) -> np.ndarray:
+    """Light through a finger."""
+    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    light = np.exp(-(((x - 60) / 90.0) ** 2) - ((y - 70) / 70.0) ** 2)[..., None]
+    return noisy(light * (110.0, 18.0, 12.0) + (40.0, 5.0, 5.0), 4.0)
+
+
+def sheared(picture: np.ndarray) -> np.ndarray:
+    """Read one clock late in every line."""
+    return np.stack([np.roll(row, number, axis=0) for number, row in enumerate(picture)])
+
+
+def shifted(picture: np.ndarray) -> np.ndarray:
+    """By a quarter of the width."""
+    return np.roll(picture, picture.shape[1] // 4, axis=1)
+
+
+def rolled(picture: np.ndarray) -> np.ndarray:
+    """By 30 degrees about the middle."""
+    turn = cv2.getRotationMatrix2D((79.5, 59.5), 30.0, 1.0)
+    return np.asarray(cv2.warpAffine(picture, turn, picture.shape[1::-1]))
+
+
+def _spoiled(name: str, what: str, wrong: Spoil, met: tuple[float, str, tuple[str, ...]]) -> Case:
     heal = change(_camera, spoil=None)
     return Case(name, what, change(_camera, spoil=wrong), *met, heal=heal)
 
 
 def _held(stage: Stage) -> None:
-    _camera(stage).spoil = spoil.held()
+    """The picture of now again and again, through a sensor's noise."""
+    first = stage.bench.town.world.see()
+    _camera(stage).spoil = lambda _: noisy(first, 6.0)
 
 
-def _shortly(name: str, what: str, wrong: spoil.Spoil, pictures: int) -> Case:
+def _shortly(name: str, what: str, wrong: Spoil, pictures: int) -> Case:
+    """So many pictures spoiled, the rest as they come."""
+
     def inject(stage: Stage) -> None:
-        _camera(stage).spoil = spoil.shortly(wrong, pictures)
+        spoils = itertools.chain([True] * pictures, itertools.repeat(False))
+        _camera(stage).spoil = lambda picture: wrong(picture) if next(spoils) else picture
 
     return Case(name, what, inject, states=(), heal=change(_camera, spoil=None))
 
 
 PICTURES = (
-    _spoiled("black", "lens covered: black", spoil.covered(0), BLIND),
-    _spoiled("black, noise", "lens covered: noise of 12 levels", spoil.covered(0, 12), BLIND),
-    _spoiled("white", "a lamp before the lens: white", spoil.covered(255), BLIND),
-    _spoiled("white, noise", "white with noise of 12 levels", spoil.covered(255, 12), BLIND),
-    _spoiled("grey", "nothing but grey", spoil.covered(128), BLIND),
-    _spoiled("noise", "nothing but noise, each pixel", spoil.covered(128, 90), BLIND),
-    _spoiled("coarse noise", "nothing but noise in grains of 8 px", spoil.grains, BLIND),
-    _spoiled("finger", "a finger before the lens: dark red", spoil.finger, BLIND),
-    _spoiled("mirrored", "left and right exchanged", spoil.mirrored, WRONG),
-    _spoiled("upside down", "turned by 180 degrees", spoil.upside_down, WRONG),
-    _spoiled("sheared", "each row a pixel farther to the right", spoil.sheared, WRONG),
-    _spoiled("rolled", "turned by 30 degrees: a camera came loose", spoil.rolled, LIKE_A_BEND),
-    _spoiled("shifted", "a quarter of its width to the right", spoil.shifted, LIKE_A_BEND),
+    _spoiled("black", "lens covered: black", covered(0), BLIND),
+    _spoiled("black, noise", "lens covered: noise of 12 levels", covered(0, 12), BLIND),
+    _spoiled("white", "a lamp before the lens: white", covered(255), BLIND),
+    _spoiled("white, noise", "white with noise of 12 levels", covered(255, 12), BLIND),
+    _spoiled("grey", "nothing but grey", covered(128), BLIND),
+    _spoiled("noise", "nothing but noise, each pixel", covered(128, 90), BLIND),
+    _spoiled("coarse noise", "nothing but noise in grains of 8 px", grains, BLIND),
+    _spoiled("finger", "a finger before the lens: dark red", finger, BLIND),
+    _spoiled("mirrored", "left and right exchanged", lambda p: p[:, ::-1], WRONG),
+    _spoiled("upside down", "turned by 180 degrees", lambda p: p[::-1, ::-1], WRONG),
+    _spoiled("sheared", "each row a pixel farther to the right", sheared, WRONG),
+    _spoiled("rolled", "turned by 30 degrees: a camera came loose", rolled, LIKE_A_BEND),
+    _spoiled(
+        "shifted", "a quarter of its width to the right", lambda p: np.roll(p, 40, 1), LIKE_A_BEND
+    ),
     Case(
         *("held", "the same picture with noise of 6 levels", _held, *STILL),
         heal=change(_camera, spoil=None),
     ),
-    _shortly("glare", "white for 0.2 s: it must drive on", spoil.covered(255), 3),
-    _shortly(
-        "one odd picture", "noise in one picture: it must drive on", spoil.covered(128, 90), 1
-    ),
+    _shortly("glare", "white for 0.2 s: it must drive on", covered(255), 3),
+    _shortly("one odd picture", "noise in one picture: it must drive on", covered(128, 90), 1),
 )
 CASES = {"camera": CAMERA, "pictures": PICTURES}

@@ -14,14 +14,13 @@ import numpy as np
 
 from robot.geometry import Pose
 from robot.recording.reader import read_turns
-from tools.faults.case import HOLD, HOLD_OR_FAULT, Act, Case, change
+from tools.faults.case import AGE_S, HOLD, HOLD_OR_FAULT, Act, Case, change
 from tools.faults.hardware import RELEASED_S, coils_off
 from tools.faults.stage import Stage
 from tools.loop.operator import Operator
 from tools.loop.pursuit import write_pursuit
 
 SLOW_S = 0.35
-LINK_AGE_S = 1.0
 LOSS_S = 1.0
 PATIENCE_S = 60.0  # real time that a command may take
 
@@ -118,7 +117,7 @@ def _operator(stage: Stage) -> Operator:
 
 
 def _unwatched(name: str, inject: Act) -> Case:
-    return Case(f"monitor {name}", "", inject, LINK_AGE_S, "operator", HOLD)
+    return Case(f"monitor {name}", "", inject, AGE_S, "operator", HOLD)
 
 
 def _coils_off(stage: Stage) -> str:

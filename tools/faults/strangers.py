@@ -14,13 +14,12 @@ import zmq
 from robot.link.commands import Command, Mission
 from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import UNSENT
-from tools.faults.case import HOLD, Act, Case
+from tools.faults.case import AGE_S, HOLD, Act, Case
 from tools.faults.stage import Stage
 
 MEGABYTE = 2**20
 CALLERS = 1500
 FLOOD = 300  # messages at once, ten times a second
-POSE_AGE_S = 1.0
 
 
 def _stranger(stage: Stage) -> Keys:
@@ -112,7 +111,7 @@ def _instead_of_poses(name: str, what: str, data: bytes, count: int) -> Case:
         stage.stand_in.instead = [data] * count
 
     ready = Stage.replace_localizer
-    return Case(name, what, inject, POSE_AGE_S, "overhead pose", HOLD, before=ready)
+    return Case(name, what, inject, AGE_S, "overhead pose", HOLD, before=ready)
 
 
 def _stopped_then_replayed(stage: Stage) -> None:
@@ -141,7 +140,7 @@ STRANGERS = (
     _stolen("robot's own key", "robot"),
     Case(
         *("monitor's key tells poses", "true ones", _localizer_with_the_monitors_keys),
-        *(POSE_AGE_S, "overhead pose", HOLD),
+        *(AGE_S, "overhead pose", HOLD),
     ),
     _ignored("wrong key", "a stranger's STOP", _commands(_stranger, _stop)),
     _ignored("no key", "a STOP without encryption", _commands(lambda _: None, _stop)),

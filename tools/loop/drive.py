@@ -18,16 +18,18 @@ import numpy as np
 from tqdm import tqdm
 
 from robot.errors import ConfigError, ContractError
+from robot.geometry import Pose
 from robot.inference.policy_file import read_contract
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from tools.loop.bench import Bench, BenchOptions
-from tools.loop.film import Film
 from tools.loop.missions import Driver, MissionRecord
 from tools.loop.sites import Site, sites_of
 from tools.loop.timekeeper import BenchError
+from tools.video import DriveFilm, Moment
 
 SCHEMA = 2
+EVERY_S = 0.1  # between two pictures of a film
 
 
 def drive(options: argparse.Namespace) -> int:
@@ -76,6 +78,48 @@ def expect_navigator(model: Path) -> None:
             f"{model}: expected a navigation policy, to follow missions, got a {contract.task} "
             "policy; give such as robot/models/nav_dueling.onnx"
         )
+
+
+class Film:
+    """A film of one bench after the other, what the page shows and where the robot truly is."""
+
+    def __init__(self, path: Path, model: Path) -> None:
+        self._film = DriveFilm(path, model, EVERY_S)
+        self._bench: Bench | None = None
+        self._due_s = 0.0
+        self.close = self._film.close
+
+    def watch(self, bench: Bench) -> None:
+        """Take a picture of this bench when it is time."""
+        if self._bench is not bench:
+            self._bench, self._due_s = bench, bench.now_s
+            self._film.turn_to(bench.town.world.scene.ground)
+        if bench.now_s < self._due_s or not bench.operator.picture:
+            return
+        self._due_s += EVERY_S
+        if bench.operator.mission.get("phase") != "driving":
+            self._film.map.trail.clear()
+        self._film.add(moment(bench))
+
+
+def moment(bench: Bench) -> Moment:
+    """The newest report and picture that reached the page, beside the true pose."""
+    operator = bench.operator
+    encoded = np.frombuffer(operator.picture, np.uint8)
+    seen = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))[..., ::-1]
+    robot, mission = operator.robot, operator.mission
+    believed = robot.get("pose")
+    return Moment(
+        seen,
+        bench.town.pose,
+        Pose(*believed) if believed else None,
+        operator.state,
+        operator.reason,
+        robot.get("path") or (),
+        robot.get("values") or (),
+        robot.get("action"),
+        f"{mission['remaining_m']:.1f} m to drive" if mission else "",
+    )
 
 
 def _drive_at(

@@ -59,7 +59,6 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
 
     from tools.monitor.app import create_app
     from tools.monitor.monitor import Monitor
-    from tools.monitor.patience import ImpatientProtocol
 
     road_map = load_map(arguments.map)
     expect_folder(arguments.drives)
@@ -81,7 +80,6 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     server = uvicorn.Config(
         app,
         log_level="warning",
-        http=ImpatientProtocol,
         ws_max_size=WS_LIMIT_BYTES,
         ws_max_queue=WS_QUEUE,
     )

@@ -13,7 +13,7 @@ from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance, Tick
-from robot.recording.about import Subject, describe
+from robot.recording.drive_file import Heard, Subject, describe
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
 from robot.safety.state_machine import Command, Safety
@@ -57,7 +57,10 @@ class Robot:
         )
 
     def subject(self) -> Subject:
-        return describe(RobotConfig(str(self.model), name="daisy"), lambda: Pose(0.5, 0.0, -0.5))
+        return describe(
+            RobotConfig(str(self.model), name="daisy"),
+            lambda tick: Heard(tick, Pose(0.5, 0.0, -0.5)),
+        )
 
     def turns(self, count: int) -> List[Tick]:
         return [self.turn() for _ in range(count)]

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -16,7 +15,7 @@ from robot.geometry import Pose
 from robot.link.messages import PoseMessage
 from robot.link.telemetry import Telemetry
 from robot.recording import topics
-from robot.recording.drive_file import UNFINISHED
+from robot.recording.drive_file import UNFINISHED, Heard
 from robot.recording.reader import entries, recover_folder
 from tests.robot.recording.drives import Robot, record
 
@@ -39,7 +38,8 @@ def recording(tmp_path: Path) -> Path:
     robot = Robot(tmp_path / "robot")
     seen = PoseMessage("daisy", 1.1, 2.1, None, 0.9, 5.0)
     report = Telemetry("daisy", "AUTO", "auto, by a person", 2, path=((0.0, 0.0), (1.0, 2.0)))
-    subject = replace(robot.subject(), overhead=lambda: seen, report=lambda: report)
+    odometry = Pose(0.5, 0.0, -0.5)
+    subject = robot.subject()._replace(hear=lambda t: Heard(t, odometry, report, seen))
     robot.subject = lambda: subject  # type: ignore[method-assign]
     (path,) = record(robot, tmp_path / "drives", robot.drive(25))
     return path

@@ -15,8 +15,7 @@ import pytest
 
 from robot.config import RecordingConfig
 from robot.errors import ConfigError
-from robot.recording.about import MODEL
-from robot.recording.drive_file import UNFINISHED, Heard
+from robot.recording.drive_file import MODEL, UNFINISHED, Heard
 from robot.recording.reader import read_about, read_attachment, read_frames, read_turns
 from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, DriveWriter, Recorder
 from robot.recording.turn import Turn

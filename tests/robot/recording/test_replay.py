@@ -13,8 +13,7 @@ from robot.geometry import WheelSpeeds
 from robot.inference.policy import OnnxPolicy
 from robot.parts import Tick
 from robot.recording import replay as module
-from robot.recording.about import MODEL
-from robot.recording.drive_file import DriveFile, DriveLog, Heard
+from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
 from robot.recording.replay import replay
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record

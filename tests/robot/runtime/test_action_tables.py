@@ -16,8 +16,7 @@ from robot.inference.policy import OnnxPolicy
 from robot.link.telemetry import Telemetry
 from robot.output import write_png
 from robot.parts import Tick
-from robot.recording.about import MODEL
-from robot.recording.drive_file import DriveFile, DriveLog, Heard
+from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
 from robot.recording.reader import entries
 from robot.recording.replay import replay
 from robot.recording.topics import TELEMETRY
@@ -105,7 +104,7 @@ def test_the_drive_is_recorded_and_decided_again_bit_for_bit(tmp_path: Path) -> 
 
 
 def record(robot: Drive, folder: Path, ticks: List[Tick]) -> Path:
-    from robot.recording.about import arithmetic
+    from robot.recording.drive_file import arithmetic
 
     folder.mkdir()
     file = DriveFile(folder / "a.mcap", arithmetic())
