@@ -60,8 +60,7 @@ def map_corners(map_size_m: Tuple[float, float]) -> np.ndarray:
 def guess_lens(model: str, width_px: int, height_px: int) -> Lens:
     """A lens of this model that sees 100 degrees across, for ``calibrate`` to improve.
 
-    Raises:
-        ConfigError: no such model, with the nearest one.
+    ConfigError: no such model, with the nearest one.
     """
     half = math.radians(50.0)
     focal = (width_px / 2.0) / (half if model == "fisheye" else math.tan(half))
@@ -80,10 +79,9 @@ def calibrate(
 ) -> Report:
     """Find the camera (and what ``freedom`` leaves open of its lens) from at least four points.
 
-    Raises:
-        ConfigError: fewer than four points, points outside the picture or on one line, a residual
-            above ``max_residual_mm`` (naming the worst point), or a camera height so uncertain
-            that the boards' parallax would be wrong by more than ``MAX_PARALLAX_ERROR_MM``.
+    ConfigError: fewer than four points, points outside the picture or on one line, a residual above
+    ``max_residual_mm`` (naming the worst point), or a camera height so uncertain that the boards'
+    parallax would be wrong by more than ``MAX_PARALLAX_ERROR_MM``.
     """
     pixels = np.array([(p.u_px, p.v_px) for p in points], dtype=float).reshape(-1, 2)
     floor_m = np.array([(p.x_m, p.y_m) for p in points], dtype=float).reshape(-1, 2)

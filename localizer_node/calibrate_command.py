@@ -70,8 +70,7 @@ def _pixel(text: str) -> Tuple[float, float]:
 def make(arguments: argparse.Namespace) -> None:
     """Calibrate, write the file, and say how good it is.
 
-    Raises:
-        ConfigError: whatever is wrong with points, lens, colours or result.
+    ConfigError: whatever is wrong with points, lens, colours or result.
     """
     named = (arguments.points, arguments.robots, arguments.lens, arguments.map)
     inputs = [arguments.image, *(Path(name) for name in named if name)]

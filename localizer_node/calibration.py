@@ -159,8 +159,7 @@ class Calibration:
 def load_calibration(path: Union[str, Path]) -> Calibration:
     """Read what ``save_calibration`` wrote.
 
-    Raises:
-        ConfigError: absent, not YAML, or not a calibration, naming the key.
+    ConfigError: absent, not YAML, or not a calibration, naming the key.
     """
     return load_yaml(Calibration, path)
 

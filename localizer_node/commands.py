@@ -39,8 +39,7 @@ def run(arguments: argparse.Namespace) -> None:
 def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
     """What tells robots and monitor the poses of each picture, as long as the stack is open.
 
-    Raises:
-        ConfigError: the link's keys are absent, or the configuration does not fit.
+    ConfigError: the link's keys are absent, or the configuration does not fit.
     """
     link = config.open()
     stack.callback(link.close)

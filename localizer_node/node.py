@@ -68,10 +68,8 @@ class Localizer:
         """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
 
         Only robots seen in this picture are told, from their third picture on, and none in a
-        picture that repeats the last one.
-
-        Raises:
-            ContractError: a picture of another size, or taken before the last one.
+        picture that repeats the last one. ContractError: a picture of another size, or taken before
+        the last one.
         """
         check_picture(image, self.calibration)
         self._repeats = self._repeats + 1 if is_repeat(image, self._last) else 0

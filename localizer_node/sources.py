@@ -32,9 +32,8 @@ def open_source(source: str, lens: Lens, fps: int = 30) -> Iterator[Frame]:
         lens: gives the picture size that a camera is set to.
         fps: of a camera; pictures of a file or folder are taken to be 1 / fps apart.
 
-    Raises:
-        ConfigError: there is no such file or folder, or nothing in it to play.
-        HardwareError: the camera cannot be opened, or (on iteration) went silent.
+    ConfigError: there is no such file or folder, or nothing in it to play. HardwareError: the
+    camera cannot be opened, or (on iteration) went silent.
     """
     size_px = (lens.width_px, lens.height_px)
     if source.isdigit():

@@ -157,8 +157,7 @@ class Tracker:
     def update(self, detections: Sequence[Detection], t_s: float) -> Tuple[Sighting, ...]:
         """Take in the detections of the picture taken at ``t_s``; the robots seen in it.
 
-        Raises:
-            ContractError: ``t_s`` is not later than the last picture's.
+        ContractError: ``t_s`` is not later than the last picture's.
         """
         if t_s <= self._t_s:
             raise ContractError(

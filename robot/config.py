@@ -22,8 +22,7 @@ CAMERAS = ("csi", "v4l2", "socket")
 class CameraConfig:
     """Where frames come from.
 
-    Raises:
-        ConfigError: an unknown kind, a socket without a path, or a rate below that of decisions.
+    ConfigError: an unknown kind, a socket without a path, or a rate below that of decisions.
     """
 
     kind: str = "csi"  # one of CAMERAS
@@ -76,11 +75,7 @@ class RecordingConfig:
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """One robot. Only ``model`` has no default.
-
-    Raises:
-        ConfigError: parts that contradict each other.
-    """
+    """One robot. Only ``model`` has no default. ConfigError: parts that contradict each other."""
 
     model: str  # an ONNX policy
     name: str = "robot"  # in poses and telemetry

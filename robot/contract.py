@@ -129,8 +129,7 @@ class PolicyContract:
     def from_json(cls, text: str) -> PolicyContract:
         """Read what ``to_json`` wrote.
 
-        Raises:
-            ContractError: not our JSON, or of another schema version.
+        ContractError: not our JSON, or of another schema version.
         """
         try:
             plain = json.loads(text)

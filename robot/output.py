@@ -67,9 +67,8 @@ def atomically(path: Path) -> Iterator[Path]:
 def expect_writable(*paths: Optional[Path], inputs: Iterable[Optional[Path]] = ()) -> None:
     """Make sure, before the work, that these files can be written after it; nothing is left.
 
-    Raises:
-        ConfigError: a folder has the name, two have the same, one is among the ``inputs`` that are
-            read, or its folder takes no files.
+    ConfigError: a folder has the name, two have the same, one is among the ``inputs`` that are
+    read, or its folder takes no files.
     """
     taken = {os.path.realpath(path): "what is read" for path in inputs if path is not None}
     for path in paths:

@@ -32,8 +32,7 @@ def to_plain(value: Any) -> Any:
 def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
     """Build the dataclass ``kind`` from plain data; absent keys keep their defaults.
 
-    Raises:
-        ConfigError: naming the key, what was expected and, for an unknown key, the nearest one.
+    ConfigError: naming the key, what was expected and, for an unknown key, the nearest one.
     """
     label = where or kind.__name__
     if not isinstance(data, dict):
@@ -60,8 +59,7 @@ def _is_required(field: Any) -> bool:
 def load_yaml(kind: Type[T], path: Union[str, Path]) -> T:
     """Read one dataclass from a YAML file.
 
-    Raises:
-        ConfigError: the file is absent, is not YAML, or does not fit ``kind``.
+    ConfigError: the file is absent, is not YAML, or does not fit ``kind``.
     """
     return from_plain(kind, read_yaml(path), where=str(path))
 

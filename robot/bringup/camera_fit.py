@@ -24,8 +24,7 @@ def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple
         boards_px: (28, 2) corners of each picture.
         size_px: width and height of the pictures.
 
-    Raises:
-        ConfigError: too few pictures, boards in the middle only, or a bad fit.
+    ConfigError: too few pictures, boards in the middle only, or a bad fit.
     """
     import cv2
 
@@ -91,8 +90,7 @@ def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float) -> MountFi
         lens: at the size of that picture.
         near_edge_m: as for `robot.bringup.chessboard.board_points_m`.
 
-    Raises:
-        ConfigError: no camera can see the board so.
+    ConfigError: no camera can see the board so.
     """
     points_m = board_points_m(near_edge_m)
     fit = fit_camera(corners_px, points_m[:, :2], lens, Freedom())

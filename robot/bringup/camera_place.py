@@ -48,8 +48,7 @@ class Freedom:
 def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Freedom) -> CameraFit:
     """Fit to pixels (N, 2) of floor points (N, 2) [m], starting from ``lens``.
 
-    Raises:
-        ConfigError: the points are mirrored, or too few, or too alike, to fix what is free.
+    ConfigError: the points are mirrored, or too few, or too alike, to fix what is free.
     """
     unknowns = freedom.unknowns
     if 2 * len(pixels) < unknowns:

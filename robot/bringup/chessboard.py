@@ -53,11 +53,7 @@ SETTLING = 15  # pictures until exposure and white balance have settled
 
 
 def take_picture(camera: CameraConfig) -> np.ndarray:
-    """(480, 640, 3) uint8 RGB of now.
-
-    Raises:
-        HardwareError: the camera does not work.
-    """
+    """(480, 640, 3) uint8 RGB of now. HardwareError: the camera does not work."""
     stream = open_stream(camera, SIZE_PX)
     try:
         for _ in range(SETTLING):
@@ -70,8 +66,7 @@ def take_picture(camera: CameraConfig) -> np.ndarray:
 def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
     """The board's corners in each picture that shows it, and the size of the pictures.
 
-    Raises:
-        ConfigError: no pictures, or of several sizes.
+    ConfigError: no pictures, or of several sizes.
     """
     boards, sizes = [], set()
     for file in picture_files(folder):

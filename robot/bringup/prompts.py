@@ -13,8 +13,7 @@ YES, NO = ("y", "yes"), ("n", "no")
 class Prompts:
     """The person beside the robot, who types; asked again until the answer can be understood.
 
-    Raises:
-        ConfigError: from the questions, when the input ends.
+    ConfigError: from the questions, when the input ends.
     """
 
     def __init__(

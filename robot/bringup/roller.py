@@ -50,8 +50,7 @@ class Roller:
     def roll(self, left_m: float, right_m: float, speed_mps: float) -> Rolled:
         """Both wheels arrive together; the farther one goes at ``speed_mps`` at most.
 
-        Raises:
-            HardwareError: the steps do not come.
+        HardwareError: the steps do not come.
         """
         began = self.motors.counts
         longest_m = max(abs(left_m), abs(right_m))

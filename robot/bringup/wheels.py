@@ -30,8 +30,7 @@ def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: flo
         ahead_m: measured ahead of the start.
         left_m: measured to the left of it, negative to the right.
 
-    Raises:
-        ConfigError: no two wheels differ so much.
+    ConfigError: no two wheels differ so much.
     """
     bend_rad = 2.0 * math.atan2(left_m, ahead_m)
     if not (ahead_m > 0.0 and abs(bend_rad) <= MOST_BEND_RAD):
@@ -66,8 +65,7 @@ def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: flo
 def baseline_from_turns(hat: HatConfig, turned_rad: float, beyond_rad: float) -> Values:
     """Distance of the wheels, when ``turned_rad`` by steps were so much more on the floor.
 
-    Raises:
-        ConfigError: the baseline would be far from the present one.
+    ConfigError: the baseline would be far from the present one.
     """
     true_rad = turned_rad + beyond_rad
     scale = turned_rad / true_rad if true_rad else math.inf

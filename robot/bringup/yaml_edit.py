@@ -23,8 +23,7 @@ def edit_yaml(kind: Type[T], path: Path, values: Dict[Keys, Any]) -> List[str]:
     Returns:
         A line for each value that changed; where the file said nothing, from the default.
 
-    Raises:
-        ConfigError: the file does not fit ``kind`` before, or would not afterwards.
+    ConfigError: the file does not fit ``kind`` before, or would not afterwards.
     """
     import yaml
 

@@ -16,8 +16,7 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
 def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
     """The pictures at a path one after the other, (H, W, 3) uint8 RGB.
 
-    Raises:
-        ConfigError: no such path, no pictures in the folder, or a file that is no video.
+    ConfigError: no such path, no pictures in the folder, or a file that is no video.
     """
     path = Path(path)
     if path.is_dir():
@@ -45,8 +44,7 @@ def _frames_of(capture: Any) -> Iterator[np.ndarray]:
 def picture_files(folder: Path) -> List[Path]:
     """The pictures of a folder and of the folders in it, by name.
 
-    Raises:
-        ConfigError: it is no folder, or holds none.
+    ConfigError: it is no folder, or holds none.
     """
     if not folder.is_dir():
         got = "a file; give the folder that it lies in" if folder.exists() else "no such folder"
@@ -59,11 +57,7 @@ def picture_files(folder: Path) -> List[Path]:
 
 
 def read_picture(path: Path) -> np.ndarray:
-    """A picture file as (H, W, 3) uint8 RGB.
-
-    Raises:
-        ConfigError: it is no picture.
-    """
+    """A picture file as (H, W, 3) uint8 RGB. ConfigError: it is no picture."""
     import cv2
 
     try:

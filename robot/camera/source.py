@@ -29,16 +29,14 @@ class Camera(Protocol):
     def read(self) -> Optional[Frame]:
         """The newest frame; the same one again until a newer has come, None before the first.
 
-        Raises:
-            HardwareError: the camera has failed for good.
+        HardwareError: the camera has failed for good.
         """
 
 
 def fit_to_frame(picture: np.ndarray) -> np.ndarray:
     """Any picture (H, W, 3) uint8 RGB as a frame (120, 160, 3): its middle 4:3, resized by area.
 
-    Raises:
-        ContractError: it is no RGB picture.
+    ContractError: it is no RGB picture.
     """
     import cv2
 
@@ -69,9 +67,7 @@ class Stream(Protocol):
     def grab(self) -> np.ndarray:
         """The next picture (H, W, 3) uint8 RGB, waiting for it a second or so at most.
 
-        Raises:
-            HardwareError: none came.
-            ContractError: an odd one came, and the next may well be good.
+        HardwareError: none came. ContractError: an odd one came, and the next may well be good.
         """
 
     def close(self) -> None:
@@ -105,8 +101,7 @@ class NewestFrame(Worker):
     def read(self) -> Optional[Frame]:
         """The newest frame, at once; None before the first.
 
-        Raises:
-            HardwareError: the thread itself has died.
+        HardwareError: the thread itself has died.
         """
         self.check()
         return self._frame

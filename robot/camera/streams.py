@@ -19,8 +19,7 @@ from robot.errors import ContractError, HardwareError
 class V4l2Stream:
     """``/dev/video<device>``. A read waits ten seconds at most (OpenCV's own limit).
 
-    Raises:
-        HardwareError: no such device, or it is in use, or may not be opened by this user.
+    HardwareError: no such device, or it is in use, or may not be opened by this user.
     """
 
     def __init__(self, device: int, size_px: Tuple[int, int], fps: int) -> None:
@@ -66,10 +65,7 @@ class SocketStream:
     """The virtual camera that listens at ``path``; keeps `robot.camera.source.Stream`.
 
     The reader asks for the next picture with one byte; the camera answers at its own next moment
-    with a header and the pixels, RGB row by row.
-
-    Raises:
-        HardwareError: nobody listens there.
+    with a header and the pixels, RGB row by row. HardwareError: nobody listens there.
     """
 
     def __init__(self, path: str, size_px: Tuple[int, int]) -> None:
@@ -142,8 +138,7 @@ class GstStream:
             writes to. Without that it writes to its standard output, and must print nothing there.
         silence_s: without a byte for so long it hangs.
 
-    Raises:
-        HardwareError: the command cannot be started.
+    HardwareError: the command cannot be started.
     """
 
     def __init__(

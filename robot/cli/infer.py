@@ -55,8 +55,7 @@ def label(policy: OnnxPolicy, folder: Path) -> Tuple[List[Dict[str, Any]], List[
         File, action and values of each picture; and the files that only have a picture's name:
         empty ones, or macOS's ._*.jpg.
 
-    Raises:
-        ConfigError: there is no picture.
+    ConfigError: there is no picture.
     """
     path = np.zeros(policy.contract.path_points, np.float32)
     answers, skipped = [], []

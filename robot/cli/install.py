@@ -79,8 +79,7 @@ def make_plan(checkout: Path, python: str, model: Path) -> List[Step]:
         python: the interpreter that the robot's environment is made of.
         model: the policy to begin with.
 
-    Raises:
-        ConfigError: the package does not lie in a checkout, or the model is absent.
+    ConfigError: the package does not lie in a checkout, or the model is absent.
     """
     if not (checkout / "pyproject.toml").is_file():
         raise ConfigError(

@@ -33,9 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Do it.
 
-    Raises:
-        HardwareError: no HAT was found, or one could not be switched off.
-        ConfigError: the configuration could not be read; what usually is there was switched off.
+    HardwareError: no HAT was found, or one could not be switched off. ConfigError: the
+    configuration could not be read; what usually is there was switched off.
     """
     wrong: Optional[ConfigError] = None
     buses: List[Union[int, str]] = [n for n in USUAL_BUSES if os.path.exists(f"/dev/i2c-{n}")]
@@ -58,8 +57,7 @@ def run(options: argparse.Namespace) -> None:
 def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
     """Bus (or the socket of a virtual one) and addresses of a robot's file; else it may be wrong.
 
-    Raises:
-        ConfigError: it cannot be read, or says neither.
+    ConfigError: it cannot be read, or says neither.
     """
     import yaml
 
@@ -81,9 +79,8 @@ def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
 def switch_off(bus: I2cBus, addresses: List[int], clock: Clock) -> str:
     """All outputs of every HAT on ``bus`` low; what was done, "" when there is none.
 
-    Raises:
-        HardwareError: a HAT is there, but three attempts to write to it failed, or somebody
-            switches it on again and again.
+    HardwareError: a HAT is there, but three attempts to write to it failed, or somebody switches it
+    on again and again.
     """
     done = []
     for address in addresses:

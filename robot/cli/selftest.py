@@ -87,9 +87,7 @@ FREE_REMEDY = "switch the motor supply off at once; the HAT does not obey (docs/
 def run_selftest(roller: Roller, person: Prompts) -> List[Outcome]:
     """Every step, in order; after a failed one the person decides whether to go on.
 
-    Raises:
-        ConfigError: the wheels are on the floor, or the input ended.
-        HardwareError: the motors failed.
+    ConfigError: the wheels are on the floor, or the input ended. HardwareError: the motors failed.
     """
     if not person.agrees("Do both wheels hang free, with nothing near them?"):
         raise ConfigError("expected wheels off the floor; put the robot on a box first")

@@ -34,9 +34,8 @@ class MotorDriver:
         pose: where the steps led, from where it was when somebody last set it. True as long as no
             rotor loses a step and no wheel slips.
 
-    Raises:
-        HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
-            message says that they could not be switched off. The driver stays off until ``open``.
+    HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
+    message says that they could not be switched off. The driver stays off until ``open``.
     """
 
     def __init__(self, hat: StepperHat, config: HatConfig, clock: Clock) -> None:

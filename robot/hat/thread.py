@@ -58,10 +58,8 @@ class MotorThread(Worker):
     The driver's ``command_timeout_s`` stops the robot when the thread that commands it hangs; when
     this thread hangs, the one that commands it switches the coils off. A fault in the background
     switches them off at once and is raised by the next call, until ``mend``. As a ``Subscriber`` it
-    tells of that also while nobody commands anything.
-
-    Raises:
-        HardwareError: from every method, when the HAT failed.
+    tells of that also while nobody commands anything. HardwareError: from every method, when the
+    HAT failed.
     """
 
     def __init__(self, driver: MotorDriver, clock: Optional[Clock] = None) -> None:

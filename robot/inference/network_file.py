@@ -39,8 +39,7 @@ def open_network(path: Union[str, Path], remedy: str) -> Any:
         path: the ONNX file.
         remedy: what a person does about a wrong file, to end the message with.
 
-    Raises:
-        ContractError: the file is absent, damaged, or too new for this onnxruntime.
+    ContractError: the file is absent, damaged, or too new for this onnxruntime.
     """
     import onnxruntime as ort
     from onnxruntime.capi import onnxruntime_pybind11_state as state

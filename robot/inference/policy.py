@@ -23,10 +23,8 @@ class OnnxPolicy:
     """A policy from an ONNX file.
 
     Another vehicle's have other ``actions``; see `robot.inference.policy_file.open_policy_file`.
-
-    Raises:
-        ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-            metadata, or its actions, inputs, outputs or values are not those of the contract.
+    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
+    metadata, or its actions, inputs, outputs or values are not those of the contract.
     """
 
     def __init__(self, path: Union[str, Path], actions: Optional[ActionTable] = None) -> None:
@@ -42,8 +40,7 @@ class OnnxPolicy:
                 ``contract.image``.
             path: (N, path_points) float32 in [-1, 1] for a navigating policy, else None.
 
-        Raises:
-            ContractError: a wrong shape or kind, or the network answered NaN or infinity.
+        ContractError: a wrong shape or kind, or the network answered NaN or infinity.
         """
         feeds = {"image": self._checked_images(images), **self._checked_path(len(images), path)}
         values = self._session.run(["values"], feeds)[0]
@@ -102,10 +99,7 @@ def values_of(
     """What the policy thinks of each action (actions,), perhaps not finite.
 
     None without a frame ``image`` (120, 160, 3) uint8, or without the ``path`` (path_points,) of a
-    mission where the policy follows one.
-
-    Raises:
-        ContractError: the policy answered in another shape.
+    mission where the policy follows one. ContractError: the policy answered in another shape.
     """
     contract = policy.contract
     if image is None or (contract.path_points and path is None):

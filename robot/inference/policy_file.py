@@ -46,8 +46,7 @@ def open_policy_file(
         actions: of another vehicle, whose table the policy must have; without, this robot's wheels
             must be able to do each.
 
-    Raises:
-        ContractError: see `robot.inference.policy.OnnxPolicy`.
+    ContractError: see `robot.inference.policy.OnnxPolicy`.
     """
     network = open_network(path, REMEDY)
     contract = _stated(path, network)

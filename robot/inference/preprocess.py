@@ -24,10 +24,7 @@ def preprocess(frame: np.ndarray, spec: ImageSpec) -> np.ndarray:
     """A frame (120, 160, 3) uint8 RGB -> ``spec.shape`` uint8 RGB, in a fresh contiguous array.
 
     Resized by pixel area (no aliasing, and the same bytes from every OpenCV 4), then the top
-    ``spec.crop_top_px`` rows are cut off.
-
-    Raises:
-        ContractError: ``frame`` is not a camera frame.
+    ``spec.crop_top_px`` rows are cut off. ContractError: ``frame`` is not a camera frame.
     """
     check_frame(frame)
     if (spec.width_px, spec.height_px) != (FRAME_WIDTH_PX, FRAME_HEIGHT_PX):

@@ -34,10 +34,8 @@ Translator = Callable[[np.ndarray], np.ndarray]
 class TranslatorContract:
     """Travels inside every translator file, as JSON under the key ``duckpilot-translator``.
 
-    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same.
-
-    Raises:
-        ContractError: an unknown direction, with the nearest one.
+    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same. ContractError:
+    an unknown direction, with the nearest one.
     """
 
     method: str  # cyclegan, pix2pix, segnet
@@ -65,9 +63,8 @@ class TranslatorContract:
 class OnnxTranslator:
     """A translator from an ONNX file, whose metadata holds a ``TranslatorContract``.
 
-    Raises:
-        ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-            metadata, or its input or output are not those of the contract.
+    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
+    metadata, or its input or output are not those of the contract.
     """
 
     def __init__(self, path: Union[str, Path]) -> None:
@@ -91,8 +88,7 @@ class OnnxTranslator:
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array.
 
-        Raises:
-            ContractError: pictures of another size or kind.
+        ContractError: pictures of another size or kind.
         """
         shape = self.contract.image.shape
         if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
@@ -111,8 +107,7 @@ def open_translator(
 ) -> OnnxTranslator:
     """A translator of the policy's pictures, in this direction where only one makes sense.
 
-    Raises:
-        ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
+    ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
     """
     translator = OnnxTranslator(path)
     if translator.image != image:

@@ -38,10 +38,7 @@ MASK = 0xFFFFFFFF  # MCAP numbers messages in 32 bits
 class DriveFile:
     """Writes ``PATH.mcap.partial``, which ``close`` completes and calls ``PATH.mcap``.
 
-    Not for several threads.
-
-    Raises:
-        OSError: from every method, when the disk does not take it.
+    Not for several threads. OSError: from every method, when the disk does not take it.
     """
 
     def __init__(self, path: Path, about: Mapping[str, str]) -> None:
@@ -170,8 +167,7 @@ class DriveLog:
         wall_s: what to add to the robot's clock to get the time since 1970 [s].
         models: files by their names in the recording, which replay the drive.
 
-    Raises:
-        OSError: from every method, when the disk does not take it.
+    OSError: from every method, when the disk does not take it.
     """
 
     def __init__(self, file: DriveFile, wall_s: float, models: Mapping[str, Path]) -> None:

@@ -94,8 +94,7 @@ def read_attachment(path: PathLike, name: str) -> Optional[bytes]:
 def read_frames(path: PathLike) -> Iterator[Tuple[float, np.ndarray]]:
     """What the camera saw: time since 1970 [s], frame (120, 160, 3) uint8 RGB without loss.
 
-    Raises:
-        ContractError: a frame that is no picture.
+    ContractError: a frame that is no picture.
     """
     for entry in entries(path, topics.CAMERA):
         yield entry.time_s, _frame(entry)
@@ -104,8 +103,7 @@ def read_frames(path: PathLike) -> Iterator[Tuple[float, np.ndarray]]:
 def read_turns(path: PathLike) -> Iterator[Tuple[Turn, Optional[np.ndarray]]]:
     """Every turn with the frame that it saw; None where it saw none, or none was recorded.
 
-    Raises:
-        ContractError: a turn of another version, or a frame that is no picture.
+    ContractError: a turn of another version, or a frame that is no picture.
     """
     frame: Optional[Entry] = None
     for entry in entries(path, topics.CAMERA, topics.TURN):
@@ -135,10 +133,8 @@ def _frame(entry: Entry) -> np.ndarray:
 def recover_folder(folder: PathLike) -> Iterator[Path]:
     """Make every unfinished recording of a folder whole; where each lies then.
 
-    Only for a folder that nobody else is recording into.
-
-    Raises:
-        OSError: the disk is full, or the folder may not be written.
+    Only for a folder that nobody else is recording into. OSError: the disk is full, or the folder
+    may not be written.
     """
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
@@ -153,9 +149,7 @@ def recover_folder(folder: PathLike) -> Iterator[Path]:
 def recover(source: PathLike, target: PathLike) -> int:
     """Write what can be read of ``source`` as a whole recording; the number of its messages.
 
-    Raises:
-        ConfigError: the source is no recording.
-        OSError: the disk is full.
+    ConfigError: the source is no recording. OSError: the disk is full.
     """
     from mcap.writer import Writer
 

@@ -150,8 +150,7 @@ class Recorder(Worker):
     def on_tick(self, tick: Tick) -> None:
         """Hand over this turn; returns at once.
 
-        Raises:
-            HardwareError: the thread has died, which no disk can bring about.
+        HardwareError: the thread has died, which no disk can bring about.
         """
         self.check()
         now_s, resting = tick.time_s, tick.time_s > self._until_s

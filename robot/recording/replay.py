@@ -56,9 +56,8 @@ def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
         path: the recording, whole or cut off.
         policy: instead of the one in the recording.
 
-    Raises:
-        ConfigError: no such file, or no MCAP.
-        ContractError: no policy in it, or one that this onnxruntime cannot load.
+    ConfigError: no such file, or no MCAP. ContractError: no policy in it, or one that this
+    onnxruntime cannot load.
     """
     about = read_about(path)
     there, here = {name: about.get(name) for name in arithmetic()}, arithmetic()
@@ -76,8 +75,7 @@ def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
 def recorded_policy(path: PathLike) -> Policy:
     """The policy that drove, out of its recording, behind its translator if it had one.
 
-    Raises:
-        ContractError: there is none, or one that this onnxruntime cannot load.
+    ContractError: there is none, or one that this onnxruntime cannot load.
     """
     files: Dict[str, Path] = {}
     with tempfile.TemporaryDirectory() as folder:

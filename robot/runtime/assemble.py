@@ -152,8 +152,7 @@ def open_navigator(
 ) -> MissionNavigator:
     """Plans on the configured map, from overhead poses, the motors' steps, and sight if there is.
 
-    Raises:
-        DuckpilotError: the map or the network of sight is wrong.
+    DuckpilotError: the map or the network of sight is wrong.
     """
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
     road_map = load_map(config.map)

@@ -30,11 +30,7 @@ def every_case() -> list[tuple[str, Case]]:
 
 
 def chosen(options: argparse.Namespace) -> list[tuple[str, Case]]:
-    """The cases asked for, with their families.
-
-    Raises:
-        DuckpilotError: no such case.
-    """
+    """The cases asked for, with their families. DuckpilotError: no such case."""
     families = options.family or list(FAMILIES)
     every = [row for family in families for row in every_case() if row[0] == family]
     names = {case.name for _, case in every}

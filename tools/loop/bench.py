@@ -220,8 +220,7 @@ class Bench:
     ) -> None:
         """Let time go on until something holds.
 
-        Raises:
-            BenchError: it did not within ``patience_s`` [s].
+        BenchError: it did not within ``patience_s`` [s].
         """
         deadline_s = self.now_s + patience_s
         while not holds():

@@ -116,8 +116,7 @@ class Conductor(Timekeeper):
     def settle(self) -> None:
         """Serve and wait until every process waits.
 
-        Raises:
-            BenchError: one works on this moment for too long.
+        BenchError: one works on this moment for too long.
         """
         deadline_s = time.monotonic() + PATIENCE_S
         while True:

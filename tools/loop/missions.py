@@ -80,11 +80,7 @@ class Driver:
         return on_lane(lane, float(self._rng.uniform(0.1, 0.9)))
 
     def on_lane(self, x_m: float, y_m: float) -> Pose:
-        """On the lane nearest to a place, along it.
-
-        Raises:
-            PlanError: the place is not on the road.
-        """
+        """On the lane nearest to a place, along it. PlanError: the place is not on the road."""
         road_map = self.bench.road_map
         near = road_map.lane_index.near(x_m, y_m)
         i = int(near.distance_m.argmin())

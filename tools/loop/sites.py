@@ -28,10 +28,7 @@ def sites_of(source: str, seed: int) -> Callable[[int], Site]:
 
     A look without distributions is the only site. Otherwise every ``MISSIONS_PER_SITE`` missions
     see another draw; of a folder, such as ``reality``, the files take turns in an order drawn by
-    the seed, so that none is left out.
-
-    Raises:
-        ConfigError: no such look, or one that does not fit.
+    the seed, so that none is left out. ConfigError: no such look, or one that does not fit.
     """
     files, looks = looks_of(source), load_looks(source)
     if not callable(looks) and len(looks) == 1:

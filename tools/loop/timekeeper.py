@@ -68,11 +68,7 @@ class Timekeeper:
         self._events.remove(event)
 
     def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
-        """Wait until a process that was started has joined.
-
-        Raises:
-            BenchError: it ended before.
-        """
+        """Wait until a process that was started has joined. BenchError: it ended before."""
         if not process_alive():
             raise BenchError(f"{name}: expected it to start, it did not; see its log")
 
@@ -97,8 +93,7 @@ class Timekeeper:
     def slow(self, decision_s: float) -> None:
         """Let every decision of the robot take so long [s].
 
-        Raises:
-            BenchError: decisions take the time that they take.
+        BenchError: decisions take the time that they take.
         """
         if decision_s:
             raise BenchError("expected lock-step, to slow decisions down; got real time")
@@ -127,8 +122,7 @@ class RealTime(Timekeeper):
     def run_until(self, time_s: float) -> None:
         """Let things happen until the clock reads ``time_s`` [s]; what was missed is skipped.
 
-        Raises:
-            HardwareError: nothing answers any more.
+        HardwareError: nothing answers any more.
         """
         self._hardware.check()
         while True:

@@ -52,8 +52,7 @@ def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
 def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     """Run the server; processes begun for it end with ``stack``.
 
-    Raises:
-        ConfigError: wrong input, or no free port, before an address to open is told.
+    ConfigError: wrong input, or no free port, before an address to open is told.
     """
     import uvicorn
 

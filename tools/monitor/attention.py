@@ -29,9 +29,8 @@ GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
 class AttentionThread(Worker):
     """Explains the newest picture, one at a time; ``end`` it.
 
-    Raises:
-        ConfigError: the extra ``trainer`` is not installed.
-        ContractError: the model is no policy of ours.
+    ConfigError: the extra ``trainer`` is not installed. ContractError: the model is no policy of
+    ours.
     """
 
     def __init__(self, model: Path) -> None:

@@ -44,8 +44,7 @@ class DriveSummary:
 class DriveRecorder:
     """Writes a file per mission; one that was cut off is made whole at the next start.
 
-    Raises:
-        OSError: from every method, when the disk does not take it.
+    OSError: from every method, when the disk does not take it.
     """
 
     def __init__(self, folder: Path, wall: Callable[[], float]) -> None:
@@ -121,8 +120,7 @@ def list_drives(folder: Path) -> list[DriveSummary]:
 def read_drive(folder: Path, name: str) -> list[dict[str, Any]]:
     """The robot's reports, each with ``t_s`` since the first; a path equal to the last is left out.
 
-    Raises:
-        ConfigError: no such drive.
+    ConfigError: no such drive.
     """
     reports: list[dict[str, Any]] = []
     path: Any = None
@@ -140,8 +138,7 @@ def read_drive(folder: Path, name: str) -> list[dict[str, Any]]:
 def read_picture(folder: Path, name: str, t_s: float) -> tuple[bytes, str] | None:
     """The picture that was the newest ``t_s`` [s] into the drive, and its media type, if any.
 
-    Raises:
-        ConfigError: no such drive.
+    ConfigError: no such drive.
     """
     with _opened(folder, name) as reader:
         times = reader.iter_messages([topics.TELEMETRY.name], log_time_order=False)
