@@ -97,13 +97,7 @@ class MapView:
 
 
 class DriveFilm:
-    """An MP4 of `SIZE_PX`; ``turn_to`` a floor first, and ``close`` it.
-
-    Args:
-        path: of the video; its folder is made.
-        model: ONNX file of the policy that drives, for what it looks at.
-        every_s: between two moments [s].
-    """
+    """An MP4 of `SIZE_PX`; ``turn_to`` a floor first, and ``close`` it."""
 
     def __init__(self, path: Path, model: Path, every_s: float) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

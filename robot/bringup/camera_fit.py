@@ -20,9 +20,7 @@ LEAST_COVERAGE = 0.6  # of the picture's width and height that boards were seen 
 def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple[Lens, float]:
     """The equidistant lens (Kannala and Brandt 2006) that saw the boards, and its residual [px].
 
-    Args:
-        boards_px: (28, 2) corners of each picture.
-        size_px: width and height of the pictures.
+    From boards (28, 2) in pictures of this size.
 
     ConfigError: too few pictures, boards in the middle only, or a bad fit.
     """

@@ -21,8 +21,7 @@ SHEET = Path(__file__).with_name("target.pdf")  # A4, landscape; the board fits 
 def board_points_m(near_edge_m: float) -> np.ndarray:
     """(28, 3) inner corners on the floor, robot frame: far row first, each from left to right.
 
-    Args:
-        near_edge_m: from the axle to the near edge of the sheet's board (its squares).
+    ``near_edge_m`` is from the axle to the near edge of the squares.
     """
     rows = near_edge_m + SQUARE_M * np.arange(CORNERS[1], 0, -1)
     columns = SQUARE_M * (COLUMNS / 2.0 - np.arange(1, COLUMNS))

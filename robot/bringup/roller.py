@@ -36,10 +36,7 @@ class Rolled(NamedTuple):
 class Roller:
     """Rolls each wheel a given way and stops there, within a step or two.
 
-    Args:
-        motors: in a ``with`` block of the caller's, who so makes sure that they are off in the end.
-        config: of the motors.
-        clock: monotonic.
+    The motors are in a ``with`` block of the caller's, so that they are off in the end.
     """
 
     def __init__(self, motors: CountedMotors, config: HatConfig, clock: Clock) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Iterator, List, Optional
 
 from robot.config import CameraConfig, RobotConfig
+from robot.doctor import FAIL, OK, WARN, Finding
 from robot.doctor.devices import check_camera, check_disk, check_hat, check_heat, check_mount
-from robot.doctor.findings import FAIL, OK, WARN, Finding
 from robot.doctor.machine import Machine
 from robot.doctor.software import check_link, check_map, check_policy, check_python
 from robot.errors import ConfigError
@@ -43,12 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
-    """Each finding as soon as it is known.
-
-    Args:
-        machine: this computer.
-        config_path: the robot's YAML file; without one the devices are looked for by default.
-    """
+    """Each finding as soon as it is known."""
     yield from check_python(machine)
     config: Optional[RobotConfig] = None
     if config_path is None:

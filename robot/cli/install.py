@@ -74,11 +74,6 @@ def run(options: argparse.Namespace) -> None:
 def make_plan(checkout: Path, python: str, model: Path) -> List[Step]:
     """All steps in order; each may be done again.
 
-    Args:
-        checkout: of this repository.
-        python: the interpreter that the robot's environment is made of.
-        model: the policy to begin with.
-
     ConfigError: the package does not lie in a checkout, or the model is absent.
     """
     if not (checkout / "pyproject.toml").is_file():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
-from typing import Callable, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, Optional, Tuple
 
 from robot.link.telemetry import Reading
 
@@ -13,6 +14,7 @@ EVERY_S = 1.0
 ZONES = Path("/sys/class/thermal")
 MEMORY = Path("/proc/meminfo")
 WARM_C, HOT_C = 80.0, 95.0  # a Jetson Nano slows down at 97 °C, a Raspberry Pi at 80
+NO_THERMOMETER = "PMIC-Die"  # of a Nano always reads 100
 LOW_DISK_PERCENT = 5.0
 LOW_MEMORY_MB = 200.0
 
@@ -37,7 +39,7 @@ class Health:
 
 
 def _computer() -> Iterator[Reading]:
-    hottest_c = max(temperatures_c(), default=None)
+    hottest_c = max(temperatures_c().values(), default=None)
     if hottest_c is not None:
         level = "bad" if hottest_c >= HOT_C else "warn" if hottest_c >= WARM_C else "ok"
         yield Reading("temperature", round(hottest_c, 1), "°C", level)
@@ -53,15 +55,14 @@ def _computer() -> Iterator[Reading]:
     yield Reading("load", round(os.getloadavg()[0], 2))
 
 
-def temperatures_c(zones: Path = ZONES) -> List[float]:
-    """Of every thermal zone that answers [°C]."""
-    found = []
-    for path in sorted(zones.glob("thermal_zone*/temp")):
-        try:
-            found.append(int(path.read_text(encoding="ascii")) / 1000.0)
-        except (OSError, ValueError):
-            continue  # a zone that is switched off
-    return [value for value in found if -40.0 < value < 200.0]
+def temperatures_c(zones: Path = ZONES) -> Dict[str, float]:
+    """Of every thermal zone that answers, by its sensor [°C]."""
+    found: Dict[str, float] = {}
+    for zone in zones.glob("thermal_zone*"):
+        with suppress(OSError, ValueError):  # a zone that is switched off
+            name = (zone / "type").read_text(encoding="ascii").strip()
+            found[name] = int((zone / "temp").read_text(encoding="ascii")) / 1000.0
+    return {n: c for n, c in found.items() if -40.0 < c < 200.0 and n != NO_THERMOMETER}
 
 
 def memory_free_mb(source: Path = MEMORY) -> Optional[float]:

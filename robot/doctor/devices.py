@@ -9,7 +9,7 @@ from typing import Iterator, List, Optional, Tuple
 from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig
 from robot.contract import CONTROL_DT_S
-from robot.doctor.findings import FAIL, OK, WARN, Finding, refused
+from robot.doctor import FAIL, OK, WARN, Finding, refused
 from robot.doctor.machine import CameraLook, Machine
 from robot.errors import HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
@@ -25,7 +25,6 @@ HEIGHT_TOLERANCE_M = 0.015
 MB = 1e6
 LEAST_MB, ROOM_MB = 200.0, 500.0  # that a system needs; for some hours of recording
 WARM_C, HOT_C = 75.0, 90.0  # a Nano throttles from 97 on, and switches off at 103
-NO_THERMOMETER = "PMIC-Die"  # of a Nano always reads 100
 
 
 def check_hat(machine: Machine, config: HatConfig) -> Finding:
@@ -140,7 +139,7 @@ def check_disk(machine: Machine, recording: Optional[RecordingConfig]) -> Findin
 
 def check_heat(machine: Machine) -> Finding:
     """The warmest thermometer."""
-    readings = {n: t for n, t in machine.temperatures_c().items() if n != NO_THERMOMETER}
+    readings = machine.temperatures_c()
     if not readings:
         return Finding("temperature", OK, "this computer tells none")
     name, celsius = max(readings.items(), key=lambda item: item[1])

@@ -9,12 +9,12 @@ import shutil
 import socket
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from robot.computer.health import temperatures_c
 from robot.config import CameraConfig
 from robot.hat.bus import I2cBus, SmbusBus
 from robot.runtime.assemble import CAPTURE_PX, open_stream
@@ -86,12 +86,7 @@ class Machine:
 
     def temperatures_c(self) -> Dict[str, float]:
         """By the name of the sensor; empty where there are none."""
-        found: Dict[str, float] = {}
-        for zone in Path("/sys/class/thermal").glob("thermal_zone*"):
-            with suppress(OSError, ValueError):
-                name = (zone / "type").read_text(encoding="ascii").strip()
-                found[name] = int((zone / "temp").read_text(encoding="ascii")) / 1000.0
-        return found
+        return temperatures_c()
 
     def connects(self, host: str, port: int) -> str:
         """Why nobody answers there; "" when somebody does."""

@@ -6,7 +6,7 @@ from typing import Iterator
 
 from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S
-from robot.doctor.findings import FAIL, OK, WARN, Finding, refused
+from robot.doctor import FAIL, OK, WARN, Finding, refused
 from robot.doctor.machine import Machine
 from robot.errors import ConfigError, DuckpilotError
 from robot.inference.policy import time_decisions

@@ -33,11 +33,7 @@ def open_network(path: Union[str, Path], remedy: str) -> Any:
     """An onnxruntime session of a file, on one thread of the processor.
 
     One is as fast as four for our networks, and leaves the other cores of a Jetson Nano to the
-    camera and the motors.
-
-    Args:
-        path: the ONNX file.
-        remedy: what a person does about a wrong file, to end the message with.
+    camera and the motors. Errors end with the ``remedy``.
 
     ContractError: the file is absent, damaged, or too new for this onnxruntime.
     """

@@ -10,12 +10,6 @@
 Each file is one line: the role of the key's owner, a space, the key. What a key may do follows from
 the role that the allow-list of its reader gives it, not from what its owner says of itself:
 
-| stream | bound by | port | who may connect |
-|---|---|---|---|
-| pose | localizer | base_port | robot, monitor: they listen |
-| telemetry | robot | base_port + 1 | monitor: it listens |
-| frame | robot | base_port + 2 | monitor: it listens |
-| command | robot | base_port + 3 | monitor: it commands |
 """
 
 from __future__ import annotations
@@ -29,6 +23,7 @@ from typing import Dict, Sequence, Tuple, Union
 from robot.errors import ConfigError, nearest
 
 ROLES = ("robot", "localizer", "monitor")
+# The streams in the order of their ports, and who may connect to each.
 BOUND_BY: Dict[str, str] = {
     "pose": "localizer",
     "telemetry": "robot",

@@ -52,10 +52,6 @@ class Replayed:
 def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
     """Decide every turn of a recording again.
 
-    Args:
-        path: the recording, whole or cut off.
-        policy: instead of the one in the recording.
-
     ConfigError: no such file, or no MCAP. ContractError: no policy in it, or one that this
     onnxruntime cannot load.
     """

@@ -24,12 +24,7 @@ SMOOTHING = 0.1  # of the rate of decisions: ten turns' memory
 class Reporter:
     """Publishes each turn and its picture; keeps ``robot.parts.Subscriber``.
 
-    Args:
-        publish: sends a report, as ``show`` sends a picture; None without a link.
-        about: what never changes: the robot's name, its model and its map.
-        limits: told beside the ages of the inputs.
-        navigator: knows the mission; None for a robot that keeps its lane.
-        health: how the robot's computer is.
+    ``publish`` and ``show`` are None without a link, ``navigator`` where the robot keeps its lane.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ import pytest
 from robot.cli import main
 from robot.cli.doctor import examine
 from robot.config import CameraConfig
-from robot.doctor.findings import FAIL, OK, WARN, Finding
+from robot.doctor import FAIL, OK, WARN, Finding
 from robot.doctor.machine import CameraLook, Machine
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
@@ -35,7 +35,7 @@ class Patient:
     hats: Dict[int, VirtualI2cBus] = field(default_factory=dict)
     look: CameraLook = field(default_factory=lambda: CameraLook(60, 2.0, (320, 240), 0, 100.0))
     free: int = 20_000_000_000
-    heat: Dict[str, float] = field(default_factory=lambda: {"CPU-therm": 45.0, "PMIC-Die": 100.0})
+    heat: Dict[str, float] = field(default_factory=lambda: {"CPU-therm": 45.0})
     unreachable: str = ""
     dead_camera: str = ""
 

@@ -10,12 +10,15 @@ from tests.robot.clocks import FakeClock
 
 
 def test_zones_that_answer_are_read(tmp_path: Path) -> None:
-    for number, text in enumerate(("41500\n", "nonsense", "-256000", "38000")):
+    told = {"CPU": "41500\n", "off": "nonsense", "cold": "-256000", "GPU": "38000"}
+    told["PMIC-Die"] = "100000"  # a Nano's, which always reads 100
+    for number, (name, text) in enumerate(told.items()):
         zone = tmp_path / f"thermal_zone{number}"
         zone.mkdir()
+        (zone / "type").write_text(f"{name}\n")
         (zone / "temp").write_text(text)
-    assert temperatures_c(tmp_path) == [41.5, 38.0]
-    assert temperatures_c(tmp_path / "none") == []
+    assert temperatures_c(tmp_path) == {"CPU": 41.5, "GPU": 38.0}
+    assert temperatures_c(tmp_path / "none") == {}
 
 
 def test_memory_is_read_where_linux_tells(tmp_path: Path) -> None:

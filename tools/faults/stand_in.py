@@ -23,12 +23,7 @@ Lie = Callable[[Pose, float], Pose]  # of a true pose, and the time since it beg
 
 
 class StandIn:
-    """Publishes the robot's true pose with the localizer's own keys, and lies when told to.
-
-    Args:
-        bench: where it is one of the programs.
-        keys: instead of the localizer's.
-    """
+    """Publishes the robot's true pose with the localizer's own keys, and lies when told to."""
 
     def __init__(self, bench: Bench, keys: Keys | None = None) -> None:
         config = bench.link_configs["localizer"]

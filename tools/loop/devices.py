@@ -69,13 +69,7 @@ class Listener:
 
 
 class BusServer(Listener):
-    """A virtual I2C bus for a driver in another process.
-
-    Args:
-        path: of the socket.
-        bus: what answers.
-        answered: told after each transaction.
-    """
+    """A virtual I2C bus for a driver in another process."""
 
     def __init__(self, path: Path, bus: VirtualI2cBus, answered: Callable[[], None]) -> None:
         super().__init__(path)

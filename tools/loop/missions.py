@@ -56,13 +56,7 @@ class MissionRecord:
 
 
 class Driver:
-    """Sends the robot of a bench on missions.
-
-    Args:
-        bench: entered.
-        rng: draws places.
-        watch: called every turn of the page.
-    """
+    """Sends the robot of a bench on missions."""
 
     def __init__(
         self, bench: Bench, rng: np.random.Generator, watch: Callable[[], None] = lambda: None

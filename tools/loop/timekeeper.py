@@ -38,11 +38,7 @@ class Event:
 
 
 class Timekeeper:
-    """Gives time to nobody yet; what only lock-step needs does nothing here.
-
-    Args:
-        clock: the bench's time.
-    """
+    """Gives time to nobody yet; what only lock-step needs does nothing here."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock

@@ -59,14 +59,7 @@ class CommandBody(BaseModel):
 
 
 def create_app(monitor: Monitor, road_map: RoadMap, token: str, host: str = "127.0.0.1") -> FastAPI:
-    """The application.
-
-    Args:
-        monitor: runs while the application does, and is closed with it.
-        road_map: the map to draw.
-        token: what a browser must show once.
-        host: the address that the server listens at.
-    """
+    """The application; the monitor runs while it does, and is closed with it."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:

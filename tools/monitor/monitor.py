@@ -34,11 +34,6 @@ class Monitor:
 
     It beats to the robot only while a page is open and showing what is sent: when the last page is
     closed or hangs, the robot learns that its operator is gone, and stops.
-
-    Args:
-        config: the links.
-        drives: folder of the recordings.
-        model: the robot's policy, for the attention overlay.
     """
 
     def __init__(self, config: LinkConfig, drives: Path, model: Path | None = None) -> None:

@@ -46,12 +46,7 @@ class Snapshot:
 
 
 class MonitorState:
-    """Takes messages, refuses stale or doubled ones, keeps the log.
-
-    Args:
-        clock: monotonic time [s].
-        wall: time of day [s since 1970], for the log only.
-    """
+    """Takes messages, refuses stale or doubled ones, keeps the log. ``wall`` is since 1970 [s]."""
 
     def __init__(self, clock: Callable[[], float], wall: Callable[[], float]) -> None:
         self.telemetry: Telemetry | None = None
