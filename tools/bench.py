@@ -25,7 +25,6 @@ from tools.lane_places import on_lane
 from tools.training_speed import CASES, in_checkout
 
 ROBOTS = 64
-BATCH = 128
 SMALL = ImageSpec(80, 60, crop_top_px=20)
 UPDATE_CHANNELS = 10  # of the HAT, 3 to 12: the coils of both motors and the PWM between
 
@@ -79,11 +78,10 @@ def camera_figures() -> dict[str, float]:
 
 
 def step_figures() -> dict[str, float]:
-    """Steps of a batch per second: everything, with small pictures, and bodies alone."""
+    """Steps of a batch per second: with whole pictures, and with small ones."""
     from sim_pybullet.batch import BatchWorld
     from sim_pybullet.look import NOMINAL
     from sim_pybullet.tasks.lane_keeping import LaneKeeping
-    from sim_pybullet.town import Town
 
     rng, actions = np.random.default_rng(0), len(ACTION_WHEELS)
 
@@ -95,42 +93,16 @@ def step_figures() -> dict[str, float]:
         world.close()
         return ROBOTS / step_s
 
-    town = Town([()], ROBOTS)
-    twists = rng.uniform(-0.3, 0.3, (ROBOTS, 2))
-    (planar_s,) = seconds_per_call(lambda: town.step(twists))
-    town.close()
     return {
         "robot_steps_per_s": rate(ImageSpec()),
         "robot_steps_per_s_80x40": rate(SMALL),
-        "planar_body_steps_per_s": ROBOTS / planar_s,
     }
 
 
 def training_figures() -> dict[str, Any]:
-    """Samples per second of a Dueling network of preset ``fast``: forward, backward, Adam step; and
-    what whole trainings make of a second of processor time."""
-    import torch
-
-    from trainer.learners.networks import GreedyNetwork
-    from trainer.learners.policies import build_policy
-    from trainer.presets import preset
-
-    torch.set_num_threads(1)
-    config = preset("lane", "dueling", "fast")
-    network = GreedyNetwork(build_policy(config))
-    optimiser = torch.optim.Adam(network.parameters())
-    images = torch.randint(0, 256, (BATCH, *config.image.shape), dtype=torch.uint8)
-    targets = torch.randn(BATCH, len(ACTION_WHEELS))
-
-    def step() -> None:
-        optimiser.zero_grad()
-        torch.nn.functional.smooth_l1_loss(network(images), targets).backward()
-        optimiser.step()
-
-    (step_s,) = seconds_per_call(step)
+    """What whole trainings make of a second of processor time."""
     here = Path(__file__).parents[1]
-    speeds = {case: asdict(in_checkout(case, here)) for case in CASES}
-    return {"samples_per_s": BATCH / step_s, **speeds}
+    return {case: asdict(in_checkout(case, here)) for case in CASES}
 
 
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
