@@ -164,7 +164,7 @@ def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> N
         cell = picture[CAMERA_PX[1] + 10 : SIZE_PX[1] - 10, i * width + 4 : (i + 1) * width - 4]
         ink, cell[:] = (PAGE, DUCK) if i == moment.action else (TEXT, CARD)
         if wide:
-            _draw_arrow(cell, (34, 66), WheelSpeeds(*wheels), ink)
+            _draw_arrow(cell, (32, 48), WheelSpeeds(*wheels), ink)
             write(cell, (62, 14), action_name(wheels).replace("_", " ").lower(), 13, ink)
         if i < len(moment.values):
             value = moment.values[i]
@@ -177,16 +177,17 @@ def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> N
 
 
 def _draw_arrow(
-    picture: np.ndarray, foot: tuple[int, int], wheels: WheelSpeeds, colour: Colour
+    picture: np.ndarray, middle: tuple[int, int], wheels: WheelSpeeds, colour: Colour
 ) -> None:
     """Where an action leads, from below upwards; a square for a stop."""
+    x, y = middle
     if not any(wheels):
-        left, top = foot[0] - 14, foot[1] - 38
-        cv2.rectangle(picture, (left, top), (left + 28, top + 28), colour, -1)
+        cv2.rectangle(picture, (x - 14, y - 14), (x + 14, y + 14), colour, -1)
         return
     turned = DRIVE.twist(wheels).turn_radps * ARROW_S
-    tip = (foot[0] - round(44 * math.sin(turned)), foot[1] - round(44 * math.cos(turned)))
-    cv2.arrowedLine(picture, foot, tip, colour, 3, cv2.LINE_AA, tipLength=0.3)
+    right, down = round(-22 * math.sin(turned)), round(-22 * math.cos(turned))
+    tip = (x + right, y + down)
+    cv2.arrowedLine(picture, (x - right, y - down), tip, colour, 3, cv2.LINE_AA, tipLength=0.3)
 
 
 def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:
@@ -198,8 +199,10 @@ def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:
     write(picture, (left + 124, 24), moment.reason[:46], 13, QUIET)
     write(picture, (left, 562), f"{speed_mps:.2f} m/s", 38, TEXT)
     write(picture, (left + 220, 580), moment.note, 18, TEXT)
-    meanings = ((0, "planned path", PATH), (128, "true pose and trail", TRUE))
-    for right, name, of in (*meanings, (298, "believed pose", DUCK)):
+    meanings = [(0, "planned path", PATH), (128, "true pose and trail", TRUE)]
+    if moment.believed is not None:
+        meanings.append((298, "believed pose", DUCK))
+    for right, name, of in meanings:
         at = left + right
         cv2.rectangle(picture, (at, 640), (at + 14, 654), of, -1)
         write(picture, (at + 22, 638), name, 14, QUIET)

@@ -76,7 +76,8 @@ def test_the_robot_is_drawn_where_it_is_and_believes_to_be_and_leaves_a_trail() 
 def test_what_changes_is_seen_in_its_own_part(
     film: DriveFilm, change: dict[str, object], part: tuple[slice, slice]
 ) -> None:
-    before, after = film._picture(moment(), 0.3), film._picture(moment(**change), 0.3)
+    there = {"believed": Pose(0.4, 0.4, 0.0)}
+    before, after = (film._picture(moment(**{**there, **new}), 0.3) for new in ({}, change))
     changed = (before != after).any(axis=2)
     assert changed[part].any()
     changed[part] = False

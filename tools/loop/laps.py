@@ -74,7 +74,7 @@ def _moment(
     return Moment(
         picture,
         pose,
-        drive.driver.pose,
+        None,  # a lane keeper needs to believe nothing
         tick.verdict.state.value,
         tick.verdict.sentence,
         drive.lane.points_m[[*range(len(drive.lane.points_m)), 0]].tolist(),

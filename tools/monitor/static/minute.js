@@ -11,7 +11,7 @@ const CURVES = [
   { name: "distance from the path", unit: "cm", least: 5, signed: true,
     of: (robot) => robot.mission?.phase === "driving" ? 100 * robot.mission.offset_m : null },
   { name: "lag, from picture to wheels", unit: "ms", least: 100, of: (robot) => 1000 * robot.lag_s },
-  { name: "age of the pose", unit: "ms", least: 100,
+  { name: "pose age and limit", unit: "ms", least: 100,
     of: (robot) => { const age = input(robot, "pose")?.age_s ?? null; return age && 1000 * age; },
     limit: (robot) => 1000 * (input(robot, "pose")?.limit_s ?? 0) || null },
 ];
@@ -28,10 +28,10 @@ export class Minute {
         svg.append(line);
         return line;
       });
-      const value = element("b");
+      const [scale, value] = [element("span"), element("b")];
       place.append(element("div", { className: "plot" },
-        element("p", { className: "figures" }, `${curve.name} `, value), svg));
-      return { ...curve, svg, lines, value };
+        element("p", { className: "figures" }, element("span", {}, `${curve.name} `, scale), value), svg));
+      return { ...curve, svg, lines, scale, value };
     });
   }
 
@@ -52,12 +52,13 @@ export class Minute {
   }
 }
 
-function draw({ svg, lines, value, of, limit, unit, least, signed }, reports, until) {
+function draw({ svg, lines, scale, value, of, limit, unit, least, signed }, reports, until) {
   const values = reports.map(of);
   const known = values.filter((one) => one !== null);
   const stop = reports.length && limit ? limit(reports.at(-1)) : null;
   const most = Math.max(least, stop ?? 0, ...known.map(Math.abs)) * 1.1;
   svg.setAttribute("viewBox", `${-SPAN_S} ${-most} ${SPAN_S} ${signed ? 2 * most : most}`);
+  scale.textContent = `(${signed ? "±" : "0–"}${Math.round(most)})`;
   const across = (y) => `M${-SPAN_S} ${-y}H0`;
   lines[0].setAttribute("d", across(0));
   lines[1].setAttribute("d", stop ? across(stop) : "");

@@ -1,0 +1,77 @@
+"""``python -m tests.tools.pictures FOLDER``: the monitor's picture and film in the documents."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import imageio.v3 as iio
+import numpy as np
+
+from tests.robot.link.conftest import free_base_port
+from tests.tools.browser import Browser, find_chromium
+
+SIZE_PX = (1280, 920)
+FILM_PX = (860, 618)
+EVERY_S = 0.8
+GOAL = """(() => { const b = document.querySelector('#map').getBoundingClientRect();
+return [b.x + 0.72 * b.width, b.y + 0.465 * b.height]; })()"""
+SHARE = "parseFloat(document.querySelector('#mission-bar').style.width) || 0"  # of the way [%]
+PHASE = "document.querySelector('#mission-phase').textContent"
+HEARD = "document.querySelectorAll('#inputs [data-level=ok]').length === 3"
+
+
+def take(folder: Path, program: str) -> None:
+    """Drive a mission in the demonstration, and write ``monitor.png`` and ``drive.gif``."""
+    with tempfile.TemporaryDirectory() as place:
+        words = ["--demo", "--map", "town", "--port", str(free_base_port()), "--drives", place]
+        command = [sys.executable, "-m", "tools.monitor", *words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
+            assert monitor.stdout is not None
+            found = re.search(r"http://\S+", monitor.stdout.readline())
+            assert found is not None
+            try:
+                with Browser(program, Path(place, "profile"), *SIZE_PX) as page:
+                    frames = _drive(page, found.group(), folder / "monitor.png")
+            finally:
+                monitor.terminate()
+    small = [cv2.resize(frame, FILM_PX, interpolation=cv2.INTER_AREA) for frame in frames]
+    film = folder / "drive.gif"
+    iio.imwrite(
+        film, np.stack(small), duration=[*[int(500 * EVERY_S)] * (len(small) - 1), 2000], loop=0
+    )
+
+
+def _drive(page: Browser, address: str, picture: Path) -> list[np.ndarray]:
+    """Frames of a mission, the picture is that of its middle."""
+    page.size(*SIZE_PX)
+    time.sleep(3.0)
+    page.open(address)
+    page.until(HEARD, 30.0)
+    page.click(*page.evaluate(GOAL))
+    shots: list[bytes] = []
+    due_s, share = time.monotonic(), 0.0
+    while share < 100.0:
+        if len(shots) == 2:
+            page.click_on("#go")
+        due_s += EVERY_S
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        share = page.evaluate(SHARE)
+        assert page.evaluate(PHASE) != "stopped", "too busy a computer: the robot stopped"
+        shot = picture if share < 60.0 else picture.with_name("frame.png")
+        page.screenshot(shot)
+        shots.append(shot.read_bytes())
+    picture.with_name("frame.png").unlink()
+    return [iio.imread(shot)[..., :3] for shot in shots]
+
+
+if __name__ == "__main__":
+    chromium = find_chromium()
+    if chromium is None:
+        sys.exit("pictures: expected Chromium on the PATH, got none")
+    take(Path(sys.argv[1]), chromium)
