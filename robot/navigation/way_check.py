@@ -47,6 +47,7 @@ FINE_M, FINE_RAD = 0.005, math.radians(0.7)  # nor over any way, nor their usual
 FINE_SCALE = 0.036  # of wheels not yet known: 15 % just pass
 FINE_ASKEW_RAD = 0.02  # of a board not yet known: 5 degrees just pass
 FINE_TIMING_S = 0.06  # by which wheels answer, and pictures are dated, late
+FINE_ASIDE_M = 0.005  # by which the board is not above the axle's middle: a centimetre passes
 FINE_LAG_S = 0.5
 _LAG_S = FINE_LAG_S - 1e-3  # a way of half a second, whatever rounding does
 
@@ -130,7 +131,8 @@ class WayCheck:
             seen, led = (complex(way) for way in _ways(begins, rows[later]))
             if _steady(rows[first : later + 1]):
                 self._learn_scale(seen, led)
-            self._learn_errors(seen - led, rows[first : first + 2])
+            scale, _, _ = self._wheels(self._usual_m2[1])
+            self._learn_errors(seen - scale * led, rows[first : first + 2])
         self._rows = rows[first:]
 
     def _learn_scale(self, seen: complex, led: complex) -> None:
@@ -167,37 +169,41 @@ class WayCheck:
         if first >= 0:
             seen, led = _ways(near[first], rows[-1])
             stands = bool(abs(seen) < 0.5 * abs(led))
-        velocity = _velocities(rows)
-        changed = np.abs(velocity[-IN_A_ROW:, None] - velocity[None, :-IN_A_ROW])
-        fine, _ = _in_a_row(self._fine(now, then, changed))
+        changed = _between(_speed_changes(rows))
+        turned = _between(np.exp(1j * rows[:, _SEEN_RAD]))
+        late_m, aside_m = FINE_TIMING_S * changed, FINE_ASIDE_M * turned
+        fine, _ = _in_a_row(self._fine(now, then, late_m**2 + aside_m**2))
         return WayDoubt(worst / CONTRADICTION, fine / FINE_CONTRADICTION, stands)
 
-    def _fine(self, now: np.ndarray, then: np.ndarray, changed_mps: np.ndarray) -> np.ndarray:
+    def _fine(self, now: np.ndarray, then: np.ndarray, noise_m2: np.ndarray) -> np.ndarray:
         """Squared distances (3, n) by what these poses and wheels were of late."""
         short, long = self._variances()
         if short > FINE_CAUTION * FINE_USEFUL_M**2:
-            return np.zeros_like(changed_mps)
+            return np.zeros_like(noise_m2)
         seen, led = _ways(then[None], now[:, None])
-        period_s = (self._rows[-1, _TIME] - self._rows[0, _TIME]) / (len(self._rows) - 1)
-        # so many of the ways that were learned from share each piece of the way
-        overlap = max(1.0, FINE_LAG_S / period_s)
-        known = self._weight_m2 / (overlap * long)
-        along_var, across_var = (
-            1.0 / (known + 1.0 / prior**2) for prior in (FINE_SCALE, FINE_ASKEW_RAD)
-        )
-        scale = 1.0 + 0.0j
-        if self._weight_m2 > 0.0:
-            off = self._learned / self._weight_m2 - 1.0
-            scale += known * (along_var * off.real + 1j * across_var * off.imag)
+        scale, along_var, across_var = self._wheels(long)
         along, across = _split(seen - scale * led, led)
         # part of it is new in every pose, and the rest walks on
         elapsed_s = now[:, None, _TIME] - then[None, :, _TIME]
-        noise = short + (long - short) * elapsed_s / FINE_LAG_S + FINE_M**2
-        noise += (FINE_TIMING_S * changed_mps) ** 2
+        noise = noise_m2 + short + (long - short) * elapsed_s / FINE_LAG_S + FINE_M**2
         way_m2 = np.abs(led) ** 2
         across_var += FINE_RAD**2
         squared = along**2 / (noise + way_m2 * along_var)
         return np.asarray(squared + across**2 / (noise + way_m2 * across_var))
+
+    def _wheels(self, long_m2: float) -> Tuple[complex, float, float]:
+        """How these wheels drive, as far as is known; variances of that along and across the way.
+
+        ``long_m2`` is the variance of the ways that it was learned from.
+        """
+        if self._weight_m2 == 0.0:
+            return 1.0 + 0.0j, FINE_SCALE**2, FINE_ASKEW_RAD**2
+        period_s = (self._rows[-1, _TIME] - self._rows[0, _TIME]) / (len(self._rows) - 1)
+        # so many of the ways that were learned from share each piece of the way
+        known = self._weight_m2 / (max(1.0, FINE_LAG_S / period_s) * long_m2)
+        along, across = (1.0 / (known + 1.0 / prior**2) for prior in (FINE_SCALE, FINE_ASKEW_RAD))
+        off = self._learned / self._weight_m2 - 1.0
+        return 1.0 + known * (along * off.real + 1j * across * off.imag), along, across
 
     def _variances(self) -> np.ndarray:
         """(2,) of the poses' errors, per coordinate: over one pose, and over half a second [m^2].
@@ -236,6 +242,19 @@ def _velocities(rows: np.ndarray) -> np.ndarray:
     _, led = _ways(rows[:-1], rows[1:])
     speeds = led / np.diff(rows[:, _TIME])
     return np.concatenate((speeds[:1], speeds))
+
+
+def _speed_changes(rows: np.ndarray) -> np.ndarray:
+    """(n,) changes of speed up to each row, each in its direction, as complex numbers [m/s]."""
+    velocity = _velocities(rows)
+    speed = np.abs(velocity)
+    direction = np.where(speed > 1e-6, velocity / np.maximum(speed, 1e-6), 1.0)
+    return np.asarray(np.cumsum(np.diff(speed, prepend=speed[0]) * direction))
+
+
+def _between(values: np.ndarray) -> np.ndarray:
+    """(3, n) distances of the last three from those before."""
+    return np.asarray(np.abs(values[-IN_A_ROW:, None] - values[None, :-IN_A_ROW]))
 
 
 def _steady(rows: np.ndarray) -> bool:

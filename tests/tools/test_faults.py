@@ -22,6 +22,7 @@ FAILED = Outcome("network", "cut", "", 9.0, 1.0, "AUTO", "", "still moving")
 # A picture that is rolled or shifted a little is most like a bend.
 SLOW_S = {
     **{f"drift {way}": 2.4 for way in ("ahead", "back", "left", "right")},
+    **{f"drift {way} in a bend": 2.4 for way in ("ahead", "left")},
     "headings turn": 5.0,
     "rolled": 6.0,
     "shifted": 6.0,

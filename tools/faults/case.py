@@ -45,6 +45,7 @@ class Case:
         states: one of which the robot must show; empty where it must go on driving.
         heal: mends it; nothing may begin to move by that.
         before: prepares the bench, before the robot drives off.
+        approach: lets it drive on to where the fault comes.
         silent: the page must say that the robot is silent.
         check: a last look before mending; what is wrong, or "".
         drives_again: mended, and armed by a person, it must drive without a new start.
@@ -58,6 +59,7 @@ class Case:
     states: tuple[str, ...] = ("FAULT",)
     heal: Act = nothing
     before: Act = nothing
+    approach: Act = nothing
     moving: bool = True
     silent: bool = False
     check: Callable[[Stage], str] = nothing

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import signal
 from collections.abc import Callable
 
 import numpy as np
 
-from robot.geometry import Pose
+from robot.geometry import Pose, wrap_angle
 from sim_pybullet.virtual.world import PHYSICS_DT_S
 from tools.faults.case import HOLD, HOLD_OR_FAULT, Act, Case, change
 from tools.faults.stage import Stage
 from tools.faults.stand_in import Lie, StandIn
-from tools.loop.timekeeper import Event
+from tools.loop.timekeeper import BenchError, Event
 
 POSE_AGE_S = 1.0
 OLD = "overhead pose"
 FROZEN_S, HELD_S, SWAPPED_S = 1.0, 1.5, 2.0
 DRIFT_MPS = 0.03
 DRIFTED_S = 2.4  # a quarter of a second later the poses are 8 cm off
+BENT_RAD = 0.2  # no robot turns so far on a straight
 TURN_RADPS = math.radians(3.0)
 TURNED_S = 5.0
 NOISE = 3.0  # of the overhead sensor, grey levels
@@ -139,6 +141,23 @@ def _drift(name: str, ahead: float, left: float) -> Case:
     return _told(f"drift {name}", "poses drift by 3 cm/s", make, DRIFTED_S)
 
 
+def _in_bend(case: Case) -> Case:
+    """The same, beginning where the mission's first bend does."""
+
+    def approach(stage: Stage) -> None:
+        def turned_rad() -> float:
+            return float(wrap_angle(stage.bench.town.pose.heading_rad - stage.start.heading_rad))
+
+        for _ in range(200):
+            if abs(turned_rad()) > BENT_RAD:
+                return
+            stage.run(0.1)
+        raise BenchError("expected a bend within 20 s, the robot drove straight on")
+
+    name, what = f"{case.name} in a bend", f"{case.what}, from the first bend on"
+    return dataclasses.replace(case, name=name, what=what, approach=approach)
+
+
 def _turn(_: Stage, __: Pose) -> Lie:
     return lambda p, t: p._replace(heading_rad=p.heading_rad + TURN_RADPS * t)
 
@@ -172,6 +191,8 @@ WAYS = (
     _drift("back", -1.0, 0.0),
     _drift("left", 0.0, 1.0),
     _drift("right", 0.0, -1.0),
+    _in_bend(_drift("ahead", 1.0, 0.0)),
+    _in_bend(_drift("left", 0.0, 1.0)),
     _told("headings turn", "by 3 degrees a second", _turn, TURNED_S),
     _told("swapped", "the other, 8 cm to the left, stands", _other_stands, SWAPPED_S),
     _told("swapped beside", "it drives along", _other_drives(0.0, 0.08), SWAPPED_S),

@@ -65,6 +65,7 @@ class Stage:
             case.before(self)
             if case.moving:
                 self.drive_off()
+            case.approach(self)
             outcome = self._meet(case, outcome)
             if case.drives_again and outcome.passed:
                 outcome = replace(outcome, problem=self._again_problem())
