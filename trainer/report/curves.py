@@ -50,7 +50,7 @@ def draw_panels(panels: Sequence[tuple[str, Sequence[Record]]], path: Path) -> N
     columns = [_draw_success, *([_draw_distance] if measured else []), _draw_reward]
     size = (4.4 * len(columns), 3.1 * len(panels))
     figure = Figure(figsize=size, layout="constrained")
-    axes = np.asarray(figure.subplots(len(panels), len(columns), squeeze=False))
+    axes = np.asarray(figure.subplots(len(panels), len(columns), sharex="row", squeeze=False))
     for row, (title, records) in zip(axes, panels, strict=True):
         row[0].set_title(fill(title, _TITLE_LETTERS), loc="left", fontsize="medium")
         for axis, draw in zip(row, columns, strict=True):
@@ -86,9 +86,8 @@ def _draw_success(axis: Axes, records: Sequence[Record]) -> None:
     skilled = [[e.step for e in es if e.success_rate >= SKILLED] for _, es in records]
     learned = [min(steps) for steps in skilled if steps]
     if learned:
-        axis.axvline(median(learned), color="green", linestyle=":", linewidth=1.4)
-        label = f"learned: {median(learned):,.0f} steps "
-        axis.text(median(learned), 50, label, color="green", rotation=90, ha="right", va="center")
+        label = f"learned: {median(learned):,.0f} steps"
+        axis.axvline(median(learned), color="green", linestyle=":", linewidth=1.4, label=label)
 
 
 def _draw_distance(axis: Axes, records: Sequence[Record]) -> None:
