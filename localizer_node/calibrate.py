@@ -34,7 +34,6 @@ class Report(NamedTuple):
     """A calibration and how good it is."""
 
     calibration: Calibration
-    residuals_mm: Tuple[float, ...]  # of each point, on the floor; its RMS is in the calibration
     parallax_sigma_mm: float  # of a board in the farthest corner, from the height's uncertainty
     checked: bool  # points enough for the residual to show a wrong lens or place
 
@@ -102,7 +101,7 @@ def calibrate(
     calibration = replace(rough, residual_mm=residual, roi_px=roi)
     # Equations beyond the unknowns: with few, a wrong lens leaves no residual either.
     checked = 2 * len(points) - freedom.unknowns >= ENOUGH_SPARE
-    return Report(calibration, tuple(errors.tolist()), parallax, checked)
+    return Report(calibration, parallax, checked)
 
 
 def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:

@@ -173,23 +173,14 @@ class Detector:
     def _pairs(
         self, marker: Marker, rears: Sequence[Part], fronts: Sequence[Part]
     ) -> List[Optional[Detection]]:
-        board = marker.board
         found: List[Optional[Detection]] = []
         for rear in rears:
             rear_fit = size_fit(rear, marker.blue_m)
-            best: Optional[Tuple[float, Part]] = None
-            for front in fronts:
-                gap = float(np.linalg.norm(front.centre_m - rear.centre_m))
-                error = gap / (board.length_m / 2.0) - 1.0
-                if abs(error) > BASELINE_TOLERANCE:
-                    continue
-                fit = size_fit(front, (board.front_m, board.width_m)) * bell(error, 0.15)
-                if fit > 0.0 and (best is None or fit > best[0]):
-                    best = (fit, front)
-            if best is not None and rear_fit > 0.0:
-                found.append(
-                    self._two_coloured(marker, rear, best[1], math.sqrt(rear_fit * best[0]))
-                )
+            fits = [_front_fit(marker, rear, front) for front in fronts]
+            best = int(np.argmax(fits)) if fits else 0
+            if fits and rear_fit * fits[best] > 0.0:
+                confidence = math.sqrt(rear_fit * fits[best])
+                found.append(self._two_coloured(marker, rear, fronts[best], confidence))
         return found
 
     def _two_coloured(
@@ -251,6 +242,16 @@ class Detector:
         if not len(self._roi):
             return True
         return cv2.pointPolygonTest(self._roi, (detection.u_px, detection.v_px), False) >= 0
+
+
+def _front_fit(marker: Marker, rear: Part, front: Part) -> float:
+    """How well a part has the size of the front and lies as far from the rear as it should."""
+    board = marker.board
+    gap_m = float(np.linalg.norm(front.centre_m - rear.centre_m))
+    error = gap_m / (board.length_m / 2.0) - 1.0
+    if abs(error) > BASELINE_TOLERANCE:
+        return 0.0
+    return size_fit(front, (board.front_m, board.width_m)) * bell(error, 0.15)
 
 
 def _placed(

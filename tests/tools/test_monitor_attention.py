@@ -36,12 +36,12 @@ def test_the_newest_picture_is_explained() -> None:
     for sequence in range(30):
         thread.offer(frame(sequence))
     assert until(lambda: thread.newest is not None)
+    nothing = FrameMessage(b"\xff\xd8no picture\xff\xd9", 160, 120, 9.0)
     grid = cells(thread.newest)
     assert grid.max() == 255
     assert grid[:3].max() == 0  # the policy does not see the top third
-    thread.offer(FrameMessage(b"\xff\xd8no picture\xff\xd9", 160, 120, 9.0))
-    assert until(lambda: thread.newest is None)
-    thread.end()
+    assert until(lambda: thread.offer(nothing) is None and thread.newest is None)
+    thread.close()
 
 
 def test_the_robot_sends_none_and_the_page_gets_one(tmp_path: Path) -> None:

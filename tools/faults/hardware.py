@@ -117,7 +117,7 @@ def _bad(network: str, name: str, what: str, says: str = "", **values: float) ->
     """With ``says`` the robot holds, else it drives on."""
 
     def inject(stage: Stage) -> None:
-        stage.bench.time.lossy(True)
+        stage.shared.set("lossy", 1.0)
         change(lambda stage: stage.bench.networks[network], **values)(stage)
 
     name = f"{network} {name}"

@@ -96,9 +96,9 @@ MODEL = (
         heal=_own_model_again,
     ),
     Case(
-        *("slow", f"a decision takes {SLOW_S:g} s", lambda stage: stage.bench.time.slow(SLOW_S)),
+        *("slow", f"a decision takes {SLOW_S:g} s", lambda stage: stage.shared.set("slow", SLOW_S)),
         *(0.2, "loop|frame"),
-        heal=lambda stage: stage.bench.time.slow(0.0),
+        heal=lambda stage: stage.shared.set("slow", 0.0),
     ),
 )
 

@@ -18,6 +18,7 @@ from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
 from tools.lane_places import on_straight_lane
 from tools.loop.bench import Bench, BenchOptions
+from tools.loop.conductor import Conductor
 from tools.loop.timekeeper import BenchError
 
 DRIVE_S = 1.7  # until the fault comes: at full speed
@@ -37,6 +38,8 @@ class Stage:
 
     def __init__(self, options: BenchOptions, folder: Path) -> None:
         self.bench = Bench(options, folder)
+        assert isinstance(self.bench.time, Conductor)  # times of faults are of lock-step
+        self.shared = self.bench.time.shared
         self.rng = np.random.default_rng(options.seed)
         self.stand_in: StandIn | None = None
         self.note = ""  # from a case's injection to its check
@@ -126,7 +129,7 @@ class Stage:
         """
         bench = self.bench
         bench.stop("localizer")
-        self.stand_in = StandIn(bench, keys)
+        self.stand_in = StandIn(bench, self.shared, keys)
         if keys is not None:
             return
 
@@ -141,7 +144,7 @@ class Stage:
         """Everything as it was, with whatever programs must be started again."""
         case.heal(self)
         self._dismiss_stand_in()
-        self.bench.time.lossy(False)
+        self.shared.set("lossy", 0.0)
         self.bench.revive()
 
     def _dismiss_stand_in(self) -> None:

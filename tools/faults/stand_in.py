@@ -13,6 +13,7 @@ from robot.geometry import Pose, wrap_angle
 from robot.link.keys import Keys
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link
+from tools.loop.shared_time import SharedTime
 from tools.loop.town import OVERHEAD_FPS, ROBOT
 from tools.loop.wire_watch import let_sockets_wait
 
@@ -25,7 +26,7 @@ Lie = Callable[[Pose, float], Pose]  # of a true pose, and the time since it beg
 class StandIn:
     """Publishes the robot's true pose with the localizer's own keys, and lies when told to."""
 
-    def __init__(self, bench: Bench, keys: Keys | None = None) -> None:
+    def __init__(self, bench: Bench, shared: SharedTime, keys: Keys | None = None) -> None:
         config = bench.link_configs["localizer"]
         self.late_s = 0.0
         self.clock_step_s = 0.0
@@ -34,8 +35,8 @@ class StandIn:
         self.instead: list[bytes] = []  # sent in place of poses
         self._bench = bench
         self.lies(lambda pose, _: pose)
-        if bench.options.lockstep:
-            let_sockets_wait()
+        self._shared = shared
+        let_sockets_wait()
         self._link = config.open() if keys is None else Link(keys)
         self._socket = self._link.bind(
             zmq.PUB, config.bind_endpoint(PosesMessage.KIND), 2**21, PosesMessage.KIND
@@ -77,4 +78,4 @@ class StandIn:
         while self._waiting and self._waiting[0][0] <= bench_s:
             sent = self._waiting.popleft()[1]
             self._send(sent.to_bytes())
-            self._bench.time.published(sent.KIND, sent.session, sent.sequence)
+            self._shared.publish(sent.KIND, sent.session, sent.sequence)

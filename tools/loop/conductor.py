@@ -87,18 +87,6 @@ class Conductor(Timekeeper):
         if name in self._participants:
             self._participants[name].idle = False
 
-    def published(self, stream: str, session: str, sequence: int) -> None:
-        """The bench itself published a message: wait for it as for those of the processes."""
-        self.shared.publish(stream, session, sequence)
-
-    def lossy(self, lossy: bool) -> None:
-        """Whether messages may be lost or late, so that nobody waits for one."""
-        self.shared.set("lossy", float(lossy))
-
-    def slow(self, decision_s: float) -> None:
-        """Let every decision of the robot take so long [s]."""
-        self.shared.set("slow", decision_s)
-
     def run_until(self, time_s: float) -> None:
         """Go on until the clock reads ``time_s`` [s]."""
         self.settle()

@@ -80,20 +80,6 @@ class Timekeeper:
     def woken(self, name: str) -> None:
         """As ``poked``, for hardware that answers a waiting process."""
 
-    def published(self, stream: str, session: str, sequence: int) -> None:
-        """The bench itself published a message: wait for it as for those of the processes."""
-
-    def lossy(self, lossy: bool) -> None:
-        """Whether messages may be lost or late, so that nobody waits for one."""
-
-    def slow(self, decision_s: float) -> None:
-        """Let every decision of the robot take so long [s].
-
-        BenchError: decisions take the time that they take.
-        """
-        if decision_s:
-            raise BenchError("expected lock-step, to slow decisions down; got real time")
-
     def run_until(self, time_s: float) -> None:
         """Let everybody live until the clock reads ``time_s`` [s]."""
         raise NotImplementedError

@@ -5,7 +5,7 @@ The robot never computes it: its four cores have the camera, the motors and the 
 
 from __future__ import annotations
 
-import threading
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 
 from robot.camera.source import fit_to_frame
-from robot.computer.threads import Worker
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.link.messages import FrameMessage
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
 
 
-class AttentionThread(Worker):
-    """Explains the newest picture, one at a time; ``end`` it.
+class AttentionThread:
+    """Explains the newest picture when it has done with another; ``close`` it.
 
     ConfigError: the extra ``trainer`` is not installed. ContractError: the model is no policy of
     ours.
@@ -41,39 +40,28 @@ class AttentionThread(Worker):
                 "--model: expected the extra 'trainer' for the attention overlay, it is not "
                 "installed; pip install 'duckpilot[trainer]', or leave --model out"
             ) from error
-        super().__init__("attention")
-        self._newest: Attention | None = None
         self._explainer = Explainer(model)
-        self._changed = threading.Condition()
-        self._waiting: FrameMessage | None = None
-        self.start()
-
-    @property
-    def newest(self) -> Attention | None:
-        """Of the newest picture; None before, for one that cannot be read, and without a thread."""
-        return self._newest if self.alive else None
+        self._pool = ThreadPoolExecutor(1, "attention")
+        self._working: Future[None] | None = None
+        self.newest: Attention | None = None  # of the last picture; None where it cannot be read
 
     def offer(self, frame: FrameMessage) -> None:
-        """Explain this picture next, instead of one that still waits; returns at once."""
-        with self._changed:
-            self._waiting = frame
-            self._changed.notify()
+        """Explain this picture, unless another is being explained; returns at once."""
+        if self._working is None or self._working.done():
+            self._working = self._pool.submit(self._explain, frame)
 
-    def _wake(self) -> None:
-        with self._changed:
-            self._changed.notify()
+    def close(self) -> None:
+        """Explain no more."""
+        self._pool.shutdown(wait=False)
 
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._ending.is_set())
-                frame, self._waiting = self._waiting, None
-                if self._ending.is_set() or frame is None:
-                    return
-            try:
-                self._newest = attention_of(self._explainer, fit_to_frame(picture(frame.jpeg)))
-            except ValueError:  # a JPEG that cannot be decoded
-                self._newest = None
+    def _explain(self, frame: FrameMessage) -> None:
+        found = None
+        try:
+            found = attention_of(self._explainer, fit_to_frame(picture(frame.jpeg)))
+        except ValueError:  # a JPEG that cannot be decoded
+            pass
+        finally:
+            self.newest = found
 
 
 def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:

@@ -146,7 +146,7 @@ class Monitor:
     def close(self) -> None:
         """Complete the recording and close the links."""
         if self._attention is not None:
-            self._attention.end()
+            self._attention.close()
         self._record(DriveRecorder.close)
         self._link.close()
 
