@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import json
+import math
 import sys
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from localizer_node import calibrate_command, commands
+from localizer_node import calibrate_command
+from localizer_node.calibration import load_calibration
+from localizer_node.detect import Detection
+from localizer_node.draw import annotated
+from localizer_node.node import Localizer, Publish, locate_frame
+from localizer_node.sources import open_source
+from robot.camera.files import read_picture
 from robot.command_line import OneLineParser, answer, spoken, whole
+from robot.link.config import LinkConfig
+from robot.link.messages import PosesMessage, Sighting
+from robot.output import expect_writable, write_json, write_png
+from robot.typed_config import load_yaml, to_plain
+
+STDOUT = "-"
 
 
 def main(argv: Optional[Sequence[str]] = None, prog: str = "python -m localizer_node") -> int:
@@ -29,18 +44,87 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     run.add_argument("--fps", type=whole(1, 240), default=30)
     run.add_argument("--link", help="YAML of the link; without it poses are printed as JSON lines")
-    run.set_defaults(command=commands.run)
+    run.set_defaults(command=run_command)
     locate = actions.add_parser("locate", help="find the robots in one picture")
     locate.add_argument("--image", type=Path, required=True)
     locate.add_argument("--calibration", type=Path, required=True)
     locate.add_argument(
-        "--json", nargs="?", const=commands.STDOUT, metavar="OUT", help="JSON to OUT or stdout"
+        "--json", nargs="?", const=STDOUT, metavar="OUT", help="JSON to OUT or stdout"
     )
     locate.add_argument("--picture", type=Path, metavar="PNG", help="draw what was found")
-    locate.set_defaults(command=commands.locate)
+    locate.set_defaults(command=locate_command)
     calibrate = actions.add_parser("calibrate", help="make the calibration of an arena")
     calibrate_command.add_arguments(calibrate)
     return parser
+
+
+def run_command(arguments: argparse.Namespace) -> None:
+    """Follow the robots until the source ends; publish their poses, or print them as JSON lines."""
+    calibration = load_calibration(arguments.calibration)
+    frames = open_source(arguments.source, calibration.lens, arguments.fps)
+    with ExitStack() as open_links:
+        publish: Publish = _print_lines
+        if arguments.link:
+            publish = publisher(load_yaml(LinkConfig, arguments.link), open_links)
+        localizer = Localizer(calibration, publish)
+        for frame in frames:
+            localizer.feed(frame.image, frame.t_capture_s)
+
+
+def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
+    """What tells robots and monitor the poses of each picture, as long as the stack is open.
+
+    ConfigError: the link's keys are absent, or the configuration does not fit.
+    """
+    link = config.open()
+    stack.callback(link.close)
+    channel = config.publisher(link, PosesMessage)
+
+    def publish(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:
+        link.admit()
+        if poses:
+            channel.send(PosesMessage(poses, t_capture_s))
+
+    return publish
+
+
+def _print_lines(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:
+    for pose in poses:
+        print(json.dumps({**to_plain(pose), "t_capture_s": t_capture_s}), flush=True)
+
+
+def locate_command(arguments: argparse.Namespace) -> None:
+    """Find the robots in one picture, and tell or draw them."""
+    json_file = None if arguments.json in (None, STDOUT) else Path(arguments.json)
+    expect_writable(json_file, arguments.picture, inputs=[arguments.image, arguments.calibration])
+    image = read_picture(arguments.image)
+    calibration = load_calibration(arguments.calibration)
+    found = locate_frame(image, calibration)
+    if arguments.picture:
+        write_png(arguments.picture, annotated(image, calibration, found))
+    if json_file is not None:
+        write_json(json_file, _located(found, arguments))
+    elif arguments.json:
+        print(json.dumps(_located(found, arguments), indent=1))
+    if arguments.json:
+        return
+    for one in found:
+        heading = "?" if one.heading_rad is None else f"{math.degrees(one.heading_rad):.1f}"
+        print(f"{one.robot}: x {one.x_m:.3f} m, y {one.y_m:.3f} m, heading {heading} degrees")
+    if not found:
+        print("no robot found")
+
+
+def _located(found: List[Detection], arguments: argparse.Namespace) -> Dict[str, Any]:
+    best = to_plain(found[0]) if found else {"confidence": 0.0}
+    keys = ("robot", "x_m", "y_m", "heading_rad", "confidence")
+    return {
+        "schema": 1,
+        "inputs": {name: str(getattr(arguments, name)) for name in ("image", "calibration")},
+        "found": bool(found),
+        **{key: best.get(key) for key in keys},
+        "robots": [to_plain(d) for d in found],
+    }
 
 
 if __name__ == "__main__":

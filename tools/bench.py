@@ -17,8 +17,7 @@ from tqdm import tqdm
 
 from robot.command_line import OneLineParser, answer
 from robot.contract import ACTION_WHEELS, ImageSpec
-from robot.inference.policy import OnnxPolicy
-from robot.inference.policy_file import SHIPPED_MODELS
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from tools.lane_places import on_lane

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robot.command_line import SEED, OneLineParser, answer, number
-from robot.inference.policy_file import SHIPPED_MODELS
+from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
 
 TRAIN_SECONDS = 75.0

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from robot.contract import DRIVE, ActionTable, action_name
 from robot.errors import ContractError
 from robot.geometry import Pose, WheelSpeeds
-from robot.inference.policy_file import read_contract
+from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
 from sim_pybullet.scene import Ground
 from trainer.judging.explain import Explainer

@@ -164,7 +164,7 @@ class EvaluateOptions:
 
 def task_of(model: Path) -> str:
     """What the policy in a file was trained for; ContractError if it is none."""
-    from robot.inference.policy_file import read_contract
+    from robot.inference.policy import read_contract
 
     return read_contract(model).task
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robot.inference.policy_file import read_contract
+from robot.inference.policy import read_contract
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "examples" / "own_task.py"

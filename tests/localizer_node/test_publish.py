@@ -3,7 +3,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from localizer_node.commands import publisher
+from localizer_node.__main__ import publisher
 from robot.errors import ConfigError
 from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robot.geometry import Pose
-from robot.inference.policy_file import SHIPPED_MODELS
+from robot.inference.policy import SHIPPED_MODELS
 from sim_pybullet.scene import Ground
 from tools.video import DUCK, DriveFilm, MapView, Moment, _draw_values
 from trainer.mp4 import write_mp4

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from robot.command_line import SEED, OneLineParser, answer, number, spoken, whole
-from robot.inference.policy_file import SHIPPED_MODELS
+from robot.inference.policy import SHIPPED_MODELS
 
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
 LANE_KEEPER = SHIPPED_MODELS / "lane_dueling.onnx"

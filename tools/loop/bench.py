@@ -37,6 +37,13 @@ START_S = 30.0  # until all have heard of each other
 END_S = 5.0
 FRESH_S = 0.5  # an age of signs of life
 PAUSE_S = 0.02  # real time for connections, while none is there yet
+PROGRAMS = {
+    "localizer": "localizer_node run --calibration {folder}/arena.yaml --fps {fps} "
+    "--source socket:{overhead} --link {folder}/localizer.yaml",
+    "robot": "robot drive --config {folder}/robot.yaml",
+    "monitor": "tools.monitor --port {port} --map {map} --link {folder}/monitor.yaml "
+    "--drives {folder}/drives",
+}
 
 
 @dataclass(frozen=True)
@@ -102,8 +109,9 @@ class Bench:
         self.options, self.folder = options, folder
         folder.mkdir(exist_ok=True)
         self.road_map = load_map(options.map)
-        order = ("localizer", "robot", "monitor")
-        self.time: Timekeeper = Conductor(folder, order) if options.lockstep else RealTime()
+        self.time: Timekeeper = (
+            Conductor(folder, tuple(PROGRAMS)) if options.lockstep else RealTime()
+        )
         self.town = VirtualTown(self.road_map, options.look, self.time, folder, options.seed)
         self.keys = keygen(folder / "keys")
         self.page_port = free_ports(1)
@@ -121,7 +129,7 @@ class Bench:
             stack.callback(self.close)
             if not self.options.lockstep:
                 self.town.warm_up()
-            for name in ("localizer", "robot", "monitor"):
+            for name in PROGRAMS:
                 self.start(name)
             self.operator = self.log_in()
             self.meet()
@@ -248,17 +256,9 @@ class Bench:
         self._ending.clear()
 
     def _program(self, name: str) -> list[str]:
-        folder = self.folder
-        if name == "robot":
-            return ["robot", "drive", "--config", str(folder / "robot.yaml")]
-        if name == "localizer":
-            source = ["--source", f"socket:{self.town.overhead.path}", "--fps", str(OVERHEAD_FPS)]
-            calibration = ["--calibration", str(folder / "arena.yaml")]
-            link = ["--link", str(folder / "localizer.yaml")]
-            return ["localizer_node", "run", *calibration, *source, *link]
-        page = ["--port", str(self.page_port), "--map", self.options.map]
-        link = ["--link", str(folder / "monitor.yaml"), "--drives", str(folder / "drives")]
-        return ["tools.monitor", *page, *link]
+        places = {"folder": self.folder, "overhead": self.town.overhead.path, "fps": OVERHEAD_FPS}
+        places |= {"port": self.page_port, "map": self.options.map}
+        return [word.format(**places) for word in PROGRAMS[name].split()]
 
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
-from robot.inference.policy_file import read_contract
+from robot.inference.policy import read_contract
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from tools.loop.bench import Bench, BenchOptions

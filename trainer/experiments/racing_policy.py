@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import ConfigError, ContractError
-from robot.inference.policy import OnnxPolicy
-from robot.inference.policy_file import REMEDY, read_contract
+from robot.inference.policy import REMEDY, OnnxPolicy, read_contract
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import open_translator
 from sim_pybullet.racing.racing_cars import RACING_ACTIONS

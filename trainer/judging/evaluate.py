@@ -16,8 +16,7 @@ import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS
 from robot.errors import ConfigError
-from robot.inference.policy import OnnxPolicy
-from robot.inference.policy_file import TOLERANCE
+from robot.inference.policy import TOLERANCE, OnnxPolicy
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
 from robot.typed_config import to_plain

@@ -26,7 +26,7 @@ from robot.camera.files import PICTURES, VIDEOS, picture_files, play, read_pictu
 from robot.camera.source import fit_to_frame
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.inference.policy_file import read_contract
+from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
 from robot.output import write_png
 from trainer.export import export_checkpoint

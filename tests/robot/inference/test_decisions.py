@@ -15,8 +15,13 @@ from robot.contract import ImageSpec
 from robot.errors import ContractError
 from robot.inference import policy as module
 from robot.inference.network_file import Tensor, expect_tensors, open_network
-from robot.inference.policy import OnnxPolicy, best_action, time_decisions, values_of
-from robot.inference.policy_file import open_policy_file, read_contract
+from robot.inference.policy import (
+    OnnxPolicy,
+    best_action,
+    read_contract,
+    time_decisions,
+    values_of,
+)
 from robot.inference.translator import TranslatingPolicy
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
@@ -72,8 +77,6 @@ def test_a_network_keeps_to_one_thread(tmp_path: Path) -> None:
     options = open_network(path, "").get_session_options()
     assert (options.intra_op_num_threads, options.inter_op_num_threads) == (1, 1)
     assert options.log_severity_level == 3
-    _, session = open_policy_file(path)
-    assert session.get_session_options().intra_op_num_threads == 1
     assert OnnxPolicy(path)._session.get_session_options().intra_op_num_threads == 1
 
 
@@ -196,12 +199,12 @@ def test_the_table_of_another_vehicle_is_that_to_a_millionth(
     path = write_policy(tmp_path / "m.onnx", contract)
     table = tuple((left, right + off) for left, right in contract.actions)
     if same:
-        open_policy_file(path, actions=table)
+        OnnxPolicy(path, actions=table)
     else:
         with pytest.raises(ContractError, match="expected actions"):
-            open_policy_file(path, actions=table)
+            OnnxPolicy(path, actions=table)
     with pytest.raises(ContractError, match="expected actions"):
-        open_policy_file(path, actions=table[:-1])
+        OnnxPolicy(path, actions=table[:-1])
 
 
 def test_what_is_translated_is_decided_by_the_greatest_value() -> None:

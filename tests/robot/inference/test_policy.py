@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from robot.contract import PATH_POINTS, Action, ImageSpec, PolicyContract
 from robot.errors import ContractError
-from robot.inference.policy import OnnxPolicy
-from robot.inference.policy_file import read_contract
+from robot.inference.policy import OnnxPolicy, read_contract
 from tests.robot.tiny_onnx import (
     BIAS,
     COLOUR_WEIGHTS,
