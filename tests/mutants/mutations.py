@@ -125,7 +125,7 @@ def _replacements(node: ast.expr | ast.stmt) -> Iterator[str]:
             yield from _other_calls(func, args, keywords)
 
 
-_EITHER_WAY = {"min", "max", "minimum", "maximum", "hypot", "dist", "isclose"}
+_EITHER_WAY = {"min", "max", "minimum", "maximum", "hypot", "dist", "isclose", "clip"}
 
 
 def _other_calls(

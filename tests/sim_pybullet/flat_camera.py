@@ -17,9 +17,10 @@ class PoseCamera:
 
     def __init__(self, n_robots: int) -> None:
         self.scenes: list[Scene | None] = [None] * n_robots
+        self.rigs: list[CameraRig | None] = [None] * n_robots
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
-        self.scenes[i] = scene
+        self.scenes[i], self.rigs[i] = scene, rig
 
     def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
         robots = np.arange(len(self.scenes)) if robots is None else robots

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import product
-from typing import Dict, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import pytest
 from hypothesis import settings
@@ -299,3 +299,33 @@ class AnyDrive(RuleBasedStateMachine):
 
 TestAnyDrive = AnyDrive.TestCase
 TestAnyDrive.settings = settings(stateful_step_count=40)  # as many drives as the profile says
+
+
+AGES = {  # what grows old, its limit [s], and what a person reads
+    "loop_age_s": (0.2, "the control loop"),
+    "frame_age_s": (0.2, "the camera's newest frame"),
+    "blind_s": (0.5, "the last picture that shows anything"),
+    "pose_age_s": (1.0, "the newest overhead pose"),
+    "link_age_s": (1.0, "the operator's last sign of life"),
+    "manual_age_s": (0.5, "the last manual command"),
+}
+
+
+@pytest.mark.parametrize("name", AGES)
+def test_what_is_too_old_or_of_the_future_says_so_with_its_age(name: str) -> None:
+    limit_s, what = AGES[name]
+
+    def told(age_s: float) -> List[str]:
+        loop_age_s = age_s if name == "loop_age_s" else 0.1
+        ages = {"frame_age_s": 0.1, "manual_age_s": 0.1}
+        ages.update({} if name == "loop_age_s" else {name: age_s})
+        return [trip.sentence for trip in trips(Inputs(**ages), loop_age_s, SafetyLimits())]
+
+    assert told(0.0) == told(limit_s) == []
+    for age_s in (limit_s + 0.05, 7.0):
+        old = f"{what} is {1e3 * age_s:.0f} ms old, more than {1e3 * limit_s:.0f} ms"
+        assert [sentence.split(";")[0] for sentence in told(age_s)] == [old]
+    (future,) = told(-0.25)
+    assert future.startswith(f"{what} is dated in the future (-0.25 s): the clock jumped")
+    (never,) = told(math.inf)
+    assert never.startswith(f"{what} has not come yet")

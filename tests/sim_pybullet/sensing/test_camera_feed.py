@@ -76,6 +76,20 @@ def test_the_sensor_is_that_of_the_robots_look() -> None:
     assert bright.max() > 0
 
 
+def test_every_episode_has_the_camera_and_the_scene_of_its_own_look() -> None:
+    camera, rng = PoseCamera(1), np.random.default_rng(0)
+    feed = CameraFeed(camera, 1)
+    other = replace(SCENE, sky=replace(SCENE.sky))
+    for scene in (SCENE, SCENE, other, other, SCENE):
+        for pitch_rad in rng.uniform(-0.1, 0.1, 3).tolist():
+            look = replace(NOMINAL, camera=replace(NOMINAL.camera, pitch_rad=pitch_rad))
+            feed.begin(0, scene, look, np.zeros(3))
+            assert camera.rigs == [look.rig()]
+            assert camera.scenes[0] is scene
+        feed.begin(0, scene, look, np.zeros(3))
+        assert camera.rigs == [look.rig()]
+
+
 def test_the_lamp_in_the_floor_is_that_of_the_robots_look_and_heading() -> None:
     shining = replace(NOMINAL.light, azimuth_rad=0.0, elevation_rad=0.5, gloss=0.8)
     feed = CameraFeed(RayCamera(ImageSpec(), 3), 3)
