@@ -175,8 +175,8 @@ def draw_table(table: Table, path: Path) -> None:
         axis.plot(seen[0], at, "o", color="black", markersize=3)
     axis.set_yticks(places, list(drivers))
     axis.invert_yaxis()
-    axis.set(xlim=(0, 1), xlabel="turns foretold", title=f"{table.test_frames} test frames")
-    axis.legend(frameon=False, fontsize="small")
+    axis.set(xlim=(0, 1), xlabel=f"share of turns foretold, {table.test_frames} test frames")
+    figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize="small")
     save_figure(figure, path)
 
 
