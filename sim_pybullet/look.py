@@ -38,6 +38,7 @@ class GroundLook:
     grain: Greys = 6.0  # standard deviation of the surface noise, grey levels
     seam_depth: float = 14.0  # how much darker the joints of the foam mats are, grey levels
     wear: Share = 0.0  # 0 new paint .. 1 half of it gone
+    gaps: Share = 0.0  # of the lines, in stretches of some 20 cm: lines that end
     line_width_scale: Annotated[float, (0.1, 5.0)] = 1.0
     brightness: Strength = 1.0  # multiplies the whole floor
     patchiness: Share = 0.0  # strength of large soft light and dark areas, 0..1
@@ -83,10 +84,11 @@ class LightLook:
 
 @dataclass(frozen=True)
 class ClutterLook:
-    """What stands around the road; nothing on it, and nothing that a robot could meet."""
+    """What stands around the road; nothing that a robot could meet."""
 
     boxes: Count = 0
     people: Count = 0
+    things: Count = 0  # ducks, signs, robots and legs, on the road and beside it
 
 
 @dataclass(frozen=True)

@@ -92,10 +92,14 @@ def surface_noise(seed: int) -> Noise:
 
 
 def paint_left(noise: Noise, look: GroundLook) -> np.ndarray:
-    """Share of the paint that wear has left, (NOISE_SIZE_PX, NOISE_SIZE_PX) float32."""
-    if look.wear == 0.0:
-        return np.ones_like(noise.wear)
-    return np.clip((noise.wear - np.float32(0.5 * look.wear)) / np.float32(0.02), 0.0, 1.0)
+    """Share of the paint that wear and gaps have left, (NOISE_SIZE_PX, NOISE_SIZE_PX) float32."""
+    left = np.ones_like(noise.wear)
+    if look.wear > 0.0:
+        left = np.clip((noise.wear - np.float32(0.5 * look.wear)) / np.float32(0.02), 0.0, 1.0)
+    if look.gaps > 0.0:
+        stretches = _blur(noise.grain[:, ::-1], 24.0)
+        left = left * (stretches > np.quantile(stretches, look.gaps))
+    return left
 
 
 def _blur(field: np.ndarray, sigma: float) -> np.ndarray:

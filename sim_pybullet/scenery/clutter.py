@@ -1,4 +1,5 @@
-"""Boxes and people around the road, so that no policy learns what a room looks like."""
+"""Boxes and people around the road, so that no policy learns what a room looks like, and things on
+and beside the road, so that none takes them for its lines."""
 
 from __future__ import annotations
 
@@ -7,13 +8,26 @@ from functools import partial
 
 import numpy as np
 
+from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import ClutterLook, Rgb
 from sim_pybullet.scene import Solid
+from sim_pybullet.scenery.map_objects import MapObject
+from sim_pybullet.scenery.object_parts import colours, kinds
 
 _MARGIN_M = 1.2  # how far beyond the map things stand
 _BOX_M = ((0.1, 0.1, 0.08), (0.7, 0.7, 0.8))  # smallest and largest length, width, height
 _TRIES = 20  # for a place that is not on the road
+# What stands by the road: its share, its kind (signs show any face), its height [m], and how far to
+# the right of a lane's middle it stands [m]. Ducks are low enough to be driven through unnoticed.
+_ROADSIDE = (
+    (0.5, "duckie", (0.04, 0.08), (-0.45, 0.4)),
+    (0.3, "sign", (0.12, 0.2), (0.17, 0.35)),
+    (0.08, "duckiebot", (0.11, 0.14), (-0.3, -0.18)),
+    (0.04, "cone", (0.05, 0.12), (0.17, 0.35)),
+    (0.04, "house", (0.2, 0.5), (0.35, 0.6)),
+    (0.04, "tree", (0.1, 0.4), (0.2, 0.5)),
+)
 
 
 def clutter_solids(
@@ -32,6 +46,26 @@ def clutter_solids(
         if place is not None:
             solids += _person(*place, rng)
     return tuple(solids)
+
+
+def roadside(road_map: RoadMap, count: int, rng: np.random.Generator) -> tuple[MapObject, ...]:
+    """So many things on and beside the road, by its lanes."""
+    found, shares = [], [share for share, *_ in _ROADSIDE]
+    signs, rgb = [kind for kind in kinds() if kind.startswith("sign_")], list(colours())
+    for number in range(count if road_map.lanes else 0):
+        _, kind, heights_m, right_m = _ROADSIDE[int(rng.choice(len(shares), p=shares))]
+        lane = road_map.lanes[int(rng.integers(len(road_map.lanes)))].control_points_m
+        along, aside_m = rng.uniform(size=1), rng.uniform(*right_m)
+        (x_m, y_m), (dx, dy) = bezier_points(lane, along)[0], bezier_tangents(lane, along)[0]
+        ahead = math.atan2(dy, dx)
+        turned = 0.0 if kind == "duckiebot" else rng.uniform(-math.pi, math.pi)
+        if kind == "sign":
+            kind, turned = signs[int(rng.integers(len(signs)))], rng.uniform(2.4, 3.9)
+        x_m, y_m = x_m + aside_m * math.sin(ahead), y_m - aside_m * math.cos(ahead)
+        colour, height_m = rgb[int(rng.integers(len(rgb)))], float(rng.uniform(*heights_m))
+        name = f"thing {number}"
+        found.append(MapObject(name, kind, x_m, y_m, ahead + turned, height_m, color=colour))
+    return tuple(found)
 
 
 def _person(x_m: float, y_m: float, rng: np.random.Generator) -> list[Solid]:

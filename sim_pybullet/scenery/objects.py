@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.racing.track import Track
 from sim_pybullet.racing.track_ground import paint_track, track_walls
 from sim_pybullet.scene import Ground, Scene, Solid
-from sim_pybullet.scenery.clutter import clutter_solids
+from sim_pybullet.scenery.clutter import clutter_solids, roadside
 from sim_pybullet.scenery.map_objects import MapObject, objects_of
 from sim_pybullet.scenery.object_parts import colours, kinds
 
@@ -46,7 +47,10 @@ def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[So
     for item in objects_of(place):
         if not item.optional or rng.random() < OPTIONAL_SHARE:
             solids += object_solids(item)
-    return tuple(solids) + clutter_solids(place, look.clutter, rng)
+    solids += clutter_solids(place, look.clutter, rng)
+    for item in roadside(place, look.clutter.things, rng):
+        solids += [replace(solid, collides=False) for solid in object_solids(item)]
+    return tuple(solids)
 
 
 def object_solids(item: MapObject) -> tuple[Solid, ...]:
