@@ -83,6 +83,18 @@ def test_wear_takes_paint_away_and_brightness_scales() -> None:
     assert dim.outside_rgb == tuple(0.5 * v for v in new.outside_rgb)
 
 
+def test_lines_end_in_stretches_of_some_length() -> None:
+    loop = load_map("loop")
+    new = paint_ground(loop, PLAIN)
+    line = new.classes == SemanticClass.WHITE_LINE
+    broken = paint_ground(loop, GroundLook(grain=0.0, seam_depth=0.0, gaps=0.25))
+    gone = (broken.rgb != new.rgb).any(axis=-1)
+    assert gone[new.classes == SemanticClass.ROAD].mean() < 0.01  # edges of paint
+    assert 0.15 < gone[line].mean() < 0.35
+    edges = (np.diff(gone.astype(int), axis=0) != 0).sum() + (np.diff(gone.astype(int)) != 0).sum()
+    assert gone.sum() / edges > 4  # texels of gap for each of its border; specks have 1
+
+
 def test_every_reference_map_can_be_painted(data_dir: Path) -> None:
     for path in sorted((data_dir / "maps").glob("*/*.yaml")):
         road_map = load_map(path)

@@ -1,5 +1,8 @@
+import json
+import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +11,10 @@ from hypothesis import strategies as st
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.lens import CameraRig
 from sim_pybullet.look import NOMINAL
-from tests.trainer.judging.drawn_lines import (
+from trainer.cli import main
+from trainer.division import division
+from trainer.judging.judge_photographs import Answer, Judged, figures, judge, pursuit, seers
+from trainer.judging.photographs import (
     AGREES,
     INVENTED,
     MISSED,
@@ -16,9 +22,8 @@ from tests.trainer.judging.drawn_lines import (
     WRONG_SIDE,
     DrawnLine,
     drawn_line,
-    load_lines,
+    load_annotations,
     verdict,
-    verdicts,
 )
 from trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 
@@ -70,28 +75,111 @@ def test_what_is_said_of_a_detection(found: YellowLine, drawn: list[DrawnLine], 
     assert verdict(found, drawn) == said
 
 
-def test_shipped_lines_lie_in_their_pictures_and_cover_all_sites() -> None:
-    lines = load_lines()
-    names = [drawn.file for site in lines.sites for drawn in site.photographs]
-    assert len(names) == len(set(names)) >= 60
-    assert len(lines.sites) == 6
-    for site in lines.sites:
-        for drawn in site.photographs:
-            for points in (*drawn.yellow, drawn.white):
-                array = np.array(points).reshape(-1, 2)
-                assert (array >= 0.0).all()
-                assert (array <= lines.size).all()
-            for points in drawn.yellow:
-                assert len(points) >= 2
+def test_annotations_are_many_lie_in_their_pictures_and_every_site_belongs_to_one_part() -> None:
+    annotations = load_annotations()
+    sites = division().sites
+    assert sorted(site.name for site in annotations.sites) == sorted(sites.choosing + sites.judging)
+    photographs = [each for site in annotations.sites for each in site.photographs]
+    assert len({each.file for each in photographs}) == len(photographs)
+    assert sum(bool(each.actions) for each in photographs) >= 250
+    assert sum(bool(each.yellow or each.white) for each in photographs) >= 250
+    for each in photographs:
+        assert len(each.actions) in (0, 5)
+        assert set(each.actions) <= set("saw")
+        assert "s" in (each.actions or "s")
+        assert each.actions != "sssss"
+        for points in (*each.yellow, each.white or ((0, 0), (1, 1))):
+            array = np.array(points)
+            assert len(array) >= 2
+            assert (array >= 0.0).all()
+            assert (array <= annotations.size).all()
 
 
-def test_the_detector_agrees_with_people_on_nine_photographs_of_ten(data_dir: Path) -> None:
-    """And on eight of ten at every site."""
-    sites = verdicts(data_dir / "real", RIG)
-    judged = {site: said.total() - said[NOT_JUDGED] for site, said in sites.items()}
-    assert sum(judged.values()) >= 60
-    assert sum(said[AGREES] for said in sites.values()) >= 0.9 * sum(judged.values())
-    assert [site for site, said in sites.items() if said[AGREES] < 0.8 * judged[site]] == []
+def test_person_and_detector_say_the_same_on_nearly_nine_photographs_of_ten(data_dir: Path) -> None:
+    """And on three of four at every site by which it may be chosen."""
+    judged = judge(seers(())["yellow-line detector"], data_dir / "real", "choosing")
+    found = figures(judged)
+    assert found["yellow_side_asked"] >= 100
+    assert found["yellow_side"] >= 0.88
+    assert min(site["yellow_side"] for site in found["sites"].values()) >= 0.75
+
+
+@given(st.floats(-0.1, 0.1))
+def test_pursuit_turns_back_to_the_lane_and_alike_to_both_sides(offset_m: float) -> None:
+    action = pursuit(offset_m, 0.0)
+    assert (action - 2) * offset_m >= 0.0  # LEFT is 0, RIGHT is 4
+    assert pursuit(0.0, 0.0) == 2
+    assert pursuit(0.0, math.radians(60)) == 4
+    assert pursuit(0.0, math.radians(-60)) == 0
+    assert pursuit(-offset_m, 0.0) == 4 - action
+
+
+def row(site: str, letter: str | None, doubt: float, side: bool | None = None) -> Judged:
+    return Judged(site, letter, doubt, side, None, None)
+
+
+def test_shares_the_worst_site_and_the_surest_half() -> None:
+    rows = [row("a", "s", 0.1 * k, True) for k in range(10)]
+    rows += [row("b", "w", 2.0 + k, False) for k in range(4)] + [row("b", "a", 3.0)] * 6
+    rows += [row("small", "w", 0.05)] * 2 + [row("a", None, 0.0)]
+    found = figures(rows)
+    assert (found["pictures"], found["chosen"]) == (23, 22)
+    assert found["sensible"] == pytest.approx(10 / 22)
+    assert found["wrong"] == pytest.approx(6 / 22)
+    assert (found["worst_site"], found["worst_wrong"]) == ("b", 0.4)
+    assert found["surest_half_wrong"] == pytest.approx(2 / 11)
+    assert found["yellow_side"] == pytest.approx(10 / 14)
+    assert found["white_near"] is None
+    assert found["sites"]["small"]["wrong"] == 1.0
+
+
+@pytest.fixture
+def black(tmp_path: Path) -> Path:
+    """Every annotated photograph, all of them black."""
+    for site in load_annotations().sites:
+        folder = tmp_path / site.folder / "images"
+        folder.mkdir(parents=True, exist_ok=True)
+        for each in site.photographs:
+            cv2.imwrite(str(folder / each.file), np.zeros((120, 160, 3), np.uint8))
+    return tmp_path
+
+
+def test_each_answer_is_compared_with_what_the_person_wrote_down(black: Path) -> None:
+    annotations = load_annotations()
+    sites = [site for site in annotations.sites if site.name in division().sites.judging]
+    drawn = iter([each for site in sites for each in site.photographs])
+    reference_m = floor_table(RIG, *SIZE).reference_m
+
+    def person(_: np.ndarray) -> Answer:
+        """Chooses what is sensible, and sees the lines that are drawn."""
+        each = next(drawn)
+        yellow = [drawn_line(points, annotations.size, RIG, reference_m) for points in each.yellow]
+        near = [line.line for line in yellow if line is not None and line.nearest_m < 1.0]
+        action = each.actions.index("s") if each.actions else 0
+        return Answer(action, 0.0, near[0] if near else NOT_FOUND)
+
+    found = figures(judge(person, black, "judging"))
+    assert found["chosen"] >= 150
+    assert found["sensible"] == 1.0
+    assert found["yellow_side"] == 1.0
+    assert found["yellow_near"] == 1.0
+    blind = figures(judge(lambda _: Answer(2, 0.0, NOT_FOUND), black, "judging"))
+    assert 0.2 < blind["sensible"] < 0.8
+    assert blind["yellow_near"] == 0.0
+
+
+def test_the_command_writes_figures_site_by_site_and_refuses_what_is_not_there(
+    black: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "figures.json"
+    assert main(["judge-photographs", str(black), "--json", str(out)]) == 0
+    assert "| lane_coached | " in capsys.readouterr().out
+    judged = json.loads(out.read_text())["judged"]
+    assert {"nav_ppo", "sight", "yellow-line detector", "always straight"} <= set(judged)
+    assert set(judged["sight"]["sites"]) == set(division().sites.judging)
+    assert main(["judge-photographs", str(black), "--part", "training"]) == 2
+    assert main(["judge-photographs", str(tmp_path / "none")]) == 2
+    assert "expected an annotated photograph, found none" in capsys.readouterr().err
 
 
 def test_the_reference_point_is_the_middle_of_the_lower_edge() -> None:

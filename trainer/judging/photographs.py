@@ -1,15 +1,15 @@
-"""Lines that a person drew on photographs, and how often the yellow-line detector says the same.
+"""Photographs that a person annotated: acceptable actions, and where the lines lie.
 
-`drawn_lines.yaml` holds coordinates only; the photographs lie elsewhere. What follows for a robot
-depends on its lens and mounting, which nobody measured: the nominal ones are assumed (three
-calibrated robots are within 3 % of them), but for photographs with another horizon.
+``photographs.yaml`` holds file names, letters for actions and points of lines; the photographs lie
+elsewhere; docs/photographs.md has the rule. Where a line lies on the floor depends on lens and
+mounting, which nobody measured: the nominal ones are assumed (three calibrated robots are within
+3 % of them).
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +18,6 @@ import numpy as np
 
 from robot.camera.files import read_picture
 from robot.camera.source import fit_to_frame
-from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError
 from robot.lens import CameraRig
 from robot.typed_config import load_yaml
@@ -27,21 +26,14 @@ from trainer.judging.yellow_line import (
     RANGE_M,
     Dash,
     YellowLine,
-    detect_yellow_line,
     fit_line,
-    floor_table,
 )
 
-LINES_FILE = Path(__file__).with_name("drawn_lines.yaml")
+FILE = Path(__file__).with_name("photographs.yaml")
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape
 
-AGREES, MISSED, INVENTED, WRONG_SIDE, NOT_JUDGED = (
-    "agrees",
-    "missed",
-    "invented",
-    "wrong side",
-    "not judged",
-)
+AGREES, MISSED, INVENTED, NOT_JUDGED = "agrees", "missed", "invented", "not judged"
+WRONG_SIDE = "wrong side"
 # Lines between these distances may be found or not; the detector's range lies between them.
 SURELY_NEAR_M, SURELY_FAR_M = 0.9 * RANGE_M, 1.1 * RANGE_M
 TOO_CLOSE_M = 0.01  # to the line: no side can be told
@@ -50,12 +42,13 @@ Polyline = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Annotated:
     """One photograph."""
 
     file: str
+    actions: str = ""  # of each action s(ensible), a(rguable) or w(rong); none: nobody can tell
     yellow: tuple[Polyline, ...] = ()  # every yellow line, from near to far [px]
-    white: Polyline = ()  # the line to the right of the robot, where it is straight [px]
+    white: Polyline = ()  # the line to the right of the robot's lane [px]
 
 
 @dataclass(frozen=True)
@@ -64,12 +57,12 @@ class Site:
 
     name: str
     folder: str
-    photographs: tuple[Drawn, ...]
+    photographs: tuple[Annotated, ...]
 
 
 @dataclass(frozen=True)
-class Lines:
-    """``drawn_lines.yaml``."""
+class Annotations:
+    """``photographs.yaml``."""
 
     size: tuple[int, int]  # width, height that the points count in
     sites: tuple[Site, ...]
@@ -82,12 +75,12 @@ class DrawnLine(NamedTuple):
     line: YellowLine
 
 
-def load_lines() -> Lines:
-    """The lines that come with the project."""
-    return load_yaml(Lines, LINES_FILE)
+def load_annotations() -> Annotations:
+    """Those that come with the project."""
+    return load_yaml(Annotations, FILE)
 
 
-def frames_of(site: Site, photographs: Path) -> Iterator[tuple[Drawn, np.ndarray]]:
+def frames_of(site: Site, photographs: Path) -> Iterator[tuple[Annotated, np.ndarray]]:
     """Each annotated photograph with its frame (120, 160, 3) uint8 RGB.
 
     Args:
@@ -155,25 +148,3 @@ def verdict(found: YellowLine, drawn: Sequence[DrawnLine]) -> str:
         return NOT_JUDGED
     same = any((side_m > 0.0) == found.crossed for side_m in sides_m)
     return AGREES if same else WRONG_SIDE
-
-
-def verdicts(
-    photographs: Path,
-    rig: CameraRig,
-    detect: Callable[[np.ndarray, CameraRig], YellowLine] = detect_yellow_line,
-) -> dict[str, Counter[str]]:
-    """How often each thing is to be said, site by site; ``photographs`` holds the sites' folders.
-
-    Raises:
-        ConfigError: a photograph is missing.
-    """
-    lines = load_lines()
-    reference_m = floor_table(rig, FRAME_WIDTH_PX, FRAME_HEIGHT_PX).reference_m
-    said: dict[str, Counter[str]] = {}
-    for site in lines.sites:
-        said[site.name] = Counter()
-        for drawn, frame in frames_of(site, photographs):
-            people = [drawn_line(points, lines.size, rig, reference_m) for points in drawn.yellow]
-            seen = [each for each in people if each is not None]
-            said[site.name][verdict(detect(frame, rig), seen)] += 1
-    return said

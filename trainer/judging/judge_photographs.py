@@ -1,0 +1,242 @@
+"""What policies choose on annotated photographs, and where lines are seen."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import track
+
+import robot
+from robot.contract import ACTION_TWISTS, FIVE_ACTIONS, FRAME_HEIGHT_PX, FRAME_WIDTH_PX
+from robot.errors import ConfigError, nearest
+from robot.inference.policy import OnnxPolicy, values_of
+from robot.inference.preprocess import preprocess
+from robot.vision.sight import OnnxSight
+from sim_pybullet.look import NOMINAL
+from trainer.division import PARTS, division
+from trainer.judging.photographs import (
+    AGREES,
+    NOT_JUDGED,
+    SURELY_NEAR_M,
+    drawn_line,
+    frames_of,
+    load_annotations,
+    verdict,
+)
+from trainer.judging.yellow_line import YellowLine, detect_yellow_line, floor_table
+from trainer.run import write_json
+
+SHIPPED = tuple(
+    Path(robot.__file__).parent / "models" / f"{name}.onnx"
+    for name in ("lane_coached", "lane_dueling", "lane_ppo", "nav_dueling", "nav_ppo", "sight")
+)
+RIG = NOMINAL.rig()
+REFERENCE_M = floor_table(RIG, FRAME_WIDTH_PX, FRAME_HEIGHT_PX).reference_m
+YELLOW_M, WHITE_M = 0.2 * 0.585, -0.232 * 0.585  # to the left of the middle of a lane
+AHEAD_M = 0.2  # where pursuit aims
+WITHIN_M = 0.06  # half a lane's half: a line found there is found right
+SITE_PICTURES = 10  # a smaller site is nobody's worst
+_CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])
+_MEANINGS = {"s": "sensible", "a": "arguable", "w": "wrong"}
+
+
+class Answer(NamedTuple):
+    """What one that sees says of a picture; None of what it is not asked."""
+
+    action: int | None = None
+    doubt: float = 0.0  # the lower, the surer; compared among its own answers only
+    yellow: YellowLine | None = None
+    white: YellowLine | None = None
+
+
+Seer = Callable[[np.ndarray], Answer]  # of frames (120, 160, 3) uint8 RGB
+
+
+class Judged(NamedTuple):
+    """One answer, judged; None where there is nothing to judge."""
+
+    site: str
+    letter: str | None  # s(ensible), a(rguable) or w(rong)
+    doubt: float
+    yellow_side: bool | None  # found on its side, or rightly not found
+    yellow_near: bool | None  # found within `WITHIN_M` of where a person drew it
+    white_near: bool | None
+
+
+def pursuit(offset_m: float, heading_rad: float) -> int:
+    """The action whose arc comes nearest to the middle of a straight lane, `AHEAD_M` ahead."""
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    x, y = c * AHEAD_M - s * offset_m, -s * AHEAD_M - c * offset_m
+    return int(np.abs(2.0 * y / (x * x + y * y) - _CURVATURES).argmin())
+
+
+def seer_of(model: Path) -> Seer:
+    """A policy, a navigator's with its path straight ahead; or sight, with pursuit of what it sees.
+
+    Raises:
+        ContractError: it is neither, or does not choose among the five actions.
+    """
+    if "sight" in model.stem:
+        sight = OnnxSight(model)
+        return lambda frame: _seen_by(sight, frame)
+    policy = OnnxPolicy(model, FIVE_ACTIONS)
+    path = np.zeros(policy.contract.path_points, np.float32)
+
+    def choose(frame: np.ndarray) -> Answer:
+        values = np.asarray(values_of(policy, frame, path))
+        second, best = np.sort(values)[-2:].tolist()
+        return Answer(int(values.argmax()), second - best)
+
+    return choose
+
+
+def _seen_by(sight: OnnxSight, frame: np.ndarray) -> Answer:
+    seen = sight(preprocess(frame, sight.contract.image)[None])
+    offset_m, heading_rad, bend_pm, _ = seen.figures[0].tolist()
+    aside_m, turned_rad, *_ = seen.deviations[0].tolist()
+    there_m = offset_m + REFERENCE_M * math.sin(heading_rad) - 0.5 * bend_pm * REFERENCE_M**2
+    direction_rad, road = bend_pm * REFERENCE_M - heading_rad, bool(seen.road[0] > 0.5)
+    yellow, white = (
+        YellowLine(road, there_m - line_m, direction_rad) for line_m in (YELLOW_M, WHITE_M)
+    )
+    doubt = math.hypot(aside_m, AHEAD_M * turned_rad)
+    return Answer(pursuit(offset_m, heading_rad), doubt, yellow, white)
+
+
+def seers(models: Iterable[Path]) -> dict[str, Seer]:
+    """These by name, the yellow-line detector, and two that look at nothing."""
+    rng = np.random.default_rng(0)
+    return {
+        **{model.stem: seer_of(model) for model in models},
+        "yellow-line detector": lambda frame: Answer(yellow=detect_yellow_line(frame, RIG)),
+        "always straight": lambda _: Answer(2),
+        "drawn by lot": lambda _: Answer(int(rng.integers(5)), rng.random()),
+    }
+
+
+def judge(see: Seer, photographs: Path, part: str) -> list[Judged]:
+    """Ask about every photograph of the sites of one part.
+
+    Raises:
+        ConfigError: a photograph is missing.
+    """
+    annotations, judged = load_annotations(), []
+    names = getattr(division().sites, part)
+    for site in (each for each in annotations.sites if each.name in names):
+        for drawn, frame in frames_of(site, photographs):
+            answer = see(frame)
+            lines = [
+                [drawn_line(points, annotations.size, RIG, REFERENCE_M) for points in colour]
+                for colour in (drawn.yellow, [drawn.white] if drawn.white else [])
+            ]
+            yellow, white = ([each for each in colour if each] for colour in lines)
+            side = verdict(answer.yellow, yellow) if answer.yellow else NOT_JUDGED
+            letter = None
+            if drawn.actions and answer.action is not None:
+                letter = drawn.actions[answer.action]
+            judged.append(
+                Judged(
+                    site.name,
+                    letter,
+                    answer.doubt,
+                    None if side == NOT_JUDGED else side == AGREES,
+                    _near(answer.yellow, yellow),
+                    _near(answer.white, white),
+                )
+            )
+    return judged
+
+
+def _near(found: YellowLine | None, drawn: Sequence[Any]) -> bool | None:
+    """Whether a line lies where a person drew one near; None: not asked, or none is near."""
+    there = [each.line.offset_m for each in drawn if each.nearest_m < SURELY_NEAR_M]
+    if found is None or not there:
+        return None
+    return found.found and min(abs(found.offset_m - each) for each in there) < WITHIN_M
+
+
+def figures(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Shares of the answers, of all sites and of each; the surest half is that of all."""
+    chosen = [each for each in judged if each.letter is not None]
+    sites = {site: [each for each in judged if each.site == site] for site in _sites(judged)}
+    surest = sorted(chosen, key=lambda each: each.doubt)[: len(chosen) // 2]
+    large = {
+        site: _shares(own)["wrong"]
+        for site, own in sites.items()
+        if sum(each.letter is not None for each in own) >= SITE_PICTURES
+    }
+    worst = max(large, key=lambda site: large[site], default=None)
+    return {
+        **_shares(judged),
+        "worst_site": worst,
+        "worst_wrong": None if worst is None else large[worst],
+        "surest_half_wrong": _shares(surest)["wrong"],
+        "sites": {site: _shares(own) for site, own in sites.items()},
+    }
+
+
+def _sites(judged: Sequence[Judged]) -> list[str]:
+    return list(dict.fromkeys(each.site for each in judged))
+
+
+def _shares(judged: Sequence[Judged]) -> dict[str, Any]:
+    letters = Counter(each.letter for each in judged if each.letter is not None)
+    count = letters.total()
+    found: dict[str, Any] = {"pictures": len(judged), "chosen": count}
+    for letter, word in _MEANINGS.items():
+        found[word] = letters[letter] / count if count else None
+    for name in ("yellow_side", "yellow_near", "white_near"):
+        asked = [right for each in judged if (right := getattr(each, name)) is not None]
+        found[name] = sum(asked) / len(asked) if asked else None
+        found[f"{name}_asked"] = len(asked)
+    return found
+
+
+def command(
+    photographs: tyro.conf.Positional[Path],
+    model: tuple[Path, ...] = SHIPPED,
+    part: str = "judging",
+    json: Path | None = None,
+) -> int:
+    """Judge all that sees on photographs that a person annotated (docs/photographs.md).
+
+    Args:
+        photographs: the folder that holds the sites' folders; they do not come with this.
+        model: policies, and sight by its name, .onnx.
+        part: sites kept for judging, or those for choosing.
+        json: write the figures there, site by site.
+    """
+    if part not in PARTS[1:]:
+        raise ConfigError(f"part: unknown {part!r}; {nearest(part, PARTS[1:])}")
+    console = Console(soft_wrap=True)
+    asked = seers(model)
+    found = {
+        name: figures(judge(see, photographs, part))
+        for name, see in track(asked.items(), "asked", console=Console(stderr=True))
+    }
+    if json is not None:
+        inputs = {"photographs": str(photographs), "part": part, "models": [str(m) for m in model]}
+        write_json(json, {"inputs": inputs, "judged": found})
+    for row in as_rows(found):
+        console.print(f"| {' | '.join(row)} |", markup=False)
+    return 0
+
+
+def as_rows(found: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
+    """A table: a head, and a row for each that was asked."""
+    columns = ["sensible", "arguable", "wrong", "worst_wrong", "surest_half_wrong"]
+    columns += ["yellow_side", "yellow_near", "white_near"]
+    head = ["who", "pictures", *(name.replace("_", " ") for name in columns)]
+    rows = [tuple(head), ("---",) * len(head)]
+    for who, own in found.items():
+        cells = ["" if own[name] is None else f"{own[name]:.0%}" for name in columns]
+        cells[3] += f" ({own['worst_site']})" if own["worst_site"] else ""
+        rows.append((who, str(own["chosen"] or own["pictures"]), *cells))
+    return rows
