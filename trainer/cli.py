@@ -22,7 +22,7 @@ from robot.errors import DuckpilotError, nearest
 from trainer.limits import check
 
 PROGRAM = "python -m trainer"
-_LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look")
+_LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look", "--models")
 _FRAME = "│╭╮╰╯┆ "
 
 

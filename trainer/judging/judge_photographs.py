@@ -201,7 +201,7 @@ def _shares(judged: Sequence[Judged]) -> dict[str, Any]:
 
 def command(
     photographs: tyro.conf.Positional[Path],
-    model: tuple[Path, ...] = SHIPPED,
+    models: tuple[Path, ...] = SHIPPED,
     part: str = "judging",
     json: Path | None = None,
 ) -> int:
@@ -209,20 +209,20 @@ def command(
 
     Args:
         photographs: the folder that holds the sites' folders; they do not come with this.
-        model: policies, and sight by its name, .onnx.
+        models: policies, and sight by its name, .onnx.
         part: sites kept for judging, or those for choosing.
         json: write the figures there, site by site.
     """
     if part not in PARTS[1:]:
         raise ConfigError(f"part: unknown {part!r}; {nearest(part, PARTS[1:])}")
     console = Console(soft_wrap=True)
-    asked = seers(model)
+    asked = seers(models)
     found = {
         name: figures(judge(see, photographs, part))
         for name, see in track(asked.items(), "asked", console=Console(stderr=True))
     }
     if json is not None:
-        inputs = {"photographs": str(photographs), "part": part, "models": [str(m) for m in model]}
+        inputs = {"photographs": str(photographs), "part": part, "models": [str(m) for m in models]}
         write_json(json, {"inputs": inputs, "judged": found})
     for row in as_rows(found):
         console.print(f"| {' | '.join(row)} |", markup=False)
