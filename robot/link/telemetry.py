@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Optional, Tuple
@@ -28,7 +26,6 @@ LEVELS = ("ok", "warn", "bad")
 TEXT_LIMIT_BYTES = 160
 MAX_PATH_POINTS = 96
 MAX_ENTRIES = 8
-MAX_ATTENTION_CELLS = 192
 MAX_AGE_S = 1e6
 BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
 BIG = 1e9
@@ -90,36 +87,6 @@ class MissionStatus:
 
 
 @dataclass(frozen=True)
-class Attention:
-    """Where the policy looks: a coarse grid over the picture, one byte a cell, rows from the top.
-
-    ``cells`` is base64; make one with ``from_array``.
-    """
-
-    rows: int
-    columns: int
-    cells: str
-
-    def __post_init__(self) -> None:
-        require_number("attention rows", self.rows, 1, MAX_ATTENTION_CELLS)
-        require_number("attention columns", self.columns, 1, MAX_ATTENTION_CELLS)
-        require_number("attention cells", self.rows * self.columns, 1, MAX_ATTENTION_CELLS)
-        try:
-            size = len(base64.b64decode(self.cells, validate=True))
-        except (binascii.Error, ValueError) as error:
-            raise ContractError(f"attention: expected base64 cells, got: {error}") from error
-        if size != self.rows * self.columns:
-            raise ContractError(f"attention: expected {self.rows} x {self.columns}, got {size}")
-
-    @classmethod
-    def from_array(cls, weights: np.ndarray) -> Attention:
-        """A grid (rows, columns) of weights in [0, 1]."""
-        cells = np.round(np.clip(np.nan_to_num(weights), 0.0, 1.0) * 255.0).astype(np.uint8)
-        rows, columns = cells.shape
-        return cls(rows, columns, base64.b64encode(cells.tobytes()).decode("ascii"))
-
-
-@dataclass(frozen=True)
 class Telemetry(Message):
     """The robot's report. ``pose`` is the fused estimate: x [m], y [m], heading [rad]."""
 
@@ -137,7 +104,6 @@ class Telemetry(Message):
     lag_s: float = 0.0  # from capture to wheels
     model: str = ""
     map: str = ""
-    attention: Optional[Attention] = None
     actions: ActionTable = FIVE_ACTIONS  # of the policy: left and right rim speed [m/s]
     session: str = UNSENT
     sequence: int = 0

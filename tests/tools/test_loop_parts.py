@@ -108,10 +108,12 @@ def test_a_camera_behind_a_socket_answers_at_its_own_moments(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("fault", ["size", "garbage"])
 def test_a_picture_of_another_kind_is_refused(tmp_path: Path, fault: str) -> None:
+    rows = 60 if fault == "size" else 120
     server = PictureServer(
-        tmp_path / "camera", lambda: np.zeros((120, 160, 3), np.uint8), lambda: None
+        tmp_path / "camera", lambda: np.zeros((rows, 160, 3), np.uint8), lambda: None
     )
-    server.fault = fault
+    if fault == "garbage":
+        server.magic = b"RGB9"
     stream = SocketStream(str(server.path), (160, 120))
     refused: list[str] = []
 

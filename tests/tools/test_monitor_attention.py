@@ -8,9 +8,9 @@ import pytest
 
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage
-from robot.link.telemetry import Attention, Telemetry
+from robot.link.telemetry import Telemetry
 from tests.robot.link.conftest import free_base_port, until
-from tools.monitor.attention import AttentionThread
+from tools.monitor.attention import Attention, AttentionThread, Explained
 from tools.monitor.monitor import Monitor
 
 MODEL = Path("robot/models/lane_dueling.onnx")
@@ -57,7 +57,7 @@ def test_the_robot_sends_none_and_the_page_gets_one(tmp_path: Path) -> None:
             frames.send(FrameMessage(frame(1).jpeg, 160, 120, 1.0))
             monitor.turn()
             robot = monitor.snapshot().robot
-            return robot is not None and robot.attention is not None
+            return isinstance(robot, Explained) and robot.attention is not None
 
         assert until(shown)
         monitor.close()

@@ -9,7 +9,7 @@ import pytest
 from robot.errors import ConfigError
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
-from robot.recording.drive_file import picture
+from robot.recording.drive_file import Heard, picture
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
 from tools.monitor.drives import DriveRecorder, list_drives, read_drive, read_picture
@@ -67,7 +67,7 @@ def test_the_robots_own_recordings_are_drives_too(tmp_path: Path) -> None:
     robot.ask(Command.ARM)
     ticks = robot.turns(5)
     telemetry = iter([Telemetry("daisy", "READY", t_sent_s=float(i)) for i in range(9)])
-    subject = replace(robot.subject(), report=lambda: next(telemetry))
+    subject = robot.subject()._replace(hear=lambda tick: Heard(tick, report=next(telemetry)))
     robot.subject = lambda: subject  # type: ignore[method-assign]
     record(robot, tmp_path / "drives", ticks)
     (summary,) = list_drives(tmp_path / "drives")

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from robot.camera.streams import MAGIC
 from tools.faults.case import HOLD_OR_FAULT, Act, Case, change
 from tools.faults.stage import Stage
 from tools.loop.devices import PictureServer
@@ -33,11 +34,6 @@ def _rate(hz: float) -> Act:
     return change(lambda stage: stage.bench.town.camera_event, period_s=1.0 / hz)
 
 
-def _broken(name: str, what: str, fault: str) -> Case:
-    heal = change(_camera, fault="")
-    return Case(name, what, change(_camera, fault=fault), FRAME_AGE_S, "frame", heal=heal)
-
-
 def _may_open(stage: Stage, most: int | None = None) -> None:
     """The robot may have so many files open, or as many as it can."""
     robot = stage.bench.processes["robot"]
@@ -50,32 +46,6 @@ def _may_open(stage: Stage, most: int | None = None) -> None:
 def _no_descriptors(stage: Stage) -> None:
     _may_open(stage, 3)
     _camera(stage).hang_up()
-
-
-SAME = change(_camera, fault="freeze")
-WELL = change(_camera, fault="")
-ODD = change(_camera, fault="size", fault_ends=True)
-CAMERA = (
-    _broken("stops", "no picture any more", "stop"),
-    Case(
-        *("freezes", "new pictures, each with the bytes of the last", SAME),
-        *(FROZEN_S, "same picture"),
-        heal=WELL,
-    ),
-    Case(
-        *("slows", f"{SLOW_HZ:g} pictures a second", _rate(SLOW_HZ), FRAME_AGE_S, "frame"),
-        heal=_rate(CAMERA_FPS),
-    ),
-    _broken("wrong size", "80 x 60 px", "size"),
-    _broken("garbage", "bytes that are none", "garbage"),
-    Case("one odd picture", "80 x 60 px, once", ODD, states=()),
-    Case(
-        *("no descriptors", "and the camera must be opened anew", _no_descriptors),
-        *(FRAME_AGE_S, "frame|Too many open files"),
-        heal=_may_open,
-        drives_again=True,
-    ),
-)
 
 
 Spoil = Callable[[np.ndarray], np.ndarray]
@@ -122,9 +92,21 @@ def rolled(picture: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.warpAffine(picture, turn, picture.shape[1::-1]))
 
 
+def halved(picture: np.ndarray) -> np.ndarray:
+    """Every second row and column."""
+    return picture[::2, ::2]
+
+
+WELL = change(_camera, spoil=None)
+
+
 def _spoiled(name: str, what: str, wrong: Spoil, met: tuple[float, str, tuple[str, ...]]) -> Case:
-    heal = change(_camera, spoil=None)
-    return Case(name, what, change(_camera, spoil=wrong), *met, heal=heal)
+    return Case(name, what, change(_camera, spoil=wrong), *met, heal=WELL)
+
+
+def _frozen(stage: Stage) -> None:
+    frozen = stage.bench.town.world.see()
+    _camera(stage).spoil = lambda _: frozen
 
 
 def _held(stage: Stage) -> None:
@@ -140,9 +122,37 @@ def _shortly(name: str, what: str, wrong: Spoil, pictures: int) -> Case:
         spoils = itertools.chain([True] * pictures, itertools.repeat(False))
         _camera(stage).spoil = lambda picture: wrong(picture) if next(spoils) else picture
 
-    return Case(name, what, inject, states=(), heal=change(_camera, spoil=None))
+    return Case(name, what, inject, states=(), heal=WELL)
 
 
+CAMERA = (
+    Case(
+        *("stops", "no picture any more", change(_camera, silent=True), FRAME_AGE_S, "frame"),
+        heal=change(_camera, silent=False),
+    ),
+    Case(
+        *("freezes", "new pictures, each with the bytes of the last", _frozen),
+        *(FROZEN_S, "same picture"),
+        heal=WELL,
+    ),
+    Case(
+        *("slows", f"{SLOW_HZ:g} pictures a second", _rate(SLOW_HZ), FRAME_AGE_S, "frame"),
+        heal=_rate(CAMERA_FPS),
+    ),
+    _spoiled("wrong size", "80 x 60 px", halved, (FRAME_AGE_S, "frame", ("FAULT",))),
+    Case(
+        *("garbage", "bytes that are none", change(_camera, magic=b"\x00\xff\x17\x80")),
+        *(FRAME_AGE_S, "frame"),
+        heal=change(_camera, magic=MAGIC),
+    ),
+    _shortly("one odd picture", "80 x 60 px, once", halved, 1),
+    Case(
+        *("no descriptors", "and the camera must be opened anew", _no_descriptors),
+        *(FRAME_AGE_S, "frame|Too many open files"),
+        heal=_may_open,
+        drives_again=True,
+    ),
+)
 PICTURES = (
     _spoiled("black", "lens covered: black", covered(0), BLIND),
     _spoiled("black, noise", "lens covered: noise of 12 levels", covered(0, 12), BLIND),
@@ -161,7 +171,7 @@ PICTURES = (
     ),
     Case(
         *("held", "the same picture with noise of 6 levels", _held, *STILL),
-        heal=change(_camera, spoil=None),
+        heal=WELL,
     ),
     _shortly("glare", "white for 0.2 s: it must drive on", covered(255), 3),
     _shortly("one odd picture", "noise in one picture: it must drive on", covered(128, 90), 1),

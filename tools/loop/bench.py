@@ -156,7 +156,7 @@ class Bench:
         (self._frozen.add if frozen else self._frozen.discard)(name)
         cameras = {"robot": self.town.camera, "localizer": self.town.overhead}
         if name in cameras:  # nobody would read its pictures
-            cameras[name].fault = "stop" if frozen else ""
+            cameras[name].silent = frozen
 
     def end(self, name: str, how: int = signal.SIGKILL) -> None:
         """End a program by a signal; it may take its time."""

@@ -103,25 +103,22 @@ class PictureServer(Listener):
     ) -> None:
         super().__init__(path)
         self.see, self.answered = see, answered
-        self.fault = ""  # stop, freeze, size or garbage
+        self.silent = False
+        self.magic = MAGIC
         self.spoil: Callable[[np.ndarray], np.ndarray] | None = None  # what a picture becomes
-        self.fault_ends = False  # with the next picture
-        self.picture: np.ndarray | None = None  # the last one
         self._asking: list[socket.socket] = []
 
     def moment(self) -> None:
         """The camera's next moment has come."""
         self.serve()
         with self._serving:
-            if self.fault == "stop" or not self._asking:
+            if self.silent or not self._asking:
                 return
             asking, self._asking = self._asking, []
-        if self.fault != "freeze" or self.picture is None:
-            seen = self.see()
-            self.picture = seen if self.spoil is None else self.spoil(seen)
-        data = self._bytes(self.picture)
-        if self.fault_ends:
-            self.fault, self.fault_ends = "", False
+        seen = self.see()
+        picture = seen if self.spoil is None else self.spoil(seen)
+        height, width = picture.shape[:2]
+        data = HEADER.pack(self.magic, width, height) + picture.tobytes()
         for connection in asking:
             with contextlib.suppress(OSError):
                 connection.sendall(data)
@@ -135,10 +132,3 @@ class PictureServer(Listener):
         super()._drop(connection)
         if connection in self._asking:
             self._asking.remove(connection)
-
-    def _bytes(self, picture: np.ndarray) -> bytes:
-        if self.fault == "size":
-            picture = np.ascontiguousarray(picture[::2, ::2])
-        height, width = picture.shape[:2]
-        magic = b"\x00\xff\x17\x80" if self.fault == "garbage" else MAGIC
-        return HEADER.pack(magic, width, height) + picture.tobytes()

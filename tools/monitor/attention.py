@@ -5,7 +5,9 @@ The robot never computes it: its four cores have the camera, the motors and the 
 
 from __future__ import annotations
 
+import base64
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,13 +18,29 @@ from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.link.messages import FrameMessage
-from robot.link.telemetry import Attention
+from robot.link.telemetry import Telemetry
 from robot.recording.drive_file import picture
 
 if TYPE_CHECKING:
     from trainer.judging.explain import Explainer
 
 GRID_ROWS, GRID_COLUMNS = 12, 16  # over the whole frame
+
+
+@dataclass(frozen=True)
+class Attention:
+    """A coarse grid over the picture, one byte a cell in base64, rows from the top."""
+
+    rows: int
+    columns: int
+    cells: str
+
+
+@dataclass(frozen=True)
+class Explained(Telemetry):
+    """A robot's report, and where its policy looks."""
+
+    attention: Attention | None = None
 
 
 class AttentionThread:
@@ -70,5 +88,5 @@ def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:
     weights = np.zeros((spec.height_px, spec.width_px), np.float32)
     weights[spec.crop_top_px :] = explainer.attention(preprocess(frame, spec)[None])[0]
     grid = cv2.resize(weights, (GRID_COLUMNS, GRID_ROWS), interpolation=cv2.INTER_AREA)
-    peak = float(grid.max())
-    return Attention.from_array(grid / peak if peak > 0.0 else grid)
+    cells = np.round(np.nan_to_num(grid / max(float(grid.max()), 1e-9)) * 255.0).astype(np.uint8)
+    return Attention(GRID_ROWS, GRID_COLUMNS, base64.b64encode(cells.tobytes()).decode("ascii"))

@@ -7,7 +7,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from robot.link.command_client import CommandClient
@@ -17,7 +16,7 @@ from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Subscriber
 from robot.link.telemetry import Telemetry
 from robot.safety.gates import SafetyLimits
-from tools.monitor.attention import AttentionThread
+from tools.monitor.attention import AttentionThread, Explained
 from tools.monitor.drives import DriveRecorder
 from tools.monitor.state import MonitorState, Snapshot
 
@@ -63,8 +62,8 @@ class Monitor:
         telemetry = self._telemetry.receive()
         if telemetry is not None:
             report = telemetry
-            if self._attention is not None and telemetry.attention is None:
-                report = replace(telemetry, attention=self._attention.newest)
+            if self._attention is not None:
+                report = Explained(**vars(telemetry), attention=self._attention.newest)
             if self.state.take_telemetry(report):
                 self._record(lambda recorder: recorder.take(report))
         frame = self._frames.receive()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from typing import Any, List, Tuple
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from robot.errors import ContractError
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry
+from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry
 
 MISSION = MissionStatus("m1", (1.0, 2.0), "driving", 0.5, 1.2, -0.01, "on its way")
 GOOD: Tuple[Any, ...] = (
@@ -25,7 +24,6 @@ GOOD: Tuple[Any, ...] = (
         mission=MISSION,
         inputs=(InputAge("camera", 0.03, 0.2), InputAge("pose", None, 1.0)),
         health=(Reading("load", 0.7), Reading("disk free", 40.0, "%", "ok")),
-        attention=Attention.from_array(np.eye(4)),
         map="arena",
     ),
     FrameMessage(b"\xff\xd8 picture \xff\xd9", 160, 120, 1.0, "eye", 4, 1.1),

@@ -17,7 +17,7 @@ from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.sockets import Link, Publisher, Subscriber, new_session
-from robot.link.telemetry import Attention, InputAge, MissionStatus, Reading, Telemetry, thin_path
+from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry, thin_path
 from robot.link.wire import plain, require_length, require_size, tidy_text
 from tests.robot.link.conftest import free_base_port
 from tests.robot.link.fakes import FakeClock, FakeLink
@@ -151,14 +151,6 @@ def test_a_part_has_its_range(make: Make, good: Any, bad: Any) -> None:
     make(good)
     with pytest.raises(ContractError):
         make(bad)
-
-
-def test_attention_has_at_most_192_cells() -> None:
-    import numpy as np
-
-    Attention.from_array(np.zeros((12, 16)))
-    with pytest.raises(ContractError):
-        Attention.from_array(np.zeros((12, 17)))
 
 
 @pytest.mark.parametrize("kind", ["plan", "mission"])

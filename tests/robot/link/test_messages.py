@@ -22,7 +22,6 @@ from robot.link.messages import (
     Sighting,
 )
 from robot.link.telemetry import (
-    Attention,
     InputAge,
     MissionStatus,
     Reading,
@@ -54,11 +53,6 @@ poses = st.builds(
     t_capture_s=times,
     **stamps,
 )
-attentions = st.integers(1, 12).flatmap(
-    lambda n: st.lists(st.lists(shares, min_size=n, max_size=n), min_size=1, max_size=16).map(
-        lambda rows: Attention.from_array(np.array(rows))
-    )
-)
 labels = st.text(st.characters(exclude_categories=("C", "Z")), max_size=6)
 ages = st.builds(InputAge, labels, st.none() | st.floats(0, 1e5), st.floats(0, 10))
 readings = st.builds(
@@ -88,7 +82,6 @@ telemetries = st.builds(
     health=st.lists(readings, max_size=tm.MAX_ENTRIES).map(tuple),
     fps=st.floats(0, 1000),
     lag_s=st.floats(0, 10),
-    attention=st.none() | attentions,
     **stamps,
 )
 commands = st.sampled_from(KINDS).flatmap(
