@@ -29,7 +29,12 @@ EXPLAINED, NAMED = (
 RESULTS = ROOT / "runs" / "mutants" / "results.jsonl"
 TESTS = {
     "robot/safety": ["tests/robot/safety", "tests/robot/runtime"],
-    "robot/hat": ["tests/robot/hat", "tests/sim_pybullet/virtual"],
+    "robot/hat": [
+        "tests/robot/hat",
+        "tests/robot/test_data_path.py",
+        "tests/sim_pybullet/virtual",
+        "tests/tools/test_loop_parts.py",
+    ],
     "robot/link": ["tests/robot/link", "tests/robot/runtime/test_remote.py"],
     "robot/navigation": ["tests/robot/navigation"],
     "robot/inference": ["tests/robot/inference"],
@@ -70,11 +75,22 @@ def main() -> None:
         mutants = sorted(all_mutants(package), key=lambda each: _lot(args.seed, each.name))
         settled = ("killed", "invalid") if args.again else ("killed", "invalid", "survived")
         new = [m for m in mutants[: args.sample] if done.get(m.name) not in settled]
+        if new:
+            expect_passing(package, new[0].path)
         for mutant, outcome in try_all([(m, likely_tests(m, package)) for m in new], args.workers):
             RESULTS.parent.mkdir(parents=True, exist_ok=True)
             with RESULTS.open("a") as file:
                 print(json.dumps({"name": mutant.name, "outcome": outcome}), file=file)
     report(packages)
+
+
+def expect_passing(package: str, path: str) -> None:
+    """Exit unless the package's tests pass while nothing is changed: else they would notice all."""
+    same = Mutant(path, "", 0, "nothing", "", 0, 0)
+    if [outcome for _, outcome in try_all([(same, likely_tests(same, package))], 1)] != [
+        "survived"
+    ]:
+        raise SystemExit(f"{package}: expected its tests to pass unchanged, they fail")
 
 
 def all_mutants(package: str) -> list[Mutant]:

@@ -1,5 +1,6 @@
 """The mutation tool: what it changes, and that its lists fit the source."""
 
+import contextlib
 from pathlib import Path
 from textwrap import dedent
 
@@ -9,6 +10,7 @@ from tests.mutants.__main__ import (
     ROOT,
     TESTS,
     all_mutants,
+    expect_passing,
     explained,
     likely_tests,
     named_mutants,
@@ -103,3 +105,15 @@ def test_each_explanation_is_of_a_mutant_that_exists() -> None:
     names = {mutant.name for package in TESTS for mutant in all_mutants(package)}
     gone = set(explained()) - names
     assert not gone, "remove them from tests/mutants/explained.toml: their lines have changed"
+
+
+@pytest.mark.parametrize(("double", "passes"), [("x * 2", True), ("x * 3", False)])
+def test_nothing_is_tried_with_tests_that_fail_anyhow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, double: str, passes: bool
+) -> None:
+    for name, text in TREE.items():
+        (tmp_path / name).write_text(text.replace("x * 2", double))
+    monkeypatch.setattr("tests.mutants.__main__.ROOT", tmp_path)
+    monkeypatch.setitem(TESTS, "here", ["test_source.py"])
+    with contextlib.nullcontext() if passes else pytest.raises(SystemExit, match="they fail"):
+        expect_passing("here", "source.py")
