@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +12,7 @@ import tyro
 from rich.console import Console
 
 from robot.errors import ConfigError
+from trainer.one_thread import ONE_THREAD
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.sweeps.sweep import SweepOptions, combinations, run_sweep
 
@@ -29,8 +32,8 @@ def train_command(
     """Train a policy; leaves a run folder with model.onnx, curve.png and metrics.json.
 
     Args:
-        out: the run's folder; must not hold a run yet, unless --resume. With --seeds, --matrix
-            or --ray the folder of all runs; finished ones are skipped, others go on.
+        out: the run's folder; must not hold a run yet, unless --resume. With --seeds or --matrix
+            the folder of all runs; finished ones are skipped, others go on.
         options: how.
         resume: go on with the run in --out, if there is one, with its own configuration; options
             that differ from it are refused.
@@ -42,7 +45,9 @@ def train_command(
     if many.wanted:
         jobs = [TrainJob(out / n, each, resume=True) for n, each in combinations(options, many)]
         return run_sweep(jobs, many, Console(soft_wrap=True))
-    return TrainJob(out, options, resume, given).run(Console())
+    if "numba" not in sys.modules:
+        os.environ.update(ONE_THREAD)  # other cores are for other processes
+    return TrainJob(out, options, resume, given, many).run(Console())
 
 
 def evaluate_command(
@@ -55,14 +60,14 @@ def evaluate_command(
 
     Args:
         options: what, where and how often.
-        json: write the figures there. With --seeds, --matrix or --ray what is its own is added to
-            each name; without --json the files are evaluation_*.json beside the models.
+        json: write the figures there. With --seeds or --matrix what is its own is added to each
+            name; without --json the files are evaluation_*.json beside the models.
         drives: keep where every robot drove and what the ten worst saw, beside --json, for report.
         many: several at once.
     """
     from trainer.sweeps.jobs import EvaluateJob, evaluate_jobs
 
-    if many.wanted:
+    if many.wanted or many.ray is not None:
         jobs = evaluate_jobs(json, options, drives, many)
         return run_sweep(jobs, many, Console(soft_wrap=True))
     if drives and json is None:

@@ -75,11 +75,17 @@ class RunConfig:
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
     device: str = "cpu"  # of the network: cpu, cuda or auto
+    workers: int = 1  # processes that learn together, see `trainer.training.crew`
     threads: int = 1  # of torch: with a second one small networks are slower, not faster
 
     def __post_init__(self) -> None:
         task = find_task(self.task, to_learn=True)
-        find_algorithm(self.algorithm)
+        own_worlds = find_algorithm(self.algorithm).own_worlds
+        robots = 1 if own_worlds else self.learn.robots  # to be shared out
+        if not 1 <= self.workers <= robots or robots % self.workers:
+            raise ConfigError(
+                f"workers: expected a number that divides {robots} robots, got {self.workers}"
+            )
         choose("style", self.style, dict.fromkeys(task.styles or ("race",)))
         choose("lane", self.lane, dict.fromkeys(task.lanes or ("outer",)))
         if not (self.seconds is None or self.seconds > 0):

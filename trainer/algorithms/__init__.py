@@ -58,6 +58,8 @@ class Algorithm:
     # By task, preset or style, see `trainer.presets`.
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     own_worlds: bool = False  # whether it makes its training environments itself
+    # What of ``learn`` is divided among the processes of a training, see `trainer.training.crew`.
+    divided: tuple[str, ...] = ("robots",)
 
 
 def find_algorithm(name: str) -> Algorithm:

@@ -26,8 +26,9 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from trainer.algorithms import Algorithm, EnvMaker
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import EpisodeEnd, Orders, Shared, Worker, run_worker
+from trainer.learners.a3c_worker import Orders, Shared, Worker, run_worker
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig
+from trainer.learners.episode_count import EpisodeEnd
 from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import ChannelLast, build_policy
 from trainer.one_thread import one_thread_each

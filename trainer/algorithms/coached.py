@@ -1,7 +1,7 @@
 """DAgger whose expert is taught first, by reinforcement that is told the true path."""
 
 from trainer.algorithms import Algorithm
-from trainer.algorithms.dagger import PRESETS, DaggerConfig, build
+from trainer.algorithms.dagger import DIVIDED, PRESETS, DaggerConfig, build
 from trainer.learners.networks import QPolicy
 
 ALGORITHM = Algorithm(
@@ -10,4 +10,5 @@ ALGORITHM = Algorithm(
     QPolicy,
     build,
     {**PRESETS, "debug": {"learn": {**PRESETS["debug"]["learn"], "coach_steps": 4_096}}},
+    divided=DIVIDED,
 )

@@ -100,4 +100,5 @@ PRESETS: dict[str, dict[str, Any]] = {
     "cruise": {"learn": {"learning_rate": 1e-3, "gradient_steps": 4, "random_share": 0.3}},
     "debug": {"learn": _SMALL},
 }
-ALGORITHM = Algorithm("DAgger", DaggerConfig(), QPolicy, build, PRESETS)
+DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
+ALGORITHM = Algorithm("DAgger", DaggerConfig(), QPolicy, build, PRESETS, divided=DIVIDED)

@@ -110,4 +110,5 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "debug": {"learn": {"robots": 4, "buffer": 1_000, "warm_up": 64, "batch": 16}},
 }
-ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS)
+DIVIDED = ("robots", "batch", "buffer", "warm_up", "epsilon_steps")
+ALGORITHM = Algorithm("Double DQN", QConfig(), QPolicy, build, PRESETS, divided=DIVIDED)

@@ -70,4 +70,5 @@ ALGORITHM = Algorithm(
         },
         "debug": {"learn": {"robots": 4, "rollout": 16, "minibatch": 32}},
     },
+    divided=("robots", "minibatch"),
 )

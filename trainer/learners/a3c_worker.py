@@ -25,6 +25,7 @@ from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
 from trainer.envs import ScaledReward, parts_of
 from trainer.learners.actor_critic import entropies
+from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.policies import build_policy, learning_rates
 
 if TYPE_CHECKING:
@@ -47,15 +48,6 @@ class Shared(NamedTuple):
         """Fresh memory with a copy of these weights (P,) and statistics (P,)."""
         counts = (torch.zeros(size, dtype=torch.int64) for size in (workers, workers, 1))
         return cls(*(part.share_memory_() for part in (weights.clone(), squares.clone(), *counts)))
-
-
-class EpisodeEnd(NamedTuple):
-    """An episode that ended."""
-
-    robot: int  # counted through all workers
-    reward: float  # summed, as the task gives it
-    length: int  # decisions
-    success: bool
 
 
 class Orders(NamedTuple):
@@ -87,8 +79,8 @@ class Worker:
         vector_to_parameters(self._weights, policy.parameters())  # now views of it
         self._random = torch.Generator().manual_seed(orders.seed)
         self._seen = _tensors(self._env.reset())
-        self._rewards = np.zeros(config.learn.robots)
-        self._lengths = np.zeros(config.learn.robots, dtype=int)
+        robots = config.learn.robots
+        self._count = EpisodeCount(robots, config.reward_scale, number * robots)
 
     def close(self) -> None:
         """Free the world."""
@@ -102,7 +94,7 @@ class Worker:
             seen.append(self._seen)
             actions.append(self._act())
             observation, reward, done, infos = self._env.step(actions[-1].numpy())
-            ended += self._ended(reward, done, infos)
+            ended += self._count.ended(reward, done, infos)
             rewards.append(torch.from_numpy(self._with_future(reward, done, infos)))
             going_on.append(torch.from_numpy(1.0 - done.astype(np.float32)))
             self._seen = _tensors(observation)
@@ -132,19 +124,6 @@ class Worker:
                     alone = {name: torch.from_numpy(part[None]) for name, part in last.items()}
                     reward[i] += self._learn.gamma * float(_evaluate(self._policy, alone)[1])
         return reward
-
-    def _ended(
-        self, reward: np.ndarray, done: np.ndarray, infos: list[dict[str, Any]]
-    ) -> list[EpisodeEnd]:
-        self._rewards += reward / self._config.reward_scale
-        self._lengths += 1
-        first, ends = self._number * len(done), []
-        for i in np.flatnonzero(done).tolist():
-            success = bool(infos[i].get("is_success", False))
-            total, length = float(self._rewards[i]), int(self._lengths[i])
-            ends.append(EpisodeEnd(first + i, total, length, success))
-            self._rewards[i], self._lengths[i] = 0.0, 0
-        return ends
 
     def _descend(self, seen: Tensors, actions: torch.Tensor, returns: torch.Tensor) -> None:
         learn, parameters = self._learn, list(self._policy.parameters())

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -13,7 +14,10 @@ from robot.output import expect_folder
 from trainer.config import RunConfig
 from trainer.options import EvaluateOptions, TrainOptions, extended, refuse_others
 from trainer.run import RunFolder, read_json, refuse_run
-from trainer.sweeps.sweep import SweepOptions, combinations
+from trainer.sweeps.sweep import SweepOptions, WorkerOptions, combinations, cores
+
+if TYPE_CHECKING:
+    from trainer.training.crew import Launcher
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,7 @@ class TrainJob:
     options: TrainOptions
     resume: bool
     given: tuple[str, ...] = ()  # of the options, those that a person gave
+    alone: WorkerOptions | None = None  # who does it; one process, where it is one of many
 
     @property
     def title(self) -> str:
@@ -49,22 +54,48 @@ class TrainJob:
         if folder.config.exists():
             found = folder.load_config()
             refuse_others(self.out, found, options, self.given)
+            if self.alone and self.alone.workers not in (None, found.workers):
+                raise ConfigError(
+                    f"{self.out}: expected --workers {found.workers}, as the run was begun with, "
+                    f"got {self.alone.workers}; leave it out, or choose another --out"
+                )
             config = extended(found, options.steps, options.seconds)
             if said := ended(folder, config):
                 console.print(f"{self.out}: done before, {said}; nothing to do", markup=False)
                 return 0
         else:
-            config = options.config()
+            config = self._shared_out(options.config())
         expect_folder(self.out)
         from trainer.envs import make_env
         from trainer.training.train import train
 
-        metrics = train(config, folder, make_env, console)
+        metrics = train(config, folder, make_env, console, launcher=self._launcher())
         console.print(
             f"{self.out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
             f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
         )
         return INTERRUPTED if metrics.stopped_by == "interrupted" else 0
+
+    def _shared_out(self, config: RunConfig) -> RunConfig:
+        """Among the processes asked for, else among as many as serve on this machine."""
+        from trainer.algorithms import find_algorithm
+        from trainer.training.crew import good_number
+
+        if self.alone is None:
+            return config
+        workers = self.alone.workers
+        if workers is None and not find_algorithm(config.algorithm).own_worlds:
+            workers = good_number(config.learn.robots, cores())
+        return replace(config, workers=workers or 1)
+
+    def _launcher(self) -> Launcher | None:
+        """Who starts the other processes; None: this machine."""
+        if self.alone is None or self.alone.ray is None:
+            return None
+        from trainer.sweeps.workers import connect
+        from trainer.training.followers import RayFollowers
+
+        return RayFollowers(connect(self.alone.ray))
 
 
 def ended(folder: RunFolder, config: RunConfig) -> str:

@@ -32,7 +32,7 @@ class WorkerOptions:
     """Who does many jobs."""
 
     workers: int | None = None
-    """Processes at once; else one for each core."""
+    """Processes: of one training, or of many jobs at once; else one for each core."""
     ray: str | None = None
     """On a Ray cluster: its address, or auto. All its nodes must share this folder."""
 
@@ -49,7 +49,7 @@ class SweepOptions(WorkerOptions):
     @property
     def wanted(self) -> bool:
         """Whether any were asked for."""
-        return self.seeds is not None or self.matrix is not None or self.ray is not None
+        return self.seeds is not None or self.matrix is not None
 
 
 def combinations(options: T, many: SweepOptions, seed_step: int = 1) -> list[tuple[str, T]]:
@@ -114,10 +114,15 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     return 1 if failures else 0
 
 
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
 def _workers(many: WorkerOptions) -> LocalWorkers | RayWorkers:
     if many.ray is not None:
         return RayWorkers(many.ray)
-    count = len(os.sched_getaffinity(0)) if many.workers is None else many.workers
+    count = cores() if many.workers is None else many.workers
     if count < 1:
         raise ConfigError(f"workers: expected 1 or more, got {count}")
     return LocalWorkers(count)

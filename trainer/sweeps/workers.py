@@ -74,7 +74,7 @@ class RayWorkers:
     """
 
     def __init__(self, address: str) -> None:
-        self._ray = _connect(address)
+        self._ray = connect(address)
         # one process for each job, so that none inherits another's threads and open files
         self._perform = self._ray.remote(num_cpus=1, max_retries=RETRIES, max_calls=1)(perform)
         self._references: list[Any] = []
@@ -95,7 +95,8 @@ class RayWorkers:
         self._ray.shutdown()
 
 
-def _connect(address: str) -> Any:
+def connect(address: str) -> Any:
+    """The module ray, connected; ConfigError if it is not installed, or no cluster answers."""
     try:
         import ray
     except ImportError as error:

@@ -56,23 +56,31 @@ class TrainState:
 
 def save_checkpoint(path: Path, model: BaseAlgorithm, state: TrainState) -> None:
     """Atomically write everything but the replay buffer, which lies in files of its own."""
-    content = {
+    save_torch(path, {**content_of(model), "state": to_plain(state)})
+
+
+def content_of(model: BaseAlgorithm) -> dict[str, Any]:
+    """What a model has learned: weights, the optimiser's statistics, counters."""
+    return {
         "policy": model.policy.state_dict(),
         "optimizer": model.policy.optimizer.state_dict(),
         "counters": {n: getattr(model, n) for n in _COUNTERS if hasattr(model, n)},
-        "state": to_plain(state),
     }
-    save_torch(path, content)
+
+
+def put_back(model: BaseAlgorithm, content: dict[str, Any]) -> None:
+    """Make a model of the same shape what another one was."""
+    model.policy.load_state_dict(content["policy"])
+    model.policy.optimizer.load_state_dict(content["optimizer"])
+    for name, value in content["counters"].items():
+        setattr(model, name, value)
 
 
 def load_checkpoint(path: Path, model: BaseAlgorithm) -> TrainState:
     """Put a freshly built model back where `save_checkpoint` found it."""
     content: dict[str, Any] = load_torch(path, CHECKPOINT, model.device, REMEDY)
     with reading(path, CHECKPOINT, REMEDY):
-        model.policy.load_state_dict(content["policy"])
-        model.policy.optimizer.load_state_dict(content["optimizer"])
-        for name, value in content["counters"].items():
-            setattr(model, name, value)
+        put_back(model, content)
     return read_state(path)
 
 

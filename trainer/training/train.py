@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -17,15 +16,15 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig, judged
-from trainer.envs import ScaledReward
 from trainer.export import export_run
 from trainer.learners.replay import MappedReplayBuffer
-from trainer.learners.true_path import WithTruePath
-from trainer.relit import Relit
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
+from trainer.training.crew import Crew, Launcher, share_of
+from trainer.training.followers import LocalFollowers
 from trainer.training.watch import Clock, Watch
+from trainer.training.worlds import as_learned, learning_world
 
 
 @dataclass(frozen=True)
@@ -53,61 +52,67 @@ def train(
     console: Console,
     clock: Clock = time.monotonic,
     checkpoint_period_s: float = 10.0,
+    launcher: Launcher | None = None,
 ) -> Metrics:
     """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
 
     Leaves `RunFolder`'s files. An interrupted run keeps its replay buffer and can go on.
 
+    Args:
+        launcher: of the other processes of a run of several; else they are started here.
+
     Raises:
         DuckpilotError: ``make_env`` refuses the configuration; then nothing was written.
     """
     torch.set_num_threads(config.threads)
+    own = share_of(config, rank=0)
     with ExitStack() as closing:
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
+        crew = None
+        if config.workers > 1:  # first of all: while they make their worlds, this process does
+            crew = Crew(config, make_env, folder.path, launcher or LocalFollowers())
+            closing.callback(crew.close)
         judging_env = make_env(judged(config), drivers, config.seed)
         closing.callback(judging_env.close)
         algorithm = find_algorithm(config.algorithm)
         env = judging_env
         if not algorithm.own_worlds:
-            env = make_env(config, config.learn.robots, config.seed)
+            env = learning_world(own, make_env)
             closing.callback(env.close)
-        env = _as_learned(config, env)
+        else:
+            env = as_learned(config, env)
         folder.go_on(config)
-        model = algorithm.build(Making(config, env, folder, make_env, console))
+        model = algorithm.build(Making(own, env, folder, make_env, console))
         state = TrainState()
         if folder.checkpoint.exists():
             state = load_checkpoint(folder.checkpoint, model)
             state.stopped_by = ""
-            model.set_random_seed(config.seed + model.num_timesteps)
+            model.set_random_seed(own.seed + model.num_timesteps)
         closing.callback(_close_replay, model, state)
         model.set_logger(_logger(folder))
         closing.callback(model.logger.close)
-        log = EpisodeLog(folder, model.num_timesteps)
+        log = EpisodeLog(folder, model.num_timesteps * config.workers)
         closing.callback(log.close)
-        watch = Watch(config, folder, state, log, judging_env, console, clock, checkpoint_period_s)
+        beside = (judging_env, console, clock, checkpoint_period_s)
+        watch = Watch(config, folder, state, log, *beside, crew)
         watch.init_callback(model)
         closing.callback(watch.close)
         with _stop_on_signal(state):
-            steps = max(0, config.steps - model.num_timesteps)
-            model.learn(steps, watch, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # we log ourselves
+            steps = max(0, own.steps - model.num_timesteps)
+            if crew is None:
+                model.learn(steps, watch, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # we log ourselves
+            else:
+                crew.learn(model, steps, watch)
+                crew.close()
         state.stopped_by = state.stopped_by or "steps"
         return _finish(config, folder, judging_env, watch, log.count)
-
-
-def _as_learned(config: RunConfig, env: VecEnv) -> VecEnv:
-    """The world of a run, as what learns there sees it."""
-    if config.true_path:
-        env = WithTruePath(env)
-    if config.relit:
-        env = Relit(env, np.random.default_rng(config.seed))
-    return ScaledReward(env, config.reward_scale)
 
 
 def _finish(
     config: RunConfig, folder: RunFolder, env: VecEnv, watch: Watch, episodes: int
 ) -> Metrics:
     """Leave the files; an interrupted run has no model and no metrics yet."""
-    state, steps, nan = watch.state, watch.model.num_timesteps, float("nan")
+    state, steps, nan = watch.state, watch.steps, float("nan")
     reason, interrupted = state.stopped_by, state.stopped_by == "interrupted"
     last = state.evaluations[-1].step if state.evaluations else -1
     if not interrupted and last != steps:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from rich.console import Console
@@ -14,10 +14,12 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import CONTROL_DT_S
 from trainer.config import RunConfig
+from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.networks import GreedyNetwork
 from trainer.mp4 import enlarged, write_mp4
 from trainer.run import Episode, EpisodeLog, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint, save_policy
+from trainer.training.crew import Crew, share_of
 from trainer.training.greedy import drive_greedily
 
 Clock = Callable[[], float]
@@ -39,6 +41,7 @@ class Watch(BaseCallback):
         console: shows a bar, and a line for each evaluation.
         clock: [s].
         period_s: between checkpoints.
+        crew: those that learn with this process, if any.
     """
 
     def __init__(
@@ -51,10 +54,14 @@ class Watch(BaseCallback):
         console: Console,
         clock: Clock,
         period_s: float,
+        crew: Crew | None = None,
     ) -> None:
         super().__init__()
         self._config, self._folder, self.state, self._log = config, folder, state, log
         self._env, self._clock, self._period_s = env, clock, period_s
+        self._crew, self._others_cpu_s = crew, 0.0
+        robots = share_of(config, rank=0).learn.robots
+        self._count = EpisodeCount(robots, config.reward_scale)
         self._recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         self._saved = self._logged = self._shown = clock()
         self._started = clock() - state.seconds
@@ -69,17 +76,33 @@ class Watch(BaseCallback):
         self._row = self._bar.add_task("", total=config.steps, told="")
 
     def _on_training_start(self) -> None:
-        robots = self.training_env.num_envs
-        self._rewards, self._lengths = np.zeros(robots), np.zeros(robots, dtype=int)
-        self._first = (self.num_timesteps, self.state.seconds)
+        self._first = (self.steps, self.state.seconds)
         self._bar.start()
 
-    def _on_step(self) -> bool:
-        ended = self.locals["episodes"] if "episodes" in self.locals else self._ended()
+    @property
+    def steps(self) -> int:
+        """Decisions so far, of all robots of all processes."""
+        return int(self.model.num_timesteps * self._config.workers)
+
+    def _on_rollout_end(self) -> None:
+        if self._crew is not None:
+            told = self._crew.news()
+            for ended, _ in told:
+                self._remember(ended)
+            self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
+
+    def _remember(self, ended: list[EpisodeEnd]) -> None:
         for robot, reward, length, success in ended:
-            step, seconds = self.num_timesteps, self.state.seconds
-            self._recent.append(Episode(step, seconds, robot, reward, length, success))
+            seconds = self.state.seconds
+            self._recent.append(Episode(self.steps, seconds, robot, reward, length, success))
             self._log.add(self._recent[-1])
+
+    def _on_step(self) -> bool:
+        seen = self.locals
+        if "episodes" in seen:
+            self._remember(seen["episodes"])
+        else:
+            self._remember(self._count.ended(seen["rewards"], seen["dones"], seen["infos"]))
         now = self._clock()
         if now - self._logged >= LOG_PERIOD_S:
             self._logged = now
@@ -94,28 +117,19 @@ class Watch(BaseCallback):
             self._show()
         return self._goes_on()
 
-    def _ended(self) -> Iterator[tuple[int, float, int, bool]]:
-        """Robot, reward, length and success of each episode that this step ended."""
-        self._rewards += self.locals["rewards"] / self._config.reward_scale
-        self._lengths += 1
-        for robot in np.flatnonzero(self.locals["dones"]).tolist():
-            success = bool(self.locals["infos"][robot].get("is_success", False))
-            yield robot, float(self._rewards[robot]), int(self._lengths[robot]), success
-            self._rewards[robot], self._lengths[robot] = 0.0, 0
-
     def _write_scalars(self) -> None:
         for name in ("reward", "length", "success") if self._recent else ():
             mean = np.mean([getattr(episode, name) for episode in self._recent])
             self.logger.record(f"episode/{name}", mean)
         self.logger.record("time/seconds", self.state.seconds)
-        self.logger.dump(self.num_timesteps)
+        self.logger.dump(self.steps)
 
     def _evaluation_is_due(self) -> bool:
         evaluations, wanted = self.state.evaluations, self._config.evaluation
         last = evaluations[-1].step if evaluations else 0
         # the longer the run, the rarer: evaluations take a bounded share of its time
         share = wanted.every_share * self._config.steps
-        return self.num_timesteps - last >= max(wanted.every_steps, last // 4, share)
+        return self.steps - last >= max(wanted.every_steps, last // 4, share)
 
     def evaluate(self) -> None:
         """Drive greedily on starts that were never used, and keep the policy if it is the best."""
@@ -128,7 +142,7 @@ class Watch(BaseCallback):
         took, distance_m = self._clock() - began, float(result.distance_m.mean())
         state.evaluation_seconds += took
         evaluated = Evaluated(
-            self.model.num_timesteps,
+            self.steps,
             state.seconds + took,
             float(result.success.mean()),
             float(result.rewards.mean()),
@@ -167,20 +181,20 @@ class Watch(BaseCallback):
     def _show(self) -> None:
         """Returns are means of the reward of an episode; choices by chance lower that learning."""
         steps, seconds = self._first
-        rate = (self.num_timesteps - steps) / max(self.state.seconds - seconds, 1e-9)
+        rate = (self.steps - steps) / max(self.state.seconds - seconds, 1e-9)
         told = f"{rate:.0f}/s"
         if self._recent:
             told += f" · return {np.mean([e.reward for e in self._recent]):.0f} learning"
         if self.state.evaluations:
             last = self.state.evaluations[-1]
             told += f" · {last.success_rate:.0%}, {last.mean_reward:.0f} evaluated"
-        self._bar.update(self._row, completed=self.num_timesteps, told=told)
+        self._bar.update(self._row, completed=self.steps, told=told)
 
     def _goes_on(self) -> bool:
         """CPU seconds are kept, too: on a busy machine the wall clock says little."""
         state, budget_s = self.state, self._config.seconds
         state.seconds = self._clock() - self._started
-        workers_s = getattr(self.model, "workers_cpu_s", 0.0)  # of A3C
+        workers_s = getattr(self.model, "workers_cpu_s", self._others_cpu_s)  # A3C's, or followers'
         state.cpu_seconds = time.process_time() + workers_s - self._cpu_started
         if budget_s is not None and state.seconds >= budget_s:
             state.stopped_by = "seconds"

@@ -1,0 +1,117 @@
+"""Several processes train one policy: alike for a seed, and whoever is killed is replaced."""
+
+import os
+import signal
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from robot.errors import ConfigError
+from tests.trainer.toy import make_toy, toy_config, train_toy
+from trainer.config import RunConfig
+from trainer.options import TrainOptions
+from trainer.presets import preset
+from trainer.run import RunFolder
+from trainer.sweeps.jobs import TrainJob
+from trainer.sweeps.sweep import WorkerOptions
+from trainer.training.crew import good_number, share_of
+from trainer.training.followers import LocalFollowers
+from trainer.training.train import train
+
+
+def two_processes(algorithm: str, steps: int, seed: int = 0) -> RunConfig:
+    config = toy_config(algorithm, steps, seed)
+    return replace(config, workers=2, evaluation=replace(config.evaluation, stop_after_perfect=0))
+
+
+def weights(folder: Path) -> torch.Tensor:
+    policy = torch.load(folder / "checkpoint.pt", weights_only=True)["policy"]
+    return torch.cat([part.flatten().float() for part in policy.values()])
+
+
+@given(st.integers(1, 64), st.integers(1, 64))
+def test_processes_are_no_more_than_cores_and_have_robots_enough(robots: int, cores: int) -> None:
+    number = good_number(robots, cores)
+    assert 1 <= number <= cores
+    assert robots % number == 0
+    assert number == 1 or robots // number >= 8
+
+
+def test_shares_add_up_and_their_random_numbers_differ() -> None:
+    config = replace(preset("navigation", "ppo", "fast"), steps=1001, workers=4)
+    shares = [share_of(config, rank) for rank in range(4)]
+    assert sum(share.learn.robots for share in shares) == config.learn.robots
+    assert {share.learn.minibatch for share in shares} == {config.learn.minibatch // 4}
+    assert {share.learn.rollout for share in shares} == {config.learn.rollout}
+    assert sum(share.steps for share in shares) >= 1001
+    assert len({share.seed for share in shares}) == 4
+    assert share_of(replace(config, workers=1), 0) == replace(config, workers=1)
+
+
+@pytest.mark.parametrize(("algorithm", "workers"), [("ppo", 0), ("ppo", 3), ("a3c", 2)])
+def test_a_number_that_does_not_divide_the_robots_is_refused(algorithm: str, workers: int) -> None:
+    with pytest.raises(ConfigError, match="workers: expected a number that divides"):
+        replace(preset("navigation", algorithm, "fast"), workers=workers)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["ppo", "dueling"])
+def test_two_processes_learn_the_same_again(algorithm: str, tmp_path: Path) -> None:
+    config = two_processes(algorithm, steps=3_200)
+    runs = [tmp_path / name for name in ("one", "again", "alone")]
+    first = train_toy(config, runs[0])
+    assert train_toy(config, runs[1]).train_steps == first.train_steps >= 3_200
+    train_toy(replace(config, workers=1), runs[2])
+    torch.testing.assert_close(weights(runs[0]), weights(runs[1]), rtol=0, atol=0)
+    assert not torch.allclose(weights(runs[0]), weights(runs[2]))
+    robots = {episode.robot for episode in RunFolder(runs[0]).episodes()}
+    assert robots == set(range(config.learn.robots))  # those of the other process, too
+
+
+@pytest.mark.slow
+def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
+    metrics = train_toy(replace(toy_config("ppo", 40_000), workers=2), tmp_path / "run")
+    assert metrics.success_rate == 1.0
+    assert metrics.stopped_by == "solved"
+
+
+class Killing(LocalFollowers):
+    """Kills each of its first followers once they have learned a while."""
+
+    def __init__(self, kills: int) -> None:
+        super().__init__()
+        self.kills = kills
+
+    def start(self, orders: list) -> None:
+        super().start(orders)
+        if self.kills:
+            self.kills -= 1
+            victim = self._processes[0].pid
+            threading.Timer(4.0, os.kill, (victim, signal.SIGKILL)).start()
+
+
+@pytest.mark.slow
+def test_a_killed_follower_is_replaced_and_nothing_is_lost(tmp_path: Path) -> None:
+    launcher, config = Killing(kills=1), two_processes("ppo", steps=24_000)
+    metrics = train(config, RunFolder(tmp_path), make_toy, Console(quiet=True), launcher=launcher)
+    assert launcher.kills == 0
+    assert metrics.stopped_by == "steps"
+    assert metrics.train_steps >= 24_000
+    steps = [episode.step for episode in RunFolder(tmp_path).episodes()]
+    assert steps == sorted(steps)
+
+
+def test_a_run_goes_on_with_as_many_processes_as_it_was_begun_with(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    folder.go_on(replace(preset("lane", "ppo", "debug"), workers=2))
+    job = TrainJob(
+        folder.path, TrainOptions(algo="ppo", preset="debug"), True, (), WorkerOptions(workers=4)
+    )
+    with pytest.raises(ConfigError, match="expected --workers 2, as the run was begun with, got 4"):
+        job.run(Console(quiet=True))

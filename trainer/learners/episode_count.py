@@ -1,0 +1,42 @@
+"""Sums the rewards and decisions of episodes while they go on."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class EpisodeEnd(NamedTuple):
+    """An episode that ended."""
+
+    robot: int  # counted through all processes
+    reward: float  # summed, as the task gives it
+    length: int  # decisions
+    success: bool
+
+
+class EpisodeCount:
+    """Of N robots, the first of which has the number ``first``.
+
+    Args:
+        reward_scale: by which rewards were multiplied.
+    """
+
+    def __init__(self, robots: int, reward_scale: float, first: int = 0) -> None:
+        self._rewards, self._lengths = np.zeros(robots), np.zeros(robots, dtype=int)
+        self._scale, self._first = reward_scale, first
+
+    def ended(
+        self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]
+    ) -> list[EpisodeEnd]:
+        """The episodes that this step of all robots ended."""
+        self._rewards += rewards / self._scale
+        self._lengths += 1
+        ends = []
+        for i in np.flatnonzero(dones).tolist():
+            success = bool(infos[i].get("is_success", False))
+            total, length = float(self._rewards[i]), int(self._lengths[i])
+            ends.append(EpisodeEnd(self._first + i, total, length, success))
+            self._rewards[i], self._lengths[i] = 0.0, 0
+        return ends
