@@ -25,6 +25,7 @@ import yaml
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 GOLDEN = HERE / "golden.json"
+ALONE = ("--seed", "3", "--workers", "1")
 TIMED = {"seconds", "cpu_seconds", "cpu_s", "wall_s", "model", "versions", "commit", "command"}
 
 
@@ -69,7 +70,7 @@ def training(task: str, algorithm: str, *options: str) -> Callable[[Path], objec
     def case(folder: Path) -> object:
         out = folder / "run"
         words = ("--task", task, "--algo", algorithm, "--preset", "fast", "--steps", "2000")
-        command("-m", "trainer", "train", *words, *options, "--seed", "3", "--out", str(out))
+        command("-m", "trainer", "train", *words, *options, *ALONE, "--out", str(out))
         with (out / "progress.csv").open() as file:
             read = csv.DictReader(file)
             rows = [[value for key, value in row.items() if "second" not in key] for row in read]

@@ -21,7 +21,8 @@ from robot.errors import ConfigError
 from tests.trainer.toy import make_toy, toy_config
 from trainer.algorithms.a3c import A3C
 from trainer.learners import coach
-from trainer.learners.a3c_worker import EpisodeEnd, Orders, Shared, Worker, _evaluate
+from trainer.learners.a3c_worker import Orders, Shared, Worker, _evaluate
+from trainer.learners.episode_count import EpisodeEnd
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy
 from trainer.learners.networks import DrivingActorCritic, DrivingFeatures
 from trainer.learners.policies import build_policy, falling, observation_space, policy_arguments
@@ -96,12 +97,12 @@ def test_a_worker_keeps_the_books_of_its_robots() -> None:
     scale = one._config.reward_scale
     nothing: list[dict[str, Any]] = [{} for _ in range(ROBOTS)]
     nobody = np.zeros(ROBOTS, dtype=bool)
-    assert one._ended(np.array([1.0, 2.0, 3.0, 4.0]), nobody, nothing) == []
+    assert one._count.ended(np.array([1.0, 2.0, 3.0, 4.0]), nobody, nothing) == []
     done = np.array([False, True, False, True])
     infos: list[dict[str, Any]] = [{}, {"is_success": True}, {}, {}]
-    ends = one._ended(np.array([1.0, 2.0, 3.0, 5.0]), done, infos)
+    ends = one._count.ended(np.array([1.0, 2.0, 3.0, 5.0]), done, infos)
     assert ends == [EpisodeEnd(9, 4.0 / scale, 2, True), EpisodeEnd(11, 9.0 / scale, 2, False)]
-    ends = one._ended(np.full(ROBOTS, 7.0), ~nobody, nothing)
+    ends = one._count.ended(np.full(ROBOTS, 7.0), ~nobody, nothing)
     assert [(end.robot, end.reward, end.length) for end in ends] == [
         *((8, 9.0 / scale, 3), (9, 7.0 / scale, 1)),
         *((10, 13.0 / scale, 3), (11, 7.0 / scale, 1)),
