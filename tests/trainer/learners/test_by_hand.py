@@ -22,8 +22,8 @@ from tests.trainer.toy import make_toy, toy_config
 from trainer.algorithms.a3c import A3C
 from trainer.learners import coach
 from trainer.learners.a3c_worker import Orders, Shared, Worker, _evaluate
-from trainer.learners.episode_count import EpisodeEnd
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy
+from trainer.learners.episode_count import EpisodeEnd
 from trainer.learners.networks import DrivingActorCritic, DrivingFeatures
 from trainer.learners.policies import build_policy, falling, observation_space, policy_arguments
 from trainer.learners.replay import MappedReplayBuffer
