@@ -135,7 +135,7 @@ class Crew:
     """The followers of a training, and what its leader does with them.
 
     Args:
-        config: of the run; one more process than ``workers`` asks for is never started.
+        config: of the run; of one process has no followers.
         make_env: makes their worlds.
         folder: of the run.
         launcher: starts them, at once.
@@ -155,6 +155,8 @@ class Crew:
         Raises:
             PeerLostError: one is lost.
         """
+        if self._config.workers == 1:
+            return
         wanted = [f"{READY}{rank}" for rank in range(1, self._config.workers)]
         while not self._store.check(wanted):
             if told := self._launcher.lost():
@@ -170,11 +172,11 @@ class Crew:
             RuntimeError: they are lost again and again, and nothing is learned.
         """
         end, vain = model.num_timesteps + steps, 0
-        while model.num_timesteps < end:
+        while True:
             before = model.num_timesteps
             try:
                 self.join(model)
-                model.learn(end - before, callback, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+                model.learn(end - before, callback, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # we log ourselves
                 return
             except PeerLostError as error:
                 vain = 0 if model.num_timesteps > before else vain + 1
@@ -196,6 +198,8 @@ class Crew:
 
     def _muster(self) -> None:
         host, workers = self._launcher.host, self._config.workers
+        if workers == 1:
+            return
         self._store = distributed.TCPStore(host, 0, workers, is_master=True, wait_for_workers=False)
         given = (self._config, self._make_env, self._folder)
         port = self._store.port

@@ -18,17 +18,17 @@ class LocalFollowers:
     host = "127.0.0.1"
 
     def __init__(self) -> None:
-        # A server that has imported everything forks them: quick, and no threads are copied.
-        self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(["trainer.training.follow"])
         self._processes: list[Any] = []
 
     def start(self, orders: list[Orders]) -> None:
         """One process for each."""
+        # A server that has imported everything forks them: quick, and no threads are copied.
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["trainer.training.follow"])
         with one_thread_each():
             forkserver.ensure_running()
         for each in orders:
-            process = self._context.Process(target=follow, args=(each,), daemon=True)
+            process = context.Process(target=follow, args=(each,), daemon=True)
             process.start()
             self._processes.append(process)
 

@@ -68,19 +68,16 @@ def train(
     own = share_of(config, rank=0)
     with ExitStack() as closing:
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
-        crew = None
-        if config.workers > 1:  # first of all: while they make their worlds, this process does
-            crew = Crew(config, make_env, folder.path, launcher or LocalFollowers())
-            closing.callback(crew.close)
+        # first of all: while the others make their worlds, this process does
+        crew = Crew(config, make_env, folder.path, launcher or LocalFollowers())
+        closing.callback(crew.close)
         judging_env = make_env(judged(config), drivers, config.seed)
         closing.callback(judging_env.close)
         algorithm = find_algorithm(config.algorithm)
-        env = judging_env
+        env = as_learned(config, judging_env)
         if not algorithm.own_worlds:
             env = learning_world(own, make_env)
             closing.callback(env.close)
-        else:
-            env = as_learned(config, env)
         folder.go_on(config)
         model = algorithm.build(Making(own, env, folder, make_env, console))
         state = TrainState()
@@ -93,17 +90,13 @@ def train(
         closing.callback(model.logger.close)
         log = EpisodeLog(folder, model.num_timesteps * config.workers)
         closing.callback(log.close)
-        beside = (judging_env, console, clock, checkpoint_period_s)
-        watch = Watch(config, folder, state, log, *beside, crew)
+        beside = (judging_env, console, clock, checkpoint_period_s, crew)
+        watch = Watch(config, folder, state, log, *beside)
         watch.init_callback(model)
         closing.callback(watch.close)
         with _stop_on_signal(state):
-            steps = max(0, own.steps - model.num_timesteps)
-            if crew is None:
-                model.learn(steps, watch, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # we log ourselves
-            else:
-                crew.learn(model, steps, watch)
-                crew.close()
+            crew.learn(model, max(0, own.steps - model.num_timesteps), watch)
+            crew.close()
         state.stopped_by = state.stopped_by or "steps"
         return _finish(config, folder, judging_env, watch, log.count)
 

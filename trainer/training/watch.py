@@ -41,7 +41,7 @@ class Watch(BaseCallback):
         console: shows a bar, and a line for each evaluation.
         clock: [s].
         period_s: between checkpoints.
-        crew: those that learn with this process, if any.
+        crew: the processes that learn with this one.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Watch(BaseCallback):
         console: Console,
         clock: Clock,
         period_s: float,
-        crew: Crew | None = None,
+        crew: Crew,
     ) -> None:
         super().__init__()
         self._config, self._folder, self.state, self._log = config, folder, state, log
@@ -85,11 +85,10 @@ class Watch(BaseCallback):
         return int(self.model.num_timesteps * self._config.workers)
 
     def _on_rollout_end(self) -> None:
-        if self._crew is not None:
-            told = self._crew.news()
-            for ended, _ in told:
-                self._remember(ended)
-            self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
+        told = self._crew.news()
+        for ended, _ in told:
+            self._remember(ended)
+        self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
 
     def _remember(self, ended: list[EpisodeEnd]) -> None:
         for robot, reward, length, success in ended:
