@@ -112,10 +112,13 @@ class MissionNavigator:
         """Plan from here to ``destination_m`` [m], not the mission under way; errors as ``plan``.
 
         How the robot drives is learned anew: what a fault of the last mission taught ends here.
+        Only a robot with sight that arrived keeps it: it knows the way along by its wheels.
         """
         path = self.plan(destination_m)
         self._take(path)
-        self._fusion.relearn(np.arange(1))
+        arrived = self.status is not None and self.status.phase == "arrived"
+        if self._glimpse is None or not arrived:
+            self._fusion.relearn(np.arange(1))
         self._way.reset()
         self._detours = 0
         self.status = MissionStatus(mission, destination_m, remaining_m=path.length_m)

@@ -22,7 +22,7 @@ DESCRIPTION = """The whole system drives missions on the bench.
 A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the programs
 as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
 """
-OF_MISSIONS = ("missions", "start", "goal", "realtime", "robot_python")
+OF_MISSIONS = ("missions", "start", "goal", "sight", "realtime", "robot_python")
 
 
 def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
@@ -39,6 +39,7 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     add("--missions", type=whole(1, 100_000), default=1, help="how many, each to a random place")
     add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
     add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
+    add("--sight", type=Path, help="ONNX; it alone tells the place, after the first pose")
     add("--realtime", action="store_true", help="by the wall clock, not in step")
     add("--robot-python", default=sys.executable, help="runs the robot's process")
     add = parser.add_argument_group(

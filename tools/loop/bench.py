@@ -58,6 +58,7 @@ class BenchOptions:
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     robot_python: str = sys.executable
     record: bool = False  # the robot's drives
+    sight: Path | None = None  # by which the robot knows where it is, too
 
 
 class Process:
@@ -149,6 +150,11 @@ class Bench:
         """Whether the monitor's page can be looked at."""
         return not self.operator.closed and not {"monitor"} & (self._frozen | self._ending)
 
+    @property
+    def hidden(self) -> bool:
+        """Whether the localizer is stopped."""
+        return "localizer" in self._frozen
+
     def freeze(self, name: str, frozen: bool = True) -> None:
         """Stop a program where it is, or let it go on."""
         self.time.freeze(name, frozen)
@@ -218,7 +224,8 @@ class Bench:
                     last = process.said().strip().rpartition("\n")[2]
                     raise BenchError(f"{process.name}: expected it to run, it ended: {last}")
             self.operator.look()
-            ages_s = (self.operator.age_s("pose"), self.operator.age_s("operator"))
+            heard = ("operator",) if self.options.sight else ("pose", "operator")
+            ages_s = [self.operator.age_s(name) for name in heard]
             return bool(self.operator.robot.get("pose")) and max(ages_s) < FRESH_S
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
@@ -268,6 +275,7 @@ class Bench:
             str(model.resolve()),
             name=ROBOT,
             map=self.options.map,
+            sight=str(self.options.sight.resolve()) if self.options.sight else "",
             camera=CameraConfig("socket", path=str(self.town.camera.path), fps=CAMERA_FPS),
             hat=HatConfig(socket=str(self.town.bus_server.path)),
             safety=self.options.safety,

@@ -136,6 +136,7 @@ def _drive_at(
         BenchOptions(
             *(options.model, options.map, site.look, options.seed + driven, not options.realtime),
             robot_python=options.robot_python,
+            sight=options.sight,
         ),
         folder / str(driven),
     )
@@ -148,6 +149,8 @@ def _drive_at(
             began_s, lived_s = time.monotonic(), bench.now_s
             if len(rows) > driven and not rows[-1]["arrived"]:
                 driver.carry()
+            if options.sight:
+                driver.hide()
             record = driver.drive(options.goal)
             figures = row(record, time.monotonic() - began_s, bench.now_s - lived_s)
             rows.append({"site": site.name, **figures})
@@ -233,5 +236,7 @@ def read_figures(path: Path) -> dict[str, Any]:
 def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
     """What the figures depend on."""
     names = ("map", "look", "seed", "realtime")
+    sight = {"sight": str(options.sight)} if options.sight else {}
     places = {n: list(p) if (p := getattr(options, n)) else None for n in ("start", "goal")}
-    return {"model": str(options.model), **{n: getattr(options, n) for n in names}, **places}
+    same = {n: getattr(options, n) for n in names}
+    return {"model": str(options.model), **same, **places, **sight}

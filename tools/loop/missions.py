@@ -89,8 +89,16 @@ class Driver:
     def carry(self) -> None:
         """Put the robot down somewhere, and wait until it knows where it is."""
         pose = self.anywhere()
+        self.bench.revive()
         self.bench.town.world.place(pose)
         self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
+
+    def hide(self) -> None:
+        """Let the robot know its place well, then stop the localizer, if it still runs."""
+        if not self.bench.hidden:
+            settled_s = self.bench.now_s + SETTLE_S
+            self.bench.until(lambda: self.bench.now_s > settled_s, 2.0 * SETTLE_S, "poses")
+            self.bench.freeze("localizer")
 
     def drive(self, destination: tuple[float, float] | None = None) -> MissionRecord:
         """One mission from where the robot is; to a random place unless told."""

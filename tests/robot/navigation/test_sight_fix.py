@@ -6,11 +6,12 @@ import math
 from typing import Optional
 
 import numpy as np
+import pytest
 
 from robot.camera.source import Frame
 from robot.contract import ImageSpec
 from robot.geometry import Pose
-from robot.navigation.fusion import FusionConfig, PoseFusion
+from robot.navigation.fusion import FusionConfig, PoseFusion, radius_95
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.road_map import load_map
@@ -105,6 +106,29 @@ def test_it_is_sure_while_it_sees_and_unsure_soon_after() -> None:
         driven += 1
         assert driven < 60, "it must not believe in its wheels for ever"
     assert driven > 3
+
+
+@pytest.mark.parametrize("narrow", [0.0, 0.2, 0.5, 0.7, 0.9, 1.0])
+def test_the_circle_of_certainty_holds_95_of_100(narrow: float) -> None:
+    axes = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
+    spread = 0.04 * np.array([1.0, narrow])
+    covariance = axes @ np.diag(spread**2) @ axes.T
+    errors = np.random.default_rng(0).standard_normal((200_000, 2)) * spread @ axes.T
+    inside = np.hypot(*errors.T) <= radius_95(covariance[None])[0]
+    assert inside.mean() == pytest.approx(0.95, abs=0.003)
+
+
+def test_who_arrived_keeps_what_it_learned_of_its_wheels_and_who_was_stopped_does_not() -> None:
+    world = seeing()
+    drive(world, 400)
+    assert world.guidance.arrived
+    learned = world.navigator._fusion.wheels_off[0, 0]
+    assert learned > 0.02, "these wheels slip by 6 %"
+    world.navigator.begin("mission-2", GOAL)
+    assert world.navigator._fusion.wheels_off[0, 0] == learned
+    world.navigator.end("stopped")
+    world.navigator.begin("mission-3", GOAL)
+    assert world.navigator._fusion.wheels_off[0, 0] == 0.0
 
 
 def test_before_the_first_pose_nothing_is_sure() -> None:
