@@ -19,6 +19,9 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     """The command line."""
     parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("--model", type=Path, required=True, help="ONNX policy for navigation")
+    parser.add_argument(
+        "--sight", type=Path, help="ONNX; while it drives, it alone tells the place"
+    )
     parser.add_argument("--family", action="append", choices=list(FAMILIES), help="only these")
     parser.add_argument("--case", action="append", help="only these, by name")
     parser.add_argument("--seed", type=SEED, default=0)

@@ -70,7 +70,7 @@ def _play(
     todo = [(family, case) for family, case in cases if (family, case.name) not in done]
     if not todo:
         return
-    bench = BenchOptions(options.model, seed=options.seed, record=True)
+    bench = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
     with (
         tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
         Stage(bench, Path(folder)) as stage,

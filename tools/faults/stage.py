@@ -105,6 +105,8 @@ class Stage:
     def drive_off(self) -> None:
         """On a mission, at full speed."""
         operator = self.bench.operator
+        if self.bench.options.sight:
+            self.bench.freeze("localizer")
         for kind, place in (("arm", None), ("mission", self.goal)):
             accepted, reason = operator.ask(kind, place)
             if not accepted:
