@@ -52,7 +52,7 @@ class OperatorLock:
     def problem(self, sender: Sender, kind: str, now_s: float) -> str:
         """Why ``sender`` may not command this; "" when it may."""
         held = self._holder is not None and now_s - self._holder_echo_s <= HELD_S
-        if kind not in MOVES or sender == self._holder or not held:
+        if kind not in (*MOVES, "place") or sender == self._holder or not held:
             return ""
         return "another operator has armed the robot; to take over, stop it, then arm it yourself"
 

@@ -22,7 +22,7 @@ from robot.link.wire import (
 )
 
 ALWAYS_TAKEN = ("beat", "stop", "disarm")
-WITH_MISSION = ("plan", "mission")
+WITH_MISSION = ("plan", "mission", "place")
 KINDS = (*ALWAYS_TAKEN, "arm", "clear", *WITH_MISSION, "manual")
 MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
 REASON_LIMIT_BYTES = 400
@@ -50,8 +50,9 @@ class Command(Message):
 
     ``beat`` says that the operator is there; ``stop`` is the emergency stop; ``disarm`` lets the
     coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``plan`` asks whether the robot
-    would take ``mission``, and changes nothing; ``mission`` drives it; ``manual`` drives ``action``
-    (None: stand) for as long as the robot's ``SafetyLimits.manual_age_s``.
+    would take ``mission``, and changes nothing; ``mission`` drives it; ``place`` says that the
+    robot stands at the start of ``mission`` and looks towards its destination; ``manual`` drives
+    ``action`` (None: stand) for as long as the robot's ``SafetyLimits.manual_age_s``.
     """
 
     id: str
@@ -73,9 +74,11 @@ class Command(Message):
         require_number("command robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
         if (self.mission is not None) != (self.kind in WITH_MISSION):
             raise ContractError(
-                f"command {self.kind}: expected a mission with kind plan or mission, and with no "
-                "other"
+                f"command {self.kind}: expected a mission with kind plan, mission or place, and "
+                "with no other"
             )
+        if self.kind == "place" and (self.mission is None or self.mission.start is None):
+            raise ContractError("command place: expected the start of a mission, where it stands")
         if self.action is not None and self.kind != "manual":
             raise ContractError(f"command {self.kind}: expected an action only with kind manual")
 

@@ -22,6 +22,7 @@ from robot.link.wire import (
 
 STATES = ("DISARMED", "READY", "AUTO", "MANUAL", "HOLD", "FAULT")
 PHASES = ("driving", "arrived", "failed", "stopped")
+SOURCES = ("overhead", "sight", "wheels")
 LEVELS = ("ok", "warn", "bad")
 TEXT_LIMIT_BYTES = 160
 MAX_PATH_POINTS = 96
@@ -87,6 +88,23 @@ class MissionStatus:
 
 
 @dataclass(frozen=True)
+class Belief:
+    """An ellipse that holds the robot with 95 %, its heading likewise, and what tells them."""
+
+    long_m: float  # half axes
+    short_m: float
+    along_rad: float  # direction of the longer, in the world
+    turned_rad: float
+    source: str  # one of SOURCES
+
+    def __post_init__(self) -> None:
+        for what, value in vars(self).items():
+            if what != "source":
+                require_number(f"belief {what}", value, -FAR_M, FAR_M)
+        require_one_of("belief source", self.source, SOURCES)
+
+
+@dataclass(frozen=True)
 class Telemetry(Message):
     """The robot's report. ``pose`` is the fused estimate: x [m], y [m], heading [rad]."""
 
@@ -104,6 +122,7 @@ class Telemetry(Message):
     lag_s: float = 0.0  # from capture to wheels
     model: str = ""
     map: str = ""
+    belief: Optional[Belief] = None  # of a robot with sight
     actions: ActionTable = FIVE_ACTIONS  # of the policy: left and right rim speed [m/s]
     session: str = UNSENT
     sequence: int = 0

@@ -98,6 +98,20 @@ class PoseFusion:
             self._covariance[robots, SEEN, SEEN] = np.diag(self._seen_variance)
         self.relearn(robots)
 
+    def put(self, robots: np.ndarray, poses: np.ndarray, deviations: Tuple[float, ...]) -> None:
+        """Let robots (M,) be at poses (M, 3), by a word with these standard deviations (3,)."""
+        self.reset(robots)
+        self.poses[robots] = poses
+        self._covariance[robots, _POSE, _POSE] = np.diag(np.square(deviations))
+        self._covariance[robots, _ERROR, _ERROR] = np.diag(self._overhead_variance)
+
+    @property
+    def ellipses(self) -> np.ndarray:
+        """(N, 3) that hold 95 % of where robots may be: half axes [m], direction of the longer."""
+        squares, axes = np.linalg.eigh(self._covariance[:, :2, :2])
+        short, long = _DISC_95 * np.sqrt(np.maximum(squares, 0.0)).T
+        return np.stack((long, short, np.arctan2(axes[:, 1, 1], axes[:, 0, 1])), axis=1)
+
     def relearn(self, robots: np.ndarray) -> None:
         """Forget how these robots (boolean mask or indices) drive, not where they are."""
         covariance = self._covariance[robots]

@@ -18,8 +18,8 @@ from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.inference.preprocess import preprocess
 from robot.link.freshness import PoseGate
-from robot.link.messages import PoseMessage, PosesMessage
-from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, MissionStatus, thin_path
+from robot.link.messages import FAR_M, PoseMessage, PosesMessage
+from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, Belief, MissionStatus, thin_path
 from robot.link.wire import tidy_text
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.guidance import path_input
@@ -44,6 +44,8 @@ IN_LANE_RAD = math.radians(30.0)
 DETOURS = 3  # in one mission; then something is wrong with the robot
 MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
 USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
+WORD = (0.05, 0.05, math.radians(10.0))  # deviations of a pose that a person tells
+HEARD_S = 1.0  # a source that said nothing for so long holds the belief no more
 BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
@@ -107,6 +109,33 @@ class MissionNavigator:
         """Where the robot believes to be; None until the first overhead pose."""
         x_m, y_m, heading_rad = (float(value) for value in self._fusion.poses[0])
         return Pose(x_m, y_m, heading_rad) if math.isfinite(x_m + y_m + heading_rad) else None
+
+    def put(self, pose: Pose) -> None:
+        """A person says where the robot stands, to 10 cm and 20 degrees.
+
+        PlanError for a robot without sight, one on a mission, and for a place beside the road.
+        """
+        tile = self._road_map.tile_at(pose.x_m, pose.y_m)
+        if self._glimpse is None:
+            raise PlanError(
+                "expected a robot with sight, only the localizer tells this one's place"
+            )
+        if self._driving or tile is None or not tile.is_road:
+            wrong = "it drives" if self._driving else "that is beside the road"
+            raise PlanError(f"expected a robot that stands on the road, {wrong}")
+        self._fusion.put(np.arange(1), np.array([pose]), WORD)
+        self._way.reset()
+        self._jumps = 0
+
+    def belief(self, now_s: float) -> Optional[Belief]:
+        """How surely the place is known, and by what; None without sight, or a pose."""
+        if self._glimpse is None or self.pose is None:
+            return None
+        long_m, short_m, along_rad = np.minimum(self._fusion.ellipses[0], FAR_M).tolist()
+        sources = {"overhead": self._arrived_s, "sight": float(self._fix.took_s[0])}
+        heard = [name for name, at_s in sources.items() if now_s - at_s < HEARD_S]
+        turned_rad = min(float(self._fusion.certainty[0, 1]), math.pi)
+        return Belief(long_m, short_m, along_rad, turned_rad, (*heard, "wheels")[0])
 
     def begin(self, mission: str, destination_m: XY) -> None:
         """Plan from here to ``destination_m`` [m], not the mission under way; errors as ``plan``.

@@ -39,12 +39,14 @@ class SightFix:
 
     def __init__(self, fusion: PoseFusion, views: Sequence[LaneView]) -> None:
         self.fusion, self.views = fusion, list(views)
+        self.took_s = np.full(len(self.views), -math.inf)  # when each was last corrected
 
     def see(self, seen: Seen, fresh: np.ndarray, now_s: float) -> None:
         """Take what N pictures show that came now; ``fresh`` (N,) tells whose is a new one."""
         captured_s = np.full(len(fresh), now_s - USUAL_DELAY_S)
         sure = fresh & (seen.road > ROAD)
-        self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s)
+        took = self.fusion.correct(lambda *told: self._lane(seen, sure, *told), captured_s)
+        self.took_s = np.where(took, now_s, self.took_s)
         lined = sure & (seen.line > LINE)
         if lined.any():
             self.fusion.correct(lambda *told: self._line(seen, lined, *told), captured_s)

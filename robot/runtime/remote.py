@@ -54,6 +54,10 @@ class RemoteOperator:
         mission = command.mission
         if mission is not None:
             navigator = self._navigates
+            if command.kind == "place" and mission.start is not None:
+                (x_m, y_m), (to_x_m, to_y_m) = mission.start, mission.destination
+                navigator.put(Pose(x_m, y_m, math.atan2(to_y_m - y_m, to_x_m - x_m)))
+                return
             navigator.plan(mission.destination)
             expect_at_start(navigator.pose, mission.start)
             if command.kind == "plan":

@@ -65,6 +65,7 @@ class Reporter:
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
             path=navigator.path_points if navigator else (),
             mission=navigator.status if navigator else None,
+            belief=navigator.belief(tick.time_s) if navigator else None,
             inputs=_ages(tick.inputs, self._limits),
             health=self._health(),
             fps=self._rate(tick.time_s),

@@ -44,16 +44,17 @@ class CommandBody(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    kind: Literal["arm", "disarm", "stop", "clear", "mission"]
+    kind: Literal["arm", "disarm", "stop", "clear", "mission", "place"]
     destination: tuple[float, float] | None = None
     start: tuple[float, float] | None = None
     arm: bool = False
 
     def mission(self) -> Mission | None:
         """The mission; ContractError when it does not fit the kind or is out of range."""
-        if (self.destination is not None) != (self.kind == "mission"):
+        going = self.kind in ("mission", "place")
+        if (self.destination is not None) != going:
             raise ContractError(f"{self.kind}: expected a destination only with kind mission")
-        if self.kind != "mission" and (self.arm or self.start is not None):
+        if (self.arm and self.kind != "mission") or (self.start is not None and not going):
             raise ContractError(f"{self.kind}: expected start and arm only with kind mission")
         return Mission(self.destination, self.start) if self.destination is not None else None
 
@@ -133,10 +134,10 @@ def _add_control(app: FastAPI, monitor: Monitor) -> None:
             mission = body.mission()
         except ContractError as error:
             return {"accepted": False, "reason": str(error)}
-        if mission is not None:
+        if body.kind == "mission" and mission is not None:
             ack = await monitor.drive(mission, body.arm)
         else:
-            ack = await monitor.command(body.kind)
+            ack = await monitor.command(body.kind, mission)
         return {"accepted": ack.accepted, "reason": ack.reason}
 
     @app.websocket("/ws")

@@ -172,5 +172,7 @@ class Monitor:
 def _what(kind: str, mission: Mission | None) -> str:
     if mission is None:
         return kind
-    x_m, y_m = mission.destination
+    x_m, y_m = mission.start if kind == "place" and mission.start else mission.destination
+    if kind == "place":
+        return f"it stands at ({x_m:.2f}, {y_m:.2f}) m"
     return f"{'a way' if kind == 'plan' else 'drive'} to ({x_m:.2f}, {y_m:.2f}) m"

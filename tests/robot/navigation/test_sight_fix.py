@@ -10,6 +10,7 @@ import pytest
 
 from robot.camera.source import Frame
 from robot.contract import ImageSpec
+from robot.errors import PlanError
 from robot.geometry import Pose
 from robot.navigation.fusion import FusionConfig, PoseFusion, radius_95
 from robot.navigation.lane_view import LaneView
@@ -129,6 +130,48 @@ def test_who_arrived_keeps_what_it_learned_of_its_wheels_and_who_was_stopped_doe
     world.navigator.end("stopped")
     world.navigator.begin("mission-3", GOAL)
     assert world.navigator._fusion.wheels_off[0, 0] == 0.0
+
+
+def test_a_person_tells_where_it_stands_and_it_drives_from_there() -> None:
+    world = driving()
+    sight = FakeSight(world)
+    navigator = MissionNavigator(
+        TOWN,
+        lambda: None,
+        lambda: world.odometry,
+        "robot",
+        Glimpse(sight, sight.newest),  # type: ignore[arg-type]
+    )
+    truth, world.navigator = world.pose, navigator
+    assert navigator.belief(0.0) is None
+    told = Pose(truth.x_m + 0.06, truth.y_m - 0.05, truth.heading_rad + 0.25)
+    navigator.put(told)
+    assert navigator.pose == pytest.approx(told)
+    assert navigator.belief(world.now_s).source == "wheels"  # type: ignore[union-attr]
+    for _ in range(5):
+        world.turn(seen=False)
+    belief = navigator.belief(world.now_s)
+    assert belief is not None
+    assert belief.source == "sight"
+    assert belief.short_m < 0.05 <= belief.long_m, "a straight road says nothing of the way along"
+    navigator.begin("mission-1", GOAL)
+    world.turn(seen=False)
+    drive(world, 400)
+    assert world.guidance.arrived
+    assert apart_m(world) < 0.06
+
+
+def test_where_it_stands_is_told_only_of_a_robot_with_sight_that_stands_on_the_road() -> None:
+    with pytest.raises(PlanError, match="robot with sight"):
+        driving().navigator.put(Pose(0.5, 0.5, 0.0))
+    world = seeing()
+    with pytest.raises(PlanError, match="beside the road"):
+        world.navigator.put(Pose(-0.2, 0.5, 0.0))
+    world.navigator._driving = True
+    before = world.navigator.pose
+    with pytest.raises(PlanError, match="it drives"):
+        world.navigator.put(world.pose)
+    assert world.navigator.pose == before
 
 
 def test_before_the_first_pose_nothing_is_sure() -> None:

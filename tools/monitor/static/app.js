@@ -75,6 +75,7 @@ function showRobot(robot, fresh, recorded, pictureAge = null) {
   const mission = robot?.mission;
   map.show({
     pose: robot?.pose ?? null,
+    belief: robot?.belief ?? null,
     path: robot?.path ?? [],
     destination: mission?.destination,
     progress: mission?.progress,
@@ -102,6 +103,7 @@ function choose(chosen) {
   const from = chosen.start ? `from (${chosen.start.map((v) => v.toFixed(2)).join(", ")}) ` : "";
   $("choice-text").textContent = `${from}to (${x}, ${y}) m`;
   $("choice").hidden = false;
+  $("here").hidden = !chosen.start;
   $("hint").hidden = true;
 }
 
@@ -146,6 +148,13 @@ async function ask(kind, more = {}) {
 function stop() {
   hand.off();
   command("stop");
+}
+
+async function here() {
+  const { start, destination } = map.chosen;
+  const problem = await ask("place", { start, destination });
+  if (problem) tell(problem, start);
+  else forget();
 }
 
 async function go() {
@@ -197,6 +206,7 @@ for (const kind of ["arm", "disarm", "clear"]) {
   $(kind).addEventListener("click", () => command(kind));
 }
 $("go").addEventListener("click", go);
+$("here").addEventListener("click", here);
 $("forget").addEventListener("click", forget);
 $("follow").addEventListener("click", () => follow(true));
 $("whole").addEventListener("click", () => follow(false));

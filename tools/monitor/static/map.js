@@ -72,7 +72,7 @@ export class MapView {
     this.#paint();
   }
 
-  // view: {pose, path, destination, progress, overhead, silent}
+  // view: {pose, belief, path, destination, progress, overhead, silent}
   show(view) {
     this.view = view;
     if (view.pose) {
@@ -284,6 +284,7 @@ export class MapView {
     if (this.refused) this.#cross(pen, this.refused.place);
     if (overhead) this.#ring(pen, overhead);
     const pose = this.#shownPose(now);
+    if (pose && this.view.belief) this.#ellipse(pen, pose, this.view.belief);
     if (pose) this.#robot(pen, pose, silent);
   }
 
@@ -337,6 +338,21 @@ export class MapView {
     pen.lineWidth = 1.25 * this.ratio;
     pen.fill();
     pen.stroke();
+  }
+
+  // Where the robot may be, and what tells it.
+  #ellipse(pen, [x, y], { long_m, short_m, along_rad, source }) {
+    const [px, py] = [this.x(x), this.y(y)];
+    pen.beginPath();
+    pen.ellipse(px, py, long_m * this.scale, short_m * this.scale, -along_rad, 0, 2 * Math.PI);
+    pen.strokeStyle = pen.fillStyle = this.colour("accent");
+    pen.globalAlpha = 0.2;
+    pen.fill();
+    pen.globalAlpha = 1;
+    pen.lineWidth = 1.5 * this.ratio;
+    pen.stroke();
+    pen.font = `${11 * this.ratio}px sans-serif`;
+    pen.fillText(source, px + 14 * this.ratio, py - 12 * this.ratio);
   }
 
   #robot(pen, [x, y, heading], silent) {
