@@ -208,10 +208,21 @@ def test_a_mission_from_a_start_is_for_a_robot_that_is_there(
         assert thread.robot.safety.verdict.state is State.READY
 
 
+def test_where_a_robot_stands_that_has_no_sight_is_the_localizers_to_tell(
+    page: Page, thread: RobotThread
+) -> None:
+    answer = page.ask("place", destination=ahead(thread, 0.5), start=ahead(thread, 0.0))
+    assert not answer["accepted"]
+    assert "robot with sight" in answer["reason"]
+
+
 @pytest.mark.parametrize(
     "body",
     [
         {"kind": "mission"},
+        {"kind": "place"},
+        {"kind": "place", "destination": [1.0, 1.0]},
+        {"kind": "place", "destination": [1.0, 1.0], "start": [1.0, 1.0], "arm": True},
         {"kind": "arm", "start": [1.0, 1.0]},
         {"kind": "arm", "arm": True},
         {"kind": "arm", "destination": [1.0, 1.0]},

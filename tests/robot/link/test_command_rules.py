@@ -6,7 +6,7 @@ from typing import Any, List, Optional
 
 import pytest
 
-from robot.errors import PlanError
+from robot.errors import ContractError, PlanError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.commands import Ack, Command, Mission
@@ -14,7 +14,9 @@ from tests.robot.link.fakes import FakeClock, FakeLink, FakePart
 
 zmq = pytest.importorskip("zmq")
 
-MOVES = ("arm", "clear", "plan", "mission", "manual")
+MOVES = ("arm", "clear", "plan", "mission", "place", "manual")
+
+TO = Mission((1.0, 2.0), (0.0, 0.0))
 
 
 class Ear:
@@ -37,7 +39,7 @@ class Ear:
         told = {
             "id": f"c{self._number}",
             "session": "s1",
-            "mission": Mission((1.0, 2.0)) if kind in ("plan", "mission") else None,
+            "mission": TO if kind in ("plan", "mission", "place") else None,
             "robot_session": self.server.session,
             "robot_time_s": echo_s,
             **fields,
@@ -333,3 +335,8 @@ def test_without_a_connection_nothing_breaks_and_a_stop_goes_on_trying() -> None
     hand.link.socket.connected = True
     hand.at(10.4)
     assert hand.kinds() == ["stop"]
+
+
+def test_who_says_where_it_stands_says_both_ends_of_the_drag() -> None:
+    with pytest.raises(ContractError, match="expected the start of a mission"):
+        Ear().command("place", mission=Mission((1.0, 2.0)))

@@ -90,8 +90,8 @@ commands = st.sampled_from(KINDS).flatmap(
         id=names,
         session=names,
         kind=st.just(kind),
-        mission=st.builds(Mission, points, st.none() | points)
-        if kind in ("plan", "mission")
+        mission=st.builds(Mission, points, points if kind == "place" else st.none() | points)
+        if kind in ("plan", "mission", "place")
         else st.none(),
         action=st.none() | st.integers(0, 4) if kind == "manual" else st.none(),
         robot_session=names,

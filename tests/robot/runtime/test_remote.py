@@ -19,6 +19,7 @@ from robot.safety.state_machine import Answer, State
 from robot.safety.state_machine import Command as Request
 from robot.safety.wheel_limits import STILL
 from tests.robot.navigation.test_navigator import GOAL, World, driving
+from tests.robot.navigation.test_sight_fix import seeing
 from tests.robot.runtime.test_loop import FAULTS, Bench, heal
 
 
@@ -57,11 +58,12 @@ class Asked:
 
 
 def test_every_kind_of_the_link_is_a_request() -> None:
-    server, asked, world = FakeServer(), Asked(), driving()
+    server, asked, world = FakeServer(), Asked(), seeing()
     operator = RemoteOperator(server, world.navigator)
     for kind in KINDS:
         if kind != "beat":
-            mission = Mission(GOAL) if kind in ("plan", "mission") else None
+            start = world.pose[:2] if kind == "place" else None
+            mission = Mission(GOAL, start) if kind in ("plan", "mission", "place") else None
             server.waiting.append(command(kind, mission))
     operator.serve(asked)
     assert server.refusals == [""] * (len(KINDS) - 1)
@@ -129,6 +131,19 @@ def test_a_mission_from_a_start_is_for_a_robot_that_is_there(
         assert requests == []
         assert world.navigator.status is not None
         assert world.navigator.status.phase == "stopped", "no mission has begun"
+
+
+def test_a_robot_is_placed_where_a_person_drags_from_looking_along_it() -> None:
+    world = seeing()
+    world.navigator.end("stopped")
+    server, asked = FakeServer(), Asked()
+    ahead = (world.pose.x_m + math.cos(1.0), world.pose.y_m + math.sin(1.0))
+    server.waiting = [command("place", Mission(ahead, world.pose[:2]))]
+    world.navigator._driving = False
+    RemoteOperator(server, world.navigator).serve(asked)
+    assert server.refusals == [""]
+    assert world.navigator.pose == pytest.approx((*world.pose[:2], 1.0))
+    assert asked.requests == [], "nothing moves by that"
 
 
 def test_how_far_the_robot_is_from_the_start_is_told() -> None:
