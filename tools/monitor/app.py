@@ -54,6 +54,8 @@ class CommandBody(BaseModel):
         going = self.kind in ("mission", "place")
         if (self.destination is not None) != going:
             raise ContractError(f"{self.kind}: expected a destination only with kind mission")
+        if self.kind == "place" and self.start is None:
+            raise ContractError("place: expected the start, where the robot stands")
         if (self.arm and self.kind != "mission") or (self.start is not None and not going):
             raise ContractError(f"{self.kind}: expected start and arm only with kind mission")
         return Mission(self.destination, self.start) if self.destination is not None else None
