@@ -133,3 +133,24 @@ def uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
     x = pose[:, 0] - (c * step[:, 0] - s * step[:, 1])
     y = pose[:, 1] - (s * step[:, 0] + c * step[:, 1])
     return np.stack((x, y, heading), axis=1)
+
+
+# Standard deviations that 95 % lie within, on a line and on a disc.
+LINE_95, DISC_95 = 1.960, 2.448
+
+
+def radius_95(covariance: np.ndarray) -> np.ndarray:
+    """(N,) of the circle round the mean that holds 95 % of what has covariances (N, 2, 2).
+
+    Between a line's 1.960 and a disc's 2.448 standard deviations of the longer axis, within 1 %.
+    """
+    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0)).T
+    round_ = (short / np.maximum(long, 1e-12)) ** 2.5
+    return np.asarray(long * (LINE_95 + (DISC_95 - LINE_95) * round_))
+
+
+def ellipses_95(covariance: np.ndarray) -> np.ndarray:
+    """(N, 3) that hold 95 % of covariances (N, 2, 2): half axes, direction of the longer [rad]."""
+    squares, axes = np.linalg.eigh(covariance)
+    short, long = DISC_95 * np.sqrt(np.maximum(squares, 0.0)).T
+    return np.stack((long, short, np.arctan2(axes[:, 1, 1], axes[:, 0, 1])), axis=1)

@@ -26,10 +26,17 @@ from typing import Callable, List, Tuple
 
 import numpy as np
 
-from robot.geometry import between, compose, uncompose, wrap_angle
+from robot.geometry import (
+    LINE_95,
+    between,
+    compose,
+    ellipses_95,
+    radius_95,
+    uncompose,
+    wrap_angle,
+)
 
 HISTORY_S = 3.0  # older pictures are refused
-_LINE_95, _DISC_95 = 1.960, 2.448  # standard deviations that 95 % lie within, on a line and a disc
 _UNKNOWN_HEADING_RAD = 1e3  # standard deviation of a heading that was not measured
 _POSE, _CALIBRATION, _ERROR = slice(0, 3), slice(3, 6), slice(6, 9)  # parts of the state
 SEEN = slice(9, 11)  # the part that only robots with sight have
@@ -108,9 +115,7 @@ class PoseFusion:
     @property
     def ellipses(self) -> np.ndarray:
         """(N, 3) that hold 95 % of where robots may be: half axes [m], direction of the longer."""
-        squares, axes = np.linalg.eigh(self._covariance[:, :2, :2])
-        short, long = _DISC_95 * np.sqrt(np.maximum(squares, 0.0)).T
-        return np.stack((long, short, np.arctan2(axes[:, 1, 1], axes[:, 0, 1])), axis=1)
+        return ellipses_95(self._covariance[:, :2, :2])
 
     def relearn(self, robots: np.ndarray) -> None:
         """Forget how these robots (boolean mask or indices) drive, not where they are."""
@@ -133,7 +138,7 @@ class PoseFusion:
     @property
     def certainty(self) -> np.ndarray:
         """(N, 2) within how far of the truth position [m] and heading [rad] are, 95 % sure."""
-        turned = _LINE_95 * np.sqrt(self._covariance[:, 2, 2])
+        turned = LINE_95 * np.sqrt(self._covariance[:, 2, 2])
         return np.stack((radius_95(self._covariance[:, :2, :2]), turned), axis=1)
 
     @property
@@ -345,16 +350,6 @@ class PoseFusion:
         step = between(before, history[after, robots])
         at = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
         return np.where((when_s >= times[0])[:, None], at, np.nan)
-
-
-def radius_95(covariance: np.ndarray) -> np.ndarray:
-    """(N,) of the circle round the mean that holds 95 % of what has covariances (N, 2, 2).
-
-    Between a line's 1.960 and a disc's 2.448 standard deviations of the longer axis, within 1 %.
-    """
-    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0)).T
-    round_ = (short / np.maximum(long, 1e-12)) ** 2.5
-    return np.asarray(long * (_LINE_95 + (_DISC_95 - _LINE_95) * round_))
 
 
 def _carry(covariance: np.ndarray, displaced_m: np.ndarray) -> np.ndarray:

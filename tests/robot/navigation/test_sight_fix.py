@@ -11,8 +11,8 @@ import pytest
 from robot.camera.source import Frame
 from robot.contract import ImageSpec
 from robot.errors import PlanError
-from robot.geometry import Pose
-from robot.navigation.fusion import FusionConfig, PoseFusion, radius_95
+from robot.geometry import Pose, radius_95
+from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.road_map import load_map
