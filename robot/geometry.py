@@ -154,3 +154,12 @@ def ellipses_95(covariance: np.ndarray) -> np.ndarray:
     squares, axes = np.linalg.eigh(covariance)
     short, long = DISC_95 * np.sqrt(np.maximum(squares, 0.0)).T
     return np.stack((long, short, np.arctan2(axes[:, 1, 1], axes[:, 0, 1])), axis=1)
+
+
+def carried(covariance: np.ndarray, displaced_m: np.ndarray) -> np.ndarray:
+    """Covariance after displacements (N, 2): a heading error swings the position."""
+    jacobian = np.zeros_like(covariance)
+    jacobian[:, range(covariance.shape[1]), range(covariance.shape[1])] = 1.0
+    moved = np.nan_to_num(displaced_m)  # of a robot whose place is unknown
+    jacobian[:, 0, 2], jacobian[:, 1, 2] = -moved[:, 1], moved[:, 0]
+    return jacobian @ covariance @ jacobian.transpose(0, 2, 1)

@@ -29,6 +29,7 @@ import numpy as np
 from robot.geometry import (
     LINE_95,
     between,
+    carried,
     compose,
     ellipses_95,
     radius_95,
@@ -179,7 +180,7 @@ class PoseFusion:
         unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= self.config.rejections)
         lost = fresh & unknown & np.isfinite(measured[:, 2])
         past, beside = uncompose(self.poses, since), self._beside.copy()
-        covariance = _carry(self._covariance, past[:, :2] - self.poses[:, :2])
+        covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
         likely = self._correct(past, beside, covariance, measured)
         believed = fresh & ~lost & likely & np.isfinite(then[:, 0])
         past[lost] = measured[lost]
@@ -200,7 +201,7 @@ class PoseFusion:
         then = self._odometry_at(captured_s)
         since = between(then, self._odometry)
         past, beside = uncompose(self.poses, since), self._beside.copy()
-        covariance = _carry(self._covariance, past[:, :2] - self.poses[:, :2])
+        covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
         innovation, design, noise = compare(past, since)
         known = np.isfinite(innovation).all(axis=1) & np.isfinite(past).all(axis=1)
         seen = covariance @ design.transpose(0, 2, 1)
@@ -233,7 +234,7 @@ class PoseFusion:
         now = compose(past, since)
         self.poses[taken] = now[taken]
         self._beside[taken] = beside[taken]
-        self._covariance[taken] = _carry(covariance, now[:, :2] - past[:, :2])[taken]
+        self._covariance[taken] = carried(covariance, now[:, :2] - past[:, :2])[taken]
 
     def age_s(self, now_s: float) -> np.ndarray:
         """(N,) time since the picture of the last overhead pose that was taken [s]."""
@@ -350,12 +351,3 @@ class PoseFusion:
         step = between(before, history[after, robots])
         at = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
         return np.where((when_s >= times[0])[:, None], at, np.nan)
-
-
-def _carry(covariance: np.ndarray, displaced_m: np.ndarray) -> np.ndarray:
-    """Covariance after displacements (N, 2): a heading error swings the position."""
-    jacobian = np.zeros_like(covariance)
-    jacobian[:, range(covariance.shape[1]), range(covariance.shape[1])] = 1.0
-    moved = np.nan_to_num(displaced_m)  # of a robot whose place is unknown
-    jacobian[:, 0, 2], jacobian[:, 1, 2] = -moved[:, 1], moved[:, 0]
-    return jacobian @ covariance @ jacobian.transpose(0, 2, 1)
