@@ -26,16 +26,7 @@ from typing import Callable, List, Tuple
 
 import numpy as np
 
-from robot.geometry import (
-    LINE_95,
-    between,
-    carried,
-    compose,
-    ellipses_95,
-    radius_95,
-    uncompose,
-    wrap_angle,
-)
+from robot.geometry import between, carried, compose, ellipses_95, radius_95, uncompose, wrap_angle
 
 HISTORY_S = 3.0  # older pictures are refused
 _UNKNOWN_HEADING_RAD = 1e3  # standard deviation of a heading that was not measured
@@ -139,7 +130,7 @@ class PoseFusion:
     @property
     def certainty(self) -> np.ndarray:
         """(N, 2) within how far of the truth position [m] and heading [rad] are, 95 % sure."""
-        turned = LINE_95 * np.sqrt(self._covariance[:, 2, 2])
+        turned = 1.96 * np.sqrt(self._covariance[:, 2, 2])  # 95 % of a normal
         return np.stack((radius_95(self._covariance[:, :2, :2]), turned), axis=1)
 
     @property
