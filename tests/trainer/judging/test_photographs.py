@@ -1,5 +1,4 @@
 import json
-import math
 from pathlib import Path
 
 import cv2
@@ -104,14 +103,14 @@ def test_person_and_detector_say_the_same_on_nearly_nine_photographs_of_ten(data
     assert min(site["yellow_side"] for site in found["sites"].values()) >= 0.75
 
 
-@given(st.floats(-0.1, 0.1))
-def test_pursuit_turns_back_to_the_lane_and_alike_to_both_sides(offset_m: float) -> None:
-    action = pursuit(offset_m, 0.0)
-    assert (action - 2) * offset_m >= 0.0  # LEFT is 0, RIGHT is 4
-    assert pursuit(0.0, 0.0) == 2
-    assert pursuit(0.0, math.radians(60)) == 4
-    assert pursuit(0.0, math.radians(-60)) == 0
-    assert pursuit(-offset_m, 0.0) == 4 - action
+@given(st.floats(-0.1, 0.1), st.floats(-1.5, 1.5))
+def test_pursuit_turns_back_to_the_lane_and_with_it_and_alike_to_both_sides(
+    offset_m: float, heading_rad: float
+) -> None:
+    assert (pursuit(offset_m, 0.0, 0.0) - 2) * offset_m >= 0.0  # LEFT is 0, RIGHT is 4
+    assert pursuit(-offset_m, -heading_rad, 0.0) == 4 - pursuit(offset_m, heading_rad, 0.0)
+    assert [pursuit(0.0, 0.0, bend) for bend in (3.0, 0.0, -3.0)] == [1, 2, 3]
+    assert [pursuit(0.0, -turned, 0.0) for turned in (1.2, 0.4, 0.0, -0.4, -1.2)] == [0, 1, 2, 3, 4]
 
 
 def row(site: str, letter: str | None, doubt: float, side: bool | None = None) -> Judged:
