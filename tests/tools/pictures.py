@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 import subprocess
 import sys
@@ -54,20 +55,20 @@ def _drive(page: Browser, address: str, picture: Path) -> list[np.ndarray]:
     page.open(address)
     page.until(HEARD, 30.0)
     page.click(*page.evaluate(GOAL))
-    shots: list[bytes] = []
+    frames: list[np.ndarray] = []
     due_s, share = time.monotonic(), 0.0
     while share < 100.0:
-        if len(shots) == 2:
+        if len(frames) == 2:
             page.click_on("#go")
         due_s += EVERY_S
         time.sleep(max(0.0, due_s - time.monotonic()))
-        share = page.evaluate(SHARE)
+        before, share = share, page.evaluate(SHARE)
         assert page.evaluate(PHASE) != "stopped", "too busy a computer: the robot stopped"
-        shot = picture if share < 60.0 else picture.with_name("frame.png")
-        page.screenshot(shot)
-        shots.append(shot.read_bytes())
-    picture.with_name("frame.png").unlink()
-    return [iio.imread(shot)[..., :3] for shot in shots]
+        if before < 50.0 <= share:
+            page.screenshot(picture)
+        shot = page.call("Page.captureScreenshot", format="jpeg", quality=92)["data"]
+        frames.append(iio.imread(base64.b64decode(shot)))
+    return frames
 
 
 if __name__ == "__main__":
