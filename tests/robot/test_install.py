@@ -8,93 +8,115 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
-from typing import List
+from typing import Dict, List
 
 import pytest
 
-from robot.cli import install as files
 from robot.cli import main
-from robot.cli.install import FILES, Step, Write, do, make_plan, told
+from robot.cli.install import SCRIPT, make_command
 from robot.computer.footprint import ROOT
-from robot.errors import ConfigError, HardwareError
+from robot.errors import ConfigError
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
-UNIT_TEXT = (FILES / files.UNIT).read_text()
+UNIT = "duckpilot-robot.service"
+UNIT_TEXT = (SCRIPT.parent / UNIT).read_text()
+PYTHON = "/opt/duckpilot/venv/bin/python"
+STATE = "/var/lib/duckpilot"
+NOTE = '#!/bin/sh\necho "$(basename $0) $*" >> {notes}\n{ending}\n'
+
+
+class Computer:
+    """A computer with a group i2c and no user yet; its programs write down their calls."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root, self.notes, self._programs = folder / "root", folder / "notes", folder / "bin"
+        for path in ("etc/udev/rules.d", "etc/systemd/system"):
+            (self.root / path).mkdir(parents=True)
+        self.checkout = folder / "checkout"
+        self.checkout.mkdir()
+        (self.checkout / "pyproject.toml").write_text("")
+        self.model = write_policy(folder / "mine.onnx", lane_contract())
+        self._programs.mkdir()
+        last = "for last; do :; done; mkdir -p"
+        self._program("install", f'{last} "$last"; mkdir -p "{self.root}/etc/duckpilot"')
+        made = f'{last} "$last/bin" && cp "$0" "$last/bin/python"'
+        self._program("python", f'test "$2" != venv || {{ {made}; }}')
+        self._program("getent", '[ "$1 $2" = "group i2c" ]')
+        self._program("id", "false")
+        for name in ("groupadd", "useradd", "usermod", "udevadm", "systemctl"):
+            self._program(name, "true")
+
+    def _program(self, name: str, ending: str) -> None:
+        (self._programs / name).write_text(NOTE.format(notes=self.notes, ending=ending))
+        (self._programs / name).chmod(0o755)
+
+    def breaks(self, name: str) -> None:
+        self._program(name, "exit 3")
+
+    def install(self) -> int:
+        command = make_command(self.checkout, self.model)
+        command[3] = str(self._programs / "python")
+        path = f"{self._programs}{os.pathsep}{os.environ['PATH']}"
+        environment: Dict[str, str] = {**os.environ, "PATH": path}
+        return subprocess.run([*command, str(self.root)], env=environment, check=False).returncode
+
+    def file(self, path: str) -> Path:
+        return self.root / path.lstrip("/")
+
+    @property
+    def lines(self) -> List[str]:
+        return self.notes.read_text().splitlines()
 
 
 @pytest.fixture
-def plan(tmp_path: Path) -> List[Step]:
-    checkout = tmp_path / "checkout"
-    checkout.mkdir()
-    (checkout / "pyproject.toml").write_text("")
-    model = write_policy(tmp_path / "lane.onnx", lane_contract())
-    return make_plan(checkout, "/usr/bin/python3.8", model)
+def computer(tmp_path: Path) -> Computer:
+    return Computer(tmp_path)
 
 
-@pytest.fixture
-def noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Programs that write down how they were called; there is a group i2c and no user yet."""
-    notes, programs = tmp_path / "notes", tmp_path / "programs"
-    programs.mkdir()
-    there = '[ "$1 $2" = "group i2c" ]'
-    for name, ending in {
-        **dict.fromkeys(("groupadd", "useradd", "usermod", "systemctl"), "true"),
-        "getent": there,
-        "id": "false",
-    }.items():
-        (programs / name).write_text(f'#!/bin/sh\necho "{name} $*" >> {notes}\n{ending}\n')
-        (programs / name).chmod(0o755)
-    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
-    return notes
-
-
-def test_whatever_a_step_needs_comes_before_it(plan: List[Step]) -> None:
-    lines = [told(step)[0] for step in plan]
+def test_whatever_a_step_needs_comes_before_it(computer: Computer) -> None:
+    assert computer.install() == 0
 
     def place(part: str) -> int:
-        return next(i for i, line in enumerate(lines) if part in line)
+        return next(i for i, line in enumerate(computer.lines) if part in line)
 
-    order = ("groupadd", "useradd", "usermod", "-d -o duckpilot", "-m venv", "-m pip", "enable")
+    order = (
+        *("groupadd", "useradd", "usermod", "-d -o duckpilot", "-m venv", "upgrade pip"),
+        *("--constraint", "udevadm control", "udevadm trigger", "daemon-reload", "enable"),
+    )
     assert sorted(order, key=place) == list(order)
-    assert place(files.UNIT_FILE) < place("daemon-reload") < place("enable")
-    assert place(files.UDEV_RULE) < place("udevadm control") < place("udevadm trigger")
-    assert place(files.PREFIX) < place(f"write {files.MODEL}")
+    assert f"{computer.checkout}/constraints-nano.txt {computer.checkout}" in str(computer.lines)
 
 
-def test_files_are_written_and_what_a_person_edited_stays(tmp_path: Path, plan: List[Step]) -> None:
-    writes = [step for step in plan if isinstance(step, Write)]
-    for step in writes:
-        do(step, tmp_path)
-        assert (tmp_path / step.path[1:]).read_bytes() == step.content
-    assert {step.path for step in writes} == {
-        *(files.MODEL, files.CONFIG, files.UDEV_RULE, files.UNIT_FILE)
-    }
-    config, unit = tmp_path / files.CONFIG[1:], tmp_path / files.UNIT_FILE[1:]
+def test_files_are_written_and_what_a_person_edited_stays(computer: Computer) -> None:
+    assert computer.install() == 0
+    config = computer.file("/etc/duckpilot/robot.yaml")
+    unit = computer.file(f"/etc/systemd/system/{UNIT}")
+    rule = computer.file("/etc/udev/rules.d/99-duckpilot-i2c.rules")
+    assert computer.file("/opt/duckpilot/lane.onnx").read_bytes() == computer.model.read_bytes()
+    for file in (config, unit, rule):
+        assert file.read_bytes() == (SCRIPT.parent / file.name).read_bytes()
     config.write_text("model: mine.onnx\n")
     unit.write_text("# of an older version\n")
-    for step in writes:
-        do(step, tmp_path)
+    assert computer.install() == 0, "again"
     assert config.read_text() == "model: mine.onnx\n"
     assert "WatchdogSec" in unit.read_text()
 
 
-def test_groups_and_user_are_made_where_there_are_none(noted: Path, plan: List[Step]) -> None:
-    for step in plan:
-        if not isinstance(step, Write) and ("sh" in step or "usermod" in step):
-            do(step)
-    lines = noted.read_text().splitlines()
-    assert "groupadd --system video" in lines
-    assert "groupadd --system i2c" not in lines
-    made = [line for line in lines if line.startswith("useradd")]
-    assert made[0].endswith("--home-dir /var/lib/duckpilot --shell /usr/sbin/nologin duckpilot")
-    assert lines[-1] == "usermod --append --groups i2c,video,gpio duckpilot"
+def test_groups_and_user_are_made_where_there_are_none(computer: Computer) -> None:
+    computer.install()
+    assert "groupadd --system video" in computer.lines
+    assert "groupadd --system i2c" not in computer.lines
+    made = [line for line in computer.lines if line.startswith("useradd")]
+    assert made[0].endswith(f"--home-dir {STATE} --shell /usr/sbin/nologin duckpilot")
+    assert "usermod --append --groups i2c,video,gpio duckpilot" in computer.lines
+    owned = "install -d -m 700 -o duckpilot -g duckpilot"
+    assert f"{owned} {computer.file('/etc/duckpilot/keys')}" in computer.lines
 
 
-def test_a_command_that_fails_is_told() -> None:
-    with pytest.raises(HardwareError, match="false: ended with status 1"):
-        do(("false",))
-    with pytest.raises(HardwareError, match="no-such-program: expected a program"):
-        do(("no-such-program",))
+def test_a_step_that_fails_is_the_last(computer: Computer) -> None:
+    computer.breaks("usermod")
+    assert computer.install() == 3
+    assert computer.lines[-1].startswith("usermod")
 
 
 def test_a_python_without_any_package_can_install() -> None:
@@ -113,10 +135,10 @@ def test_the_first_configuration_is_valid() -> None:
     from robot.config import RobotConfig
     from robot.typed_config import load_yaml
 
-    config = load_yaml(RobotConfig, FILES / "robot.yaml")
-    assert config.model == files.MODEL
+    config = load_yaml(RobotConfig, SCRIPT.parent / "robot.yaml")
+    assert config.model == "/opt/duckpilot/lane.onnx"
     assert config.recording is not None
-    assert config.recording.folder.startswith(f"{files.STATE}/")
+    assert config.recording.folder.startswith(f"{STATE}/")
     assert config.safety.max_wheel_mps < 0.3
     assert config.link is None
 
@@ -127,9 +149,9 @@ def test_the_unit_passes_systemds_own_check(tmp_path: Path) -> None:
     program = tmp_path / "python"
     program.write_text("#!/bin/sh\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    text = UNIT_TEXT.replace(f"{files.VENV}/bin/python", str(program))
-    unit = tmp_path / files.UNIT
-    unit.write_text(text.replace(f"User={files.USER}", "User=root"))
+    text = UNIT_TEXT.replace(PYTHON, str(program))
+    unit = tmp_path / UNIT
+    unit.write_text(text.replace("User=duckpilot", "User=root"))
     assert complaints(unit) == []
     unit.write_text(text.replace("WatchdogSec=2", "WatchdogSec=soon"))
     assert "soon" in complaints(unit)[0]
@@ -138,28 +160,27 @@ def test_the_unit_passes_systemds_own_check(tmp_path: Path) -> None:
 def test_the_unit_switches_off_where_the_configuration_says() -> None:
     lines = UNIT_TEXT.splitlines()
     config = "--config /etc/duckpilot/robot.yaml"
-    assert f"ExecStart=/opt/duckpilot/venv/bin/python -m robot drive {config}" in lines
+    assert f"ExecStart={PYTHON} -m robot drive {config}" in lines
     assert "SupplementaryGroups=i2c video gpio" in lines
-    assert f"ExecStopPost=/opt/duckpilot/venv/bin/python -m robot off {config}" in lines
+    assert f"ExecStopPost={PYTHON} -m robot off {config}" in lines
 
 
 def complaints(unit: Path) -> List[str]:
     """What systemd says of the unit, less what it says of the computer's others."""
     command = ["systemd-analyze", "verify", "--man=no", str(unit)]
     said = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
-    return [line for line in said.stdout.decode().splitlines() if files.UNIT in line]
+    return [line for line in said.stdout.decode().splitlines() if UNIT in line]
 
 
 def test_only_a_checkout_can_be_installed(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"pyproject\.toml"):
-        make_plan(tmp_path, sys.executable, tmp_path / "m.onnx")
+        make_command(tmp_path, tmp_path / "m.onnx")
     with pytest.raises(ConfigError, match="expected an ONNX policy"):
-        make_plan(ROOT, sys.executable, tmp_path / "m.onnx")
+        make_command(ROOT, tmp_path / "m.onnx")
 
 
 def test_the_command_shows_itself_dry(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["install", "--dry-run"]) == 0
     shown = capsys.readouterr().out
     assert shown.endswith("nothing was done\n")
-    assert f"would write {files.CONFIG}, unless it is there:\n    # The robot." in shown
-    assert f"would run: systemctl enable {files.UNIT}" in shown
+    assert f"systemctl enable {UNIT}" in shown

@@ -8,6 +8,7 @@ before the program is imported: many modules keep ``time.monotonic`` as they loa
 
 from __future__ import annotations
 
+import math
 import runpy
 import select
 import selectors
@@ -149,19 +150,20 @@ def _replace_camera_wait(stepper: Stepper) -> None:
 
 
 def _replace_decisions(stepper: Stepper, shared: SharedTime) -> None:
-    """A decision takes as long as the bench says, for faults; it takes no time in lock-step."""
+    """A decision takes as long as the bench says, for faults, or is none; else it takes no time."""
     from robot.runtime.loop import Runtime
 
     runtimes: Any = Runtime
     values = runtimes._values
 
-    def slow_values(runtime: Any, frame: Any, guidance: Any) -> Any:
+    def faulty_values(runtime: Any, frame: Any, guidance: Any) -> Any:
         decision_s = shared.get("slow")
         if decision_s:
             stepper.sleep(decision_s)
-        return values(runtime, frame, guidance)
+        found = values(runtime, frame, guidance)
+        return found * math.nan if shared.get("nan") and found is not None else found
 
-    runtimes._values = slow_values
+    runtimes._values = faulty_values
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pathlib import Path
 
 STREAMS = ("pose", "telemetry", "frame")
 SESSIONS = tuple(f"{stream} session" for stream in STREAMS)
-SLOTS = ("now", *STREAMS, *SESSIONS, "command", "ack", "lossy", "slow")
+SLOTS = ("now", *STREAMS, *SESSIONS, "command", "ack", "lossy", "slow", "nan")
 _NUMBER = struct.Struct("d")
 
 
@@ -22,7 +22,7 @@ class SharedTime:
     ``now`` is the time [s]; of a stream it is the sequence number of the newest message, and which
     session of the publisher that belongs to; of commands and acks how many were sent; ``lossy`` is
     not zero while the network may lose or delay messages, and nobody should wait for one; ``slow``
-    is how long a decision takes [s], which is no time at all otherwise.
+    is how long a decision takes [s], else no time; ``nan`` is not zero where it shall be none.
     """
 
     def __init__(self, path: str | Path, create: bool = False) -> None:
