@@ -61,11 +61,7 @@ class Body:
 
 
 class Bullet:
-    """A physics client without a window.
-
-    Args:
-        substeps: into how many parts Bullet cuts a step.
-    """
+    """A physics client without a window; Bullet cuts each step into ``substeps`` parts."""
 
     def __init__(self, dt_s: float, gravity: bool = False, substeps: int = 1) -> None:
         self._client = _Client()
@@ -92,11 +88,7 @@ class Bullet:
         return int(number)
 
     def add_solids(self, solids: Sequence[Solid], x_m: float, y_m: float) -> list[int]:
-        """Solids that stay in place, shifted by (x_m, y_m), except those that do not collide.
-
-        Returns:
-            The numbers of their bodies.
-        """
+        """Solids that collide, shifted by (x_m, y_m), to stay in place; their bodies' numbers."""
         hard = [solid for solid in solids if solid.collides and min(solid.size_m) > 0.0]
         numbers = []
         for first in range(0, len(hard), _COMPOUND):

@@ -74,11 +74,8 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; the same seed begins the same ones.
 
-        Args:
-            options: ``pose``, (x [m], y [m], heading [rad]): where the robot begins.
-
-        Raises:
-            DuckpilotError: other options, or a pose from which no episode can begin.
+        ``options``: ``pose``, (x [m], y [m], heading [rad]), where the robot begins; DuckpilotError
+        for others, or where no episode can begin.
         """
         poses = spaces.start_poses(options, 1)
         super().reset(seed=seed)

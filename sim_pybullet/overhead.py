@@ -64,9 +64,7 @@ class Hanging:
 class OverheadCamera:
     """Draws what hangs above ``ground`` sees; pictures are (H, W, 3) uint8 RGB.
 
-    Args:
-        light: of floor points (H, W, 2) [m], what each pixel's colours are multiplied by (H, W, 3);
-            else it is even.
+    ``light`` gives of floor points (H, W, 2) [m] what the colours are multiplied by (H, W, 3).
     """
 
     def __init__(

@@ -13,36 +13,17 @@ import numpy as np
 
 from robot.command_line import SEED, OneLineParser, answer, whole
 from robot.contract import ImageSpec
-from robot.errors import MapError
-from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_bytes
-from sim_pybullet.racing.track import Track, centre_line, is_track, load_track
+from sim_pybullet.racing.track import is_track, load_track
 from sim_pybullet.randomise import Sampler, load_look_sampler
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scenery.objects import Place, build_scene
+from sim_pybullet.scenery.objects import Place, build_scene, lane_poses
 from sim_pybullet.sensing.camera_feed import CameraFeed
 
 COLUMNS = 6
 _TURN_RAD = 0.05  # in the last physics step: a robot that turns smears its picture
 _GAP_PX = 2
-
-
-def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) poses in the middle of lanes, along them, on different ones where there are."""
-    if isinstance(place, Track):
-        path = centre_line(place).path
-        return np.array([path.pose_at(rng.uniform(0.0, path.length_m)) for _ in range(count)])
-    if not place.lanes:
-        raise MapError(f"{place.name}: expected a map with roads, got none; try --map town")
-    chosen = rng.choice(len(place.lanes), count, replace=count > len(place.lanes))
-    poses = []
-    for lane in (place.lanes[k] for k in chosen):
-        t = rng.uniform(0.0, 1.0, 1)
-        x, y = bezier_points(lane.control_points_m, t)[0]
-        dx, dy = bezier_tangents(lane.control_points_m, t)[0]
-        poses.append((x, y, np.arctan2(dy, dx)))
-    return np.array(poses)
 
 
 def draws(place: Place, sample: Sampler, count: int, rng: np.random.Generator) -> np.ndarray:

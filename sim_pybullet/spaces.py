@@ -31,11 +31,7 @@ def observation_space(world: BatchWorld) -> spaces.Space[Any]:
 
 
 def start_poses(options: dict[str, Any] | None, n_robots: int) -> np.ndarray | None:
-    """The poses (N, 3) of ``reset(options={"pose": ...})``, one for all or one each.
-
-    Raises:
-        ConfigError: other options, or no poses.
-    """
+    """The poses (N, 3) of ``reset(options={"pose": ...})``; ConfigError for anything else in it."""
     if not options:
         return None
     if set(options) != {"pose"}:

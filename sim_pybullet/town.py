@@ -10,7 +10,7 @@ import numpy as np
 
 from robot.contract import DRIVE
 from robot.geometry import Pose
-from sim_pybullet.bullet import ROBOT, STATIC, Body, Bullet
+from sim_pybullet.bullet import ROBOT, STATIC, Bullet
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.scene import Solid
 
@@ -60,7 +60,12 @@ class Town:
             for world, solids in enumerate(worlds)
         ]
         mask = STATIC | ROBOT if robots_collide else STATIC
-        self._bodies = [self._build_robot(mask) for _ in range(n_robots)]
+        self._bodies = [
+            self._bullet.load_robot(URDF, _WHEELS, mask)
+            if self._wheels
+            else self._bullet.add_box_robot(CHASSIS_M, CHASSIS_CENTRE_M, mask)
+            for _ in range(n_robots)
+        ]
         self._origins = np.zeros((n_robots, 3))  # of each robot's world in the client
         self._poses = np.zeros((n_robots, 3))
         self._collided = np.zeros(n_robots, dtype=bool)
@@ -97,11 +102,7 @@ class Town:
             self._solids[world] = solids
 
     def step(self, twists: np.ndarray) -> None:
-        """Advance by one time step.
-
-        Args:
-            twists: (N, 2) forward speed [m/s] and turn rate [rad/s] that each robot is driven at.
-        """
+        """Advance by one time step at twists (N, 2): forward speed [m/s] and turn rate [rad/s]."""
         if self._wheels:
             forward, turn = np.asarray(twists, dtype=float).T
             half = 0.5 * DRIVE.baseline_m * turn
@@ -113,11 +114,6 @@ class Town:
         self._poses = self._bullet.poses(self._bodies) - self._origins
         touching = self._bullet.touching(ignored=self._floor)
         self._collided = np.array([body.number in touching for body in self._bodies])
-
-    def _build_robot(self, mask: int) -> Body:
-        if self._wheels:
-            return self._bullet.load_robot(URDF, _WHEELS, mask)
-        return self._bullet.add_box_robot(CHASSIS_M, CHASSIS_CENTRE_M, mask)
 
     def _velocities(self, twists: np.ndarray) -> np.ndarray:
         """(N, 3) over the floor: the chord of the arc that the twist makes in one step."""

@@ -42,9 +42,8 @@ class DriveVectorEnv(VectorEnv[Any, Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode of every robot; of several seeds the first counts for all.
 
-        Raises:
-            DuckpilotError: options other than ``pose``, (3,) for all or (N, 3), or a pose from
-                which no episode can begin.
+        DuckpilotError for options other than ``pose``, (3,) for all or (N, 3), or where no episode
+        can begin.
         """
         poses = spaces.start_poses(options, self.num_envs)
         first = seed if seed is None or isinstance(seed, int) else seed[0]

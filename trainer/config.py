@@ -108,11 +108,7 @@ class RunConfig:
 
 
 def load_run(path: Path) -> RunConfig:
-    """The configuration of a training, ``config.yaml`` of its folder.
-
-    Raises:
-        ConfigError: it is absent or wrong, or of an unknown task or algorithm.
-    """
+    """A training's ``config.yaml``; ConfigError if it is absent or wrong."""
     plain = read_yaml(path)
     if not (isinstance(plain, dict) and isinstance(plain.get("algorithm"), str)):
         raise ConfigError(f"{path}: expected the configuration of a training, got another file")

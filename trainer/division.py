@@ -85,11 +85,7 @@ def maps_named(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def refuse_judging_maps(places: Sequence[Place], use: str = "train") -> None:
-    """Make sure that no policy learns or is chosen where policies are judged.
-
-    Raises:
-        ConfigError: one of these maps is kept for judging; race tracks belong to no part.
-    """
+    """ConfigError if one of these maps is kept for judging; race tracks belong to no part."""
     for place in places:
         if isinstance(place, RoadMap) and part_of(place) == "judging":
             name = _known()[fingerprint(place)][1]
@@ -101,12 +97,9 @@ def refuse_judging_maps(places: Sequence[Place], use: str = "train") -> None:
 
 
 def refuse_judging_look(look: str, use: str = "train") -> None:
-    """Make sure that no policy learns or is chosen in looks that policies are judged in.
+    """ConfigError if this look is kept for judging, or there is none of that name.
 
     They are known by their name, and a copy by its painter, which no other look has.
-
-    Raises:
-        ConfigError: this look is kept for judging, or there is none of that name.
     """
     files = looks_of(look)
     painters = {load_look_sampler(f)(np.random.default_rng(0)).ground.painter for f in files}

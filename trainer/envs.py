@@ -24,9 +24,7 @@ def make_env(
 ) -> DuckpilotVecEnv:
     """The world of a run with so many robots; rewards are the task's own.
 
-    Raises:
-        DuckpilotError: a map, look or translator that is absent, does not fit, or is kept for
-            judging policies.
+    DuckpilotError for a map, look or translator that is absent, does not fit, or is for judging.
     """
     spec, image = find_task(config.task), config.image
     places = [spec.load(name) for name in config.maps]

@@ -81,8 +81,7 @@ def export_run(
 def export_checkpoint(checkpoint: Path, out: Path) -> None:
     """Write the policy of ``best.pt`` or ``checkpoint.pt`` in a run folder, unchecked, for study.
 
-    Raises:
-        ConfigError: it does not lie in a run folder, or holds no policy of that run.
+    ConfigError if it does not lie in a run folder, or holds no policy of that run.
     """
     folder = RunFolder(checkpoint.parent)
     config = folder.load_config()
@@ -128,16 +127,9 @@ def write_onnx(
 ) -> None:
     """Write a network of batches, with its contract in the file's metadata.
 
-    torch's older exporter is used on purpose: the newer one needs onnxscript and cannot write
-    opset 17.
-
-    Args:
-        network: takes the inputs in their order.
-        inputs: examples by name; the first axis of each counts the batch.
-        output: its name.
-        contract: of the file.
-        path: of it.
-        size: of the output's other axes, where tracing leaves them open.
+    ``inputs`` are examples by name, in the network's order; ``size`` is that of the output's axes
+    after the first, where tracing leaves them open. torch's older exporter is used on purpose: the
+    newer one needs onnxscript and cannot write opset 17.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the tracer's, of sizes that are fixed here
@@ -162,11 +154,7 @@ def write_onnx(
 
 
 def export_translator(network: nn.Module, contract: TranslatorContract, path: Path) -> None:
-    """Write a network (N, H, W, 3) uint8 -> the same; compare the file with torch on noise.
-
-    Raises:
-        ContractError: they disagree by more than a grey level.
-    """
+    """Write a network (N, H, W, 3) uint8 -> the same; ContractError if torch differs."""
     rng = np.random.default_rng(0)
     pictures = rng.integers(0, 256, (3, *contract.image.shape), dtype=np.uint8)
     example = {"image": torch.from_numpy(pictures)}
@@ -195,11 +183,7 @@ def run_onnx(path: Path, observations: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def check_equal(network: nn.Module, path: Path, observations: dict[str, np.ndarray]) -> float:
-    """The largest difference between torch and ONNX.
-
-    Raises:
-        ContractError: it is beyond `TOLERANCE`.
-    """
+    """The largest difference between torch and ONNX; ContractError if it is beyond `TOLERANCE`."""
     with torch.no_grad():
         seen = [observations[name] for name in ("image", "path") if name in observations]
         ours = network(*map(torch.from_numpy, seen))

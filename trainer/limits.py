@@ -34,8 +34,7 @@ OUT_IS_FILE = ("export", "parse export")
 def check(command: str, options: Mapping[str, Any]) -> None:
     """Make sure that a command's options by name can be, and its results be written.
 
-    Raises:
-        ConfigError: a number out of its range, an output that cannot be or is an input.
+    ConfigError for a number out of its range, an output that cannot be or is an input.
     """
     every = dict(_flat(options))
     for name, value in every.items():

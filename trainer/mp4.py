@@ -13,10 +13,7 @@ import numpy as np
 class Mp4:
     """A video while it is written, as H.264; it appears under its name when it is whole.
 
-    Args:
-        path: of the video; its folder exists.
-        frames_per_s: of the frames that are added.
-        quality: 0 to 10.
+    Frames come at ``frames_per_s``; ``quality`` is 0 to 10.
     """
 
     def __init__(self, path: Path, frames_per_s: float, quality: float = 7.0) -> None:
@@ -41,11 +38,7 @@ class Mp4:
         self._writer.send(np.ascontiguousarray(frame).tobytes())
 
     def close(self) -> None:
-        """Complete it.
-
-        Raises:
-            ValueError: it has no frame.
-        """
+        """Complete it; ValueError if it has no frame."""
         if self._writer is None:
             raise ValueError(f"{self._path}: expected at least one frame, got none")
         self._writer.close()

@@ -68,11 +68,7 @@ class TrainOptions:
     """Use all the steps, even when the task has been learned."""
 
     def config(self) -> RunConfig:
-        """The run that these ask for.
-
-        Raises:
-            DuckpilotError: an unknown name, or what is kept for judging.
-        """
+        """The run asked for; DuckpilotError for a wrong name, or what is kept for judging."""
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.tasks.spec import find_task
         from trainer.division import maps_named, refuse_judging_look, refuse_judging_maps
@@ -134,11 +130,7 @@ class EvaluateOptions:
     """Of the first episode; the next ones have the next seeds."""
 
     def check(self) -> None:
-        """Make sure that these ask for something.
-
-        Raises:
-            DuckpilotError: they do not.
-        """
+        """DuckpilotError unless these ask for something."""
         from sim_pybullet.randomise import load_look_sampler
         from sim_pybullet.sensing.guidance_feed import OVERHEAD
         from sim_pybullet.tasks.spec import find_task
@@ -182,11 +174,7 @@ def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
 def refuse_others(
     folder: Path, found: RunConfig, asked: TrainOptions, given: Iterable[str]
 ) -> None:
-    """Make sure that the options that a person gave, by name, are those of the run in a folder.
-
-    Raises:
-        ConfigError: some are others than those that it was begun with; limits may differ.
-    """
+    """ConfigError if options that a person gave differ from those of a run, limits apart."""
     from trainer.division import maps_named
 
     judging = found.evaluation

@@ -48,16 +48,13 @@ EXAMPLE = "task: lane, algorithm: mine, image: {width_px: 160, height_px: 120, c
 
 
 def export_outside(source: str, contract: Path | None, out: Path | None) -> tuple[Path, float]:
-    """Write the ONNX file of a policy from elsewhere, checked against torch and by the robot.
+    """Write a policy from elsewhere as ONNX; the file, and how far its values are from torch's.
 
     Args:
         source: a stable-baselines3 zip, a TorchScript file, or MODULE:ATTRIBUTE, which is a torch
             module or makes one.
         contract: YAML of a `robot.contract.PolicyContract`; a zip needs none.
         out: the file, by default beside ``source``.
-
-    Returns:
-        The file, and the largest difference between torch and ONNX in values.
 
     Raises:
         ConfigError: there is no such policy, or no contract.

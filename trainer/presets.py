@@ -27,11 +27,7 @@ _DEBUG_NET = NetConfig((4, 4, 4), image_fc=16, path_fc=(8, 8), head_fc=16)
 
 
 def preset(task: str, algorithm: str, name: str) -> RunConfig:
-    """The named starting point of a run.
-
-    Raises:
-        ConfigError: an unknown name, with the nearest known one.
-    """
+    """The named starting point of a run; ConfigError with the nearest name if there is none."""
     spec, learn = find_task(task, to_learn=True), find_algorithm(algorithm).learn
     own = choose("preset", name, PRESETS)
     run = RunConfig(task, algorithm, "fast", learn, (spec.map,), image=_FAST_IMAGE)

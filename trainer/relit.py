@@ -37,9 +37,7 @@ def relit(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 class Relit(SeenOtherwise):
     """Whatever a robot sees, it sees under a light of its own: one for all frames of a stack.
 
-    Args:
-        env: shows pictures (H, W, 3 F) uint8, or a dict with them as ``image``.
-        rng: draws the lights.
+    Pictures are (H, W, 3 F) uint8, or a dict with them as ``image``.
     """
 
     def __init__(self, env: VecEnv, rng: np.random.Generator) -> None:

@@ -1,7 +1,6 @@
 """A training loop that may be killed at any moment and goes on as if it had not been.
 
-What happens in step k depends on the seed and k alone, so a run that was resumed is the same as one
-that was not.
+What happens in step k depends on the seed and k alone: a resumed run is the same as another.
 """
 
 from __future__ import annotations
@@ -44,8 +43,7 @@ class Loop:
                 part.load_state_dict(content["parts"][name])
             return int(content["step"])
 
-    def save(self, step: int) -> None:
-        """Write the file, whole or not at all."""
+    def _save(self, step: int) -> None:
         parts = {name: part.state_dict() for name, part in self.parts.items()}
         save_torch(self.path, {"step": step, "parts": parts})
 
@@ -66,10 +64,10 @@ class Loop:
                 torch.manual_seed(int(rng.integers(2**31)))  # dropout's
                 bar.update(row, note=step(rng, k), advance=1)
                 if self.clock() - saved > SAVE_EVERY_S:
-                    self.save(k + 1)
+                    self._save(k + 1)
                     saved = self.clock()
         if first < self.steps:
-            self.save(self.steps)
+            self._save(self.steps)
 
 
 def fit(
@@ -108,6 +106,5 @@ def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
 
 def set_rate(optimisers: Iterable[torch.optim.Optimizer], rate: float) -> None:
     """What they learn by from now on."""
-    for optimiser in optimisers:
-        for group in optimiser.param_groups:
-            group["lr"] = rate
+    for group in (group for optimiser in optimisers for group in optimiser.param_groups):
+        group["lr"] = rate

@@ -66,8 +66,7 @@ def _begin_run(folder: Path, config: object) -> None:
 def take_up(kind: type[Config], folder: Path, resume: bool, fresh: Callable[[], Config]) -> Config:
     """The configuration of a run to resume, or that of one that is begun here.
 
-    Raises:
-        ConfigError: a run lies here and it is not to be resumed.
+    ConfigError if a run lies here and it is not to be resumed.
     """
     if resume and (folder / CONFIG).exists():
         return load_yaml(kind, folder / CONFIG)
@@ -89,7 +88,7 @@ class Episode(NamedTuple):
     success: bool
 
 
-_COLUMNS = len(Episode._fields)
+_READ: tuple[Callable[[str], Any], ...] = (int, float, int, float, int, "1".__eq__)
 
 
 class RunFolder:
@@ -143,7 +142,8 @@ class RunFolder:
         if not self.progress.exists():
             return []
         with self.progress.open(newline="", encoding="utf-8") as file:
-            return [_episode(row) for row in [*csv.reader(file)][1:] if len(row) == _COLUMNS]
+            rows = [row for row in [*csv.reader(file)][1:] if len(row) == len(_READ)]
+        return [Episode(*(read(v) for read, v in zip(_READ, row, strict=True))) for row in rows]
 
 
 class EpisodeLog:
@@ -175,10 +175,3 @@ class EpisodeLog:
 
 def _row(e: Episode) -> tuple[object, ...]:
     return (e.step, f"{e.seconds:.2f}", e.robot, f"{e.reward:.4f}", e.length, int(e.success))
-
-
-def _episode(row: list[str]) -> Episode:
-    step, seconds, robot, reward, length, success = row
-    return Episode(
-        int(step), float(seconds), int(robot), float(reward), int(length), success == "1"
-    )

@@ -28,15 +28,9 @@ _DAMAGED = (
 
 @contextmanager
 def reading(path: Path, what: str, remedy: str = "") -> Iterator[None]:
-    """Whatever fails in the block is this file's fault.
+    """ConfigError for whatever fails in the block: the file is absent, damaged, or something else.
 
-    Args:
-        path: the file.
-        what: it should be, such as "a parser".
-        remedy: what a person can do.
-
-    Raises:
-        ConfigError: it is absent or damaged, or holds something else.
+    ``what`` it should be, such as "a parser"; ``remedy``: what a person can do.
     """
     try:
         yield
@@ -50,11 +44,7 @@ def reading(path: Path, what: str, remedy: str = "") -> Iterator[None]:
 
 
 def load_torch(path: Path, what: str, device: Any = "cpu", remedy: str = "") -> Any:
-    """The content of a file that `torch.save` wrote, plain data and tensors only.
-
-    Raises:
-        ConfigError: as of `reading`.
-    """
+    """What `torch.save` wrote, plain data and tensors only; ConfigError as of `reading`."""
     with reading(path, what, remedy):
         return torch.load(path, map_location=device, weights_only=True)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit, prange
 
 from robot.navigation.road_map import RoadMap
-from robot.navigation.tiles import ROAD_SIDES, Tile
+from robot.navigation.tiles import ROAD_SIDES
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook, Rgb
 from sim_pybullet.painting.paint import tile_paint, tile_seam
@@ -38,7 +38,12 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
     if look.painter == "strips":
         return paint_strips(road_map, look)
     size = 8 * max(1, round(road_map.tile_size_m / TEXEL_M / 8))
-    painted = [[_painted_as(tile, road_map.compat) for tile in row] for row in road_map.tiles]
+    # the reference simulator takes both T-junctions for the left one
+    kinds = {"3way_right": "3way_left"} if road_map.compat else {}
+    painted = [
+        [(kinds.get(tile.kind, tile.kind), tile.quarter_turns % 4) for tile in row]
+        for row in road_map.tiles
+    ]
     names = sorted({name for row in painted for name in row})
     index = np.array([[names.index(name) for name in row] for row in painted])
     paints = np.stack(
@@ -72,12 +77,6 @@ def outside_rgb(look: GroundLook) -> Rgb:
     """Of the floor beyond the picture, as bright as the rest."""
     red, green, blue = (min(255.0, look.brightness * value) for value in look.outside_rgb)
     return red, green, blue
-
-
-def _painted_as(tile: Tile, compat: bool) -> tuple[str, int]:
-    """Kind and quarter turns; the reference simulator takes both T-junctions for the left one."""
-    kind = "3way_left" if compat and tile.kind == "3way_right" else tile.kind
-    return kind, tile.quarter_turns % 4
 
 
 @lru_cache(maxsize=16)

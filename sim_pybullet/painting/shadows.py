@@ -29,7 +29,10 @@ def cast_shadows(
     area_m2 = height * width / scale**2
     for _ in range(round(area_m2 * rng.uniform(0.1, 0.6))):
         start = rng.uniform((0.0, 0.0), (width, height))
-        _capsule(mask, start, rng.uniform(*_LENGTH_M) * scale, rng.uniform(*_LEG_M) * scale, rng)
+        length, thick = rng.uniform(*_LENGTH_M) * scale, rng.uniform(*_LEG_M) * scale
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        end = start + length * np.array((math.cos(angle), math.sin(angle)))
+        cv2.line(mask, _pixel(start), _pixel(end), 255, max(1, round(thick)), cv2.LINE_AA)
     soft = max(0.3, rng.uniform(*_SOFT_M) * scale)
     share = cv2.GaussianBlur(mask, (0, 0), soft)
     full = cv2.resize(share, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
@@ -46,14 +49,6 @@ def _bars(mask: np.ndarray, scale: float, rng: np.random.Generator) -> None:
     for offset in np.arange(-reach / 2.0, reach / 2.0, bar * rng.uniform(2.5, 6.0)):
         begin, end = (middle + offset * across + side * reach * along for side in (-1.0, 1.0))
         cv2.line(mask, _pixel(begin), _pixel(end), 255, max(1, round(bar)), cv2.LINE_AA)
-
-
-def _capsule(
-    mask: np.ndarray, start: np.ndarray, length: float, thick: float, rng: np.random.Generator
-) -> None:
-    angle = rng.uniform(0.0, 2.0 * math.pi)
-    end = start + length * np.array((math.cos(angle), math.sin(angle)))
-    cv2.line(mask, _pixel(start), _pixel(end), 255, max(1, round(thick)), cv2.LINE_AA)
 
 
 def _pixel(point: np.ndarray) -> tuple[int, int]:

@@ -37,11 +37,6 @@ _AHEAD_S, _AHEAD_M = 0.5, 4.0  # it steers for the point so far ahead
 _BEND_M = 6.0  # stretch of road over which it measures a bend
 _LOOKS_M = np.arange(0.0, 60.0, _BEND_M)
 _CAREFUL = 0.6  # share of the grip it uses in bends
-# The expert that cruises, as a person does (docs/results.md):
-ALONG_M = 3.3  # it turns as the road does so far ahead of the car's middle,
-ALONG_RAD = 0.25  # from this angle on,
-_FREE_M = 3.0  # and back to the middle only from farther out than this,
-_BACK_RAD_PER_M = 0.2  # by so much
 
 
 class RacingCars:
@@ -53,7 +48,6 @@ class RacingCars:
 
     actions = RACING_ACTIONS
     governed_mps = TOP_SPEED_MPS  # from where on the engine does not pull; set by the task
-    cruises = False  # the expert's aim: along the road, wherever on it, or in its middle
 
     def __init__(self, n_robots: int) -> None:
         self.on_grass = np.zeros(n_robots, dtype=bool)  # set by the task, which knows the track
@@ -90,8 +84,11 @@ class RacingCars:
         return self.counted
 
     def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-        """(N,) the way that it aims for, as fast as the bends ahead allow."""
-        steer = (self._along if self.cruises else self._pursuit)(paths, poses, arc_m)
+        """(N,) pursuit of the centre line, as fast as the bends ahead allow."""
+        ahead_m = SCALE * (_AHEAD_M + _AHEAD_S * self.speed_mps)
+        bend = SCALE * pursuit(paths, poses, arc_m + ahead_m)
+        share = bend / np.minimum(SHARPEST_PER_M, self._sharpest())
+        steer = np.round(np.clip(share, -1.0, 1.0)).astype(int)  # positive to the left
         headings = paths.headings_at(arc_m[:, None] + SCALE * np.append(_LOOKS_M, 60.0))
         bends = np.abs(np.asarray(wrap_angle(np.diff(headings, axis=1)))) / _BEND_M
         in_bend = _CAREFUL * GRIP_MPS2 / np.maximum(bends, 1e-6)  # squared speed
@@ -102,25 +99,6 @@ class RacingCars:
             self.speed_mps > allowed, -1, (self.speed_mps < allowed - 1.0).astype(int)
         )
         return 3 * np.array([1, 2, 0])[throttle + 1] + np.array([2, 0, 1])[steer + 1]
-
-    def _pursuit(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-        """(N,) -1, 0 or 1, positive to the left: pure pursuit of the centre line."""
-        ahead_m = SCALE * (_AHEAD_M + _AHEAD_S * self.speed_mps)
-        share = (
-            SCALE
-            * pursuit(paths, poses, arc_m + ahead_m)
-            / np.minimum(SHARPEST_PER_M, self._sharpest())
-        )
-        return np.round(np.clip(share, -1.0, 1.0)).astype(int)
-
-    def _along(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-        """(N,) likewise: parallel to the road ahead, and away from its edges."""
-        here, there = arc_m[:, None], (arc_m + SCALE * ALONG_M)[:, None]
-        delta, heading = poses[:, :2] - paths.points_at(here)[:, 0], paths.headings_at(here)[:, 0]
-        out_m = (np.cos(heading) * delta[:, 1] - np.sin(heading) * delta[:, 0]) / SCALE
-        back = _BACK_RAD_PER_M * np.sign(out_m) * np.maximum(0.0, np.abs(out_m) - _FREE_M)
-        wanted = np.asarray(wrap_angle(paths.headings_at(there)[:, 0] - back - poses[:, 2]))
-        return np.where(np.abs(wanted) > ALONG_RAD, np.sign(wanted), 0.0).astype(int)
 
     def _push(self, throttle: np.ndarray) -> np.ndarray:
         """(N,) acceleration along the car [m/s^2]."""

@@ -28,46 +28,29 @@ _START = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Straight:
-    """So many metres straight ahead."""
+class Segment:
+    """So many metres straight ahead, or a part of a circle."""
 
-    straight_m: float
-
-    curvature = 0.0
-
-    @property
-    def length_m(self) -> float:
-        """Of the centre line."""
-        return self.straight_m
-
-
-@dataclass(frozen=True)
-class Arc:
-    """A part of a circle."""
-
-    radius_m: float
-    angle_deg: float  # positive to the left
+    straight_m: float = 0.0
+    radius_m: float = 0.0
+    angle_deg: float = 0.0  # of the circle, positive to the left
 
     @property
     def length_m(self) -> float:
         """Of the centre line."""
-        return self.radius_m * math.radians(abs(self.angle_deg))
+        return self.straight_m or self.radius_m * math.radians(abs(self.angle_deg))
 
     @property
     def curvature(self) -> float:
         """[1/m], positive to the left."""
-        return math.copysign(1.0 / self.radius_m, self.angle_deg)
-
-
-Segment = Straight | Arc
+        return math.copysign(1.0 / self.radius_m, self.angle_deg) if self.radius_m else 0.0
 
 
 @dataclass(frozen=True)
 class Track:
-    """A closed race track on level ground; it is driven in the order of its segments.
+    """A closed race track on level ground, driven in the order of its segments.
 
-    Raises:
-        MapError: a length, a radius or the width is not positive, or there is no segment.
+    MapError where a length, a radius or the width is not above 0, or there is no segment.
     """
 
     name: str
@@ -76,7 +59,8 @@ class Track:
     verge_m: float = 4.0  # of the grass on either side, up to the wall
 
     def __post_init__(self) -> None:
-        sizes = [_size(segment) for segment in self.segments]
+        sizes = [s.straight_m + s.radius_m for s in self.segments]
+        sizes += [-1.0 for s in self.segments if s.straight_m and s.radius_m]
         if not sizes or min(sizes) <= 0.0 or self.width_m <= 0.0 or self.verge_m <= 0.0:
             raise MapError(
                 f"track {self.name}: expected segments, and lengths, radii, width_m and verge_m "
@@ -114,9 +98,7 @@ def is_track(source: str | FilePath) -> bool:
 def load_track(source: str | FilePath) -> Track:
     """A track from a YAML file, or the name of a shipped one, closed.
 
-    Raises:
-        MapError: no such file or name, or a centre line that is far from closed.
-        ConfigError: a file that does not hold a track.
+    MapError if there is none, or it is far from closed; ConfigError for a file of something else.
     """
     path, shipped = FilePath(source), shipped_tracks()
     if not path.exists() and str(source) not in shipped:
@@ -127,8 +109,7 @@ def load_track(source: str | FilePath) -> Track:
 def close(track: Track) -> Track:
     """The track with its angles, then its lengths and radii changed as little as its closing takes.
 
-    Raises:
-        MapError: the gap is over 2 % of the length, or the turns do not add up to whole circles.
+    MapError if the gap is over 2 % of the length, or the turns do not add up to whole circles.
     """
     x_m, y_m, heading_rad = _begins(track.segments)[-1]
     askew_rad = heading_rad - round(heading_rad / math.tau) * math.tau
@@ -141,26 +122,24 @@ def close(track: Track) -> Track:
         )
     if max(gap_m, abs(askew_rad)) < 1e-9:
         return track
-    turned_deg = sum(abs(s.angle_deg) for s in track.segments if isinstance(s, Arc))
+    turned_deg = sum(abs(s.angle_deg) for s in track.segments)
     share = math.degrees(askew_rad) / max(turned_deg, 1e-9)
     straightened = [
-        s
-        if isinstance(s, Straight)
-        else replace(s, angle_deg=s.angle_deg - share * abs(s.angle_deg))
-        for s in track.segments
+        replace(s, angle_deg=s.angle_deg - share * abs(s.angle_deg)) for s in track.segments
     ]
     # Headings are settled now: the end is a sum of vectors, as long as each length or radius.
     ways = np.diff(np.array(_begins(straightened))[:, :2], axis=0).T
     scales = 1.0 - np.linalg.lstsq(ways, ways.sum(axis=1), rcond=None)[0]
-    return replace(track, segments=tuple(map(_scaled, straightened, scales.tolist())))
+    segments = tuple(
+        replace(s, straight_m=s.straight_m * scale, radius_m=s.radius_m * scale)
+        for s, scale in zip(straightened, scales.tolist(), strict=True)
+    )
+    return replace(track, segments=segments)
 
 
 def mirrored(track: Track) -> Track:
     """The same track with left and right exchanged."""
-    segments = tuple(
-        segment if isinstance(segment, Straight) else replace(segment, angle_deg=-segment.angle_deg)
-        for segment in track.segments
-    )
+    segments = tuple(replace(each, angle_deg=-each.angle_deg) for each in track.segments)
     return replace(track, name=f"{track.name} mirrored", segments=segments)
 
 
@@ -178,16 +157,6 @@ def centre_line(track: Track) -> CentreLine:
     path = Path((points - corner) * SCALE, headings, arc_m * SCALE, True, length_m * SCALE)
     size_m = (east_m, north_m)
     return CentreLine(path, curvature / SCALE, size_m, half_m * SCALE, track.verge_m * SCALE)
-
-
-def _size(segment: Segment) -> float:
-    return segment.straight_m if isinstance(segment, Straight) else segment.radius_m
-
-
-def _scaled(segment: Segment, scale: float) -> Segment:
-    if isinstance(segment, Straight):
-        return Straight(segment.straight_m * scale)
-    return replace(segment, radius_m=segment.radius_m * scale)
 
 
 def _begins(segments: Sequence[Segment]) -> list[tuple[float, float, float]]:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from robot.errors import MapError, nearest
+from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
-from sim_pybullet.racing.track import Track
+from sim_pybullet.racing.track import Track, centre_line
 from sim_pybullet.racing.track_ground import paint_track, track_walls
 from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids, roadside
@@ -19,7 +21,24 @@ from sim_pybullet.scenery.map_objects import MapObject, objects_of
 from sim_pybullet.scenery.object_parts import colours, kinds
 
 Place = RoadMap | Track  # what there is to drive on
+_centre_line = lru_cache(8)(centre_line)
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
+
+
+def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) poses along random lanes, or the road of a track; MapError without any."""
+    if isinstance(place, Track):
+        path = _centre_line(place).path
+        arcs_m = rng.uniform(0.0, path.length_m, count)
+        return np.array([path.pose_at(arc_m) for arc_m in arcs_m.tolist()])
+    if not place.lanes:
+        raise MapError(f"{place.name}: expected a map with roads, got none; try --map town")
+    poses = np.empty((count, 3))
+    for pose, lane in zip(poses, rng.integers(len(place.lanes), size=count), strict=True):
+        control, t = place.lanes[lane].control_points_m, rng.uniform(0.0, 1.0, 1)
+        pose[:2] = bezier_points(control, t)[0]
+        pose[2] = np.arctan2(*bezier_tangents(control, t)[0, ::-1])
+    return poses
 
 
 def build_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:
@@ -38,8 +57,7 @@ def paint_place(place: Place, look: Look) -> Ground:
 def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[Solid, ...]:
     """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter.
 
-    Raises:
-        MapError: an object of a kind that nobody can draw, with the nearest one.
+    MapError for an object of a kind that nobody can draw, with the nearest one.
     """
     if isinstance(place, Track):
         return track_walls(place, look)

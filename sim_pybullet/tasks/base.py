@@ -132,8 +132,7 @@ class Task(ABC):
     def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
         """Begin an episode for these robots (M,) at these poses (M, 3) of the only map.
 
-        Raises:
-            ConfigError: there are several maps, or a pose is off the road or turned away from it.
+        ConfigError if there are several maps, or a pose is off the road or turned away from it.
         """
         if len(self.road_maps) > 1:
             raise ConfigError(f"pose: expected to drive on one map, got {len(self.road_maps)}")

@@ -86,11 +86,7 @@ class Navigation(Task):
 
 
 class RandomRoutes:
-    """Random starts and destinations on one map, with the path between them.
-
-    Raises:
-        MapError: the map has no road.
-    """
+    """Random starts and destinations on one map, with the path between them."""
 
     def __init__(self, road_map: RoadMap) -> None:
         self._graph = LaneGraph(road_map)

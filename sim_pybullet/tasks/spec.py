@@ -44,12 +44,6 @@ class PaperRow:
     trained: str = "–"  # steps of the whole training
     driving: str = "–"  # how the trained model drove
 
-    @property
-    def told(self) -> str:
-        """Steps, in one cell."""
-        given = self.learned != "not given"
-        return self.learned if given else f"{self.trained} ({self.driving})"
-
 
 @dataclass(frozen=True)
 class TaskSpec:
@@ -88,9 +82,7 @@ class TaskSpec:
     def build(self, places: Sequence[Place], robots: int, chosen: Choices = Choices()) -> Task:
         """The task for so many robots.
 
-        Raises:
-            ConfigError: something is chosen that this task has no use for.
-            MapError: it cannot be done on one of these maps.
+        ConfigError for a choice that it has no use for, MapError for a map not fit for it.
         """
         useful = {"lane": self.lanes, "style": self.styles, "laps": self.counts_laps}
         for name, of_use in useful.items():
@@ -106,11 +98,7 @@ TASKS: dict[str, TaskSpec] = {}  # all that are known
 
 
 def register(spec: TaskSpec) -> TaskSpec:
-    """Make a task known by its name, and its environments to Gymnasium where that is installed.
-
-    Raises:
-        ConfigError: the name is another task's.
-    """
+    """Make a task, and its environments, known by name; ConfigError if another has that name."""
     if spec.name in TASKS:
         raise ConfigError(f"task: expected a name of its own, got {spec.name!r} again")
     TASKS[spec.name] = spec
@@ -128,11 +116,7 @@ def register(spec: TaskSpec) -> TaskSpec:
 
 
 def find_task(name: str, to_learn: bool = False) -> TaskSpec:
-    """The task of that name.
-
-    Raises:
-        ConfigError: there is none, or none ``to_learn``; it names the nearest.
-    """
+    """The task of that name, ``to_learn`` if asked; else ConfigError with the nearest."""
     valid = {key: spec for key, spec in TASKS.items() if spec.learned or not to_learn}
     if name not in valid:
         raise ConfigError(f"task: unknown {name!r}; {nearest(name, valid)}")

@@ -75,7 +75,6 @@ class TrackRacing(Task):
         super().__init__(road_maps, RacingCars(n_robots), n_robots, halves_m, path, start_spread)
         self._limits_m = halves_m + [line.verge_m for line in self._lines] + _STRAY_M * SCALE
         self._laps, self._style = laps, style
-        self.vehicle.cruises = style.centre == 0.0
         self.vehicle.governed_mps = style.top_mps
         self._poses = np.zeros((n_robots, 3))
 

@@ -27,9 +27,7 @@ ROLL_OVER = {LED_END - 1: 0x00, PRE_SCALE: 0x00}
 class Pca9685Registers:
     """The chip, driven by the messages of a bus; outputs change when a message ends.
 
-    Args:
-        before_change: called before the outputs take new values.
-        after_change: called after they took them.
+    ``before_change`` is called before the outputs take new values, ``after_change`` after it.
     """
 
     def __init__(
@@ -62,11 +60,7 @@ class Pca9685Registers:
         self._after_change()
 
     def write(self, data: bytes) -> bool:
-        """A message: a register's number, and what is written from there on.
-
-        Returns:
-            False where the chip does not acknowledge a byte.
-        """
+        """A register's number and what is written from there on; False: one is not acknowledged."""
         if not data:
             return True
         register, values, pwm = data[0], data[1:], False

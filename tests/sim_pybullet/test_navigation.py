@@ -220,11 +220,8 @@ def test_what_navigation_is_to_others() -> None:
     fast = {"steps": 24_000, "start_spread": 4.0, "rate_left": 0.03}
     fast["evaluation"] = {**evaluation, "stop_after_perfect": 0}  # type: ignore[assignment]
     assert spec.presets == {"fast": fast}
-    told = {name: (row.told, row.trained) for name, row in spec.paper.items()}
-    assert told == {
-        "dueling": ("1.5 M (96.4 % of 1000)", "1.5 M"),
-        "ppo": ("3 M (66 % of 1000)", "3 M"),
-    }
+    told = {name: (row.trained, row.driving) for name, row in spec.paper.items()}
+    assert told == {"dueling": ("1.5 M", "96.4 % of 1000"), "ppo": ("3 M", "66 % of 1000")}
     assert spec.environments == {
         "Navigation-v0": {"pose_error": "none"},
         "NavigationArenaPose-v0": {"pose_error": "arena"},

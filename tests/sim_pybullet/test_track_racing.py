@@ -215,23 +215,6 @@ def test_who_cruises_may_drive_beside_the_middle_but_pays_for_turned_wheels() ->
     assert dearer == pytest.approx(0.5 * 0.002)
 
 
-def test_who_cruises_keeps_beside_the_middle_and_turns_as_the_road_does() -> None:
-    rng = np.random.default_rng(0)
-    task = TrackRacing([TRACK], 1, style=STYLES["cruise"])
-    place(task, 0.0)  # which path it is on
-    for arc_m in rng.uniform(0.0, LINE.path.length_m, 40).tolist():
-        pose = np.array(LINE.path.pose_at(arc_m))
-        ahead = np.array(LINE.path.pose_at((arc_m + 3.3 * SCALE) % LINE.path.length_m))
-        turned = float(wrap_angle(ahead[2] - pose[2]))
-        if abs(abs(turned) - 0.25) < 0.03:
-            continue
-        for offset_m in (-2.0 * SCALE, 0.0, 2.0 * SCALE):
-            beside = pose + offset_m * np.array((-np.sin(pose[2]), np.cos(pose[2]), 0.0))
-            action = task.vehicle.expert(task.paths, beside[None], np.array([arc_m]))[0]
-            steering = task.vehicle.actions[action][0]
-            assert steering == (np.sign(turned) if abs(turned) > 0.25 else 0.0)
-
-
 def test_starts_are_spread_over_the_road_and_over_speeds_where_asked() -> None:
     everyone, most_m = np.arange(200), LINE.half_width_m
     for spread, far, turned, speeds in ((1.0, 0.25, 10.0, 0.0), (4.0, 1.0, 40.0, 8.4)):

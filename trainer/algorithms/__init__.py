@@ -63,11 +63,7 @@ class Algorithm:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """The algorithm of that name.
-
-    Raises:
-        ConfigError: there is none; it names the nearest.
-    """
+    """The algorithm of that name; ConfigError with the nearest if there is none."""
     if name not in NAMES:
         raise ConfigError(f"algorithm: unknown {name!r}; {nearest(name, NAMES)}")
     found: Algorithm = importlib.import_module(f"{__name__}.{name}").ALGORITHM

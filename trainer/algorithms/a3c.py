@@ -53,13 +53,7 @@ class A3cConfig(ActorCriticConfig):
 
 
 class A3C(ChannelLast, BaseAlgorithm):
-    """See above.
-
-    Args:
-        config: of the run; its ``learn`` is an `A3cConfig`.
-        make_env: builds the world of a worker, in its process.
-        env: any world of this task; workers have their own.
-    """
+    """Of a run with an `A3cConfig`; ``make_env`` builds a worker's world, in its process."""
 
     def __init__(self, config: RunConfig, make_env: EnvMaker, env: VecEnv) -> None:
         self._config, self._learn = config, cast(A3cConfig, config.learn)

@@ -34,20 +34,12 @@ class Stacks(NamedTuple):
 
 
 def frames_of(drive: Drive) -> np.ndarray:
-    """(N, 120, 160, 3) uint8 RGB; of pictures that are not 4:3 the middle is taken.
-
-    Raises:
-        ConfigError: a file is no picture.
-    """
+    """(N, 120, 160, 3) uint8 RGB; of pictures that are not 4:3 the middle is taken."""
     return np.stack([fit_to_frame(read_picture(file)) for file in drive.files])
 
 
 def make_stacks(drive: Drive, frames: np.ndarray, see: See, every: int = 1) -> Stacks:
-    """All moments of a drive that have the pictures of a stack before them, one of ``every``.
-
-    Raises:
-        ConfigError: the drive is too short.
-    """
+    """All moments of a drive with a stack's pictures before them; ConfigError if there are none."""
     first = (STACK - 1) * every
     if len(drive) <= first:
         raise ConfigError(f"drive: expected more than {first} pictures, got {len(drive)}")
@@ -58,10 +50,8 @@ def make_stacks(drive: Drive, frames: np.ndarray, see: See, every: int = 1) -> S
 def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
     """(training, test): the first 60 % of the drive, and what comes a gap of 20 frames later.
 
-    No picture is in both. A random split would test on the neighbours of what was trained on.
-
-    Raises:
-        ConfigError: nothing would be left to test on.
+    No picture is in both: a random split would test on the neighbours of what was trained on.
+    ConfigError if nothing would be left to test on.
     """
     end = round(TRAINING_SHARE * len(stacks.pictures))
     training = stacks.last < end

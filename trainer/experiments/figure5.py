@@ -36,11 +36,7 @@ VARIANTS = {  # titles and colours, in the paper's order, the best first
 
 
 def translator(out: Path, options: Figure5Options, console: Console) -> Path:
-    """The ONNX translator from the training's look into the test's; made where it is missing.
-
-    Raises:
-        DuckpilotError: a track or look that does not exist.
-    """
+    """The ONNX translator from the training's look into the test's; made where it is missing."""
     from trainer.run import take_up
     from trainer.transfer.collect import Source, collect
     from trainer.transfer.options import ThroughOptions
@@ -150,8 +146,8 @@ def gather(out: Path, options: Figure5Options) -> Figure5:
 
 def as_table(found: Figure5) -> RichTable:
     """A row for each kind of driver, and whether the one above it holds its place."""
-    options = found.options
-    title = f"{options.algo} on {options.test_map} in {options.test_look}, {options.steps:,} steps"
+    asked = found.options
+    title = f"{asked.algo} on {asked.test_map} in {asked.test_look}, {asked.steps:,} steps"
     columns = ("driver", "reward of a lap", "each seed", "laps driven", "paper's order", "holds")
     table = RichTable(*columns, title=title)
     for place, curve in enumerate(found.curves, start=1):

@@ -21,21 +21,14 @@ _OF_WORTH = ("ddqn", "dueling")  # algorithms whose values are no logits
 
 
 class SteeringPolicy:
-    """Stacks of pictures -> turns, with an ONNX policy.
+    """Stacks of pictures -> turns, with an ONNX policy, seen through a translator if one is named.
 
     An actor with all-or-nothing wheels steers by how often it turns them: its steering is the mean
-    of its actions' by their probabilities, an angle that is read as the person's is
-    (`trainer.experiments.records.turns`). What learned the worth of actions does the best one. A
-    policy of one picture is shown the newest; one that has a path is told that it leads straight
-    on.
+    of its actions' by their probabilities. What learned the worth of actions does the best one. A
+    policy of one picture is shown the newest; a path it may have leads straight on.
 
-    Args:
-        path: of the policy.
-        translator: of the one that it sees reality through, a parser or real-to-sim; or nothing.
-
-    Raises:
-        ContractError: not a policy, or one that cannot go left, straight and right; or not such a
-            translator of its pictures.
+    ContractError for no policy, or one that cannot go left, straight and right; or a translator of
+    other pictures.
     """
 
     def __init__(self, path: Path, translator: str = "") -> None:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from robot.errors import ConfigError
 FULL_LOCK_DEG = 30.0
 _LEAST_DEG = 3.2  # half a turn in radians: no drive is as straight as that
 STRAIGHT_DEG = 10.0  # paper B, section 3.1: steering within (-10, 10) is "going straight"
+
+
+_Row = tuple[str, float]  # file, steering [deg]
 
 
 class Turn(IntEnum):
@@ -48,11 +51,6 @@ class Drive:
 
     def __len__(self) -> int:
         return len(self.files)
-
-
-class _Row(NamedTuple):
-    file: str
-    steering_deg: float
 
 
 def turns(steering_deg: np.ndarray) -> np.ndarray:
@@ -80,9 +78,8 @@ def load_drive(folder: Path) -> Drive:
     rows = [row for row in found if row is not None]
     if not rows:
         raise ConfigError(f"{folder}: expected a recorded drive, got one without a picture")
-    steering_deg = np.array([row.steering_deg for row in rows])
-    files = _pictures(folder, [row.file for row in rows])
-    return Drive(files, steering_deg, len(found) - len(rows))
+    files = _pictures(folder, [file for file, _ in rows])
+    return Drive(files, np.array([angle for _, angle in rows]), len(found) - len(rows))
 
 
 def _labels_csv(folder: Path) -> Iterator[_Row]:
@@ -99,8 +96,8 @@ def _sully_chen(folder: Path) -> list[_Row]:
     for number, line in enumerate(_lines(path), start=1):
         if line.strip():
             name, _, rest = line.strip().partition(" ")
-            rows.append(_Row(name, _number(rest.split(",")[0], f"{path}:{number}")))
-    most = max((abs(row.steering_deg) for row in rows), default=0.0)
+            rows.append((name, _number(rest.split(",")[0], f"{path}:{number}")))
+    most = max((abs(angle) for _, angle in rows), default=0.0)
     if 0.0 < most <= _LEAST_DEG:  # of radians, or of shares
         raise ConfigError(
             f"{path}: expected degrees of the steering wheel, got no angle beyond {most:.3g}; "
@@ -147,7 +144,7 @@ def _scaled(file: str, angle: Any, where: str) -> _Row:
         raise ConfigError(
             f"{where}: expected an angle in [-1, 1], got {share}; degrees go in data.txt"
         )
-    return _Row(file, FULL_LOCK_DEG * share)
+    return file, FULL_LOCK_DEG * share
 
 
 def _number(text: Any, where: str) -> float:

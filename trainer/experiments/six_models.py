@@ -32,19 +32,11 @@ PAPER = {("dueling", "cyclegan"): (27, 31), ("ppo", "cyclegan"): (24, 26)}
 SUCCESS_ABOVE, FAILURE_BELOW = 20, 10  # paths
 
 
-class Variant(NamedTuple):
-    """How simulation is made to resemble reality in training."""
-
-    title: str
-    look: str
-    translated: bool
-
-
-VARIANTS = {
-    "none": Variant("nothing", "nominal", translated=False),
-    "dr": Variant("domain randomisation", "randomised", translated=False),
-    "cyclegan": Variant("CycleGAN", "nominal", translated=True),
-    "dr_cyclegan": Variant("both", "randomised", translated=True),
+VARIANTS = {  # how simulation is made to resemble reality: title, look, translated
+    "none": ("nothing", "nominal", False),
+    "dr": ("domain randomisation", "randomised", False),
+    "cyclegan": ("CycleGAN", "nominal", True),
+    "dr_cyclegan": ("both", "randomised", True),
 }
 
 
@@ -69,8 +61,8 @@ def models(options: SixModelsOptions) -> list[Model]:
     return [
         Model(algorithm, name, seed)
         for seed in range(options.seeds)
-        for name, variant in VARIANTS.items()
-        if options.translator is not None or not variant.translated
+        for name, (_, _, translated) in VARIANTS.items()
+        if options.translator is not None or not translated
         for algorithm in ALGORITHMS
     ]
 
@@ -79,13 +71,13 @@ def trainings(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> l
     """Two for each of these models."""
     jobs = []
     for model in among:
-        variant = VARIANTS[model.variant]
+        _, look, translated = VARIANTS[model.variant]
         usual = TrainOptions(
             algo=model.algorithm,
             preset=options.preset,
             seed=model.seed,
-            look=variant.look,
-            translate=options.translator if variant.translated else None,
+            look=look,
+            translate=options.translator if translated else None,
             judgings=options.judgings,
             full=True,
         )
@@ -160,9 +152,14 @@ class Transfer:
 
 def gather(out: Path, options: SixModelsOptions) -> Transfer:
     """The figures of all tests; they must have been run."""
+
+    def successes(model: Model, test: str) -> int:
+        found = read_json(model.judged(out, test))
+        return int(found["episodes"]) - len(found["failures"])
+
     rows = []
     for kind in kinds(options):
-        counts = [tuple(_successes(m, out, test) for m in kind) for test in trials(options)]
+        counts = [tuple(successes(model, test) for model in kind) for test in trials(options)]
         rows.append(TransferRow(*kind[0][:2], *counts))
     episodes = {name: trial.episodes for name, trial in trials(options).items()}
     return Transfer(options, episodes, tuple(rows))
@@ -191,7 +188,7 @@ def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
     for row in transfer.rows:
         failed = "failure" if row.variant in ("none", "dr") else "–"
         theirs = PAPER.get((row.algorithm, row.variant), (failed, "–"))
-        names = VARIANTS[row.variant].title, find_algorithm(row.algorithm).title
+        names = VARIANTS[row.variant][0], find_algorithm(row.algorithm).title
         ours = _each(row.laps), _each(row.paths), row.verdict
         rows.append((*names, *ours, str(theirs[0]), _each(row.tasks), str(theirs[1])))
     return rows
@@ -203,14 +200,9 @@ def draw_transfer_curves(out: Path, options: SixModelsOptions, path: Path) -> No
     for kind in kinds(options):
         runs = [RunFolder(model.run(out, "navigation")) for model in kind]
         records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
-        algorithm, variant = find_algorithm(kind[0].algorithm), VARIANTS[kind[0].variant]
-        panels.append((f"{algorithm.title}, transfer by {variant.title}", records))
+        title, way = find_algorithm(kind[0].algorithm).title, VARIANTS[kind[0].variant][0]
+        panels.append((f"{title}, transfer by {way}", records))
     draw_panels(panels, path)
-
-
-def _successes(model: Model, out: Path, test: str) -> int:
-    found = read_json(model.judged(out, test))
-    return int(found["episodes"]) - len(found["failures"])
 
 
 def _each(counts: tuple[int, ...]) -> str:

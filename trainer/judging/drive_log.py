@@ -65,7 +65,7 @@ class DriveLog:
     @property
     def tracks(self) -> list[Track]:
         """By seed."""
-        return [self._tracks[seed] for seed in sorted(self._tracks)]
+        return sorted(self._tracks.values(), key=lambda track: track.seed)
 
     @property
     def worst(self) -> list[Track]:
@@ -99,11 +99,7 @@ def drives_beside(evaluation: Path) -> Path:
 
 
 def load_drives(path: Path) -> DriveLog:
-    """Read what `DriveLog.save` wrote.
-
-    Raises:
-        ConfigError: the file holds no drives.
-    """
+    """Read what `DriveLog.save` wrote; ConfigError if the file holds no drives."""
     try:
         with np.load(path) as file:
             return DriveLog(
@@ -119,12 +115,7 @@ def load_drives(path: Path) -> DriveLog:
 
 
 class Tracer:
-    """Follows the robots of one world, and tells a log of each episode that ends.
-
-    Args:
-        world: of N robots, with numbered episodes.
-        log: gets the tracks, their seeds are the numbers.
-    """
+    """Follows the robots of a world with numbered episodes, and tells a log of each that ends."""
 
     def __init__(self, world: BatchWorld, log: DriveLog) -> None:
         self._world, self._log = world, log

@@ -42,11 +42,7 @@ _SHOWN_PX, _CELL_PX = (320, 240), (600, 150)
 
 
 class Explainer:
-    """Attention maps of an ONNX policy.
-
-    Raises:
-        ContractError: the file is no policy of ours, or has no convolutions.
-    """
+    """Attention maps of an ONNX policy; ContractError if it is none, or has no convolutions."""
 
     def __init__(self, path: Path) -> None:
         self.contract: PolicyContract = read_contract(path)
@@ -112,11 +108,7 @@ def overlay(image: np.ndarray, attention: np.ndarray) -> np.ndarray:
 
 
 def pictures(source: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """Names and frames (120, 160, 3) of a picture, a folder of pictures or a video.
-
-    Raises:
-        ConfigError: none of these.
-    """
+    """Names and frames (120, 160, 3) of a picture, a folder or a video; ConfigError for others."""
     if source.suffix.lower() in VIDEOS:
         index = -1
         for index, picture in enumerate(play(source)):
@@ -155,18 +147,10 @@ def sheet(shown: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def write_explained(policy: Path, source: Path, out: Path) -> int:
-    """Write what ``policy`` looks at in each picture of ``source``, and a sheet of some of them.
+    """Write what ``policy`` looks at in each picture of ``source``, and a sheet; how many.
 
-    Args:
-        policy: an ONNX file, a run folder, or a checkpoint in one.
-        source: a picture, a folder of pictures, or a video; a video is answered with a video.
-        out: a folder.
-
-    Returns:
-        How many pictures.
-
-    Raises:
-        DuckpilotError: the policy or the source is none.
+    ``policy`` as of `as_onnx`; ``source``: a picture, a folder of pictures, or a video, which is
+    answered with a video. DuckpilotError if either is none.
     """
     with as_onnx(policy) as path:
         explainer = Explainer(path)
@@ -195,8 +179,7 @@ def write_explained(policy: Path, source: Path, out: Path) -> int:
 def as_onnx(policy: Path) -> Iterator[Path]:
     """The ONNX file of a policy: itself, that of a run folder, or one made of a checkpoint.
 
-    Raises:
-        ConfigError: a run folder without a policy, or a file that is no checkpoint.
+    ConfigError for a run folder without a policy, or a file that is no checkpoint.
     """
     if policy.is_dir():
         folder = RunFolder(policy)

@@ -44,13 +44,9 @@ _FREE = ("episodes", "seed")  # which episodes are asked for: a drive is the sam
 
 
 def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Console) -> int:
-    """Drive, write the figures to ``out``, and say how it went; the exit status.
+    """Drive, write the figures to ``out``, if any, and say how it went; the exit status.
 
-    Args:
-        out: a JSON file, or nothing.
-        options: what is asked.
-        tracks: whether to keep beside ``out`` where the robots drove; then single drives are not.
-        console: gets a bar, and the figures.
+    ``tracks``: whether to keep beside ``out`` where the robots drove; then single drives are not.
 
     Raises:
         DuckpilotError: what is asked cannot be done.
@@ -103,11 +99,7 @@ def _open(options: EvaluateOptions) -> DrivingPolicy:
 
 
 def answers(file: Path, options: EvaluateOptions) -> bool:
-    """True: the JSON file answers what is asked.
-
-    Raises:
-        ConfigError: it answers something else.
-    """
+    """True: the JSON file answers what is asked; ConfigError if it answers something else."""
     found = read_json(file).get("inputs")
     found = {"lane": None, **found} if isinstance(found, dict) else {}  # once no choice
     task = found.get("task")
@@ -127,14 +119,9 @@ def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
 
 
 class KeptDrives:
-    """The drives of an evaluation so far.
+    """The drives of an evaluation so far; without its JSON file they are in memory only.
 
-    Args:
-        evaluation: its JSON file; without one they are in memory only.
-        asked: what is asked.
-
-    Raises:
-        ConfigError: what lies there is of something else.
+    ConfigError if what lies there is of something else.
     """
 
     def __init__(self, evaluation: Path | None, asked: Inputs) -> None:
@@ -142,9 +129,7 @@ class KeptDrives:
         self._path = None
         if evaluation is None:
             return
-        files = [
-            Path(file) for file in (asked.model, asked.translate, asked.sight) if file is not None
-        ]
+        files = [Path(file) for file in (asked.model, asked.translate, asked.sight) if file]
         prints = [hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files]
         plain = {k: v for k, v in asked.plain().items() if k not in _FREE}
         head = {"schema": 1, "inputs": plain, "files": prints}

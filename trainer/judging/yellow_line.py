@@ -104,14 +104,9 @@ def floor_table(
 
 
 def detect_yellow_line(frame: np.ndarray, rig: CameraRig) -> YellowLine:
-    """Find the yellow line in a frame (H, W, 3) uint8 RGB of any size.
+    """Find the yellow line in a whole frame (H, W, 3) uint8 RGB of any size; else ContractError.
 
-    Args:
-        frame: the whole picture of the camera.
-        rig: its lens, for a picture of any size, and its mounting.
-
-    Raises:
-        ContractError: ``frame`` is no RGB picture.
+    ``rig``: the camera's lens, for a picture of any size, and its mounting.
     """
     if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
         raise ContractError(f"frame: expected (H, W, 3) uint8 RGB, got {frame.shape} {frame.dtype}")
@@ -202,9 +197,7 @@ def _bearing(start: Dash, end: Dash) -> float:
 def fit_line(dashes: Sequence[Dash], reference_m: float) -> YellowLine:
     """A parabola through the dashes' middles; a straight line where there are only one or two.
 
-    Args:
-        dashes: of one line, the nearest first.
-        reference_m: how far ahead of the axle the point lies whose side is asked for [m].
+    ``reference_m``: how far ahead of the axle the point lies whose side is asked for [m].
     """
     if not dashes:
         return NOT_FOUND

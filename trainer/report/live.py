@@ -17,15 +17,9 @@ WATCHED = ("*.csv", "*.pt", "*.json", "*.mp4", "config.yaml")
 
 
 class LiveReport(ThreadingHTTPServer):
-    """Serves the page at ``address``; ``serve_forever`` it.
+    """Serves the page of `write_report` at ``address``; ``serve_forever`` it. Port 0 is a free one.
 
-    Args:
-        paths: as of `write_report`.
-        out: the report's folder.
-        port: of this computer; 0 takes a free one.
-
-    Raises:
-        ConfigError: there are no runs, or the port is taken.
+    ConfigError if there are no runs, or the port is taken.
     """
 
     daemon_threads = True

@@ -56,10 +56,7 @@ class Picture(NamedTuple):
 def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     """Write the report of all runs at or below ``paths`` into the folder ``out``; the page.
 
-    With ``live`` the page looks for news of itself, as `trainer.report.live` tells them.
-
-    Raises:
-        ConfigError: there are no runs, or a run's configuration cannot be read.
+    A ``live`` page looks for news of itself. ConfigError if there are no runs, or one is damaged.
     """
     missing: list[str] = []
     runs = read_runs(paths, missing)

@@ -50,11 +50,7 @@ class Run:
 
 
 def find_runs(paths: Iterable[Path]) -> list[Path]:
-    """Run folders: the paths themselves, or all that lie anywhere below them.
-
-    Raises:
-        ConfigError: there is none at or below a path.
-    """
+    """Run folders: the paths, or all that lie below them; ConfigError where there is none."""
     found: list[Path] = []
     for path in paths:
         below = sorted(file.parent for file in path.rglob("config.yaml"))
@@ -65,12 +61,9 @@ def find_runs(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
-    """The runs of `find_runs` by task, algorithm and seed.
+    """The runs of `find_runs` by task, algorithm and seed; ConfigError for one that is damaged.
 
     What of their evaluations cannot be read is told in ``problems``.
-
-    Raises:
-        ConfigError: there are none, or a run's own configuration cannot be read.
     """
     tasks, runs = list(TASKS), []
     for path in find_runs(paths):

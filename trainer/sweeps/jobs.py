@@ -101,8 +101,7 @@ class TrainJob:
 def ended(folder: RunFolder, config: RunConfig) -> str:
     """How a run ended whose limits are these; empty while it has something left to do.
 
-    Raises:
-        ConfigError: its metrics.json is damaged.
+    ConfigError if its metrics.json is damaged.
     """
     if not folder.metrics.exists():
         return ""

@@ -55,13 +55,8 @@ class SweepOptions(WorkerOptions):
 def combinations(options: T, many: SweepOptions, seed_step: int = 1) -> list[tuple[str, T]]:
     """Every combination of what is to vary: a name that tells what is its own, and its options.
 
-    Args:
-        options: a frozen dataclass; what does not vary.
-        many: which seeds, and the file with everything else.
-        seed_step: from one of ``--seeds`` to the next.
-
-    Raises:
-        ConfigError: an unknown option, a value of the wrong kind, or two equal combinations.
+    ``options`` is a frozen dataclass; ``seed_step`` from one of ``--seeds`` to the next.
+    ConfigError for an unknown option, a value of the wrong kind, or two equal combinations.
     """
     choices = _choices(options, many, seed_step)
     found: dict[str, T] = {}
@@ -78,8 +73,7 @@ def combinations(options: T, many: SweepOptions, seed_step: int = 1) -> list[tup
 def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int:
     """Do all jobs that are not finished; 0, or 1 when any failed.
 
-    Raises:
-        DuckpilotError: a job cannot be done at all; then none was begun.
+    DuckpilotError if a job cannot be done at all; then none was begun.
     """
     waiting = []
     for job in jobs:

@@ -69,8 +69,7 @@ class LocalWorkers:
 class RayWorkers:
     """A Ray cluster, one core for each job; jobs whose worker or node dies begin again elsewhere.
 
-    Raises:
-        ConfigError: Ray is not installed, or no cluster answers.
+    ConfigError if Ray is not installed, or no cluster answers.
     """
 
     def __init__(self, address: str) -> None:
@@ -123,12 +122,8 @@ def connect(address: str) -> Any:
 def perform(job: Job, folder: str) -> int:
     """Do a job in this process, which it may keep for itself; the exit status.
 
-    Args:
-        job: all that it and its libraries print goes to its log.
-        folder: where relative paths begin, on every machine the same one.
-
-    Raises:
-        ConfigError: this machine does not have the folder.
+    All that is printed goes to the job's log; relative paths begin in ``folder``: ConfigError if
+    this machine has none.
     """
     if not Path(folder).is_dir():
         raise ConfigError(

@@ -32,16 +32,9 @@ LONGEST_FILM = 600  # decisions of an evaluation that are filmed: a minute
 class Watch(BaseCallback):
     """Watches one training, and stops it when its time is up, or the task done.
 
-    Args:
-        config: of the run.
-        folder: gets the best policy, the film of an evaluation, and checkpoints.
-        state: the record of the run, which it keeps.
-        log: gets every episode.
-        env: where the policy is evaluated.
-        console: shows a bar, and a line for each evaluation.
-        clock: [s].
-        period_s: between checkpoints.
-        crew: the processes that learn with this one.
+    ``folder`` gets the best policy, the film of an evaluation, and checkpoints, every ``period_s``;
+    ``state`` is the record that it keeps, ``env`` where the policy is evaluated, ``crew`` the
+    processes that learn with this one.
     """
 
     def __init__(

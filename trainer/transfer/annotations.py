@@ -51,11 +51,7 @@ class Annotations:
 
 
 def load_annotations(source: str | Path) -> Annotations:
-    """Annotations from a file, or the name of shipped ones.
-
-    Raises:
-        ConfigError: no such file or name, or it does not fit.
-    """
+    """Annotations from a file, or the name of shipped ones; ConfigError if there are none."""
     path = source if Path(source).exists() else SHIPPED.get(str(source))
     if path is None:
         said = nearest(str(source), SHIPPED)
@@ -68,8 +64,7 @@ def load_annotated(
 ) -> tuple[Labelled, Labelled]:
     """(training, held-out) frames (height, width) with the labels drawn on them.
 
-    Raises:
-        ConfigError: the folder does not hold one of the photographs, at any depth.
+    ConfigError if the folder does not hold one of the photographs, at any depth.
     """
     paths = {path.name: path for path in photographs.rglob("*") if path.is_file()}
     drawn = annotations.photographs
@@ -89,8 +84,7 @@ def load_annotated(
 def draw(photograph: Photograph, drawn_in: tuple[int, int], size: tuple[int, int]) -> np.ndarray:
     """(H, W) uint8 labels of one photograph, whose shapes count in (width, height) ``drawn_in``.
 
-    Raises:
-        ConfigError: a shape of an unknown class.
+    ConfigError for a shape of an unknown class.
     """
     picture = np.full(size, RoadClass.BACKGROUND, np.uint8)
     scale = np.array(size[::-1]) / np.array(drawn_in)

@@ -11,7 +11,6 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
@@ -23,19 +22,17 @@ from robot.camera.files import play
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import RoadMap
 from robot.recording.reader import read_frames
 from robot.typed_config import to_plain
 from sim_pybullet.pool import LookPool
-from sim_pybullet.racing.track import centre_line, is_track
+from sim_pybullet.racing.track import SCALE, Track, is_track
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scenery.objects import Place
+from sim_pybullet.scenery.objects import Place, lane_poses
 from sim_pybullet.sensing.sensor import apply_sensor
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, refuse_judging_maps
 
-_centre_line = lru_cache(8)(centre_line)
 Tick = Callable[[], None]  # one more frame is done
 
 _BATCH = 32
@@ -60,9 +57,7 @@ class Source:
 def collect(out: Path, source: Source, tick: Tick) -> int:
     """Gather frames in a folder that appears when all are there; how many there were.
 
-    Raises:
-        DuckpilotError: ``out`` exists; a map or look that does not, or is kept for judging; no
-            pictures there, or a recorded frame that is none.
+    DuckpilotError if ``out`` exists, there are no pictures, or a map or look is none to learn from.
     """
     found, taken = simulated(source) if source.kind == "simulator" else recorded(source), 0
     with _appearing(out, source) as folder:
@@ -101,18 +96,12 @@ def recorded(source: Source) -> Iterator[dict[str, np.ndarray]]:
 def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3) poses near the middle of random lanes, or of the road of a track.
 
-    On lanes some of them head anywhere.
-
-    Raises:
-        ConfigError: the map has no lanes, or the track is not closed.
+    On lanes some of them head anywhere. MapError if the map has no lanes.
     """
-    if isinstance(place, RoadMap):
-        along, offset_m = _on_lanes(place, count, rng), _OFFSET_M
-    else:
-        line = _centre_line(place)
-        arcs_m = rng.uniform(0.0, line.path.length_m, count)
-        along = np.array([line.path.pose_at(arc_m) for arc_m in arcs_m.tolist()])
-        offset_m = _OFFSET_TRACK * line.half_width_m
+    along = lane_poses(place, count, rng)
+    offset_m = _OFFSET_M
+    if isinstance(place, Track):
+        offset_m = _OFFSET_TRACK * 0.5 * place.width_m * SCALE
     offset, turned = rng.normal(0.0, offset_m, count), rng.normal(0.0, _HEADING_RAD, count)
     left = np.stack((-np.sin(along[:, 2]), np.cos(along[:, 2])), axis=1)
     poses = np.column_stack((along[:, :2] + offset[:, None] * left, along[:, 2] + turned))
@@ -122,25 +111,12 @@ def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     return poses
 
 
-def _on_lanes(road_map: RoadMap, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) poses on random lanes."""
-    if not road_map.lanes:
-        raise ConfigError(f"{road_map.name}: expected a map with roads, got none; try --map town")
-    poses = np.empty((count, 3))
-    for pose, lane in zip(poses, rng.integers(len(road_map.lanes), size=count), strict=True):
-        control, t = road_map.lanes[lane].control_points_m, rng.uniform(0.0, 1.0, 1)
-        pose[:2] = bezier_points(control, t)[0]
-        pose[2] = np.arctan2(*bezier_tangents(control, t)[0, ::-1])
-    return poses
-
-
 def snapshots(
     road_maps: Sequence[Place], pool: LookPool, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Robots on random places of lanes or tracks, each in a look drawn from the maps' pool.
 
-    Returns:
-        Frames (N, 120, 160, 3) uint8 RGB and their labels (N, 120, 160) uint8, `SemanticClass`.
+    Frames (N, 120, 160, 3) uint8 RGB and their labels (N, 120, 160) uint8, `SemanticClass`.
     """
     camera = RayCamera(ImageSpec(), count)
     poses, sensors = np.empty((count, 3)), []

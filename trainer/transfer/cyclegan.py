@@ -51,11 +51,7 @@ class TranslationConfig:
 
 
 def translation_preset(name: str, sim: tuple[str, ...], real: tuple[str, ...]) -> TranslationConfig:
-    """The named starting point; pictures are those of the policies of the same preset.
-
-    Raises:
-        ConfigError: an unknown name, with the nearest known one.
-    """
+    """The named starting point, with the pictures of that preset's policies."""
     fast = TranslationConfig(sim, real, preset("lane", "dueling", name).image)
     paper: dict[str, Any] = {
         "width": 32, "blocks": 6, "critic_width": 64, "critic_layers": 3,
@@ -79,18 +75,14 @@ def adversarial(scores: torch.Tensor, real: bool) -> torch.Tensor:
 
 
 def structure(translation: torch.Tensor, paint: torch.Tensor) -> torch.Tensor:
-    """How little the painted lines of a translation lie where the simulator painted them.
+    """How little the painted lines of a translation lie where the simulator has them; 0 at best.
 
     Around every edge of a line the brightness must go as the paint does, and the yellowness as the
     yellow paint does, whatever the light and the colour of the road: one minus their normalised
     cross-correlation in windows. Bare road must show no contrast like that of a line.
 
-    Args:
-        translation: (N, 3, H, W) in [-1, 1].
-        paint: (N, 4, H, W) in [0, 1], shares of white, yellow and red paint and of road.
-
-    Returns:
-        A scalar, 0 at best.
+    ``translation`` (N, 3, H, W) is in [-1, 1]; ``paint`` (N, 4, H, W) in [0, 1], shares of white,
+    yellow and red paint and of road.
     """
     red, green, blue = translation.unbind(1)
     brightness = (red + green + blue)[:, None] / 3.0
@@ -209,19 +201,17 @@ class CycleGan:
         }
         total = losses["fool_real"] + losses["fool_sim"] + config.cycle * losses["cycle"]
         if config.identity:
-            losses["identity"] = self._identity(batch)
+            # both directions in turns, each counted twice: the same on average for half the work
+            network, same = (
+                (self.to_real, batch.real) if self.steps % 2 else (self.to_sim, batch.sim)
+            )
+            losses["identity"] = 2.0 * functional.l1_loss(network(same), same)
             total = total + config.identity * losses["identity"]
         if config.structure:
             total = total + config.structure * losses["structure"]
         descend(self.generators, total)
         self._judges.requires_grad_(True)
         return made_real.detach(), made_sim.detach(), losses
-
-    def _identity(self, batch: Batch) -> torch.Tensor:
-        """Both directions in turns, each counted twice: the same on average for half the work."""
-        if self.steps % 2:
-            return 2.0 * functional.l1_loss(self.to_real(batch.real), batch.real)
-        return 2.0 * functional.l1_loss(self.to_sim(batch.sim), batch.sim)
 
     def _judge(
         self, critic: nn.Module, real: torch.Tensor, made: torch.Tensor, pool: ImagePool

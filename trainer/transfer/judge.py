@@ -35,15 +35,9 @@ class Score(NamedTuple):
 
 
 class Judge:
-    """Judges translators sim-to-real.
+    """Judges translators sim-to-real by pictures, their paint (`load_paint`) and photographs.
 
-    Args:
-        sim: simulated pictures.
-        paint: their paint (N, 4, H, W), see `load_paint`.
-        photographs: (M, H, W, 3) uint8.
-
-    Raises:
-        ConfigError: too few of either.
+    ConfigError if there are too few of either.
     """
 
     def __init__(self, sim: Pictures, paint: np.ndarray, photographs: np.ndarray) -> None:
@@ -77,9 +71,6 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
     """``--json`` of ``translate judge``: distances to photographs, and the lines kept.
 
     ``sim`` are collections from the simulator, best none that it was trained with.
-
-    Raises:
-        ConfigError: a folder is absent, empty or without labels.
     """
     simulated, photographs = (load_pictures(paths, translator.image) for paths in (sim, real))
     asked = Judge(simulated, load_paint(simulated, translator.image), photographs.images)

@@ -40,10 +40,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
     """The pictures of a folder and their labels, resized to (height, width).
 
     The grey values of a label are the simulator's classes where the folder is a collection, else
-    CamVid's.
-
-    Raises:
-        ConfigError: no pairs there, a picture without its label, or CamVid's with other labels.
+    CamVid's. ConfigError for a picture without its label, or CamVid's with other labels.
     """
     simulated, files = is_collection(folder), pictures_in(folder)
     if not simulated and labels is not CAMVID:

@@ -64,10 +64,7 @@ def features(pictures: np.ndarray) -> np.ndarray:
 def kernel_distance(made: np.ndarray, real: np.ndarray, seed: int = 0) -> float:
     """KID (Binkowski et al. 2018): unbiased squared MMD of a cubic kernel, over splits of 50.
 
-    Args:
-        made: features (N, D).
-        real: features (M, D); both are standardised by these.
-        seed: of the splits.
+    ``made`` are features (N, D), ``real`` (M, D), by which both are standardised.
     """
     made, real = _standardised(made, real)
     rng, distances = np.random.default_rng(seed), []
@@ -89,12 +86,7 @@ def bright_lines(pictures: np.ndarray, paint: np.ndarray) -> np.ndarray:
 
     On the floor that the simulator says is in sight there are two kinds of pixels, bright paint and
     dark road. Otsu's threshold (1979) parts them in each picture, on red and green: blue is what
-    casts take away.
-
-    Args:
-        pictures: (N, H, W, 3) uint8 RGB, as simulated or translated.
-        paint: (N, 4, H, W) uint8, shares of white, yellow and red paint and of road: says only
-            where to look.
+    casts take away. ``paint`` (N, 4, H, W), as of `load_paint`, says only where to look.
     """
     masks = np.zeros(pictures.shape[:3], np.uint8)
     shares = paint.astype(np.float32) / 255.0

@@ -137,10 +137,8 @@ def narrow_unet(width: int, blocks: int) -> nn.Module:
 def pix2pix_unet(size: tuple[int, int], channels: int, halvings: int) -> nn.Module:
     """The generator of pix2pix: 4x4 convolutions of stride 2, batch normalisation (Isola et al.).
 
-    Args:
-        size: (H, W) inside it, which can be halved so often.
-        channels: of the first layer; doubled until `MOST_WIDENING`.
-        halvings: how many layers there are on each side, two or more.
+    Inside it pictures have ``size`` (H, W), which can be halved so often; the channels of the first
+    layer are doubled until `MOST_WIDENING`.
     """
     widths = [channels * min(2**k, MOST_WIDENING) for k in range(halvings)]
     down = [
@@ -162,11 +160,8 @@ def patch_critic(
 ) -> nn.Module:
     """PatchGAN: pictures -> scores of overlapping patches (N, 1, h, w) (Isola et al. 2017).
 
-    Args:
-        width: channels of the first layer.
-        layers: that halve; with 2 a patch is 34 px wide, with 3 it is 70.
-        inputs: channels of what it judges.
-        norm: the normalisation of so many channels.
+    ``width``: channels of the first layer; ``layers`` halve: with 2 a patch is 34 px wide, with 3
+    it is 70. ``inputs``: channels of what it judges.
     """
     stack: list[nn.Module] = [nn.Conv2d(inputs, width, 4, 2, 1), nn.LeakyReLU(0.2)]
     widest = MOST_WIDENING * width

@@ -67,11 +67,7 @@ class Parser(nn.Module):
         return seen.to(torch.uint8).permute(0, 2, 3, 1)
 
     def export(self, name: str, path: Path) -> None:
-        """Write it as an ONNX translator of whole frames at its own size, of the run ``name``.
-
-        Raises:
-            ContractError: torch and ONNX disagree.
-        """
+        """Write it as an ONNX translator of whole frames at its own size, of the run ``name``."""
         steps, notes = self.options.steps, (f"labels {self.labels.name}",)
         contract = TranslatorContract("segnet", PARSING, self.image, name, steps, notes=notes)
         export_translator(self, contract, path)

@@ -78,9 +78,6 @@ def load_paint(pictures: Pictures, image: ImageSpec) -> np.ndarray:
     """How much of each pixel is paint or bare road, for pictures of simulated collections.
 
     (N, 4, H, W) uint8, 255 is all of it: white, yellow and red lines, road; resized by area.
-
-    Raises:
-        ConfigError: a picture has no label beside it.
     """
     size, shares = (image.width_px, image.height_px), []
     for label in map(label_of, pictures.files):

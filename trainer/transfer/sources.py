@@ -28,10 +28,7 @@ class Split(NamedTuple):
 def load_sources(sources: Sources, labels: LabelSet, size: tuple[int, int]) -> list[Split]:
     """The training and held-out frames (height, width) of each source, annotated ones last.
 
-    The last quarter of every sequence of pairs is held out.
-
-    Raises:
-        ConfigError: no source, or one that does not hold what it should.
+    The last quarter of every sequence of pairs is held out. ConfigError if there is no source.
     """
     splits = []
     for folder in sources.pairs:

@@ -40,12 +40,14 @@ FRAME = (120, 160)  # height, width [px]
 def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     """Do what is left of a run in the folder ``out``; the translator's path.
 
-    Raises:
-        ConfigError: the simulator's frames, the photographs or the parser do not fit.
-        ContractError: torch and ONNX disagree.
+    ConfigError if the simulator's frames, the photographs or the parser do not fit.
     """
     image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
-    parser = _road_parser(Path(run.parser)) if run.parser else None
+    parser = load_parser(Path(run.parser)) if run.parser else None
+    if parser is not None and parser.labels is not ROAD:
+        raise ConfigError(
+            f"{run.parser}: expected a parser of labels road, got {parser.labels.name!r}"
+        )
     virtual = _virtual(run.sim, image, labels)
     if parser is not None:
         real = _real(Path(run.real), parser, image)
@@ -89,13 +91,6 @@ def _real(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
     seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
     whole = [cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen]
     return Pairs(_small(np.stack(whole), ROAD, image), preprocess_batch(frames, image))
-
-
-def _road_parser(path: Path) -> Parser:
-    parser = load_parser(path)
-    if parser.labels is not ROAD:
-        raise ConfigError(f"{path}: expected a parser of labels road, got {parser.labels.name!r}")
-    return parser
 
 
 def _small(classes: np.ndarray, labels: LabelSet, image: ImageSpec) -> np.ndarray:

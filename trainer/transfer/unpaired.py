@@ -92,10 +92,7 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
     """Train until the steps are done; go on from a checkpoint if there is one.
 
     Leaves the best generators by the pictures held out as ONNX files, and ``sheet.png``.
-
-    Raises:
-        ConfigError: a folder of pictures is absent, empty or without labels.
-        ContractError: torch and ONNX disagree.
+    ConfigError if a folder of pictures is absent, empty or without labels.
     """
     on_gpu = config.device == "auto" and torch.cuda.is_available()
     device = torch.device("cuda" if on_gpu else "cpu")

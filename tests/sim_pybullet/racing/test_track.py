@@ -12,9 +12,7 @@ from robot.errors import ConfigError, MapError
 from robot.geometry import wrap_angle
 from sim_pybullet.racing.track import (
     SCALE,
-    Arc,
     Segment,
-    Straight,
     Track,
     centre_line,
     close,
@@ -23,7 +21,17 @@ from sim_pybullet.racing.track import (
     shipped_tracks,
 )
 
-OVAL: tuple[Segment, ...] = (Straight(50.0), Arc(20.0, 180.0), Straight(50.0), Arc(20.0, 180.0))
+
+def arc(radius_m: float, angle_deg: float) -> Segment:
+    return Segment(0.0, radius_m, angle_deg)
+
+
+OVAL: tuple[Segment, ...] = (
+    Segment(50.0),
+    arc(20.0, 180.0),
+    Segment(50.0),
+    arc(20.0, 180.0),
+)
 
 
 def test_at_least_four_tracks_ship() -> None:
@@ -35,7 +43,7 @@ def test_shipped_tracks_are_closed_and_nowhere_too_tight(name: str) -> None:
     track = load_track(name)
     assert track.name == name
     assert close(track) == track
-    radii = [segment.radius_m for segment in track.segments if isinstance(segment, Arc)]
+    radii = [segment.radius_m for segment in track.segments if segment.radius_m]
     assert min(radii) > 0.5 * track.width_m + track.verge_m
 
 
@@ -60,7 +68,12 @@ def test_the_curvature_adds_up_to_one_turn() -> None:
 @given(st.lists(st.floats(-0.01, 0.01), min_size=4, max_size=4))
 def test_closing_changes_little(errors: list[float]) -> None:
     a, b, c, d = (1.0 + error for error in errors)
-    bent = (Straight(50.0 * a), Arc(20.0 * b, 180.0), Straight(50.0 * c), Arc(20.0 * d, 180.0))
+    bent = (
+        Segment(50.0 * a),
+        arc(20.0 * b, 180.0),
+        Segment(50.0 * c),
+        arc(20.0 * d, 180.0),
+    )
     track = Track("bent", bent)
     closed = close(track)
     assert closed.length_m == pytest.approx(track.length_m, rel=0.02)
@@ -81,13 +94,15 @@ def test_a_mirrored_track_is_closed_and_bends_the_other_way(name: str) -> None:
 
 def test_an_open_track_is_refused_with_its_gap() -> None:
     with pytest.raises(MapError, match="returns to its start"):
-        close(Track("open", (*OVAL[:3], Arc(20.0, 90.0))))
-    line = centre_line(Track("nearly", (Straight(50.5), *OVAL[1:])))
+        close(Track("open", (*OVAL[:3], arc(20.0, 90.0))))
+    line = centre_line(Track("nearly", (Segment(50.5), *OVAL[1:])))
     end_m = np.hypot(*(line.path.points_m[0] - line.path.points_m[-1])) / SCALE
     assert end_m == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("segments", [(), (Straight(-1.0),), (Arc(0.0, 90.0),)])
+@pytest.mark.parametrize(
+    "segments", [(), (Segment(-1.0),), (arc(0.0, 90.0),), (Segment(5.0, 5.0, 90.0),)]
+)
 def test_impossible_segments_are_refused(segments: tuple[Segment, ...]) -> None:
     with pytest.raises(MapError, match="above 0"):
         Track("impossible", segments)
