@@ -22,13 +22,11 @@ from robot.vision.sight import OnnxSight
 from sim_pybullet.look import NOMINAL
 from trainer.division import PARTS, division
 from trainer.judging.photographs import (
-    AGREES,
-    NOT_JUDGED,
     SURELY_NEAR_M,
+    agrees,
     drawn_line,
     frames_of,
     load_annotations,
-    verdict,
 )
 from trainer.judging.yellow_line import YellowLine, detect_yellow_line, floor_table
 from trainer.run import write_json
@@ -138,7 +136,6 @@ def judge(see: Seer, photographs: Path, part: str) -> list[Judged]:
                 for colour in (drawn.yellow, [drawn.white] if drawn.white else [])
             ]
             yellow, white = ([each for each in colour if each] for colour in lines)
-            side = verdict(answer.yellow, yellow) if answer.yellow else NOT_JUDGED
             letter = None
             if drawn.actions and answer.action is not None:
                 letter = drawn.actions[answer.action]
@@ -147,7 +144,7 @@ def judge(see: Seer, photographs: Path, part: str) -> list[Judged]:
                     site.name,
                     letter,
                     answer.doubt,
-                    None if side == NOT_JUDGED else side == AGREES,
+                    agrees(answer.yellow, yellow) if answer.yellow else None,
                     _near(answer.yellow, yellow),
                     _near(answer.white, white),
                 )
@@ -166,25 +163,18 @@ def _near(found: YellowLine | None, drawn: Sequence[Any]) -> bool | None:
 def figures(judged: Sequence[Judged]) -> dict[str, Any]:
     """Shares of the answers, of all sites and of each; the surest half is that of all."""
     chosen = [each for each in judged if each.letter is not None]
-    sites = {site: [each for each in judged if each.site == site] for site in _sites(judged)}
+    names = dict.fromkeys(each.site for each in judged)
+    sites = {name: _shares([each for each in judged if each.site == name]) for name in names}
+    large = {name: own["wrong"] for name, own in sites.items() if own["chosen"] >= SITE_PICTURES}
+    worst = max(large, key=lambda name: large[name], default=None)
     surest = sorted(chosen, key=lambda each: each.doubt)[: len(chosen) // 2]
-    large = {
-        site: _shares(own)["wrong"]
-        for site, own in sites.items()
-        if sum(each.letter is not None for each in own) >= SITE_PICTURES
-    }
-    worst = max(large, key=lambda site: large[site], default=None)
     return {
         **_shares(judged),
         "worst_site": worst,
-        "worst_wrong": None if worst is None else large[worst],
+        "worst_wrong": large.get(worst or ""),
         "surest_half_wrong": _shares(surest)["wrong"],
-        "sites": {site: _shares(own) for site, own in sites.items()},
+        "sites": sites,
     }
-
-
-def _sites(judged: Sequence[Judged]) -> list[str]:
-    return list(dict.fromkeys(each.site for each in judged))
 
 
 def _shares(judged: Sequence[Judged]) -> dict[str, Any]:

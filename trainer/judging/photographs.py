@@ -32,8 +32,6 @@ from trainer.judging.yellow_line import (
 FILE = Path(__file__).with_name("photographs.yaml")
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape
 
-AGREES, MISSED, INVENTED, NOT_JUDGED = "agrees", "missed", "invented", "not judged"
-WRONG_SIDE = "wrong side"
 # Lines between these distances may be found or not; the detector's range lies between them.
 SURELY_NEAR_M, SURELY_FAR_M = 0.9 * RANGE_M, 1.1 * RANGE_M
 TOO_CLOSE_M = 0.01  # to the line: no side can be told
@@ -133,18 +131,15 @@ def drawn_line(
     return DrawnLine(nearest_m, fit_line(dashes, reference_m))
 
 
-def verdict(found: YellowLine, drawn: Sequence[DrawnLine]) -> str:
-    """Of a detection, from the lines that a person drew on the same photograph."""
+def agrees(found: YellowLine, drawn: Sequence[DrawnLine]) -> bool | None:
+    """Whether what was found of a line is what a person drew, on its side; None: nobody can say."""
     nearest_m = min((each.nearest_m for each in drawn), default=np.inf)
     if SURELY_NEAR_M <= nearest_m < SURELY_FAR_M:
-        return NOT_JUDGED
+        return None
     near = nearest_m < SURELY_NEAR_M
-    if found.found != near:
-        return MISSED if near else INVENTED
-    if not near:
-        return AGREES
+    if not (found.found and near):
+        return found.found == near
     sides_m = [each.line.offset_m for each in drawn if each.nearest_m < SURELY_FAR_M]
     if min(abs(side_m) for side_m in sides_m) < TOO_CLOSE_M:
-        return NOT_JUDGED
-    same = any((side_m > 0.0) == found.crossed for side_m in sides_m)
-    return AGREES if same else WRONG_SIDE
+        return None
+    return any((side_m > 0.0) == found.crossed for side_m in sides_m)

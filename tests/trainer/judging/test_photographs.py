@@ -14,15 +14,10 @@ from trainer.cli import main
 from trainer.division import division
 from trainer.judging.judge_photographs import Answer, Judged, figures, judge, pursuit, seers
 from trainer.judging.photographs import (
-    AGREES,
-    INVENTED,
-    MISSED,
-    NOT_JUDGED,
-    WRONG_SIDE,
     DrawnLine,
+    agrees,
     drawn_line,
     load_annotations,
-    verdict,
 )
 from trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 
@@ -58,20 +53,22 @@ def line(offset_m: float) -> YellowLine:
 @pytest.mark.parametrize(
     ("found", "drawn", "said"),
     [
-        (line(-0.1), [DrawnLine(0.3, line(-0.2))], AGREES),
-        (line(0.1), [DrawnLine(0.3, line(-0.2))], WRONG_SIDE),
-        (line(0.1), [DrawnLine(0.3, line(-0.2)), DrawnLine(0.5, line(0.2))], AGREES),
-        (NOT_FOUND, [DrawnLine(0.3, line(-0.2))], MISSED),
-        (NOT_FOUND, [DrawnLine(2.0, line(-0.2))], AGREES),
-        (line(0.1), [DrawnLine(2.0, line(-0.2))], INVENTED),
-        (line(0.1), [], INVENTED),
-        (NOT_FOUND, [], AGREES),
-        (NOT_FOUND, [DrawnLine(1.0, line(-0.2))], NOT_JUDGED),
-        (line(0.1), [DrawnLine(0.3, line(-0.005))], NOT_JUDGED),
+        (line(-0.1), [DrawnLine(0.3, line(-0.2))], True),
+        (line(0.1), [DrawnLine(0.3, line(-0.2))], False),
+        (line(0.1), [DrawnLine(0.3, line(-0.2)), DrawnLine(0.5, line(0.2))], True),
+        (NOT_FOUND, [DrawnLine(0.3, line(-0.2))], False),
+        (NOT_FOUND, [DrawnLine(2.0, line(-0.2))], True),
+        (line(0.1), [DrawnLine(2.0, line(-0.2))], False),
+        (line(0.1), [], False),
+        (NOT_FOUND, [], True),
+        (NOT_FOUND, [DrawnLine(1.0, line(-0.2))], None),
+        (line(0.1), [DrawnLine(0.3, line(-0.005))], None),
     ],
 )
-def test_what_is_said_of_a_detection(found: YellowLine, drawn: list[DrawnLine], said: str) -> None:
-    assert verdict(found, drawn) == said
+def test_what_is_said_of_a_detection(
+    found: YellowLine, drawn: list[DrawnLine], said: bool | None
+) -> None:
+    assert agrees(found, drawn) is said
 
 
 def test_annotations_are_many_lie_in_their_pictures_and_every_site_belongs_to_one_part() -> None:
