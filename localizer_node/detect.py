@@ -1,7 +1,6 @@
 """Robots in one picture: blue boards of the right size on the floor, their fronts, their tags.
 
-Coarse to fine: the blue of every n-th pixel says where to look; sizes are compared in metres,
-after the lens and the board's height are undone.
+Sizes are compared in metres, after the lens and the board's height are undone.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ FILL_RANGE = (0.75, 1.25)  # area over that of the rectangle with the same secon
 BASELINE_TOLERANCE = 0.25  # relative, between the middles of rear and front
 TAG_TOLERANCE = 0.25
 MAP_MARGIN_M = 0.05
-COARSE_SIDE_PX = 8  # what the shorter side of a board keeps in the coarse mask
 TAG_SIDE_PX = 48  # smaller tags are enlarged to about this before they are read
 
 
@@ -106,41 +104,8 @@ class Detector:
         """The robots in an RGB picture (H, W, 3), inside the region of interest."""
         if not self._markers:
             return ()
-        found: List[Optional[Detection]] = []
-        for rows, columns in self._windows(image):
-            found += self._in_window(image, rows, columns)
-        return tuple(d for d in found if d is not None and self._inside(d))
-
-    def _windows(self, image: np.ndarray) -> List[Tuple[slice, slice]]:
-        """Where every n-th pixel shows blue, with room for a board around it; none overlap."""
-        import cv2
-
         u0, v0, u1, v1 = self.rectifier.roi_rect()
-        shortest_px = min(s for m in self._markers for s in m.blue_m) * self._scales[0]
-        longest_px = max(m.board.length_m for m in self._markers) * self._scales[1]
-        n = int(np.clip(shortest_px / COARSE_SIDE_PX, 1, 4))
-        room = np.ones((2 * int(0.7 * longest_px / n) + 3,) * 2, np.uint8)
-        size = ((u1 - u0) // n, (v1 - v0) // n)
-        small = cv2.resize(image[v0:v1, u0:u1], size, interpolation=cv2.INTER_NEAREST)
-        near = cv2.dilate(mask_of(to_hsv(small), self._blue), room)
-        while True:  # boxes around what touches, until none does
-            outlines, _ = cv2.findContours(near, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-            boxes = [cv2.boundingRect(outline) for outline in outlines]
-            filled = np.zeros_like(near)
-            for u, v, width, height in boxes:
-                filled[v : v + height, u : u + width] = 255
-            if np.array_equal(filled, near):
-                break
-            near = filled
-        return [
-            (slice(v0 + n * v, v0 + n * (v + h)), slice(u0 + n * u, u0 + n * (u + w)))
-            for u, v, w, h in boxes
-        ]
-
-    def _in_window(
-        self, image: np.ndarray, rows: slice, columns: slice
-    ) -> List[Optional[Detection]]:
-        crop, corner_px = image[rows, columns], np.array((columns.start, rows.start))
+        crop, corner_px = image[v0:v1, u0:u1], np.array((u0, v0))
         hsv = to_hsv(crop)
         rears = self._parts(blobs(crop, mask_of(hsv, self._blue), self._least_px(0)), corner_px)
         found = [self._bare(marker, rear) for marker in self._plain for rear in rears]
@@ -148,7 +113,8 @@ class Detector:
             mask = mask_of(hsv, self.calibration.colour(marker.front))
             fronts = self._parts(blobs(crop, mask, self._least_px(1)), corner_px)
             found += self._pairs(marker, rears, fronts)
-        return [*found, *self._read_tags(image, rears)]
+        found += self._read_tags(image, rears)
+        return tuple(d for d in found if d is not None and self._inside(d))
 
     def _least_px(self, part: int) -> float:
         """A third of the area of the smallest rear (0) or front (1) part."""

@@ -7,9 +7,7 @@ there is nothing to decide again, and why.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 from robot.command_line import OneLineParser, answer, spoken
@@ -40,7 +38,6 @@ def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
     parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("recording", type=Path, help="an .mcap file of the robot's")
     parser.add_argument("--model", type=Path, help="another policy: what would it have done?")
-    parser.add_argument("--json", action="store_true", help="print everything, for programs")
     options = parser.parse_args(arguments)
     return answer(spoken(prog), lambda: decide_again(options))
 
@@ -54,10 +51,7 @@ def decide_again(options: argparse.Namespace) -> int:
             f"{options.recording}: expected the robot's own recording of a drive by its policy, "
             f"found no decision in its {found.turns} turns"
         )
-    if options.json:
-        print(json.dumps(asdict(found)))
-    else:
-        tell(found, options.recording)
+    tell(found, options.recording)
     return 1 if found.differences else 0
 
 

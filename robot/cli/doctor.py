@@ -16,29 +16,22 @@ from robot.doctor.machine import Machine
 from robot.doctor.software import check_link, check_map, check_policy, check_python
 from robot.errors import ConfigError
 from robot.hat.config import HatConfig
-from robot.output import expect_writable, write_json
 from robot.typed_config import load_yaml
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument("--config", type=Path, help="the robot's YAML file")
-    parser.add_argument("--json", type=Path, help="file to write")
 
 
 def run(options: argparse.Namespace) -> int:
     """Do it; 1 when something fails."""
-    expect_writable(options.json, inputs=[options.config])
     findings: List[Finding] = []
     for finding in examine(Machine(), options.config):
         findings.append(finding)
         print(finding.line, flush=True)
     counts = {level: sum(f.level == level for f in findings) for level in (OK, WARN, FAIL)}
     print(", ".join(f"{count} {level}" for level, count in counts.items()))
-    if options.json:
-        inputs = {"config": str(options.config) if options.config else None}
-        told = [finding._asdict() for finding in findings]
-        write_json(options.json, {"schema": 1, "inputs": inputs, "findings": told})
     return int(counts[FAIL] > 0)
 
 

@@ -11,25 +11,16 @@ inputs low.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Tuple
 
 FULL_STEPS = 4  # of one electrical turn
 MICROSTEPS = (1, 2, 4, 8, 16)  # into which a full step may be cut
 
 
-class Levels(NamedTuple):
-    """How much of the time each input is high, in the order of the HAT's channels."""
+def ring_levels(position: float, microsteps: int, duty: float) -> Tuple[float, ...]:
+    """How much of the time each input is high, in the order of `robot.hat.config.Port`.
 
-    pwma: float
-    ain2: float
-    ain1: float
-    bin1: float
-    bin2: float
-    pwmb: float
-
-
-def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
-    """The inputs at a position counted in microsteps (any number; the ring repeats).
+    The position is counted in microsteps (any number; the ring repeats).
 
     A full step forward turns the field from A (AIN2 high) to B (BIN1 high). Its angle advances
     evenly and the stronger winding always has the whole duty, which gives more torque than a sine
@@ -42,11 +33,5 @@ def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
     a, b = round(scale * a, 9), round(scale * b, 9)  # a winding without current has exactly 0
     on_a, on_b = float(a != 0.0), float(b != 0.0)
     forward_a, forward_b = float(a > 0.0), float(b > 0.0)
-    return Levels(
-        pwma=abs(a) or duty,
-        ain2=forward_a,
-        ain1=on_a - forward_a,
-        bin1=forward_b,
-        bin2=on_b - forward_b,
-        pwmb=abs(b) or duty,
-    )
+    inputs = (forward_a, on_a - forward_a, forward_b, on_b - forward_b)
+    return (abs(a) or duty, *inputs, abs(b) or duty)

@@ -1,12 +1,28 @@
 import math
+from typing import NamedTuple
 
 import pytest
 
-from robot.hat.coils import Levels, ring_levels
+from robot.hat import coils
 
 MICROSTEPS = (1, 2, 4, 8, 16)
 # AIN2, BIN1, AIN1, BIN2 of the published half-step table.
 HALF_STEPS = ["1000", "1100", "0100", "0110", "0010", "0011", "0001", "1001"]
+
+
+class Levels(NamedTuple):
+    """In the order of the channels of the first port: PWMA is 8, PWMB is 13."""
+
+    pwma: float
+    ain2: float
+    ain1: float
+    bin1: float
+    bin2: float
+    pwmb: float
+
+
+def ring_levels(position: float, microsteps: int, duty: float) -> Levels:
+    return Levels(*coils.ring_levels(position, microsteps, duty))
 
 
 def ring(levels: Levels) -> str:
