@@ -1,8 +1,6 @@
 """The simulated world: PyBullet bodies, fisheye cameras, looks, tasks and virtual hardware.
 
-Importing it registers the tasks' environments with Gymnasium, by name only: what they need is
-imported when one is made. Where Gymnasium is absent (the robot's own tests need only the virtual
-hardware) nothing is registered.
+Importing it registers the tasks' environments with Gymnasium by name, where there is Gymnasium.
 """
 
 from __future__ import annotations

@@ -21,12 +21,9 @@ class MotorModel:
     """The motors of N robots, each after a ``DriveLook`` of its own.
 
     A command that reaches the wheels within a step of ``dt_s`` counts for the rest of that step; a
-    lag shorter than a step is none.
-
-    Attributes:
-        twists: (N, 2) forward speed [m/s] and turn rate [rad/s] now.
-        counted: likewise, by the steps that the motors made: what odometry knows. It does not know
-            of gain, trim and noise, nor of tyres that slip.
+    lag shorter than a step is none. ``twists`` (N, 2) are forward speed [m/s] and turn rate
+    [rad/s]; ``counted`` likewise by the steps made, as odometry knows them: without gain, trim,
+    noise and slip.
     """
 
     def __init__(self, n_robots: int, dt_s: float = PHYSICS_DT_S) -> None:

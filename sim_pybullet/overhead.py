@@ -84,7 +84,7 @@ class OverheadCamera:
         self._light = (even if light is None else light(floor_m)).astype(np.float32)
         self._floor = self._sample_ground(floor_m) * self._light  # lit, sharp, float32
         self._work = self._floor.copy()  # the same, with this picture's sheets
-        self._empty = _to_bytes(self._blurred(self._floor))
+        self._empty = cv2.convertScaleAbs(self._blurred(self._floor))
 
     def to_plane(self, pixels: np.ndarray, height_m: float) -> np.ndarray:
         """World points (..., 2) [m] where the rays of pixels (..., 2) pass this height."""
@@ -110,7 +110,7 @@ class OverheadCamera:
             near = np.s_[max(v0 - reach, 0) : v1 + reach, max(u0 - reach, 0) : u1 + reach]
             inner = drawn[near[0].start - top :, near[1].start - left :]
             target = picture[near]
-            target[:] = _to_bytes(inner[: target.shape[0], : target.shape[1]])
+            target[:] = cv2.convertScaleAbs(inner[: target.shape[0], : target.shape[1]])
         for u0, v0, u1, v1 in windows:
             self._work[v0:v1, u0:u1] = self._floor[v0:v1, u0:u1]
         if self._noise > 0.0:
@@ -158,10 +158,6 @@ class OverheadCamera:
         below = self._work[slices] * (1.0 - drawn[..., 3:] / 255.0)
         self._work[slices] = below + drawn[..., :3] * self._light[slices]
         return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-
-
-def _to_bytes(light: np.ndarray) -> np.ndarray:
-    return cv2.convertScaleAbs(light)
 
 
 @lru_cache(maxsize=2)

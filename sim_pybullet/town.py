@@ -25,18 +25,15 @@ _APART_M = 100.0  # at least, between the origins of two worlds in the client
 
 
 class Town:
-    """N robots among solids that do not move; robots pass through each other unless asked.
+    """N robots among solids that do not move; robots pass through each other unless they collide.
 
     ``worlds`` are W lists of solids (`sim_pybullet.scene.Scene.solids`); every robot is in one of
-    them and knows no other. Poses in and out are in the frame of that world's map.
+    them and knows no other. Poses in and out are in the frame of that world's map, and lie within
+    ``reach_m`` of its origin.
 
     ``planar`` robots have a single body, upright by construction, whose velocity is set in every
     step: they follow a twist exactly, until they meet something. Robots on ``wheels`` stand on
     the floor and move by the friction of two driven wheels and a caster (for virtual hardware).
-
-    Args:
-        robots_collide: whether the robots of one world meet each other.
-        reach_m: how far from its origin what a world is furnished with later may lie [m].
     """
 
     def __init__(

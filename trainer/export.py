@@ -54,9 +54,7 @@ def export_run(
 ) -> Exported:
     """Write ``model.onnx`` (and ``model_int8.onnx`` and ``export.json``) of a run's kept policy.
 
-    Raises:
-        ConfigError: the run has kept no policy yet.
-        ContractError: torch and ONNX disagree on some frame of ``env``.
+    ConfigError if there is none yet, ContractError if torch and ONNX disagree on some frame.
     """
     if not folder.best.exists():
         raise ConfigError(f"{folder.path}: expected a policy that an evaluation kept, found none")

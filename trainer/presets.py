@@ -1,9 +1,8 @@
 """The presets ``paper``, ``fast`` and ``debug`` of every task and algorithm.
 
 ``paper`` is the network and picture of the Duckiebot paper (Figures 7 and 15), ``fast`` the same
-shape made small enough for two CPU cores, ``debug`` takes seconds and learns nothing. What a task
-changes stands in its file in `sim_pybullet.tasks`, what an algorithm changes in
-`trainer.algorithms`.
+shape for two CPU cores, ``debug`` takes seconds and learns nothing. What a task or an algorithm
+changes stands in its own file.
 """
 
 from __future__ import annotations

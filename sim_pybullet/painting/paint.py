@@ -1,9 +1,8 @@
 """What is painted on one tile of each kind, as coverages, in the tile frame of Duckietown maps.
 
-Tile frame (orientation S): x to the right, z down, both in tiles from the tile's centre, as in a
-picture seen from above. Traffic keeps right. Bands are those of the reference simulator's own
-textures, made even so that lines meet whichever way tiles are turned; stop lines and corner pieces
-lie where they do on real mats.
+Tile frame (orientation S): x to the right, z down, both in tiles from the tile's centre, as seen
+from above. Traffic keeps right. Bands are those of the reference simulator's textures, made even
+so that lines meet however tiles are turned; stop lines and corners lie as on real mats.
 """
 
 from __future__ import annotations

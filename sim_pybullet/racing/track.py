@@ -1,8 +1,7 @@
 """Race tracks: closed centre lines of straights and arcs, as a YAML file has them.
 
 A ``Track`` is in the metres of a real race track. The simulator builds it at `SCALE`: a road 12 m
-wide is then as wide as a Duckietown tile, the robot is as large as a car, and its camera is at the
-height of a van driver's eyes. Speeds and distances of the racing task are those of the real track.
+wide is then as wide as a Duckietown tile, and the robot as large as a car.
 """
 
 from __future__ import annotations

@@ -84,9 +84,8 @@ def _with_room(array: np.ndarray, length: int) -> np.ndarray:
 class RayCamera:
     """Draws N robots' pictures in one call; keeps `sim_pybullet.rendering.camera.BatchCamera`.
 
-    Every robot may have its own scene and rig. Equal rigs share tables and scenes with the same
-    ``Ground`` under the same light share its packed floor, so a Scene with other solids costs
-    little. Neither may be changed in place after it was given.
+    Every robot may have its own scene and rig; equal rigs share tables, scenes with the same
+    ``Ground`` and light its packed floor. Neither may be changed in place after it was given.
     """
 
     def __init__(self, image: ImageSpec, n_robots: int) -> None:

@@ -50,10 +50,7 @@ def objects_of(road_map: RoadMap) -> tuple[MapObject, ...]:
 
     ``compat`` maps place them where gym-duckietown 6.1.34 does: ``pos`` shifted by rows - columns
     + 1 tiles to the south and ``rotate`` mirrored, ``attach`` with a ``pose`` put at the world's
-    origin, slot offsets in tiles.
-
-    Raises:
-        MapError: naming the object and what its entry should say.
+    origin, slot offsets in tiles. MapError names the object and what its entry should say.
     """
     entries, where = road_map.objects, f"{road_map.name}: objects"
     if entries is None:

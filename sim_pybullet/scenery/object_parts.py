@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from robot.typed_config import from_plain, read_yaml
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Rgb
 
 _FILE = Path(__file__).parents[1] / "assets" / "objects.yaml"
@@ -33,13 +32,8 @@ class Kind:
     """One kind of object."""
 
     height_m: float  # natural
-    class_name: str = "OBJECT"
+    class_name: str = "OBJECT"  # of `sim_pybullet.classes.SemanticClass`
     parts: tuple[Part, ...] = ()
-
-    @property
-    def semantic_class(self) -> SemanticClass:
-        """What a segmentation picture shows it as."""
-        return SemanticClass[self.class_name]
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,7 @@ import numpy as np
 from robot.errors import MapError, nearest
 from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.racing.track import Track, centre_line
@@ -88,7 +89,7 @@ def object_solids(item: MapObject) -> tuple[Solid, ...]:
             heading_rad=item.heading_rad,
             size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
             rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
-            kind=kind.semantic_class,
+            kind=SemanticClass[kind.class_name],
             base_m=scale * part.base,
             collides=part.collides,
         )

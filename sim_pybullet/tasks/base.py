@@ -60,18 +60,12 @@ def expect_some(task: str, maps: Sequence[object], robots: int, laps: float = 1.
 
 
 class Task(ABC):
-    """A path for each robot to follow, each in an episode of its own.
+    """A path for each robot to follow, each in an episode of its own, on a random map.
 
-    An episode begins on a random map, a little off the path and askew.
-
-    Args:
-        half_widths_m: (M,) distance from the path at which a robot leaves its lane.
-        start_spread: multiplies how far from the path and how askew an episode may begin, for
-            training. Good drivers hardly ever see the edge of the lane; there they learn to return.
-
-    Attributes:
-        paths: the path that each robot should follow now.
-        course: where each robot is on its path, after the last ``reset`` or ``step``.
+    ``half_widths_m`` (M,) are the distances from the path at which a robot leaves its lane;
+    ``start_spread`` multiplies how far from the path and how askew an episode may begin, for
+    training: good drivers hardly ever see the edge of the lane; there they learn to return.
+    ``paths`` are those to follow now, ``course`` where the robots are on them.
     """
 
     guided = False  # whether the policy gets path_input beside the picture

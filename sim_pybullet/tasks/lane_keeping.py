@@ -28,23 +28,16 @@ _PRACTICE_LAPS = 0.5  # more places, looks and bends for as many decisions
 
 
 class LaneKeeping(Task):
-    """Drive ``laps`` laps along the middle of the outer lane, or of the inner one.
+    """Drive ``laps`` laps along the middle of the outer lane, or of the inner one, or either.
 
-    Traffic keeps right: the outer lane goes round counter-clockwise, the inner one clockwise. So
-    a ring whose outer lane bends left only has an inner one that bends right only.
-
-    An episode begins at a random place of the lane, a little off its middle and its direction. The
+    Traffic keeps right: the outer lane goes round counter-clockwise, the inner one clockwise. An
+    episode begins at a random place of the lane, a little off its middle and its direction. The
     reward is that of `sim_pybullet.tasks.following.following_terms`.
 
     Terminated: more than half a lane (0.19 tiles) from the middle, more than 100 degrees off, or in
     collision. Truncated: all laps driven (success), or twice the time that they take at full speed.
 
-    Args:
-        lane: which one; with ``both`` an episode has either, as likely.
-
-    Raises:
-        ConfigError: no maps, no robots, no laps or no such lane.
-        MapError: a map is not a ring of road.
+    ConfigError for no maps, robots, laps or such lane; MapError for a map that is no ring of road.
     """
 
     term_names: tuple[str, ...] = TERM_NAMES

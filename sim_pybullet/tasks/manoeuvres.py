@@ -32,10 +32,7 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
     """All manoeuvres of a map: bends first, then junctions, each in the order of the lanes.
 
     A path begins where the lane before the manoeuvre begins and ends where the lane behind it ends;
-    of several such lanes the straightest counts.
-
-    Raises:
-        MapError: the map has neither bends nor junctions.
+    of several such lanes the straightest counts. MapError if the map has neither.
     """
     graph = LaneGraph(road_map)
     into: list[list[int]] = [[] for _ in range(graph.nodes)]
@@ -57,13 +54,9 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
 
 
 class Manoeuvres(Navigation):
-    """`Navigation` over the manoeuvres of one map instead of random missions.
+    """`Navigation` over the manoeuvres of one map, in turn, instead of random missions.
 
-    Numbered episodes go through the list in turn.
-
-    Raises:
-        ConfigError: not one map, or no robots.
-        MapError: the map has no manoeuvres.
+    ConfigError for several maps or none, MapError for one without manoeuvres.
     """
 
     def __init__(

@@ -37,14 +37,11 @@ class Navigation(Task):
     `sim_pybullet.tasks.following.following_terms`.
 
     Terminated, by the limits at which a real robot gives up (`robot.navigation.navigator`): a
-    quarter of a tile from the path, so over the middle of the yellow line or beside the road; more
-    than 100 degrees off; or in collision. Truncated: at the destination (success), or after twice
-    the time that the path takes at full speed. An arrival is no terminal state, since it would end
-    a stream of positive rewards and teach to dawdle.
+    quarter of a tile from the path, more than 100 degrees off, or in collision. Truncated: at the
+    destination (success), or after twice the time that the path takes at full speed. An arrival is
+    no terminal state, since it would end a stream of positive rewards and teach to dawdle.
 
-    Raises:
-        ConfigError: no maps or no robots.
-        MapError: a map has no route that is long enough.
+    ConfigError for no maps or robots, MapError for a map without a route that is long enough.
     """
 
     guided = True
@@ -100,9 +97,7 @@ class RandomRoutes:
     def draw(self, rng: np.random.Generator, begin: Pose | None = None) -> Path:
         """A path of at least `SHORTEST_TILES`, from a place on the road if one is given.
 
-        Raises:
-            MapError: none was found.
-            PlanError: that place is off the road.
+        MapError if none was found, PlanError if that place is off the road.
         """
         if begin is not None:  # says what is wrong with it
             plan_route(self._graph, begin, (begin.x_m, begin.y_m))

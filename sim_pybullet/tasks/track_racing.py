@@ -42,17 +42,16 @@ class TrackRacing(Task):
     """Drive ``laps`` laps around a track, seeing the last four pictures.
 
     An episode begins at rest at a random place, a little off the middle and its direction; where
-    starts are spread wider, at any speed. The
-    reward is paper B's, in the metres of the real track: (v cos(alpha) - distance) beta, v the
-    speed, alpha the angle between it and the track, distance from the middle of the road; gamma
-    instead where the car collides. A `Style` may weigh the distance otherwise, and turned wheels.
+    starts are spread wider, at any speed. The reward is paper B's, in the metres of the real track:
+    (v cos(alpha) - distance) beta, v the speed, alpha the angle between it and the track, distance
+    from the middle of the road; gamma instead where the car collides. A `Style` may weigh the
+    distance otherwise, and turned wheels.
 
     Terminated: in collision with a wall, beyond the grass where there is no wall, or more than 100
     degrees off (all count as collisions). Truncated: all laps driven (success), or 10 s behind
     a car of 4 m/s.
 
-    Raises:
-        ConfigError: no tracks, no robots or no laps, or a track that is not closed.
+    ConfigError for no tracks, robots or laps, or a track that is not closed.
     """
 
     frames = FRAMES

@@ -27,9 +27,8 @@ MOUNTING = (1.0, -1.0)
 class VirtualHat:
     """A PCA9685, four bridges and two rotors on a bus.
 
-    Motion follows the clock by itself: it is worked out up to the present whenever the coils change
-    or somebody asks for the wheels. So it serves a lock-step simulation (``VirtualClock``) as well
-    as a driver in another thread (``MonotonicClock``).
+    Motion is worked out up to the clock's present whenever the coils change or somebody asks for
+    the wheels: in lock-step (``VirtualClock``), or beside a driver in another thread.
     """
 
     def __init__(

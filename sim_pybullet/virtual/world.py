@@ -64,14 +64,9 @@ def beyond_nominal(look: DriveLook) -> DriveLook:
 
 
 class VirtualWorld:
-    """A town with one robot whose wheels are the rotors of a ``VirtualHat``.
+    """A town with one robot whose wheels are the rotors of a ``VirtualHat``; its camera, too.
 
     In lock-step somebody calls ``advance``; otherwise ``follow``, some sixty times a second.
-    It is the robot's camera (``robot.camera.source.Camera``), too.
-
-    Attributes:
-        scene: what there is to see.
-        travelled_m: length of the way driven so far.
     """
 
     def __init__(

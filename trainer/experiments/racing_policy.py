@@ -78,11 +78,7 @@ class SteeringPolicy:
 def named_policies(given: Sequence[str]) -> list[tuple[str, int, SteeringPolicy]]:
     """(name, seed, policy) of each ``name=model.onnx`` or ``name=model.onnx+translator.onnx``.
 
-    A name again is another seed.
-
-    Raises:
-        ConfigError: no name.
-        ContractError: not a policy.
+    A name again is another seed. ConfigError without a name, ContractError if it is no policy.
     """
     found: list[tuple[str, int, SteeringPolicy]] = []
     for text in given:

@@ -60,11 +60,9 @@ def turns(steering_deg: np.ndarray) -> np.ndarray:
 
 
 def load_drive(folder: Path) -> Drive:
-    """A recorded drive, see the module.
+    """A recorded drive, see the module; broken records of a tub are skipped and counted.
 
-    Raises:
-        ConfigError: no known layout, a line that cannot be read (in a tub it is skipped and
-            counted, as Donkeycar does), or a missing picture.
+    ConfigError for no known layout, a line that cannot be read, or a missing picture.
     """
     readers: dict[str, Callable[[Path], Iterable[_Row | None]]] = {
         "labels.csv": _labels_csv,

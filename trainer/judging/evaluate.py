@@ -111,11 +111,8 @@ class Evaluation:
 def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
     """The policy in a file; ``task``: what it shall do, else what it was trained for.
 
-    For robots it may have any actions that their wheels can do.
-
-    Raises:
-        ContractError: see ``OnnxPolicy``.
-        ConfigError: an unknown task, or one of another vehicle than the policy's.
+    For robots it may have any actions that their wheels can do. ContractError as of ``OnnxPolicy``;
+    ConfigError for an unknown task, or one of another vehicle than the policy's.
     """
     trained_for = task_of(model)
     actions = find_task(trained_for).actions
@@ -144,11 +141,7 @@ def evaluate(
     An episode is the same whichever others are driven (`sim_pybullet.episodes.NumberedEpisodes`),
     to the rounding of a robot's clock. Consecutive seeds take the maps in turn, and on each map
     both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or
-    nothing.
-
-    Raises:
-        ConfigError: the path shall be zero in a task that has none, or a lane be kept in one that
-            keeps none.
+    nothing. ConfigError for a path that is not there, or a lane in a task that keeps none.
     """
     if not len(seeds):
         return []

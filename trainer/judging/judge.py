@@ -47,9 +47,6 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
     """Drive, write the figures to ``out``, if any, and say how it went; the exit status.
 
     ``tracks``: whether to keep beside ``out`` where the robots drove; then single drives are not.
-
-    Raises:
-        DuckpilotError: what is asked cannot be done.
     """
     beside = drives_beside(out) if tracks and out else None
     expect_writable(out, beside, inputs=[Path(options.model)])

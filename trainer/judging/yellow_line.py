@@ -1,11 +1,10 @@
 """The yellow line of the road in one camera frame: where it runs, and whether we crossed it.
 
 As paper A, section 4.1: RGB to HSV, a yellow mask, the middles of its dashes, a parabola through
-them. Three things are added. Colours are balanced by the road, which is grey whatever the camera
-makes of it. Dashes are measured and fitted in metres on the floor, where they are as wide far away
-as near. And the line is judged at the nearest point ahead of the robot that its camera sees, 12 cm
-ahead of the axle: no picture tells where a line goes below the robot. Traffic keeps right: the line
-belongs on the robot's left.
+them. Colours are balanced by the road, which is grey whatever the camera makes of it. Dashes are
+measured and fitted in metres on the floor. The line is judged at the nearest point ahead of the
+robot that its camera sees, 12 cm ahead of the axle. Traffic keeps right: the line belongs on the
+robot's left.
 """
 
 from __future__ import annotations

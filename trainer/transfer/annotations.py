@@ -1,9 +1,8 @@
 """Labels that a person drew on photographs, which lie elsewhere.
 
-A file of annotations has a ``size`` [width, height] that its pixels count in, and for each
-photograph by name whether it is held out and its ``shapes``: a class of `RoadClass` and a polygon
-[[x, y], ...] or, with a ``width``, a line. Later shapes cover earlier ones. What no shape covers is
-background.
+A file has a ``size`` [width, height] that its pixels count in, and for each photograph by name
+whether it is held out and its ``shapes``: a class of `RoadClass` and a polygon [[x, y], ...] or,
+with a ``width``, a line. Later shapes cover earlier ones; the rest is background.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Gathering frames: from the simulator with their labels, from a folder, a video or a recording.
 
 A collection is a folder of 160x120 PNG files: ``image/``; from the simulator also ``label/`` of the
-same names (grey value: `sim_pybullet.classes.SemanticClass`). ``collection.yaml`` says where it
-comes from.
+same names (grey value: `sim_pybullet.classes.SemanticClass`).
 """
 
 from __future__ import annotations

@@ -3,14 +3,10 @@
 KID is told from features that need no download: those of a fixed network of random filters, three
 convolutions drawn from seed 0, each followed by rectification and halving, averaged over a grid of
 2 x 2 cells at every depth, and standardised by the set compared with. A deviation there counts for
-no less than one grey level: pictures are rounded to that, and the filters keep the scale of what
-they get (He et al. 2015). In a set whose skies are all alike, without texture, some features hardly
-deviate, and whatever differs from them would be infinitely far away.
+no less than one grey level: in a set whose skies are all alike some features hardly deviate.
 
 Untrained filters answer to colour, contrast, sharpness, noise and oriented texture, and hardly to
-what things are: a distance that falls says that pictures have come closer in these. Figures compare
-with others of the same folders and picture size only, and with nothing published, which uses
-Inception features.
+what things are. Figures compare with others of the same folders and picture size only.
 """
 
 from __future__ import annotations

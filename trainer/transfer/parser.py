@@ -1,8 +1,7 @@
 """A parser: SegNet taught on labelled frames, as a function of frames and as a translator.
 
-As a translator its pictures are the classes that it sees, painted. A policy that learned from such
-pictures drives on what is the same in simulation and in reality; what the parser gets wrong, it
-gets wrong in both. It needs the parser wherever it goes.
+As a translator its pictures are the classes that it sees, painted: what a policy that learned from
+them drives on is the same in simulation and in reality. It needs the parser wherever it goes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Paper B's realistic translation network: virtual -> parsing -> real, two pix2pix in a row.
 
 The first learns from the simulator's frames and labels, the second from photographs and what a
-parser sees in them; or from the frames and labels of another simulated world, which then stands
-for the real one (paper B, section 3.2). Between the two the picture is read: each pixel becomes the
-nearest class's colour, as the second network learned to take it.
+parser sees in them, or from another simulated world, which then stands for the real one (paper B,
+section 3.2). Between the two each pixel becomes the nearest class's colour.
 """
 
 from __future__ import annotations

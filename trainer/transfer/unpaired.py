@@ -1,8 +1,7 @@
 """A CycleGAN run: trained from beginning to end, or from where it was cut off; exported.
 
-Critics and generators chase each other, and more updates are not always better: pictures come
-closer to photographs and then drift away again, and lines fade or are drawn anew. So the best
-generators are kept, judged on pictures that none of them learned from.
+More updates are not always better: pictures come closer to photographs and drift away again, and
+lines fade. So the best generators are kept, judged on pictures that none of them learned from.
 """
 
 from __future__ import annotations
