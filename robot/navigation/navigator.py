@@ -29,10 +29,11 @@ from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
 from robot.navigation.sight_fix import LINE, ROAD, SightFix
 from robot.navigation.way_check import WayCheck
+from robot.navigation.whereabouts import Whereabouts
 from robot.parts import Guidance, Tick
 from robot.safety.governors import NOSE_M
 from robot.safety.state_machine import State
-from robot.vision.sight import OnnxSight
+from robot.vision.sight import OnnxSight, Seen
 
 ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
 # The middle of the yellow line, seen from the middle of the lane: beyond it the robot is on the
@@ -93,6 +94,7 @@ class MissionNavigator:
         self._views = [LaneView(road_map)] if glimpse is not None or lines else []
         self._fix = SightFix(self._fusion, self._views)
         self._lines = lines
+        self._search: Optional[Whereabouts] = None
         self._seen: Optional[int] = None  # number of the newest frame that was looked at
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer, self._driven_m = odometry(), 0.0
@@ -111,18 +113,16 @@ class MissionNavigator:
         return Pose(x_m, y_m, heading_rad) if math.isfinite(x_m + y_m + heading_rad) else None
 
     def put(self, pose: Pose) -> None:
-        """A person says where the robot stands, to 10 cm and 20 degrees.
-
-        PlanError for a robot without sight, one on a mission, and for a place beside the road.
-        """
+        """A person says where the robot stands, to 10 cm and 20 degrees; PlanError where not."""
         tile = self._road_map.tile_at(pose.x_m, pose.y_m)
         if self._glimpse is None:
             raise PlanError(
                 "expected a robot with sight, only the localizer tells this one's place"
             )
-        if self._driving or tile is None or not tile.is_road:
-            wrong = "it drives" if self._driving else "that is beside the road"
-            raise PlanError(f"expected a robot that stands on the road, {wrong}")
+        if self._driving:
+            raise PlanError("expected a robot that stands, it drives")
+        if tile is None or not tile.is_road:
+            raise PlanError("expected a place on the road, that is beside it")
         self._fusion.put(np.arange(1), np.array([pose]), WORD)
         self._way.reset()
         self._jumps = 0
@@ -131,11 +131,11 @@ class MissionNavigator:
         """How surely the place is known, and by what; None without sight, or a pose."""
         if self._glimpse is None or self.pose is None:
             return None
-        long_m, short_m, along_rad = np.minimum(self._fusion.ellipses[0], FAR_M).tolist()
         sources = {"overhead": self._arrived_s, "sight": float(self._fix.took_s[0])}
         heard = [name for name, at_s in sources.items() if now_s - at_s < HEARD_S]
-        turned_rad = min(float(self._fusion.certainty[0, 1]), math.pi)
-        return Belief(long_m, short_m, along_rad, turned_rad, (*heard, "wheels")[0])
+        long_m, short_m, along_rad = np.minimum(self._fusion.ellipses[0], FAR_M).tolist()
+        turned = self._fusion.certainty[0, 1]
+        return Belief(long_m, short_m, along_rad, float(turned), (*heard, "wheels")[0])
 
     def begin(self, mission: str, destination_m: XY) -> None:
         """Plan from here to ``destination_m`` [m], not the mission under way; errors as ``plan``.
@@ -158,6 +158,8 @@ class MissionNavigator:
         PlanError where there is none, or the robot's place is unknown or too far from any way.
         """
         if self.pose is None:
+            if self._search is not None:
+                raise PlanError(self._search.sentence)
             raise PlanError(
                 "expected an overhead pose of this robot before a mission, got none yet; "
                 "does the localizer see it, and does the link reach it?"
@@ -208,9 +210,9 @@ class MissionNavigator:
             not_moving=doubt.doubtful and doubt.stands,
             duplicate_publisher=self._gate.stream.conflict(now_s),
         )
-        if pose is None or self._path is None or self.status is None:
-            return guidance
-        return self._follow(guidance, self._path, pose, self.status)
+        if pose is not None and self._path is not None and self.status is not None:
+            return self._follow(guidance, self._path, pose, self.status)
+        return guidance
 
     def _follow(
         self, guidance: Guidance, path: Path, pose: Pose, status: MissionStatus
@@ -269,6 +271,8 @@ class MissionNavigator:
         arc_m = math.copysign(math.hypot(forward_m, left_m), forward_m)
         arc_m /= np.sinc(turn_rad / (2.0 * math.pi))
         self._fusion.move(np.array([arc_m]), np.array([turn_rad]), now_s)
+        if self._search is not None:
+            self._search.move(arc_m, turn_rad, now_s)
         self._driven_m += arc_m
         self._way.stepped(now_s, self._odometer)
 
@@ -302,17 +306,27 @@ class MissionNavigator:
         self._seen, sight = frame.sequence, self._glimpse.sight
         seen = sight(preprocess(frame.image, sight.contract.image)[None])
         self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
+        self._look_around(seen, frame.time_s)
         told = seen.line[0] > LINE and seen.road[0] > ROAD
         self._line_seen_m = self._driven_m + float(seen.figures[0, 3]) if told else math.nan
+
+    def _look_around(self, seen: Seen, now_s: float) -> None:
+        """A robot that nothing tells its place looks for it, while a person drives it by hand."""
+        if self.pose is not None:
+            self._search = None
+        elif self._search is None:
+            self._search = Whereabouts(self._road_map, self._views[0])
+        else:
+            for pose, deviations in self._search.see(seen, now_s):
+                self._fusion.put(np.arange(1), np.array([pose]), deviations)
 
     def _line_m(self, pose: Optional[Pose]) -> Optional[float]:
         """From the nose to the next red line: the map's, or what is seen where nothing is sure."""
         if not self._lines:
             return None
+        ahead_m = self._line_seen_m - self._driven_m
         if pose is not None and self._fusion.certainty[0, 0] <= MAP_LINES_M:
             ahead_m = self._views[0].line_ahead_m(pose)
-        else:
-            ahead_m = self._line_seen_m - self._driven_m
         return ahead_m - NOSE_M if math.isfinite(ahead_m) else None
 
     def _pose_within(self) -> Optional[Tuple[float, float]]:
@@ -332,5 +346,4 @@ class MissionNavigator:
 
     @property
     def _refused_places(self) -> int:
-        refused = self._gate.stream.refused
-        return refused["jump"] + refused["off the map"]
+        return sum(self._gate.stream.refused[why] for why in ("jump", "off the map"))

@@ -35,13 +35,15 @@ class FakeSight:
     def __call__(self, pictures: np.ndarray) -> Seen:
         road = None if self.blind else self.view.at(*self.world.pose)
         figures, line, sure = np.zeros((1, 4)), np.zeros(1), np.zeros(1)
+        junction = np.zeros((1, 5))
         if road is not None:
             line_m = road.line_m if 0.12 < road.line_m < 0.45 else math.nan
             curvature_pm = np.nan_to_num(road.curvature_pm)
             figures[0] = road.offset_m, road.heading_rad, curvature_pm, np.nan_to_num(line_m)
             line[0], sure[0] = math.isfinite(line_m), 1.0
+            junction[0, road.kind if road.line_m < 0.6 else 0] = 1.0
         deviations = np.array([[0.01, 0.05, 0.5, 0.02]])
-        return Seen(figures, deviations, line, sure, np.zeros((1, 5)))
+        return Seen(figures, deviations, line, sure, junction)
 
     def newest(self) -> Optional[Frame]:
         number = round(self.world.now_s / 0.1)
@@ -165,7 +167,7 @@ def test_where_it_stands_is_told_only_of_a_robot_with_sight_that_stands_on_the_r
     with pytest.raises(PlanError, match="robot with sight"):
         driving().navigator.put(Pose(0.5, 0.5, 0.0))
     world = seeing()
-    with pytest.raises(PlanError, match="beside the road"):
+    with pytest.raises(PlanError, match="on the road"):
         world.navigator.put(Pose(-0.2, 0.5, 0.0))
     world.navigator._driving = True
     before = world.navigator.pose

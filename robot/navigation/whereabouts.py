@@ -1,0 +1,176 @@
+"""Where am I? Hypotheses all over a map's lanes, of which driving and looking leaves one.
+
+Each hypothesis is a filter of its own (`robot.navigation.fusion`), moved by the wheels' steps and
+corrected by sight; besides, it is weighed by how well the map there explains what is seen: a road,
+its curvature, the red line, and the junction's kind (multiple hypothesis localisation: Jensfelt and
+Kristensen, IEEE Transactions on Robotics and Automation 17, 2001).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
+from robot.navigation.fusion import FusionConfig, PoseFusion
+from robot.navigation.lane_view import LaneView, RoadAhead
+from robot.navigation.road_map import RoadMap
+from robot.navigation.sight_fix import ROAD, SightFix
+from robot.vision.sight import Seen
+
+_APART_M = 0.2  # between hypotheses on a lane, at first
+_FIRST = (0.08, 0.05, 0.2)  # their deviations: along the lane, beside it [m], of the heading
+_AT_ONCE = 24  # that look at one picture; the others look at the next
+_SHARE = 0.2  # of what a picture tells: successive ones err alike
+_LEAST = 0.03  # of any probability: sight errs
+_NO_ROAD = 4.0  # against a hypothesis beside the road, of a picture that shows one
+_WORST = 4.5  # of a figure's half squared error
+_LINE_SEEN_M, _LINE_NEAR_M = (0.12, 0.45), (0.05, 0.6)  # as sight was taught
+_CURVATURE_PM = 0.5  # deviation of the map's curvature ahead
+_GIVEN_UP = math.log(1e-6)  # weight below the best one's
+_STEP_M = 0.02  # between pictures: who stands sees nothing new
+_SAME_M, _SAME_RAD = 0.25, 0.6
+_TWIN_M, _TWIN_RAD = 0.05, 0.3
+_SURE = 0.995  # share of the weight that is the place
+_DRIVEN_M = 0.5  # before which nobody is asked
+_WITHIN_M = 0.12  # how well the place is known
+
+
+class Place(NamedTuple):
+    """The place that is left: pose, and deviations of x [m], y [m] and heading [rad]."""
+
+    pose: Pose
+    deviations: Tuple[float, float, float]
+
+
+class Whereabouts:
+    """Looks for a robot's place on one map.
+
+    Attributes:
+        places: how many places fit what was seen.
+        junctions: how many the likeliest hypothesis has crossed.
+    """
+
+    def __init__(self, road_map: RoadMap, view: LaneView) -> None:
+        self._road_map, self._view = road_map, view
+        self._begin()
+
+    def _begin(self) -> None:
+        poses = _all_over(self._road_map)
+        self._fusion = PoseFusion(len(poses), FusionConfig(sight=True))
+        self._fix = SightFix(self._fusion, [self._view] * len(poses))
+        self._fusion.put(np.arange(len(poses)), poses, (_FIRST[0], _FIRST[0], _FIRST[2]))
+        self._weights = np.zeros(len(poses))  # logarithms, the greatest 0
+        self._alive = np.ones(len(poses), dtype=bool)
+        self._turn = self.junctions = 0
+        self._driven_m, self._looked_m, self._crossing = 0.0, 0.0, False
+        self.places = len(poses)
+
+    def move(self, forward_m: float, turn_rad: float, now_s: float) -> None:
+        """The wheels' steps that end now; for every tick."""
+        count = len(self._weights)
+        self._fusion.move(np.full(count, forward_m), np.full(count, turn_rad), now_s)
+        self._driven_m += abs(forward_m)
+
+    @property
+    def sentence(self) -> str:
+        """How far it has come, for a person."""
+        return (
+            f"the robot looks for its place, and {self.places} places fit what it saw; drive it by "
+            "hand through a junction or two, or say on the monitor where it stands"
+        )
+
+    def see(self, seen: Seen, now_s: float) -> Tuple[Place, ...]:
+        """Take what a new picture shows (N = 1); the place, once one is left."""
+        if seen.road[0] <= ROAD or self._driven_m - self._looked_m < _STEP_M:
+            return ()
+        group = self._alive & ((np.cumsum(self._alive) - 1) // _AT_ONCE == self._turn)
+        poses, certainty = self._fusion.poses, self._fusion.certainty
+        for i in np.flatnonzero(group).tolist():
+            road = self._view.at(*poses[i].tolist())
+            self._weights[i] += _SHARE * _likely(seen, road, float(certainty[i, 0]) / 2.0)
+        each = Seen(*(np.repeat(part, len(group), axis=0) for part in seen))
+        self._fix.see(each, group, now_s)
+        self._turn += 1
+        if self._turn * _AT_ONCE < self._alive.sum():
+            return ()  # not all have looked yet
+        self._turn, self._looked_m = 0, self._driven_m
+        return self._left()
+
+    def _left(self) -> Tuple[Place, ...]:
+        """The place, if only one is left; gives up what fits far worse, or is there twice."""
+        poses = self._fusion.poses
+        order = np.argsort(-np.where(self._alive, self._weights, -math.inf))
+        order = order[: int(self._alive.sum())]
+        self._weights -= self._weights[order[0]]
+        self._alive[:] = False
+        shares = np.zeros(len(order))  # of the places, the likeliest first
+        heads: List[int] = []
+        for i in order[self._weights[order] > _GIVEN_UP].tolist():
+            apart = np.abs(poses[heads] - poses[i])
+            turned = np.abs(np.asarray(wrap_angle(apart[:, 2])))
+            far_m = np.hypot(apart[:, 0], apart[:, 1])
+            self._alive[i] = not ((far_m < _TWIN_M) & (turned < _TWIN_RAD)).any()
+            same = np.flatnonzero((far_m < _SAME_M) & (turned < _SAME_RAD))
+            place = int(same[0]) if len(same) else len(heads)
+            if not len(same):
+                heads.append(i)
+            shares[place] = max(shares[place], math.exp(self._weights[i]))
+        self.places = int((shares > 0.05).sum())
+        best = int(order[0])
+        road = self._view.at(*poses[best].tolist())
+        crossing = road is not None and road.in_junction
+        self.junctions += self._crossing and not crossing
+        self._crossing = crossing
+        within_m, turned_rad = self._fusion.certainty[best].tolist()
+        if shares[0] < _SURE * shares.sum() or within_m > _WITHIN_M or self._driven_m < _DRIVEN_M:
+            return ()
+        beside_m = within_m / 2.0
+        return (Place(Pose(*poses[best].tolist()), (beside_m, beside_m, turned_rad / 2.0)),)
+
+
+def _likely(seen: Seen, road: Optional[RoadAhead], along_sd_m: float) -> float:
+    """Logarithm of how likely a picture is where the map shows this road."""
+    if road is None:
+        return -_NO_ROAD
+    told = 0.0
+    figures, deviations = seen.figures[0], seen.deviations[0]
+    line, line_m = max(_LEAST, min(1.0 - _LEAST, float(seen.line[0]))), road.line_m
+    (near, far), (nearest, farthest) = _LINE_SEEN_M, _LINE_NEAR_M
+    if near <= line_m <= far:
+        told += math.log(line)
+        variance = along_sd_m**2 + 4.0 * float(deviations[3]) ** 2
+        told -= line * min(_WORST, 0.5 * float(figures[3] - line_m) ** 2 / variance)
+    elif line_m > farthest + along_sd_m:
+        told += math.log(1.0 - line)
+    kinds = np.clip(seen.junction[0], _LEAST, 1.0)
+    if nearest <= line_m <= farthest:
+        told += math.log(kinds[road.kind])
+    elif line_m > 2.0 * farthest and not road.in_junction:
+        told += math.log(kinds[0])
+    if math.isfinite(road.curvature_pm):
+        slope = road.slope_pm2 * along_sd_m
+        variance = _CURVATURE_PM**2 + float(deviations[2]) ** 2 + slope**2
+        told -= min(_WORST, 0.5 * float(figures[2] - road.curvature_pm) ** 2 / variance)
+    for figure, expected in ((0, road.offset_m), (1, road.heading_rad)):
+        variance = 4.0 * float(deviations[figure]) ** 2 + _FIRST[figure + 1] ** 2
+        error = float(figures[figure]) - expected
+        told -= min(_WORST, 0.5 * error**2 / variance)
+    return told
+
+
+def _all_over(road_map: RoadMap) -> np.ndarray:
+    """(K, 3) poses along every lane of a map."""
+    found = []
+    for lane in road_map.lanes:
+        control = lane.control_points_m
+        length_m = float(np.hypot(*(control[3] - control[0])))
+        t = (np.arange(max(1, round(length_m / _APART_M))) + 0.5) / max(
+            1, round(length_m / _APART_M)
+        )
+        tangents = bezier_tangents(control, t)
+        headings = np.arctan2(tangents[:, 1], tangents[:, 0])
+        found.append(np.column_stack((bezier_points(control, t), headings)))
+    return np.concatenate(found)

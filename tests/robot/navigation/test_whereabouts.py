@@ -1,0 +1,136 @@
+"""A robot that is told nothing finds its place by driving and looking, or says that it cannot."""
+
+from __future__ import annotations
+
+import math
+from typing import List, Optional, Tuple
+
+import numpy as np
+import pytest
+
+from robot.errors import PlanError
+from robot.geometry import Pose, between, wrap_angle
+from robot.navigation.lane_view import LaneView
+from robot.navigation.navigator import Glimpse, MissionNavigator
+from robot.navigation.path import Path
+from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.road_map import RoadMap, load_map
+from robot.navigation.whereabouts import Place, Whereabouts
+from robot.vision.sight import Seen
+from tests.robot.navigation.test_navigator import TOWN, driving
+from tests.robot.navigation.test_sight_fix import FakeSight
+
+STEP_M = 0.03
+DEVIATIONS = np.array((0.015, 0.07, 0.6, 0.03))
+
+
+def look(view: LaneView, pose: Pose, rng: np.random.Generator) -> Seen:
+    """What sight would say at a pose, with its errors, missed lines and mistaken junctions."""
+    road = view.at(*pose)
+    assert road is not None
+    figures = np.array((road.offset_m, road.heading_rad, road.curvature_pm, road.line_m))
+    figures = np.nan_to_num(figures, posinf=0.3) + rng.normal(0.0, DEVIATIONS)
+    line = float(0.12 <= road.line_m <= 0.45)
+    if rng.random() < 0.1:
+        line = 1.0 - line
+    told = road.kind if road.line_m <= 0.6 else 0
+    kinds = np.full(5, 0.025)
+    kinds[int(rng.integers(5)) if rng.random() < 0.1 else told] = 0.9
+    parts = (figures, DEVIATIONS, 0.05 + 0.9 * line, 0.97, kinds)
+    return Seen(*(np.asarray(part)[None] for part in parts))
+
+
+def route(road_map: RoadMap, rng: np.random.Generator) -> Path:
+    """A long way from anywhere."""
+    graph = LaneGraph(road_map)
+    while True:
+        ends = [road_map.lanes[i].control_points_m for i in rng.integers(0, len(graph.lanes), 2)]
+        start = Pose(*ends[0][0], math.atan2(*(ends[0][1] - ends[0][0])[::-1]))
+        path = plan_path(graph, start, (float(ends[1][3][0]), float(ends[1][3][1])))
+        if path.length_m > 2.5:
+            return path
+
+
+def drive(road_map: RoadMap, seed: int) -> Tuple[Whereabouts, Optional[Place], Pose]:
+    """Along a random way, with wheels 3 % off, until the place is found; where it truly is."""
+    rng, view = np.random.default_rng(seed), LaneView(road_map)
+    path, search = route(road_map, rng), Whereabouts(road_map, view)
+    arcs_m = np.arange(0.0, path.length_m, STEP_M)
+    x_m, y_m = (np.interp(arcs_m, path.arc_m, path.points_m[:, k]) for k in (0, 1))
+    headings = np.interp(arcs_m, path.arc_m, np.unwrap(path.headings_rad))
+    poses = np.column_stack((x_m, y_m, headings))
+    steps = between(poses[:-1], poses[1:])
+    for k, step in enumerate(steps):
+        now_s = 0.1 * (k + 1)
+        search.move(1.03 * float(step[0]), float(step[2]), now_s)
+        truth = Pose(*poses[k + 1])
+        for place in search.see(look(view, truth, rng), now_s):
+            return search, place, truth
+    return search, None, truth
+
+
+def found_right(seeds: range) -> List[bool]:
+    """Whether each place was right that was found after at most three junctions."""
+    right: List[bool] = []
+    for seed in seeds:
+        search, place, truth = drive(TOWN, seed)
+        if place is None or search.junctions > 3:
+            assert place is not None or search.places > 1, "it says that more than one place fits"
+            continue
+        apart_m = math.dist(place.pose[:2], truth[:2])
+        turned = abs(float(wrap_angle(place.pose.heading_rad - truth.heading_rad)))
+        right.append(apart_m < 0.12 and turned < 0.35)
+    return right
+
+
+def test_a_place_is_found_after_three_junctions_and_is_right() -> None:
+    right = found_right(range(4))
+    assert len(right) >= 2
+    assert all(right)
+
+
+@pytest.mark.slow
+def test_nineteen_of_twenty_places_are_right() -> None:
+    right = found_right(range(60))
+    print(f"{sum(right)} of {len(right)} places found in 60 drives were right")
+    assert len(right) >= 30
+    assert sum(right) >= 0.95 * len(right)
+
+
+def test_where_every_place_looks_alike_it_never_says_that_it_knows() -> None:
+    loop = load_map("loop")
+    view, search = LaneView(loop), Whereabouts(loop, LaneView(loop))
+    rng, lane = np.random.default_rng(1), loop.lanes[0].control_points_m
+    pose = Pose(*lane[0], math.atan2(*(lane[1] - lane[0])[::-1]))
+    for k in range(1, 40):  # it stands: nothing new is seen
+        search.move(0.0, 0.0, 0.1 * k)
+        assert search.see(look(view, pose, rng), 0.1 * k) == ()
+    assert search.places > 4
+    assert f"{search.places} places fit" in search.sentence
+
+
+def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() -> None:
+    world = driving()
+    sight = FakeSight(world)
+    world.navigator = MissionNavigator(
+        TOWN,
+        lambda: None,
+        lambda: world.odometry,
+        "robot",
+        Glimpse(sight, sight.newest),  # type: ignore[arg-type]
+    )
+    goal = world.pose.to_world(np.array((0.3, 0.0)))
+    for _ in range(3):
+        world.turn(seen=False)
+    with pytest.raises(PlanError, match="places fit what it saw; drive it by hand"):
+        world.navigator.plan((float(goal[0]), float(goal[1])))
+    path = route(TOWN, np.random.default_rng(5))
+    world.pose = Pose(*path.points_m[0], float(path.headings_rad[0]))
+    for k in range(len(path.arc_m) - 1):
+        ends = np.column_stack((path.points_m, path.headings_rad))[[k, k + 1]]
+        step = between(ends[:1], ends[1:])[0]
+        world.turn(float(step[0]), float(step[2]), seen=False)
+        if world.navigator.pose is not None:
+            break
+    assert world.navigator.pose is not None
+    assert math.dist(world.navigator.pose[:2], world.pose[:2]) < 0.15
