@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import re
 import subprocess
 import sys
@@ -10,9 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import cv2
-import imageio.v3 as iio
-import numpy as np
+from PIL import Image
 
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
@@ -41,33 +40,35 @@ def take(folder: Path, program: str) -> None:
                     frames = _drive(page, found.group(), folder / "monitor.png")
             finally:
                 monitor.terminate()
-    small = [cv2.resize(frame, FILM_PX, interpolation=cv2.INTER_AREA) for frame in frames]
-    film = folder / "drive.gif"
-    iio.imwrite(
-        film, np.stack(small), duration=[*[int(500 * EVERY_S)] * (len(small) - 1), 2000], loop=0
+    flat = [frame.resize(FILM_PX).quantize(256, dither=Image.Dither.NONE) for frame in frames]
+    lasts_ms = [*[int(500 * EVERY_S)] * (len(flat) - 1), 2000]  # at double speed
+    flat[0].save(
+        folder / "drive.gif", save_all=True, append_images=flat[1:], duration=lasts_ms, loop=0
     )
 
 
-def _drive(page: Browser, address: str, picture: Path) -> list[np.ndarray]:
+def _drive(page: Browser, address: str, picture: Path) -> list[Image.Image]:
     """Frames of a mission, the picture is that of its middle."""
     page.size(*SIZE_PX)
     time.sleep(3.0)
     page.open(address)
     page.until(HEARD, 30.0)
     page.click(*page.evaluate(GOAL))
-    frames: list[np.ndarray] = []
+    frames: list[Image.Image] = []
     due_s, share = time.monotonic(), 0.0
-    while share < 100.0:
+    phase = "none"
+    while phase != "arrived":
         if len(frames) == 2:
             page.click_on("#go")
         due_s += EVERY_S
         time.sleep(max(0.0, due_s - time.monotonic()))
         before, share = share, page.evaluate(SHARE)
-        assert page.evaluate(PHASE) != "stopped", "too busy a computer: the robot stopped"
+        phase = page.evaluate(PHASE)
+        assert phase != "stopped", "too busy a computer: the robot stopped"
         if before < 50.0 <= share:
             page.screenshot(picture)
-        shot = page.call("Page.captureScreenshot", format="jpeg", quality=92)["data"]
-        frames.append(iio.imread(base64.b64decode(shot)))
+        shot = page.call("Page.captureScreenshot", format="png")["data"]
+        frames.append(Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB"))
     return frames
 
 

@@ -3,12 +3,16 @@
 import signal
 import subprocess
 import sys
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import pytest
 
+from robot.link.config import LinkConfig
+from robot.navigation.road_map import load_map
 from tests.robot.link.conftest import free_base_port, until
+from tools.monitor.demo_robot import DemoRobot
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads Linux's /proc")
 
@@ -28,3 +32,10 @@ def test_the_robot_ends_with_its_monitor(tmp_path: Path, how: signal.Signals) ->
         monitor.wait(10.0)
     proc = Path(f"/proc/{robots[0]}/cmdline")
     assert until(lambda: not proc.exists() or not proc.read_text(), 40.0)
+
+
+@pytest.mark.parametrize(("sees", "driver"), [(True, "dueling"), (False, "pursuit")])
+def test_with_eyes_a_shipped_policy_drives(sees: bool, driver: str) -> None:
+    config = LinkConfig(plaintext=True, base_port=free_base_port())
+    with closing(DemoRobot(load_map("loop"), config, sees)) as robot:
+        assert robot.runtime._policy.contract.algorithm == driver

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 from robot.command_line import OneLineParser, answer, whole
@@ -22,6 +23,7 @@ from robot.typed_config import load_yaml
 from tools.monitor.access import LOOPBACK_NAMES
 
 PORT = 8600
+DEMO_MODEL = "nav_dueling.onnx"
 WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15
 WS_QUEUE = 8
 LAST_PORT = 65_530  # the demonstration's links take the four after it
@@ -56,6 +58,7 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     """
     import uvicorn
 
+    from robot.inference.policy import SHIPPED_MODELS
     from tools.monitor.app import create_app
     from tools.monitor.monitor import Monitor
 
@@ -67,6 +70,8 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
             _listening("127.0.0.1", arguments.port + 1 + stream).close()
         config = LinkConfig(plaintext=True, base_port=arguments.port + 1)
         stack.enter_context(_demo_robot(arguments.map, config.base_port))
+        if find_spec("torch"):  # without the extra 'trainer' no attention is shown
+            arguments.model = arguments.model or SHIPPED_MODELS / DEMO_MODEL
     else:
         config = load_yaml(LinkConfig, arguments.link)
     token = secrets.token_urlsafe(16)

@@ -1,7 +1,7 @@
 """A robot, its camera and its localizer, simulated, on real links: the page cannot tell.
 
 The loop, its rules, missions and reports are the robot's own. Its wheels obey exactly, its eye is
-the simulator's, its policy steers for a point ahead. Run by
+the simulator's, its policy a shipped one; blind, it steers for a point ahead. Run by
 ``python -m tools.monitor --demo``, or by itself:
 ``python -m tools.monitor.demo_robot --base-port 5570 --map town``. It ends with who started it.
 """
@@ -28,6 +28,7 @@ from robot.contract import (
     PolicyContract,
 )
 from robot.geometry import Pose, WheelSpeeds
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
@@ -36,6 +37,7 @@ from robot.link.telemetry import Telemetry
 from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.road_map import RoadMap, load_map
+from robot.parts import Policy
 from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator
 from robot.runtime.reports import Reporter
@@ -44,6 +46,7 @@ from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Safety, State
 from robot.safety.wheel_limits import STILL
 from tools.lane_places import on_straight_lane
+from tools.monitor.__main__ import DEMO_MODEL
 
 NAME = "duck"
 LONGEST_S = 0.2  # of one move: a process that stalled must not leap
@@ -146,8 +149,9 @@ class DemoRobot:
             *(about, LIMITS, navigator, Health(time.monotonic).readings),
         )
         self.safety = Safety(clock.now, LIMITS)
+        policy: Policy = OnnxPolicy(SHIPPED_MODELS / DEMO_MODEL) if camera.sees else PurePursuit()
         self.runtime = Runtime(
-            *(camera, PurePursuit(), self._motors, self.safety, clock),
+            *(camera, policy, self._motors, self.safety, clock),
             subscribers=(navigator, reporter),
             operators=(RemoteOperator(config.command_server(self._link), navigator),),
             navigator=navigator,

@@ -32,7 +32,7 @@ PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
 CURVES = (
     "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean of "
-    "the last 50 training episodes, which may be shorter and act by chance at times; pink: each"
+    "the last 50 training episodes (pink), which may be shorter and act by chance at times."
 )
 DRIVES = (
     "Every episode from above; crosses: where a robot failed. Colour: distance from the path, the "
