@@ -18,7 +18,7 @@ from robot.camera.source import Frame
 from robot.geometry import Pose, WheelSpeeds
 from robot.parts import Sight
 from robot.safety.wheel_limits import STILL
-from robot.vision.road_fit import RoadFit, Verdict
+from robot.vision.road_fit import RoadFit, Verdict, washed_out
 
 BLOCK_PX = 8
 COLUMNS, ROWS = 20, 15  # blocks of a frame
@@ -124,8 +124,10 @@ class PictureDoubts:
             self._verdict.forget()
 
     def _judge(self, frame: Frame, pose: Optional[Pose]) -> None:
-        fits = None if self._road is None else self._road.fits(frame.image, pose)
-        if fits is not None and self._verdict is not None:
+        if self._road is None or self._verdict is None or washed_out(frame.image):
+            return
+        fits = self._road.fits(frame.image, pose)
+        if fits is not None:
             seems = self._verdict.add(fits)
             self._wrong = f"the road lies in the picture as if that were {seems}" if seems else ""
 

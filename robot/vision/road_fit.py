@@ -41,6 +41,7 @@ TILE_M = 0.585  # of Duckietown's mats
 FAR_WHITE_TILES = 0.632  # the far edge of the road, beside the middle of the right lane
 DASHED = 0.64  # share of the yellow line that is painted
 CLIPPED = 3.0  # mean deviations; one lamp shall not outweigh a road
+WHITE_LEVEL = 250  # of all colours, where a sensor has had too much light
 LEAST_LEVELS = 2.0  # of deviation: below that there is only noise
 TURNS, SHIFT_TURNS, ROLL_TURNS = 20, 40, 60  # of the loop that are judged together
 # Of another reading's fit that the picture as it is must not reach: half, where honest pictures in
@@ -96,6 +97,14 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
         *(shifted(right, 0.0) for right in (-10.0, 10.0, 20.0)),
         *(shifted(0.0, down) for down in (-10.0, 10.0, 15.0)),
     )
+
+
+def washed_out(frame: np.ndarray) -> bool:
+    """Whether most of the floor in a frame (H, W, 3) is mere white: too bright to show a road."""
+    import cv2
+
+    floor = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)[ROWS // 2 :]
+    return float((floor.min(axis=-1) >= WHITE_LEVEL).mean()) > 0.5
 
 
 def small_picture(frame: np.ndarray) -> np.ndarray:

@@ -220,5 +220,10 @@ def test_a_thinned_path_keeps_both_ends_and_its_bends() -> None:
     middles = (thin[1:] + thin[:-1]) / 2
     in_bend = middles[middles[:, 0] > 0.0]
     assert np.abs(np.hypot(in_bend[:, 0], in_bend[:, 1] - 0.2) - 0.2).max() < 0.01
+    spiral = [
+        (round(0.01 * k * math.cos(k), 3), round(0.01 * k * math.sin(k), 3)) for k in range(97)
+    ]
+    assert thin_path(np.array(spiral[:96])) == tuple(spiral[:96]), "so many travel as they are"
+    assert len(thin_path(np.array(spiral))) <= 96
     assert thin_path(np.zeros((0, 2))) == ()
     assert len(thin_path(np.zeros((500, 2)))) >= 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Iterator, Tuple
+from typing import Callable, Iterator, Optional, Tuple
 
 import numpy as np
 import pytest
@@ -11,12 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.camera.source import Frame
-from robot.geometry import WheelSpeeds
+from robot.geometry import Pose, WheelSpeeds
 from robot.parts import Sight
 from robot.vision.plausibility import PictureDoubts
+from robot.vision.road_fit import Reading, RoadFit
 
 SHAPE = (120, 160, 3)
 STILL, AHEAD = WheelSpeeds(0.0, 0.0), WheelSpeeds(0.3, 0.3)
+ZERO = np.zeros(1)
 Picture = Callable[[int, np.random.Generator], np.ndarray]
 
 
@@ -167,3 +169,22 @@ def test_without_a_frame_both_ages_grow() -> None:
         doubts.look(Frame(passing(number, rng), number, 0.1 * number), None, AHEAD, 0.1 * number)
     sight = doubts.look(None, None, AHEAD, 0.7)
     assert (sight.blind_s, sight.still_s) == pytest.approx((0.5, 0.5), abs=0.11)
+
+
+class Liar(RoadFit):
+    """Says of every picture that it fits better mirrored."""
+
+    def __init__(self) -> None:
+        self.readings = (Reading("", ZERO, ZERO), Reading("mirrored", ZERO, ZERO))
+
+    def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
+        return np.array([[0.0, 2.0]])
+
+
+@pytest.mark.parametrize("light", [1.0, 4.0])
+def test_where_a_road_lies_is_not_asked_of_a_floor_that_is_mere_white(light: float) -> None:
+    doubts, rng = PictureDoubts(Liar()), np.random.default_rng(0)
+    for number in range(30):
+        picture = np.clip(light * passing(number, rng).astype(float), 0, 255).astype(np.uint8)
+        sight = doubts.look(Frame(picture, number, 0.1 * number), None, AHEAD, 0.1 * number)
+    assert bool(sight.wrong) is (light == 1.0)

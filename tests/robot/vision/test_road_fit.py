@@ -14,7 +14,7 @@ from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from robot.navigation.road_paint import road_paint
-from robot.vision.road_fit import LaneFit, MapFit, Reading, RoadFit, Verdict
+from robot.vision.road_fit import LaneFit, MapFit, Reading, RoadFit, Verdict, washed_out
 
 ROAD: RoadMap = read_map({"tile_size": 0.585, "tiles": [["straight/E"] * 8]}, "straight")
 MIDDLE_M = 0.5 * 0.585 - 0.2 * 0.585  # of the lane that leads east, north of the south edge
@@ -93,6 +93,26 @@ def test_a_spoiled_picture_is_called_by_its_name(
     turns = 60 if name == "rolled" else 20  # 6 s for what is most like a bend, else 2 s
     assert drive(on_map, SPOILS[name], turns=turns) == name
     assert name == "rolled" or drive(in_lane, SPOILS[name])
+
+
+@pytest.mark.parametrize("degrees", [-90.0, 90.0])
+def test_a_camera_on_its_side_is_noticed_within_two_seconds(degrees: float, on_map: MapFit) -> None:
+    turn = cv2.getRotationMatrix2D((79.5, 59.5), degrees, 1.0)
+    spoil = lambda picture: cv2.warpAffine(picture, turn, (160, 120))  # noqa: E731
+    assert drive(on_map, spoil, turns=20) == "rolled"
+
+
+@pytest.mark.parametrize(
+    ("share", "level", "washed"),
+    [(0.6, 255, True), (0.6, 251, True), (0.6, 245, False), (0.4, 255, False), (0.0, 255, False)],
+)
+def test_a_floor_that_is_mostly_white_is_washed_out(share: float, level: int, washed: bool) -> None:
+    picture = draw()
+    picture[:60] = 255  # of the sky nobody asks
+    picture[60:, : round(160 * share)] = level
+    assert washed_out(picture) is washed
+    picture[60:, :, 1] = np.minimum(picture[60:, :, 1], 200)  # a colour is no white
+    assert not washed_out(picture)
 
 
 @pytest.mark.parametrize("columns", [-40, 40, 80])

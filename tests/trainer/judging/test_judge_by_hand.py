@@ -236,3 +236,16 @@ def test_the_worst_row_is_after_the_first_twenty() -> None:
     short = replace(track, offset_m=offsets[19:21], end="collided")
     assert (short.worst, short.badness) == (1, (True, pytest.approx(0.2)))
     assert module.INTERRUPTED == 130
+
+
+@pytest.mark.parametrize(("tracks", "name"), [(False, "model.onnx"), (True, "e.json"), (False, "")])
+def test_what_cannot_be_written_is_said_before_the_policy_is_opened(
+    tmp_path: Path, tracks: bool, name: str
+) -> None:
+    model, out = tmp_path / "model.onnx", tmp_path / name
+    model.write_bytes(b"no policy at all")
+    if tracks:
+        drives_beside(out).mkdir()
+    with pytest.raises(ConfigError, match="expected a file"):
+        module.judge(out, EvaluateOptions(model=model), tracks, Console())
+    assert model.read_bytes() == b"no policy at all"
