@@ -26,46 +26,26 @@ ZEROS = {"image": None, "path": None}
 class TrainOptions:
     """How a policy is trained; every name is an option of ``train`` and a key of its matrix."""
 
-    task: str = "lane"
-    """lane, navigation or track."""
-    algo: str = "dueling"
-    """ddqn, dueling, a2c, a3c, ppo, dagger or coached."""
-    preset: str = "fast"
-    """paper, fast or debug."""
-    map: tuple[str, ...] = ()
-    """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
-    lane: str = "outer"
-    """Of a ring, in the task lane: outer, inner (the other way round), or both."""
-    steps: int | None = None
-    """Decisions of all robots together; else the preset's."""
-    seconds: float | None = None
-    """Stop after so much wall-clock time."""
-    seed: int = 0
-    """Of everything random."""
-    look: str = "nominal"
-    """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
-    without: tuple[str, ...] = ()
-    """What of the look stays nominal, GROUP or GROUP.FIELD."""
-    pose_error: str | None = None
-    """none or arena, in place of the look's own."""
-    translate: str | None = None
-    """An ONNX translator, or a parser, that every picture passes through."""
-    judge_map: tuple[str, ...] = ()
-    """Where the policy is chosen: maps it drives on between updates, if not those of training."""
-    judge_look: str = ""
-    """In which look it is chosen, if not in that of the training; untranslated."""
-    style: str = "race"
-    """Of the task track: race, or cruise along the road as people do, wherever on it they are."""
-    judgings: int | None = None
-    """How often it is judged at most, evenly spread; else by the preset."""
-    rate_left: float | None = None
-    """Share of the learning rate at the last step, to which it falls evenly; else the preset's."""
-    start_spread: float | None = None
-    """How many times as far off its path a robot starts in training; else the preset's."""
-    true_path: float | None = None
-    """Weight of the auxiliary task, to tell the true path from the picture; else the preset's."""
-    full: bool = False
-    """Use all the steps, even when the task has been learned."""
+    task: str = "lane"  # lane, navigation or track.
+    algo: str = "dueling"  # ddqn, dueling, a2c, a3c, ppo, dagger or coached.
+    preset: str = "fast"  # paper, fast or debug.
+    map: tuple[str, ...] = ()  # Map or track files, or shipped names or folders; else the task's.
+    lane: str = "outer"  # Of a ring, in the task lane: outer, inner (the other way round), or both.
+    steps: int | None = None  # Decisions of all robots together; else the preset's.
+    seconds: float | None = None  # Stop after so much wall-clock time.
+    seed: int = 0  # Of everything random.
+    look: str = "nominal"  # A YAML file with a look or a distribution of looks, or a shipped name.
+    without: tuple[str, ...] = ()  # What of the look stays nominal, GROUP or GROUP.FIELD.
+    pose_error: str | None = None  # none or arena, in place of the look's own.
+    translate: str | None = None  # An ONNX translator or parser that every picture passes through.
+    judge_map: tuple[str, ...] = ()  # Where the policy is chosen, if not on the training's maps.
+    judge_look: str = ""  # In which look it is chosen, if not that of the training; untranslated.
+    style: str = "race"  # Of the task track: race, or cruise along the road as people do.
+    judgings: int | None = None  # How often it is judged at most, evenly spread; else the preset's.
+    rate_left: float | None = None  # Share of the learning rate at the end; else the preset's.
+    start_spread: float | None = None  # Times as far off its path robots start; else the preset's.
+    true_path: float | None = None  # Weight of telling the true path, too; else the preset's.
+    full: bool = False  # Use all the steps, even when the task has been learned.
 
     def config(self) -> RunConfig:
         """The run asked for; DuckpilotError for a wrong name, or what is kept for judging."""
@@ -102,32 +82,20 @@ class TrainOptions:
 class EvaluateOptions:
     """How a policy is judged; every name is an option of ``evaluate`` and a key of its matrix."""
 
-    model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
-    """A policy, .onnx."""
+    model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""  # A policy, .onnx.
     task: str | None = None
     """lane, four_laps, hundred_laps, navigation, manoeuvres or track; else the policy's own."""
-    map: tuple[str, ...] = ()
-    """Map or track files, or names or folders of shipped ones; else loop, arena or forest."""
-    lane: str | None = None
-    """Of rings: outer, inner (the other way round) or both, in turn; else outer."""
-    look: str = "nominal"
-    """A YAML file with a look or a distribution of looks, or the name of a shipped one."""
-    without: tuple[str, ...] = ()
-    """What of the look stays nominal, GROUP or GROUP.FIELD."""
-    pose_error: str | None = None
-    """none or arena, in place of the look's own."""
-    translate: str | None = None
-    """An ONNX translator between the preprocessed picture and the policy."""
-    overhead: str = "always"
-    """When overhead poses come to who navigates: always, 1-in-20 seconds, or at the start only."""
-    sight: str | None = None
-    """An ONNX sight, which corrects where robots believe to be."""
-    zero: str | None = None
-    """image or path: what the policy gets zeros for, to see what it is worth."""
-    episodes: int = 100
-    """How many."""
-    seed: int = 1000
-    """Of the first episode; the next ones have the next seeds."""
+    map: tuple[str, ...] = ()  # Map or track files, or shipped names or folders; else the task's.
+    lane: str | None = None  # Of rings: outer, inner (the other way round) or both, in turn.
+    look: str = "nominal"  # A YAML file with a look or a distribution of looks, or a shipped name.
+    without: tuple[str, ...] = ()  # What of the look stays nominal, GROUP or GROUP.FIELD.
+    pose_error: str | None = None  # none or arena, in place of the look's own.
+    translate: str | None = None  # An ONNX translator between preprocessed picture and policy.
+    overhead: str = "always"  # When overhead poses come: always, 1-in-20 (seconds) or start.
+    sight: str | None = None  # An ONNX sight, which corrects where robots believe to be.
+    zero: str | None = None  # image or path: what the policy gets zeros for.
+    episodes: int = 100  # How many.
+    seed: int = 1000  # Of the first episode; the next ones have the next seeds.
 
     def check(self) -> None:
         """DuckpilotError unless these ask for something."""

@@ -20,32 +20,22 @@ NETS = ("paper", "small")  # of SegNet and of pix2pix
 class Sources:
     """Where labelled frames come from."""
 
-    pairs: tuple[str, ...] = ()
-    """Folders with image/ and label/: CamVid's, or collections from the simulator."""
-    annotations: str = ""
-    """A file of labels drawn on photographs, or the name of a shipped one."""
-    photos: str = ""
-    """The folder of these photographs."""
+    pairs: tuple[str, ...] = ()  # Folders with image/ and label/: CamVid's, or collections.
+    annotations: str = ""  # A file of labels drawn on photographs, or the name of a shipped one.
+    photos: str = ""  # The folder of these photographs.
 
 
 @dataclass(frozen=True)
 class ParseOptions:
     """How a parser is taught."""
 
-    sources: Annotated[Sources, tyro.conf.arg(name="")] = Sources()
-    """What it learns from."""
-    labels: str = "road"
-    """camvid (11 classes of full-size roads), road (6 of a robot's road) or track (7 of a race)."""
-    net: str = "small"
-    """small or paper."""
-    size: tuple[int, int] = (120, 160)
-    """Height and width of what the network sees [px]."""
-    steps: int = 2000
-    """Updates."""
-    batch: int = 8
-    """Frames in an update."""
-    seed: int = 0
-    """Of everything random."""
+    sources: Annotated[Sources, tyro.conf.arg(name="")] = Sources()  # What it learns from.
+    labels: str = "road"  # camvid (11 classes of full-size roads), road (6) or track (7).
+    net: str = "small"  # small or paper.
+    size: tuple[int, int] = (120, 160)  # Height and width of what the network sees [px].
+    steps: int = 2000  # Updates.
+    batch: int = 8  # Frames in an update.
+    seed: int = 0  # Of everything random.
 
     def __post_init__(self) -> None:
         _known("net", self.net, NETS)
@@ -55,24 +45,15 @@ class ParseOptions:
 class ThroughOptions:
     """How a translation through parsing is taught."""
 
-    sim: str
-    """A collection from the simulator."""
-    real: str
-    """A folder of photographs, or a collection of another look that stands for them."""
-    parser: str = ""
-    """What labels photographs (python -m trainer parse train --labels road), .pt."""
-    preset: str = "fast"
-    """The pictures are those of the policies of this preset."""
-    net: str = "small"
-    """small or paper."""
-    steps: int = 2000
-    """Updates of each of the two networks."""
-    seed: int = 0
-    """Of everything random."""
-    task: str = "lane"
-    """Of the policies whose pictures these are."""
-    labels: str = "road"
-    """road, or track for race tracks: kerbs, grass, walls and sky are told apart."""
+    sim: str  # A collection from the simulator.
+    real: str  # A folder of photographs, or a collection of another look that stands for them.
+    parser: str = ""  # What labels photographs (python -m trainer parse train --labels road), .pt.
+    preset: str = "fast"  # The pictures are those of the policies of this preset.
+    net: str = "small"  # small or paper.
+    steps: int = 2000  # Updates of each of the two networks.
+    seed: int = 0  # Of everything random.
+    task: str = "lane"  # Of the policies whose pictures these are.
+    labels: str = "road"  # road, or track, which tells kerbs, grass, walls and sky apart.
 
     def __post_init__(self) -> None:
         _known("net", self.net, NETS)
