@@ -175,7 +175,7 @@ def draw_table(table: Table, path: Path) -> None:
         axis.plot(seen[0], at, "o", color="black", markersize=3)
     axis.set_yticks(places, list(drivers))
     axis.invert_yaxis()
-    axis.set(xlim=(0, 1), xlabel=f"share of turns foretold, {table.test_frames} test frames")
+    axis.set(xlim=(0, 1), xlabel=f"share of turns predicted, {table.test_frames} test frames")
     figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize="small")
     save_figure(figure, path)
 
