@@ -14,7 +14,7 @@ from robot.output import expect_folder
 from trainer.config import RunConfig
 from trainer.options import EvaluateOptions, TrainOptions, extended, refuse_others
 from trainer.run import RunFolder, read_json, refuse_run
-from trainer.sweeps.sweep import SweepOptions, WorkerOptions, combinations, cores
+from trainer.sweeps.sweep import SweepOptions, WorkerOptions, combinations
 
 if TYPE_CHECKING:
     from trainer.training.crew import Launcher
@@ -48,7 +48,7 @@ class TrainJob:
 
     def run(self, console: Console) -> int:
         """Train, and say how it went; a run that has ended is left as it is."""
-        folder, options = RunFolder(self.out), self.options
+        folder, options, launcher = RunFolder(self.out), self.options, self._launcher()
         if not self.resume:
             refuse_run(self.out)
         if folder.config.exists():
@@ -64,38 +64,37 @@ class TrainJob:
                 console.print(f"{self.out}: done before, {said}; nothing to do", markup=False)
                 return 0
         else:
-            config = self._shared_out(options.config())
+            config = options.config()
+            config = replace(config, workers=self._processes(config, launcher))
         expect_folder(self.out)
         from trainer.envs import make_env
         from trainer.training.train import train
 
-        metrics = train(config, folder, make_env, console, launcher=self._launcher())
+        metrics = train(config, folder, make_env, console, launcher=launcher)
         console.print(
             f"{self.out}: {metrics.train_steps} steps in {metrics.train_seconds:.1f} s, success "
             f"{metrics.success_rate:.0%}, stopped by {metrics.stopped_by}"
         )
         return INTERRUPTED if metrics.stopped_by == "interrupted" else 0
 
-    def _shared_out(self, config: RunConfig) -> RunConfig:
-        """Among the processes asked for, else among as many as serve on this machine."""
+    def _launcher(self) -> Launcher:
+        """Who starts the other processes of the training."""
+        from trainer.sweeps.workers import connect
+        from trainer.training.followers import LocalFollowers, RayFollowers
+
+        ray = None if self.alone is None else self.alone.ray
+        return LocalFollowers() if ray is None else RayFollowers(connect(ray))
+
+    def _processes(self, config: RunConfig, launcher: Launcher) -> int:
+        """As many as are asked for, else as serve; one, where this is one of many jobs."""
         from trainer.algorithms import find_algorithm
         from trainer.training.crew import good_number
 
-        if self.alone is None:
-            return config
-        workers = self.alone.workers
-        if workers is None and not find_algorithm(config.algorithm).own_worlds:
-            workers = good_number(config.learn.robots, cores())
-        return replace(config, workers=workers or 1)
-
-    def _launcher(self) -> Launcher | None:
-        """Who starts the other processes; None: this machine."""
-        if self.alone is None or self.alone.ray is None:
-            return None
-        from trainer.sweeps.workers import connect
-        from trainer.training.followers import RayFollowers
-
-        return RayFollowers(connect(self.alone.ray))
+        if self.alone is not None and self.alone.workers is not None:
+            return self.alone.workers
+        if self.alone is None or find_algorithm(config.algorithm).own_worlds:
+            return 1
+        return good_number(config.learn.robots, launcher.cores)
 
 
 def ended(folder: RunFolder, config: RunConfig) -> str:

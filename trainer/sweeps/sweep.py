@@ -108,15 +108,10 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
     return 1 if failures else 0
 
 
-def cores() -> int:
-    """That this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def _workers(many: WorkerOptions) -> LocalWorkers | RayWorkers:
     if many.ray is not None:
         return RayWorkers(many.ray)
-    count = cores() if many.workers is None else many.workers
+    count = len(os.sched_getaffinity(0)) if many.workers is None else many.workers
     if count < 1:
         raise ConfigError(f"workers: expected 1 or more, got {count}")
     return LocalWorkers(count)

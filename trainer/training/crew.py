@@ -120,6 +120,7 @@ class Launcher(Protocol):
     """Who runs `trainer.training.follow.follow` in other processes."""
 
     host: str  # of the leader, as they reach it
+    cores: int  # for all processes of a training
 
     def start(self, orders: list[Orders]) -> None:
         """One process for each."""
@@ -191,10 +192,10 @@ class Crew:
 
     def close(self) -> None:
         """End the followers."""
-        self._launcher.close()
         if self._peers is not None:
             self._peers.close()
             self._peers = None
+        self._launcher.close()
 
     def _muster(self) -> None:
         host, workers = self._launcher.host, self._config.workers

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
+import sys
 import time
 
 import torch
@@ -40,6 +40,7 @@ class _Tell(BaseCallback):
 def follow(orders: Orders) -> None:
     """Learn with the leader until it has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the leader's affair
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     torch.set_num_threads(orders.config.threads)
     config, rank = share_of(orders.config, orders.rank), orders.rank
     env = learning_world(config, orders.make_env)
@@ -60,4 +61,4 @@ def follow(orders: Orders) -> None:
         steps = max(0, config.steps - model.num_timesteps)
         model.learn(steps, tell, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # no log
     except (PeerLostError, distributed.DistError):
-        os._exit(0)  # the leader has what it wanted; nothing here is worth keeping
+        return  # the leader has what it wanted; nothing here is worth keeping

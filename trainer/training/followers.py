@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from multiprocessing import forkserver
 from typing import Any
 
@@ -11,6 +12,8 @@ from trainer.one_thread import one_thread_each
 from trainer.training.crew import Orders
 from trainer.training.follow import follow
 
+_LEAVE_S = 5.0  # that a process gets to leave in order
+
 
 class LocalFollowers:
     """Processes of this machine; see `trainer.training.crew.Launcher`."""
@@ -18,6 +21,7 @@ class LocalFollowers:
     host = "127.0.0.1"
 
     def __init__(self) -> None:
+        self.cores = len(os.sched_getaffinity(0))
         self._processes: list[Any] = []
 
     def start(self, orders: list[Orders]) -> None:
@@ -40,6 +44,9 @@ class LocalFollowers:
     def close(self) -> None:
         """End them all."""
         for process in self._processes:
+            process.terminate()
+        for process in self._processes:
+            process.join(_LEAVE_S)
             process.kill()
             process.join()
         self._processes = []
@@ -54,6 +61,7 @@ class RayFollowers:
 
     def __init__(self, ray: Any) -> None:
         self._ray, self.host = ray, ray.util.get_node_ip_address()
+        self.cores = 1 + int(ray.cluster_resources().get("CPU", 0))  # with the leader's own
         # one process each and no second try: the leader replaces who is lost
         self._follow = ray.remote(num_cpus=1, max_retries=0, max_calls=1)(follow)
         self._references: list[Any] = []

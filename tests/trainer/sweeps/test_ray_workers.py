@@ -3,18 +3,23 @@
 import os
 import signal
 import socket
+import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from rich.console import Console
 
 from robot.errors import ConfigError
 from tests.trainer.chores import Chore, ToyTraining
-from tests.trainer.toy import toy_config
+from tests.trainer.toy import make_toy, toy_config
 from trainer.run import RunFolder
-from trainer.sweeps.workers import RayWorkers, last_words
+from trainer.sweeps.workers import RayWorkers, connect, last_words
+from trainer.training.followers import RayFollowers
+from trainer.training.train import train
 
 ray = pytest.importorskip("ray")
 
@@ -80,3 +85,43 @@ def test_where_no_cluster_answers_is_wrong_input_within_twenty_seconds(listens: 
         with pytest.raises(ConfigError, match="expected the address of a running cluster"):
             RayWorkers(address)
         assert time.monotonic() - began < 20.0
+
+
+@pytest.mark.slow
+def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RAY_worker_niceness", "0")
+    from ray.cluster_utils import Cluster
+
+    shared: dict[str, object] = {"include_dashboard": False}
+    if not os.access("/dev/shm", os.W_OK):
+        shared["plasma_directory"] = str(tmp_path)
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, **shared})
+    nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]
+    config = replace(toy_config("ppo", 24_000), workers=2)
+    config = replace(config, evaluation=replace(config.evaluation, stop_after_perfect=0))
+    run, lost = RunFolder(tmp_path / "toy"), threading.Event()
+
+    def lose_the_node() -> None:
+        wait_for(run.checkpoint)
+        free = ray._private.state.available_resources_per_node()
+        busy = next(node for node in nodes if not free[node.node_id].get("CPU"))
+        lost.set()
+        cluster.remove_node(busy, allow_graceful=False)
+
+    losing = threading.Thread(target=lose_the_node)
+    try:
+        launcher = RayFollowers(connect(cluster.address))
+        assert launcher.cores == 3
+        losing.start()
+        metrics = train(config, run, make_toy, Console(quiet=True), launcher=launcher)
+        losing.join()
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert lost.is_set()
+    assert metrics.stopped_by == "steps"
+    steps = [episode.step for episode in run.episodes()]
+    assert steps == sorted(steps)
+    assert {episode.robot for episode in run.episodes()} == set(range(config.learn.robots))
