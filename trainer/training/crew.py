@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
@@ -150,24 +150,13 @@ class Crew:
         self._peers: Peers | None = None
         self._muster()
 
-    def join(self, model: BaseAlgorithm) -> None:
-        """Let followers that have their worlds begin with this model.
-
-        Raises:
-            PeerLostError: one is lost.
-        """
-        if self._config.workers == 1:
-            return
-        wanted = [f"{READY}{rank}" for rank in range(1, self._config.workers)]
-        while not self._store.check(wanted):
-            if told := self._launcher.lost():
-                raise PeerLostError(told)
-            time.sleep(_LOOK_S)
-        self._peers = Peers(0, self._store, self._config.workers)
-        self._peers.begin(model)
-
-    def learn(self, model: BaseAlgorithm, steps: int, callback: Any) -> None:
+    def learn(
+        self, model: BaseAlgorithm, steps: int, callback: Any, stopped: Callable[[], bool]
+    ) -> None:
         """As `BaseAlgorithm.learn`, with the others; lost ones are replaced.
+
+        Args:
+            stopped: whether nobody wants that any more, while the others get ready.
 
         Raises:
             RuntimeError: they are lost again and again, and nothing is learned.
@@ -176,7 +165,8 @@ class Crew:
         while True:
             before = model.num_timesteps
             try:
-                self.join(model)
+                if not self._joined(model, stopped):
+                    return
                 model.learn(end - before, callback, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # we log ourselves
                 return
             except PeerLostError as error:
@@ -185,6 +175,21 @@ class Crew:
                     raise RuntimeError(f"expected followers that stay: {error}") from error
                 self.close()
                 self._muster()
+
+    def _joined(self, model: BaseAlgorithm, stopped: Callable[[], bool]) -> bool:
+        """Whether all have their worlds and begin with this model, or nobody wants it any more."""
+        if self._config.workers == 1:
+            return True
+        wanted = [f"{READY}{rank}" for rank in range(1, self._config.workers)]
+        while not self._store.check(wanted):
+            if told := self._launcher.lost():
+                raise PeerLostError(told)
+            if stopped():
+                return False
+            time.sleep(_LOOK_S)
+        self._peers = Peers(0, self._store, self._config.workers)
+        self._peers.begin(model)
+        return True
 
     def news(self) -> list[Any]:
         """What the followers tell after a rollout, by rank; PeerLostError if one is lost."""

@@ -95,7 +95,8 @@ def train(
         watch.init_callback(model)
         closing.callback(watch.close)
         with _stop_on_signal(state):
-            crew.learn(model, max(0, own.steps - model.num_timesteps), watch)
+            steps = max(0, own.steps - model.num_timesteps)
+            crew.learn(model, steps, watch, stopped=lambda: bool(state.stopped_by))
             crew.close()
         state.stopped_by = state.stopped_by or "steps"
         return _finish(config, folder, judging_env, watch, log.count)

@@ -5,6 +5,8 @@ import signal
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import torch
@@ -20,7 +22,7 @@ from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
 from trainer.sweeps.sweep import WorkerOptions
-from trainer.training.crew import good_number, share_of
+from trainer.training.crew import Crew, good_number, share_of
 from trainer.training.followers import LocalFollowers
 from trainer.training.train import train
 
@@ -115,3 +117,40 @@ def test_a_run_goes_on_with_as_many_processes_as_it_was_begun_with(tmp_path: Pat
     )
     with pytest.raises(ConfigError, match="expected --workers 2, as the run was begun with, got 4"):
         job.run(Console(quiet=True))
+
+
+class Nobody:
+    """A launcher whose followers never get ready."""
+
+    host, cores = "127.0.0.1", 2
+
+    def start(self, orders: list) -> None:
+        self.orders = orders
+
+    def lost(self) -> str:
+        return ""
+
+    def close(self) -> None: ...
+
+
+def test_who_waits_for_followers_can_be_stopped(tmp_path: Path) -> None:
+    launcher = Nobody()
+    crew = Crew(two_processes("ppo", 100), make_toy, tmp_path, launcher)
+    asked: list[bool] = []
+
+    def stopped() -> bool:
+        asked.append(True)
+        return len(asked) == 3
+
+    model = SimpleNamespace(num_timesteps=0)  # has no learn: nobody may ask for it
+    crew.learn(cast(Any, model), 100, None, stopped)
+    assert [order.rank for order in launcher.orders] == [1]
+    assert len(asked) == 3
+
+
+def test_followers_that_die_again_and_again_are_an_error(tmp_path: Path) -> None:
+    launcher = Nobody()
+    launcher.lost = lambda: "exit status 1"  # type: ignore[method-assign]
+    crew = Crew(two_processes("ppo", 100), make_toy, tmp_path, launcher)
+    with pytest.raises(RuntimeError, match="followers that stay: exit status 1"):
+        crew.learn(cast(Any, SimpleNamespace(num_timesteps=0)), 100, None, lambda: False)
