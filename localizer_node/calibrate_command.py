@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Tuple
@@ -13,7 +12,7 @@ from localizer_node.calibration import Marker, save_calibration
 from localizer_node.draw import annotated
 from robot.bringup.camera_place import Freedom
 from robot.camera.files import read_picture
-from robot.command_line import number
+from robot.command_line import number, pair
 from robot.errors import ConfigError
 from robot.lens import MODELS, Lens
 from robot.navigation.road_map import load_map
@@ -45,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--points", help="YAML of known points (see docs/localizer.md)")
     parser.add_argument(
         "--corner",
-        type=_pixel,
+        type=pair("U,V such as 208.5,644"),
         action="append",
         default=[],
         metavar="U,V",
@@ -58,13 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", default="arena", help="road map whose floor this is")
     parser.add_argument("--robots", help="YAML with `robots:`, a list of markers")
     parser.set_defaults(command=make)
-
-
-def _pixel(text: str) -> Tuple[float, float]:
-    match = re.fullmatch(r"(-?[\d.]+),(-?[\d.]+)", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"expected U,V such as 208.5,644, got {text!r}")
-    return float(match.group(1)), float(match.group(2))
 
 
 def make(arguments: argparse.Namespace) -> None:

@@ -165,4 +165,19 @@ def _bounded(kind: Callable[[str], Any], low: float, high: float, expected: str)
     return read
 
 
+def pair(example: str) -> Callable[[str], Tuple[float, float]]:
+    """For ``type=``: two finite numbers with a comma between them, as in the example."""
+
+    def read(text: str) -> Tuple[float, float]:
+        try:
+            one, other = (float(word) for word in text.split(","))
+        except ValueError:
+            one = other = math.nan
+        if not math.isfinite(one + other):
+            raise argparse.ArgumentTypeError(f"expected {example}, got {text[:_MOST]!r}")
+        return one, other
+
+    return read
+
+
 SEED = whole(0, 2**31 - 1)

@@ -11,10 +11,10 @@ from typing import Dict, List
 
 import numpy as np
 
+from robot.command_line import number
 from robot.computer.clock import MonotonicClock
 from robot.computer.footprint import measure_footprint
 from robot.contract import CONTROL_DT_S
-from robot.errors import ConfigError
 from robot.inference.policy import OnnxPolicy, time_decisions
 from robot.output import expect_writable, write_json
 from robot.parts import Tick
@@ -26,14 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument("--model", type=Path, required=True, help="an ONNX policy")
     parser.add_argument("--json", type=Path, help="file to write")
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long the loop runs")
+    seconds = number(0.5, 3600.0)
+    parser.add_argument("--seconds", type=seconds, default=5.0, help="how long the loop runs")
 
 
 def run(options: argparse.Namespace) -> None:
     """Do it; DuckpilotError for a wrong model."""
     expect_writable(options.json, inputs=[options.model])
-    if not 0.5 <= options.seconds <= 3600.0:
-        raise ConfigError(f"--seconds: expected 0.5 to 3600, got {options.seconds:g}")
     decision = time_decisions(OnnxPolicy(options.model))
     print(f"decision    p50 {decision.p50_ms:.2f} ms, p99 {decision.p99_ms:.2f} ms (one thread)")
     footprint = measure_footprint(options.model)

@@ -1,15 +1,9 @@
 """Key pairs, allow-lists and roles for the encrypted links (CURVE: Curve25519, as in CurveCP).
 
-``keygen`` makes one folder per machine, complete in itself: copy ``robot/`` to the robot,
-``localizer/`` to the localizer, ``monitor/`` to the monitor, and delete the rest.
-
-    DIR/robot/secret.key            0600, never leaves the robot
-    DIR/robot/public.key
-    DIR/robot/allowed/monitor.key   public keys of those that the robot speaks to
-
-Each file is one line: the role of the key's owner, a space, the key. What a key may do follows from
-the role that the allow-list of its reader gives it, not from what its owner says of itself:
-
+``keygen`` makes one folder per machine: its pair of keys and, under ``allowed``, the public keys of
+those whom it speaks to. Each file is one line: the role of the key's owner, a space, the key. What
+a key may do follows from the role that the allow-list of its reader gives it, not from what its
+owner says of itself.
 """
 
 from __future__ import annotations

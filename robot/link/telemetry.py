@@ -173,6 +173,11 @@ def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
     return tuple((round(float(x), 3), round(float(y), 3)) for x, y in points)
 
 
+def told_age(age_s: float) -> Optional[float]:
+    """An age [s] as a message takes it: None for what never came."""
+    return max(0.0, age_s) if math.isfinite(age_s) else None
+
+
 def _require_xy(what: str, point: Tuple[float, ...]) -> None:
     if len(point) != 2:
         raise ContractError(f"{what}: expected x and y, got {len(point)} numbers")

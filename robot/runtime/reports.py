@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Callable, Optional, Tuple
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from robot.camera.source import Frame
 from robot.link.messages import FrameMessage
-from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Reading, Telemetry
+from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Reading, Telemetry, told_age
 from robot.link.wire import tidy_text
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Tick
@@ -69,7 +68,7 @@ class Reporter:
             inputs=_ages(tick.inputs, self._limits),
             health=self._health(),
             fps=self._rate(tick.time_s),
-            lag_s=_age(tick.inputs.frame_age_s) or 0.0,
+            lag_s=told_age(tick.inputs.frame_age_s) or 0.0,
         )
 
     def _driven(self, tick: Tick) -> Optional[int]:
@@ -101,12 +100,9 @@ def _ages(inputs: Inputs, limits: SafetyLimits) -> Tuple[InputAge, ...]:
         ("pose", inputs.pose_age_s, limits.pose_age_s),
         ("operator", inputs.link_age_s, limits.link_age_s),
     )
-    return tuple(InputAge(name, _age(s), limit_s) for name, s, limit_s in every if s is not None)
-
-
-def _age(age_s: float) -> Optional[float]:
-    """An age that a message takes: None for one that never came."""
-    return max(age_s, 0.0) if math.isfinite(age_s) else None
+    return tuple(
+        InputAge(name, told_age(s), limit_s) for name, s, limit_s in every if s is not None
+    )
 
 
 def _jpeg(frame: Frame) -> FrameMessage:

@@ -6,12 +6,11 @@ To read the command line takes none of what they need.
 from __future__ import annotations
 
 import argparse
-import math
 import shutil
 import sys
 from pathlib import Path
 
-from robot.command_line import SEED, OneLineParser, answer, number, spoken, whole
+from robot.command_line import SEED, OneLineParser, answer, number, pair, spoken, whole
 from robot.inference.policy import SHIPPED_MODELS
 
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
@@ -22,6 +21,7 @@ DESCRIPTION = """The whole system drives missions on the bench.
 A world process holds town, wheels, HAT and cameras; robot, localizer and monitor are the programs
 as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
 """
+place = pair("X,Y in metres, such as 1.2,0.4")
 OF_MISSIONS = ("missions", "start", "goal", "sight", "realtime", "robot_python")
 
 
@@ -60,17 +60,6 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     options.map = options.map or ("loop" if laps else "arena")
     options.model = options.model or (LANE_KEEPER if laps else NAVIGATOR)
     return options
-
-
-def place(text: str) -> tuple[float, float]:
-    """``X,Y`` in metres."""
-    try:
-        x_m, y_m = (float(word) for word in text.split(","))
-    except ValueError:
-        x_m = y_m = math.nan
-    if not math.isfinite(x_m + y_m):
-        raise argparse.ArgumentTypeError(f"expected X,Y in metres, got {text!r}; e.g. 1.2,0.4")
-    return x_m, y_m
 
 
 def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:

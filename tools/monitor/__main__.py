@@ -93,20 +93,14 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
 def _listening(host: str, port: int) -> socket.socket:
     """A socket that is bound, which a second program's cannot be; ConfigError if it cannot."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        listening = socket.socket(family, kind, protocol)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(address)
-        listening.listen()
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        return socket.create_server((host, port), family=family)
     except (OSError, UnicodeError) as error:
         told = getattr(error, "strerror", None) or str(error)
         raise ConfigError(
             f"--host {host} --port {port}: expected an address of this computer and a free port, "
             f"got: {told}"
         ) from error
-    return listening
 
 
 @contextmanager

@@ -5,7 +5,6 @@ Pure: messages and a clock in, snapshots for the page out.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 from robot.link.commands import Ack
 from robot.link.freshness import StreamGate
 from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
-from robot.link.telemetry import InputAge, Telemetry
+from robot.link.telemetry import InputAge, Telemetry, told_age
 
 SILENT_S = 1.0
 LIMITS_S = {"telemetry": SILENT_S, "picture": 0.5, "localizer": 0.5, "answers": 1.0}
@@ -112,12 +111,12 @@ class MonitorState:
         ages = {name: self._age(name) for name in self._gates}
         ages["answers"] = answers_age_s
         heard = tuple(
-            InputAge(name, _finite(ages[name]), limit_s) for name, limit_s in LIMITS_S.items()
+            InputAge(name, told_age(ages[name]), limit_s) for name, limit_s in LIMITS_S.items()
         )
         return Snapshot(
             robot=self.telemetry,
             silent=self._silent,
-            silence_s=_finite(ages["telemetry"]),
+            silence_s=told_age(ages["telemetry"]),
             overhead=self.pose,
             heard=heard,
             frame_sequence=self.frame.sequence if self.frame else 0,
@@ -150,7 +149,3 @@ class MonitorState:
         if new.phase != "driving":
             told = f" {new.phase}" + (f": {new.reason}" if new.reason else "")
         self.note(LEVEL_OF_PHASE[new.phase], f"mission to ({x_m:.2f}, {y_m:.2f}) m{told}")
-
-
-def _finite(age_s: float) -> float | None:
-    return max(0.0, age_s) if math.isfinite(age_s) else None
