@@ -23,9 +23,7 @@ class StepperHat:
     """
 
     def __init__(self, bus: I2cBus, config: HatConfig, clock: Clock) -> None:
-        self._bus = bus
-        self._config = config
-        self._clock = clock
+        self._bus, self._config, self._clock = bus, config, clock
         self._chip: Optional[Pca9685] = None
         self._motors = (config.left, config.right)
         self._positions = [0, 0]  # around each ring [microsteps]
@@ -69,10 +67,9 @@ class StepperHat:
         self.duty, self._sent = None, {}
 
     def check(self) -> None:
-        """HardwareError unless the chip still holds what was written; one look each time, in turn.
+        """HardwareError unless the chip still holds what was written; while the coils are on.
 
-        A look takes the bus 0.7 ms at 100 kHz, so that a step is hardly late for it. Only while
-        the coils are on.
+        One look each time, in turn: 0.7 ms at 100 kHz, so that a step is hardly late for it.
         """
         channel = next(self._looks)
         if channel is None:

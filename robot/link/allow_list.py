@@ -42,8 +42,7 @@ class AllowList:
         import zmq
 
         self.refused: Counter[str] = Counter()
-        self._clock = clock
-        self._peers = keys.peers
+        self._clock, self._peers = clock, keys.peers
         self._names = {peer.public: name for name, peer in keys.peers.items()}
         self._names[keys.public] = keys.role
         self._told_s: Dict[Tuple[str, str], float] = {}

@@ -18,7 +18,6 @@ from robot.link.telemetry import Telemetry
 from robot.recording.turn import Turn
 
 NS = 10**9
-WORLD_FRAME = "map"
 WHEELS_FRAME = "odometry"  # where the wheels say the robot is, from wherever it began
 
 Json = Dict[str, Any]
@@ -84,7 +83,7 @@ def image_bytes(message: Json) -> bytes:
     return base64.b64decode(message["data"])
 
 
-def pose_message(time_s: float, pose: Pose, frame: str = WORLD_FRAME) -> Json:
+def pose_message(time_s: float, pose: Pose, frame: str = "map") -> Json:
     """A pose on the floor."""
     half_rad = pose.heading_rad / 2.0
     place = {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tools.faults.stage import Stage
+    from tools.loop.devices import PictureServer
 
 Act = Callable[["Stage"], object]
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
@@ -19,6 +20,11 @@ HOLD_OR_FAULT = ("HOLD", "FAULT")
 def nothing(_: Stage) -> str:
     """Neither breaks nor mends nor complains."""
     return ""
+
+
+def the_camera(stage: Stage) -> PictureServer:
+    """The robot's."""
+    return stage.bench.town.camera
 
 
 def change(part: Callable[[Stage], object], **values: object) -> Act:

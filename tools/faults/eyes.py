@@ -1,33 +1,20 @@
-"""The robot's camera: silent, frozen, slow, garbage; and pictures that are of no use."""
+"""The robot's camera: silent, frozen, slow, garbage."""
 
 from __future__ import annotations
 
-import itertools
 import resource
-from collections.abc import Callable
 
-import cv2
 import numpy as np
 
 from robot.camera.streams import MAGIC
-from tools.faults.case import HOLD_OR_FAULT, Act, Case, change
+from tools.faults.case import Act, Case, change, the_camera
+from tools.faults.pictures import WELL, shortly, spoiled
 from tools.faults.stage import Stage
-from tools.loop.devices import PictureServer
 from tools.loop.town import CAMERA_FPS
 
 FRAME_AGE_S = 0.2
 FROZEN_S = 0.6  # five frames more with the same bytes, at the rate of decisions
 SLOW_HZ = 3.0
-# One bare colour may be taken for a frozen picture first; where a wrong picture has led the robot
-# off its path first, that is as good.
-BLIND = (0.5, "lens covered|same picture", ("FAULT",))
-STILL = (1.5, "has not moved|left its planned path", HOLD_OR_FAULT)
-WRONG = (2.0, "road lies|left its planned path", HOLD_OR_FAULT)
-LIKE_A_BEND = (6.0, *WRONG[1:])
-
-
-def _camera(stage: Stage) -> PictureServer:
-    return stage.bench.town.camera
 
 
 def _rate(hz: float) -> Act:
@@ -45,51 +32,7 @@ def _may_open(stage: Stage, most: int | None = None) -> None:
 
 def _no_descriptors(stage: Stage) -> None:
     _may_open(stage, 3)
-    _camera(stage).hang_up()
-
-
-Spoil = Callable[[np.ndarray], np.ndarray]
-RNG = np.random.default_rng(0)
-
-
-def noisy(picture: np.ndarray, deviation: float) -> np.ndarray:
-    """With a sensor's noise, new in every picture."""
-    noise = deviation * RNG.standard_normal(picture.shape)
-    return np.clip(picture + noise, 0, 255).astype(np.uint8)
-
-
-def covered(level: float, deviation: float = 0.0) -> Spoil:
-    """One grey level with noise."""
-    return lambda picture: noisy(np.full(picture.shape, level), deviation)
-
-
-def grains(picture: np.ndarray) -> np.ndarray:
-    """Noise in grains of 8 px."""
-    small = noisy(np.full((15, 20, 3), 128.0), 80.0)
-    return small.repeat(8, axis=0).repeat(8, axis=1)[: len(picture)]
-
-
-def finger(picture: np.ndarray) -> np.ndarray:
-    """Light through a finger."""
-    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
-    light = np.exp(-(((x - 60) / 90.0) ** 2) - ((y - 70) / 70.0) ** 2)[..., None]
-    return noisy(light * (110.0, 18.0, 12.0) + (40.0, 5.0, 5.0), 4.0)
-
-
-def sheared(picture: np.ndarray) -> np.ndarray:
-    """Read one clock late in every line."""
-    return np.stack([np.roll(row, number, axis=0) for number, row in enumerate(picture)])
-
-
-def shifted(picture: np.ndarray) -> np.ndarray:
-    """By a quarter of the width."""
-    return np.roll(picture, picture.shape[1] // 4, axis=1)
-
-
-def rolled(picture: np.ndarray) -> np.ndarray:
-    """By 30 degrees about the middle."""
-    turn = cv2.getRotationMatrix2D((79.5, 59.5), 30.0, 1.0)
-    return np.asarray(cv2.warpAffine(picture, turn, picture.shape[1::-1]))
+    the_camera(stage).hang_up()
 
 
 def halved(picture: np.ndarray) -> np.ndarray:
@@ -97,38 +40,15 @@ def halved(picture: np.ndarray) -> np.ndarray:
     return picture[::2, ::2]
 
 
-WELL = change(_camera, spoil=None)
-
-
-def _spoiled(name: str, what: str, wrong: Spoil, met: tuple[float, str, tuple[str, ...]]) -> Case:
-    return Case(name, what, change(_camera, spoil=wrong), *met, heal=WELL)
-
-
 def _frozen(stage: Stage) -> None:
     frozen = stage.bench.town.world.see()
-    _camera(stage).spoil = lambda _: frozen
-
-
-def _held(stage: Stage) -> None:
-    """The picture of now again and again, through a sensor's noise."""
-    first = stage.bench.town.world.see()
-    _camera(stage).spoil = lambda _: noisy(first, 6.0)
-
-
-def _shortly(name: str, what: str, wrong: Spoil, pictures: int) -> Case:
-    """So many pictures spoiled, the rest as they come."""
-
-    def inject(stage: Stage) -> None:
-        spoils = itertools.chain([True] * pictures, itertools.repeat(False))
-        _camera(stage).spoil = lambda picture: wrong(picture) if next(spoils) else picture
-
-    return Case(name, what, inject, states=(), heal=WELL)
+    the_camera(stage).spoil = lambda _: frozen
 
 
 CAMERA = (
     Case(
-        *("stops", "no picture any more", change(_camera, silent=True), FRAME_AGE_S, "frame"),
-        heal=change(_camera, silent=False),
+        *("stops", "no picture any more", change(the_camera, silent=True), FRAME_AGE_S, "frame"),
+        heal=change(the_camera, silent=False),
     ),
     Case(
         *("freezes", "new pictures, each with the bytes of the last", _frozen),
@@ -139,13 +59,13 @@ CAMERA = (
         *("slows", f"{SLOW_HZ:g} pictures a second", _rate(SLOW_HZ), FRAME_AGE_S, "frame"),
         heal=_rate(CAMERA_FPS),
     ),
-    _spoiled("wrong size", "80 x 60 px", halved, (FRAME_AGE_S, "frame", ("FAULT",))),
+    spoiled("wrong size", "80 x 60 px", halved, (FRAME_AGE_S, "frame", ("FAULT",))),
     Case(
-        *("garbage", "bytes that are none", change(_camera, magic=b"\x00\xff\x17\x80")),
+        *("garbage", "bytes that are none", change(the_camera, magic=b"\x00\xff\x17\x80")),
         *(FRAME_AGE_S, "frame"),
-        heal=change(_camera, magic=MAGIC),
+        heal=change(the_camera, magic=MAGIC),
     ),
-    _shortly("one odd picture", "80 x 60 px, once", halved, 1),
+    shortly("one odd picture", "80 x 60 px, once", halved, 1),
     Case(
         *("no descriptors", "and the camera must be opened anew", _no_descriptors),
         *(FRAME_AGE_S, "frame|Too many open files"),
@@ -153,27 +73,4 @@ CAMERA = (
         drives_again=True,
     ),
 )
-PICTURES = (
-    _spoiled("black", "lens covered: black", covered(0), BLIND),
-    _spoiled("black, noise", "lens covered: noise of 12 levels", covered(0, 12), BLIND),
-    _spoiled("white", "a lamp before the lens: white", covered(255), BLIND),
-    _spoiled("white, noise", "white with noise of 12 levels", covered(255, 12), BLIND),
-    _spoiled("grey", "nothing but grey", covered(128), BLIND),
-    _spoiled("noise", "nothing but noise, each pixel", covered(128, 90), BLIND),
-    _spoiled("coarse noise", "nothing but noise in grains of 8 px", grains, BLIND),
-    _spoiled("finger", "a finger before the lens: dark red", finger, BLIND),
-    _spoiled("mirrored", "left and right exchanged", lambda p: p[:, ::-1], WRONG),
-    _spoiled("upside down", "turned by 180 degrees", lambda p: p[::-1, ::-1], WRONG),
-    _spoiled("sheared", "each row a pixel farther to the right", sheared, WRONG),
-    _spoiled("rolled", "turned by 30 degrees: a camera came loose", rolled, LIKE_A_BEND),
-    _spoiled(
-        "shifted", "a quarter of its width to the right", lambda p: np.roll(p, 40, 1), LIKE_A_BEND
-    ),
-    Case(
-        *("held", "the same picture with noise of 6 levels", _held, *STILL),
-        heal=WELL,
-    ),
-    _shortly("glare", "white for 0.2 s: it must drive on", covered(255), 3),
-    _shortly("one odd picture", "noise in one picture: it must drive on", covered(128, 90), 1),
-)
-CASES = {"camera": CAMERA, "pictures": PICTURES}
+CASES = {"camera": CAMERA}

@@ -81,12 +81,8 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
     print(f"Open http://{shown}:{arguments.port}/?token={token}", flush=True)
     if arguments.host not in LOOPBACK_NAMES:
         print("This page is not encrypted: use it on a network you trust.", flush=True)
-    server = uvicorn.Config(
-        app,
-        log_level="warning",
-        ws_max_size=WS_LIMIT_BYTES,
-        ws_max_queue=WS_QUEUE,
-    )
+    server = uvicorn.Config(app, log_level="warning", ws_max_size=WS_LIMIT_BYTES)
+    server.ws_max_queue = WS_QUEUE
     uvicorn.Server(server).run([listening])
 
 

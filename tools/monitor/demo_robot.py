@@ -1,7 +1,7 @@
 """A robot, its camera and its localizer, simulated, on real links: the page cannot tell.
 
-The loop, its rules, missions and reports are the robot's own. Its wheels obey exactly, its eye is
-the simulator's, its policy a shipped one; blind, it steers for a point ahead. Run by
+The loop, its rules, missions and reports are the robot's own, its policy a shipped one; blind, it
+steers for a point ahead. Run by
 ``python -m tools.monitor --demo``, or by itself:
 ``python -m tools.monitor.demo_robot --base-port 5570 --map town``. It ends with who started it.
 """
@@ -15,26 +15,15 @@ import time
 
 import numpy as np
 
-from robot.camera.source import Frame
 from robot.computer.clock import MonotonicClock
 from robot.computer.health import Health
-from robot.contract import (
-    ACTION_TWISTS,
-    CONTROL_DT_S,
-    DRIVE,
-    PATH_ANGLE_LIMIT_RAD,
-    PATH_POINTS,
-    ImageSpec,
-    PolicyContract,
-)
-from robot.geometry import Pose, WheelSpeeds
+from robot.contract import CONTROL_DT_S
+from robot.geometry import Pose
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
-from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.sockets import Publisher
 from robot.link.telemetry import Telemetry
-from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.road_map import RoadMap, load_map
 from robot.parts import Policy
@@ -44,91 +33,14 @@ from robot.runtime.reports import Reporter
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Safety, State
-from robot.safety.wheel_limits import STILL
 from tools.lane_places import on_straight_lane
 from tools.monitor.__main__ import DEMO_MODEL
+from tools.monitor.demo_parts import DemoCamera, ExactMotors, PurePursuit
 
 NAME = "duck"
-LONGEST_S = 0.2  # of one move: a process that stalled must not leap
 POSE_NOISE_M = 0.004
-POINT = 2  # of the path input: 14 cm ahead
-POINT_M = FIRST_POINT_M + POINT * POINT_SPACING_M
-CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])
 # A process on a busy desktop stalls now and then; a robot's own loop may not.
 LIMITS = SafetyLimits(loop_age_s=2.0, frame_age_s=2.0)
-
-
-class PurePursuit:
-    """A ``Policy`` that steers for a point ahead on its path (Coulter 1992), and never looks."""
-
-    contract = PolicyContract("navigation", "pursuit", ImageSpec(), PATH_POINTS)
-
-    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:  # noqa: ARG002
-        """(N, actions), for paths (N, PATH_POINTS)."""
-        assert path is not None  # the contract asks for one
-        wanted = 2.0 * PATH_ANGLE_LIMIT_RAD * path[:, POINT] / POINT_M
-        return np.asarray(-np.abs(CURVATURES - wanted[:, None]))
-
-
-class ExactMotors:
-    """``Motors`` whose ``pose`` is where the robot is."""
-
-    def __init__(self, pose: Pose) -> None:
-        self._pose, self._wheels, self._at_s = pose, STILL, time.monotonic()
-
-    @property
-    def pose(self) -> Pose:
-        """Now."""
-        before_s, self._at_s = self._at_s, time.monotonic()
-        dt_s = min(self._at_s - before_s, LONGEST_S)
-        twist = DRIVE.twist(self._wheels)
-        self._pose = self._pose.moved(twist.forward_mps * dt_s, twist.turn_radps * dt_s)
-        return self._pose
-
-    def set_wheels(self, wheels: WheelSpeeds) -> None:
-        """At once."""
-        self._pose, self._wheels = self.pose, wheels
-
-    def stop(self) -> None:
-        """At once."""
-        self.set_wheels(STILL)
-
-    def release(self) -> None:
-        """As ``stop``."""
-        self.stop()
-
-    def mend(self) -> None:
-        """Nothing breaks."""
-
-
-class DemoCamera:
-    """A ``Camera`` at the robot's true pose; blotches, not shown, without the simulator."""
-
-    def __init__(self, road_map: RoadMap, motors: ExactMotors, sees: bool) -> None:
-        self._motors, self._rng, self._sequence = motors, np.random.default_rng(0), 0
-        self.sees = False
-        with contextlib.suppress(ImportError):
-            if sees:
-                self._open(road_map)
-
-    def _open(self, road_map: RoadMap) -> None:
-        from sim_pybullet.look import NOMINAL
-        from sim_pybullet.rendering.ray_camera import RayCamera
-        from sim_pybullet.scenery.objects import build_scene
-
-        self._eye = RayCamera(ImageSpec(), 1)
-        self._eye.set_robot(0, build_scene(road_map, NOMINAL, self._rng), NOMINAL.rig())
-        self._eye.render(np.zeros((1, 3)))  # compiles, which may take half a minute once
-        self.sees = True
-
-    def read(self) -> Frame:
-        """The picture of now."""
-        self._sequence += 1
-        if self.sees:
-            picture = self._eye.render(np.array([self._motors.pose]))[0]
-        else:
-            picture = self._rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
-        return Frame(picture, self._sequence, time.monotonic())
 
 
 class DemoRobot:
