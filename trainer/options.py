@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from robot.errors import ConfigError, expect_between
+from robot.typed_config import to_plain
 
 if TYPE_CHECKING:
     from robot.contract import ImageSpec
@@ -83,7 +84,7 @@ class EvaluateOptions:
     """How a policy is judged; every name is an option of ``evaluate`` and a key of its matrix."""
 
     model: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""  # A policy, .onnx.
-    task: str | None = None
+    task: str = ""
     """lane, four_laps, hundred_laps, navigation, manoeuvres or track; else the policy's own."""
     map: tuple[str, ...] = ()  # Map or track files, or shipped names or folders; else the task's.
     lane: str | None = None  # Of rings: outer, inner (the other way round) or both, in turn.
@@ -96,6 +97,21 @@ class EvaluateOptions:
     zero: str | None = None  # image or path: what the policy gets zeros for.
     episodes: int = 100  # How many.
     seed: int = 1000  # Of the first episode; the next ones have the next seeds.
+
+    def filled_in(self, trained_for: str) -> EvaluateOptions:
+        """With the maps and the task that are driven: where none is asked for, the policy's own."""
+        from sim_pybullet.tasks.spec import find_task
+        from trainer.division import maps_named
+
+        task = self.task or trained_for
+        return replace(self, task=task, map=maps_named(self.map) or (find_task(task).map,))
+
+    def plain(self) -> dict[str, Any]:
+        """``inputs`` of ``--json``; files from before there was sight read the same."""
+        found = to_plain(self)
+        found["maps"] = found.pop("map")
+        usual = {"overhead": "always", "sight": None}
+        return {k: v for k, v in found.items() if k not in usual or v != usual[k]}
 
     def check(self) -> None:
         """DuckpilotError unless these ask for something."""
@@ -113,7 +129,7 @@ class EvaluateOptions:
             choose("zero", self.zero, ZEROS)
         choose("overhead", self.overhead, OVERHEAD)
         load_look_sampler(self.look, self.pose_error, self.without)
-        if self.task is None and not Path(self.model).exists():
+        if not (self.task or Path(self.model).exists()):
             return  # yet
         spec = find_task(self.task or task_of(Path(self.model)))
         if self.lane is not None and spec.lanes:

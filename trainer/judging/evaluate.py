@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from robot.errors import ConfigError
 from robot.inference.policy import TOLERANCE, OnnxPolicy
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
-from robot.typed_config import to_plain
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
@@ -27,7 +26,7 @@ from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import WHEELED, Choices, find_task
 from trainer.judging.drive_log import DriveLog, Tracer
-from trainer.options import task_of
+from trainer.options import EvaluateOptions, task_of
 
 ROBOTS = 20  # at once
 _FIRST_WORLD = 1_000_000_007  # seed of all worlds, away from those that runs are trained with
@@ -49,31 +48,6 @@ class Drive(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """What was asked for."""
-
-    model: str
-    task: str
-    maps: tuple[str, ...]
-    look: str
-    pose_error: str | None  # in place of the look's own
-    zero: str | None  # image or path, what the policy got zeros for
-    episodes: int
-    seed: int
-    translate: str | None = None  # the translator between picture and policy
-    without: tuple[str, ...] = ()  # what of the look stays nominal
-    lane: str | None = None  # of rings: outer, inner or both
-    overhead: str = "always"  # when overhead poses come
-    sight: str | None = None  # what else corrects a robot's belief
-
-    def plain(self) -> dict[str, Any]:
-        """As JSON has it; files from before there was sight read the same."""
-        found = to_plain(self)
-        usual = {"overhead": "always", "sight": None}
-        return {k: v for k, v in found.items() if k not in usual or v != usual[k]}
-
-
-@dataclass(frozen=True)
 class OnMap:
     """The drives on one map, of a ring those along one of its lanes."""
 
@@ -89,7 +63,7 @@ class OnMap:
 class Evaluation:
     """What ``--json`` writes. Means are over episodes unless the name says otherwise."""
 
-    inputs: Inputs
+    inputs: EvaluateOptions  # filled in
     episodes: int
     success_rate: float
     success_rate_low: float  # lower end of Wilson's 95 % interval
@@ -108,7 +82,7 @@ class Evaluation:
     schema: int = 1
 
 
-def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
+def open_policy(model: Path, task: str = "") -> OnnxPolicy:
     """The policy in a file; ``task``: what it shall do, else what it was trained for.
 
     For robots it may have any actions that their wheels can do. ContractError as of ``OnnxPolicy``;
@@ -116,7 +90,7 @@ def open_policy(model: Path, task: str | None = None) -> OnnxPolicy:
     """
     trained_for = task_of(model)
     actions = find_task(trained_for).actions
-    if task is not None and find_task(task).actions != actions:
+    if task and find_task(task).actions != actions:
         raise ConfigError(
             f"{model}: expected a policy for {task}, got one for {trained_for}; "
             "these are driven by different vehicles"
@@ -159,7 +133,7 @@ def evaluate(
 
 
 def summarise(
-    inputs: Inputs,
+    inputs: EvaluateOptions,
     policy: DrivingPolicy,
     drives: Sequence[Drive],
     parts: Mapping[str, str | None] | None = None,

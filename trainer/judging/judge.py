@@ -25,13 +25,12 @@ from robot.vision.sight import OnnxSight
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.spec import find_task
-from trainer.division import maps_named, part_of
+from trainer.division import part_of
 from trainer.judging.drive_log import DriveLog, drives_beside
 from trainer.judging.evaluate import (
     Drive,
     DrivingPolicy,
     Evaluation,
-    Inputs,
     evaluate,
     open_policy,
     summarise,
@@ -51,9 +50,9 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
     beside = drives_beside(out) if tracks and out else None
     expect_writable(out, beside, inputs=[Path(options.model)])
     policy = _open(options)
-    asked = inputs(options, policy.contract.task)
+    asked = options.filled_in(policy.contract.task)
     spec = find_task(asked.task)
-    maps = [spec.load(name) for name in asked.maps]
+    maps = [spec.load(name) for name in asked.map]
     roads = [place for place in maps if isinstance(place, RoadMap)]
     if tracks and len(roads) < len(maps):
         raise ConfigError(f"drives: expected a task on maps, got {asked.task}: no map to draw on")
@@ -100,19 +99,11 @@ def answers(file: Path, options: EvaluateOptions) -> bool:
     found = read_json(file).get("inputs")
     found = {"lane": None, **found} if isinstance(found, dict) else {}  # once no choice
     task = found.get("task")
-    if not task or found != inputs(options, task).plain():
+    if not task or found != options.filled_in(task).plain():
         raise ConfigError(
             f"{file}: expected the evaluation asked for, got another one; choose another --json"
         )
     return True
-
-
-def inputs(options: EvaluateOptions, trained_for: str) -> Inputs:
-    """What an evaluation is asked for, defaults filled in; the policy's own task is the default."""
-    plain = {name: getattr(options, name) for name in Inputs.__annotations__ if name != "maps"}
-    task = options.task or trained_for
-    maps = maps_named(options.map) or (find_task(task).map,)
-    return Inputs(**{**plain, "task": task, "maps": maps})
 
 
 class KeptDrives:
@@ -121,7 +112,7 @@ class KeptDrives:
     ConfigError if what lies there is of something else.
     """
 
-    def __init__(self, evaluation: Path | None, asked: Inputs) -> None:
+    def __init__(self, evaluation: Path | None, asked: EvaluateOptions) -> None:
         self.drives: dict[int, Drive] = {}
         self._path = None
         if evaluation is None:

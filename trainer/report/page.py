@@ -125,7 +125,7 @@ def _drives(rows: Sequence[DrivingRow], out: Path, missing: list[str]) -> list[P
         if row.judgement.drives is None:
             continue
         try:
-            road_maps = [load_map(name) for name in row.judgement.result.inputs.maps]
+            road_maps = [load_map(name) for name in row.judgement.result.inputs.map]
         except MapError as error:
             missing.append(f"drive map of {row.name}: {error}")
             continue
@@ -140,11 +140,11 @@ def _worst(rows: Sequence[DrivingRow], out: Path) -> list[Picture]:
     for row in rows:
         found, drives = row.judgement.result, row.judgement.drives
         tracks = drives.worst if drives else []
-        worst = [track for track in tracks if _went_wrong(track, found.inputs.maps)][:WORST]
+        worst = [track for track in tracks if _went_wrong(track, found.inputs.map)][:WORST]
         if not worst or found.inputs.zero:
             continue
         path = out / f"worst_{len(pictures) + 1}.png"
-        draw_strips(worst, found.inputs.maps, path)
+        draw_strips(worst, found.inputs.map, path)
         failed = len(found.failures)
         what = f"{failed} of {found.episodes} episodes failed"
         what += "; the others shown left their lane for a while." if failed < len(worst) else "."

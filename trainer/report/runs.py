@@ -87,7 +87,9 @@ def _judgement(file: Path, problems: list[str]) -> Judgement | None:
         data = read_json(file)
         if "inputs" not in data or "success_rate" not in data:
             return None
-        result = from_plain(Evaluation, data, where=str(file))
+        inputs = {k: v for k, v in data["inputs"].items() if k != "maps"}
+        inputs["map"] = data["inputs"].get("maps", [])
+        result = from_plain(Evaluation, {**data, "inputs": inputs}, where=str(file))
     except ConfigError as error:
         problems.append(str(error))
         return None

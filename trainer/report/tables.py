@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from sim_pybullet.tasks.spec import PaperRow, find_task
 from trainer.algorithms import find_algorithm
-from trainer.judging.evaluate import Inputs, wilson_low
+from trainer.judging.evaluate import wilson_low
+from trainer.options import EvaluateOptions
 from trainer.report.runs import Judgement, Run
 
 NONE = "–"
@@ -130,8 +131,8 @@ def driving_row(run: Run, judgement: Judgement) -> DrivingRow:
     )
 
 
-def _where(asked: Inputs, learned: str) -> str:
-    maps = ", ".join(Path(name).stem for name in asked.maps)
+def _where(asked: EvaluateOptions, learned: str) -> str:
+    maps = ", ".join(Path(name).stem for name in asked.map)
     parts = [maps if asked.task == learned else f"{asked.task} on {maps}", Path(asked.look).stem]
     if find_task(asked.task).path_points:
         parts.append(_pose(asked))
@@ -144,7 +145,7 @@ def _where(asked: Inputs, learned: str) -> str:
     return " · ".join(parts)
 
 
-def _pose(asked: Inputs) -> str:
+def _pose(asked: EvaluateOptions) -> str:
     """How wrong the overhead poses were."""
     if asked.pose_error == "none" or (asked.pose_error is None and asked.look == "nominal"):
         return "true pose"

@@ -18,7 +18,6 @@ from trainer.experiments.six_models import (
     trainings,
     trials,
 )
-from trainer.judging.judge import inputs
 from trainer.report.curves import half_interval
 
 OPTIONS = SixModelsOptions(translator="gan.onnx", look="nominal", seeds=2)
@@ -66,9 +65,9 @@ def test_judged_in_reality_and_with_the_arenas_pose_error_and_nowhere_else(tmp_p
     judged = Counter()
     for job in drives(tmp_path, options, models(options)):
         assert job.options.look == "reality"
-        asked = inputs(job.options, "lane")
+        asked = job.options.filled_in("lane")
         assert asked.look == "reality"
-        assert asked.maps == (("loop",) if asked.task == "four_laps" else ("arena",))
+        assert asked.map == (("loop",) if asked.task == "four_laps" else ("arena",))
         judged[asked.task, asked.pose_error] += 1
     assert judged == {
         ("four_laps", None): 16,

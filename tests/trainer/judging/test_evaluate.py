@@ -18,9 +18,10 @@ from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from trainer.cli import main
 from trainer.export import export_network
 from trainer.judging import judge
-from trainer.judging.evaluate import Drive, Inputs, evaluate, open_policy, summarise, wilson_low
+from trainer.judging.evaluate import Drive, evaluate, open_policy, summarise, wilson_low
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
+from trainer.options import EvaluateOptions
 from trainer.presets import preset
 
 
@@ -203,7 +204,7 @@ def test_collisions_are_collisions_and_other_failures_are_not() -> None:
     metrics = DriveMetrics(1.0, 2.0, 0.1, 0.0, 0.05)
     ends = [(True, True), (True, False), (True, False), (False, False)]
     drives = [Drive(k, not f, metrics, f, None, c, "a") for k, (f, c) in enumerate(ends)]
-    inputs = Inputs("m", "lane", ("loop",), "nominal", None, None, 4, 0)
+    inputs = EvaluateOptions("m", "lane", ("loop",), episodes=4, seed=0)
 
     class Policy:
         contract = PolicyContract("lane", "ddqn", ImageSpec())
@@ -220,7 +221,7 @@ def test_which_lane_is_a_matter_of_rings(navigator: Path, capsys: Any) -> None:
 
 def test_an_untrained_policy_fails_and_its_figures_add_up(model: Path) -> None:
     policy, drives = OnnxPolicy(model), drive(model, range(40, 60))
-    inputs = Inputs(str(model), "lane", ("loop",), "nominal", None, None, 20, 40)
+    inputs = EvaluateOptions(str(model), "lane", ("loop",), episodes=20, seed=40)
     result = summarise(inputs, policy, drives)
     assert result.episodes == 20
     assert result.success_rate == 1.0 - len(result.failures) / 20

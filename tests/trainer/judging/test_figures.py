@@ -10,7 +10,8 @@ from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import Course
 from trainer.judging.drive_log import Tracer, _end, _Ride
-from trainer.judging.evaluate import Drive, Inputs, summarise, wilson_low
+from trainer.judging.evaluate import Drive, summarise, wilson_low
+from trainer.options import EvaluateOptions
 
 DRIVES = [
     Drive(7, True, DriveMetrics(10.0, 30.0, 0.6, 0.0, 0.02), failed=False, laps=2.0),
@@ -22,7 +23,7 @@ POLICY: Any = SimpleNamespace(contract=SimpleNamespace(algorithm="ppo", run="abc
 
 
 def test_the_figures_of_four_drives() -> None:
-    inputs = Inputs("m.onnx", "lane", ("loop",), "nominal", None, None, 4, 7)
+    inputs = EvaluateOptions("m.onnx", "lane", ("loop",), episodes=4, seed=7)
     found = summarise(inputs, POLICY, DRIVES)
     assert (found.episodes, found.success_rate, found.failures) == (4, 0.5, (8, 9))
     assert (found.collisions, found.failed_ends) == (1, 2)
@@ -37,7 +38,7 @@ def test_the_figures_of_four_drives() -> None:
 
 
 def test_a_race_cars_speed_is_that_on_the_real_track() -> None:
-    inputs = Inputs("m.onnx", "track", ("forest",), "nominal", None, None, 4, 7)
+    inputs = EvaluateOptions("m.onnx", "track", ("forest",), episodes=4, seed=7)
     without = [drive._replace(laps=None) for drive in DRIVES]
     found = summarise(inputs, POLICY, without)
     assert found.laps is None

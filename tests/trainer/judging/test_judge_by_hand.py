@@ -21,16 +21,16 @@ from sim_pybullet.drive_metrics import DriveMetrics
 from trainer.judging import evaluate
 from trainer.judging import judge as module
 from trainer.judging.drive_log import DriveLog, Track, drives_beside
-from trainer.judging.evaluate import Drive, Evaluation, Inputs, OnMap, _choose, _own_speeds
-from trainer.judging.judge import KeptDrives, _tell, answers, inputs
+from trainer.judging.evaluate import Drive, Evaluation, OnMap, _choose, _own_speeds
+from trainer.judging.judge import KeptDrives, _tell, answers
 from trainer.options import EvaluateOptions
 
-ASKED = Inputs("m.onnx", "lane", ("loop",), "nominal", None, None, 4, 7)
+ASKED = EvaluateOptions("m.onnx", "lane", ("loop",), episodes=4, seed=7)
 FIRST = Drive(7, True, DriveMetrics(10.0, 30.0, 0.6, 0.0, 0.02), laps=2.0, map="loop", lane="outer")
 SECOND = Drive(8, False, DriveMetrics(2.0, 8.0, 0.4, 0.5, 0.05), failed=True, collided=True)
 
 
-def asked_of(folder: Path, **changes: Any) -> Inputs:
+def asked_of(folder: Path, **changes: Any) -> EvaluateOptions:
     model = folder / "m.onnx"
     if not model.exists():
         model.write_bytes(b"policy")
@@ -56,7 +56,7 @@ def test_drives_are_kept_on_disk_as_they_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"look": "randomised"}, {"maps": ("town",)}, {"zero": "image"}, {"lane": "both"}]
+    "change", [{"look": "randomised"}, {"map": ("town",)}, {"zero": "image"}, {"lane": "both"}]
 )
 def test_drives_of_something_else_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
     out, asked = tmp_path / "e.json", asked_of(tmp_path)
@@ -89,16 +89,16 @@ def test_without_a_file_nothing_is_kept(tmp_path: Path) -> None:
 
 
 def test_the_policys_own_task_and_map_are_the_usual_ones() -> None:
-    told = inputs(EvaluateOptions(model="m.onnx"), "navigation")
-    assert (told.task, told.maps, told.model) == ("navigation", ("arena",), "m.onnx")
-    told = inputs(EvaluateOptions(model="m.onnx", task="lane", map=("town",)), "navigation")
-    assert (told.task, told.maps) == ("lane", ("town",))
+    told = EvaluateOptions(model="m.onnx").filled_in("navigation")
+    assert (told.task, told.map, told.model) == ("navigation", ("arena",), "m.onnx")
+    told = EvaluateOptions(model="m.onnx", task="lane", map=("town",)).filled_in("navigation")
+    assert (told.task, told.map) == ("lane", ("town",))
 
 
 def test_a_file_answers_what_it_was_asked(tmp_path: Path) -> None:
     options = EvaluateOptions(model="m.onnx")
     out = tmp_path / "e.json"
-    plain = json.loads(json.dumps(inputs(options, "lane").plain()))
+    plain = json.loads(json.dumps(options.filled_in("lane").plain()))
     out.write_text(json.dumps({"inputs": plain}))
     assert answers(out, options)
     out.write_text(json.dumps({"inputs": {k: v for k, v in plain.items() if k != "lane"}}))

@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
+from robot.typed_config import to_plain
 from tests.trainer.judging.test_drive_log import track
 from tests.trainer.test_run import episode
 from trainer.cli import main
 from trainer.judging.drive_log import DONE, DriveLog
-from trainer.judging.evaluate import Evaluation, Inputs
+from trainer.judging.evaluate import Evaluation
+from trainer.options import EvaluateOptions
 from trainer.presets import preset
 from trainer.report.page import write_report
 from trainer.report.runs import Run, find_runs, read_runs
@@ -36,12 +38,14 @@ def make_run(path: Path, algorithm: str = "ppo", seed: int = 0, task: str = "lan
 def judge(folder: RunFolder, failures: tuple[int, ...] = (), zero: str | None = None) -> Path:
     config = folder.load_config()
     maps, episodes = config.maps, 20
-    inputs = Inputs(str(folder.onnx), config.task, maps, "nominal", None, zero, episodes, 7)
+    inputs = EvaluateOptions(
+        str(folder.onnx), config.task, maps, zero=zero, episodes=episodes, seed=7
+    )
     share = 1.0 - len(failures) / episodes
     figures = (share, 0.5 * share, 0.02, 30.0, 9.0, 0.5)
     result = Evaluation(inputs, episodes, *figures, failures, config.algorithm, folder.name)
     path = folder.path / f"evaluation{zero or ''}.json"
-    write_json(path, result)
+    write_json(path, {**to_plain(result), "inputs": inputs.plain()})
     return path
 
 
