@@ -41,7 +41,7 @@ COMMANDS: Mapping[str, Command | Group] = {
     "train-sight": Command("trainer.sight.cli:train_command", "teach the network that sees lanes"),
     "judge-sight": Command("trainer.sight.cli:judge_command", "how right sight is, and how sure"),
     "judge-photographs": Command(
-        "trainer.judging.judge_photographs:command", "what all that sees makes of photographs"
+        "trainer.sight.cli:photographs_command", "what all that sees makes of photographs"
     ),
     "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),

@@ -95,8 +95,10 @@ def _run(words: List[str]) -> Optional[int]:
 
 def _help(groups: Dict[str, Dict[str, Program]]) -> str:
     lines = [f"usage: {NAME} COMMAND …"]
+    wide = 2 + max(len(name) for group in groups.values() for name in group)
     for title, group in groups.items():
-        lines += ["", f"{title}:", *(f"  {name:13}{each.purpose}" for name, each in group.items())]
+        rows = (f"  {name:{wide}}{each.purpose}" for name, each in group.items())
+        lines += ["", f"{title}:", *rows]
     return "\n".join([*lines, "", f"{NAME} COMMAND --help tells its options."])
 
 

@@ -9,18 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.progress import track
 
-import robot
 from robot.contract import FIVE_ACTIONS, FRAME_HEIGHT_PX, FRAME_WIDTH_PX
-from robot.errors import ConfigError, nearest
 from robot.inference.policy import OnnxPolicy, values_of
 from robot.inference.preprocess import preprocess
 from robot.vision.sight import OnnxSight
 from sim_pybullet.look import NOMINAL
-from trainer.division import PARTS, division
+from trainer.division import division
 from trainer.judging.photographs import (
     SURELY_NEAR_M,
     agrees,
@@ -29,12 +24,7 @@ from trainer.judging.photographs import (
     load_annotations,
 )
 from trainer.judging.yellow_line import YellowLine, detect_yellow_line, floor_table
-from trainer.run import write_json
 
-SHIPPED = tuple(
-    Path(robot.__file__).parent / "models" / f"{name}.onnx"
-    for name in ("lane_coached", "lane_dueling", "lane_ppo", "nav_dueling", "nav_ppo", "sight")
-)
 RIG = NOMINAL.rig()
 REFERENCE_M = floor_table(RIG, FRAME_WIDTH_PX, FRAME_HEIGHT_PX).reference_m
 YELLOW_M, WHITE_M = 0.2 * 0.585, -0.232 * 0.585  # to the left of the middle of a lane
@@ -188,36 +178,6 @@ def _shares(judged: Sequence[Judged]) -> dict[str, Any]:
         found[name] = sum(asked) / len(asked) if asked else None
         found[f"{name}_asked"] = len(asked)
     return found
-
-
-def command(
-    photographs: tyro.conf.Positional[Path],
-    models: tuple[Path, ...] = SHIPPED,
-    part: str = "judging",
-    json: Path | None = None,
-) -> int:
-    """Judge all that sees on photographs that a person annotated (docs/photographs.md).
-
-    Args:
-        photographs: the folder that holds the sites' folders; they do not come with this.
-        models: policies, and sight by its name, .onnx.
-        part: sites kept for judging, or those for choosing.
-        json: write the figures there, site by site.
-    """
-    if part not in PARTS[1:]:
-        raise ConfigError(f"part: unknown {part!r}; {nearest(part, PARTS[1:])}")
-    console = Console(soft_wrap=True)
-    asked = seers(models)
-    found = {
-        name: figures(judge(see, photographs, part))
-        for name, see in track(asked.items(), "asked", console=Console(stderr=True))
-    }
-    if json is not None:
-        inputs = {"photographs": str(photographs), "part": part, "models": [str(m) for m in models]}
-        write_json(json, {"inputs": inputs, "judged": found})
-    for row in as_rows(found):
-        console.print(f"| {' | '.join(row)} |", markup=False)
-    return 0
 
 
 def as_rows(found: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:

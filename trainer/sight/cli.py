@@ -13,7 +13,12 @@ from rich.progress import track
 import robot
 from robot.typed_config import to_plain
 
-SHIPPED = Path(robot.__file__).parent / "models" / "sight.onnx"
+MODELS = Path(robot.__file__).parent / "models"
+SHIPPED = MODELS / "sight.onnx"
+SEERS = tuple(
+    MODELS / f"{name}.onnx"
+    for name in ("lane_coached", "lane_dueling", "lane_ppo", "nav_dueling", "nav_ppo", "sight")
+)
 
 
 @dataclass(frozen=True)
@@ -114,4 +119,39 @@ def draw_command(
 
     count = write_seen(OnnxSight(model), pictures, out)
     Console(soft_wrap=True).print(f"{out}: {count} pictures", markup=False)
+    return 0
+
+
+def photographs_command(
+    photographs: tyro.conf.Positional[Path],
+    models: tuple[Path, ...] = SEERS,
+    part: str = "judging",
+    json: Path | None = None,
+) -> int:
+    """Judge all that sees on photographs that a person annotated (docs/photographs.md).
+
+    Args:
+        photographs: the folder that holds the sites' folders; they do not come with this.
+        models: policies, and sight by its name, .onnx.
+        part: sites kept for judging, or those for choosing.
+        json: write the figures there, site by site.
+    """
+    from robot.errors import ConfigError, nearest
+    from trainer.division import PARTS
+    from trainer.judging.judge_photographs import as_rows, figures, judge, seers
+    from trainer.run import write_json
+
+    if part not in PARTS[1:]:
+        raise ConfigError(f"part: unknown {part!r}; {nearest(part, PARTS[1:])}")
+    console = Console(soft_wrap=True)
+    asked = seers(models)
+    found = {
+        name: figures(judge(see, photographs, part))
+        for name, see in track(asked.items(), "asked", console=Console(stderr=True))
+    }
+    if json is not None:
+        inputs = {"photographs": str(photographs), "part": part, "models": [str(m) for m in models]}
+        write_json(json, {"inputs": inputs, "judged": found})
+    for row in as_rows(found):
+        console.print(f"| {' | '.join(row)} |", markup=False)
     return 0
