@@ -1,7 +1,8 @@
 """How many decisions a training makes per second of processor time, and where the time goes.
 
 ``python -m tools.training_speed --beside CHECKOUT`` measures this tree and another one in turn and
-prints their ratios: on a busy machine only these mean anything.
+prints their ratios: on a busy machine only these mean anything. ``--processes 2`` compares so many
+processes of one training with one, by the clock: on a quiet machine only.
 """
 
 from __future__ import annotations
@@ -14,7 +15,12 @@ import tempfile
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from trainer.one_thread import ONE_THREAD
+
+if TYPE_CHECKING:
+    from trainer.config import RunConfig
 
 CASES = {
     f"{task}_{algorithm}_{look}": (task, algorithm, look)
@@ -37,18 +43,39 @@ class TrainingSpeed:
     learner_share: float
 
 
+def measured(task: str, algorithm: str, look: str, size: str = "fast") -> RunConfig:
+    """A training with one evaluation, at its end."""
+    from trainer.presets import preset
+
+    config = replace(preset(task, algorithm, size), look=look, steps=STEPS[size, algorithm])
+    evaluation = replace(config.evaluation, episodes=1, rounds=1, every_steps=10 * config.steps)
+    return replace(config, evaluation=evaluation)
+
+
+def decisions_per_s(config: RunConfig) -> float:
+    """By the clock, from the middle of a training to its end."""
+    from rich.console import Console
+
+    from trainer.envs import make_env
+    from trainer.run import RunFolder
+    from trainer.training.train import train
+
+    with tempfile.TemporaryDirectory() as path:
+        folder = RunFolder(Path(path) / "run")
+        train(config, folder, make_env, Console(quiet=True))
+        late = [e for e in folder.episodes() if e.step >= config.steps / 2]
+    return (late[-1].step - late[0].step) / (late[-1].seconds - late[0].seconds)
+
+
 def training_speed(task: str, algorithm: str, look: str, size: str = "fast") -> TrainingSpeed:
     """Of a training of preset ``size`` in this process, without painting and evaluations."""
     from rich.console import Console
 
     from trainer.envs import make_env
-    from trainer.presets import preset
     from trainer.run import RunFolder
     from trainer.training.train import train
 
-    config = replace(preset(task, algorithm, size), look=look, steps=STEPS[size, algorithm])
-    evaluation = replace(config.evaluation, episodes=1, rounds=1, every_steps=10 * config.steps)
-    config = replace(config, evaluation=evaluation)
+    config = measured(task, algorithm, look, size)
     spans: list[tuple[float, float]] = []  # of the world's steps, on the processor's clock
 
     def timed(config: Any, robots: int, seed: int) -> Any:
@@ -75,15 +102,21 @@ def training_speed(task: str, algorithm: str, look: str, size: str = "fast") -> 
 
 def in_checkout(case: str, checkout: Path) -> TrainingSpeed:
     """A case measured in a process of its own, by the code of a checkout, in one thread."""
-    threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-    environment = {**os.environ, **threads, "PYTHONPATH": str(checkout)}
+    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(checkout)}
     words = [sys.executable, __file__, case]
     told = subprocess.run(words, cwd=checkout, env=environment, capture_output=True, check=True)
     return TrainingSpeed(**json.loads(told.stdout.splitlines()[-1]))
 
 
 def main(words: list[str]) -> None:
-    """``CASE`` measures one here; ``--beside CHECKOUT [CASE …]`` compares."""
+    """``CASE`` measures one here; the others compare all, or the cases named after them."""
+    if words[:1] == ["--processes"]:
+        os.environ.update(ONE_THREAD)
+        for case in words[2:] or CASES:
+            config = measured(*CASES[case])
+            one, many = (decisions_per_s(replace(config, workers=n)) for n in (1, int(words[1])))
+            print(f"{case} {one:.0f} and {many:.0f} decisions/s: {many / one:.2f}", flush=True)
+        return
     if words[:1] != ["--beside"]:
         print(json.dumps(asdict(training_speed(*CASES[words[0]]))))
         return
