@@ -44,14 +44,11 @@ class CameraConfig:
         if self.kind == "csi" and self.fps > CSI_FPS:
             raise ConfigError(
                 f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {self.fps}; its "
-                "sensor runs in the mode of 1640x1232 at 30, as those of 60 and 120 (1280x720) see "
-                "only the middle of the picture"
+                "faster modes, of 1280x720, see only the middle of the picture"
             )
         if not (self.number >= 0 and 0 <= self.flip <= 7):
-            raise ConfigError(
-                f"camera: expected number of 0 or more and flip 0 to 7, got number {self.number}, "
-                f"flip {self.flip}"
-            )
+            got = f"got number {self.number}, flip {self.flip}"
+            raise ConfigError(f"camera: expected number of 0 or more and flip 0 to 7, {got}")
 
 
 @dataclass(frozen=True)
@@ -64,8 +61,7 @@ class RecordingConfig:
     def __post_init__(self) -> None:
         if not self.folder:
             raise ConfigError(
-                "recording.folder: expected a folder, got ''; to record nothing, leave the "
-                "recording section out"
+                "recording.folder: expected a folder, got ''; leave the section out to record none"
             )
         if not 0.0 <= self.keep_free_mb < math.inf:
             raise ConfigError(
@@ -102,8 +98,7 @@ class RobotConfig:
             )
         if self.map and self.link is None:
             raise ConfigError(
-                "map: expected a link as well, to be told poses and destinations; "
-                "add a link section, or leave the map out to keep a lane"
+                "map: expected a link as well, to hear poses and destinations; add link, or no map"
             )
         if self.rules.stop_lines and not self.map:
             raise ConfigError(

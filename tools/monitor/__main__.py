@@ -9,8 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -69,7 +68,7 @@ def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
         for stream in range(len(BOUND_BY)):
             _listening("127.0.0.1", arguments.port + 1 + stream).close()
         config = LinkConfig(plaintext=True, base_port=arguments.port + 1)
-        stack.enter_context(_demo_robot(arguments.map, config.base_port))
+        _demo_robot(arguments.map, config.base_port, stack)
         if find_spec("torch"):  # without the extra 'trainer' no attention is shown
             arguments.model = arguments.model or SHIPPED_MODELS / DEMO_MODEL
     else:
@@ -99,15 +98,11 @@ def _listening(host: str, port: int) -> socket.socket:
         ) from error
 
 
-@contextmanager
-def _demo_robot(road_map: str, base_port: int) -> Iterator[None]:
+def _demo_robot(road_map: str, base_port: int, stack: ExitStack) -> None:
     words = ["--base-port", str(base_port), "--map", road_map, "--parent", str(os.getpid())]
     process = subprocess.Popen([sys.executable, "-m", "tools.monitor.demo_robot", *words])
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait(timeout=5.0)
+    stack.callback(process.wait, 5.0)
+    stack.callback(process.terminate)
 
 
 if __name__ == "__main__":
