@@ -164,3 +164,58 @@ def test_a_cap_is_never_negative_and_says_why(
     assert cap.most_mps >= 0.0
     assert (cap.most_mps < FREE) == bool(cap.reason)
     assert isinstance(rule, StopLines)
+
+
+def before(
+    left_m: float, since_s: Optional[float] = None, told: int = 2
+) -> "tuple[StopLines, Cap]":
+    """What a rule says that knows a line so far before the nose, of which nothing more is told."""
+    rule = StopLines(at_m=3.0 + left_m, told=told + (since_s is None), since_s=since_s)
+    return rule.after(Road(9.0, 3.0, True))
+
+
+@pytest.mark.parametrize(
+    ("left_m", "most_mps"),
+    [
+        *[(0.35, 0.5), (0.11, 0.1), (0.0741, 0.0401), (0.073, 0.04), (0.061, 0.04)],
+        *[(0.059, 0.0), (0.0, 0.0), (-0.039, 0.0), (-0.041, FREE)],
+    ],
+)
+def test_so_fast_may_it_go_so_far_before_a_line(left_m: float, most_mps: float) -> None:
+    """5 cm before it in 0.6 s, never below 4 cm/s, reached at 6 cm; 4 cm behind it none is left."""
+    _, cap = before(left_m)
+    assert cap.most_mps == pytest.approx(most_mps, abs=1e-4)
+
+
+@pytest.mark.parametrize(("left_m", "stays"), [(0.099, True), (0.101, False)])
+def test_who_stands_stays_up_to_ten_centimetres_before_the_line(left_m: float, stays: bool) -> None:
+    _, cap = before(left_m, since_s=8.9)
+    assert (cap.most_mps == 0.0) is stays
+
+
+@pytest.mark.parametrize(("since_s", "goes"), [(7.81, False), (7.79, True)])
+def test_it_goes_on_after_being_told_to_stand_for_so_long_and_meets_no_line_there(
+    since_s: float, goes: bool
+) -> None:
+    rule, cap = before(0.05, since_s)
+    assert (cap.most_mps == FREE) is goes
+    if goes:
+        for driven_m, counts in ((3.299, False), (3.301, True)):
+            after, _ = rule.after(Road(10.0, driven_m, False, 0.3))
+            assert (after.told == 1) is counts
+
+
+@pytest.mark.parametrize(("apart_m", "told"), [(0.119, 4), (0.121, 1), (-0.119, 4), (-0.121, 1)])
+def test_two_tellings_so_near_to_each_other_mean_one_line(apart_m: float, told: int) -> None:
+    rule, _ = StopLines(at_m=3.5, told=3).after(Road(9.0, 3.0, False, 0.5 + apart_m))
+    assert rule.told == told
+    assert rule.at_m == pytest.approx(3.5 + apart_m)
+
+
+def test_a_line_counts_from_its_second_telling_and_is_kept_for_five_turns_at_most() -> None:
+    rule = StopLines()
+    slowed, told = [], [0.3] * 8 + [None] * 6
+    for line_m in told:
+        rule, cap = rule.after(Road(9.0, 3.0, False, line_m))
+        slowed.append(cap.most_mps < FREE)
+    assert slowed == [False] + [True] * 7 + [True] * 3 + [False] * 3
