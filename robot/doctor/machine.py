@@ -40,13 +40,8 @@ class CameraLook(NamedTuple):
 class Machine:
     """The computer that this program runs on, as the checks see it."""
 
-    def python(self) -> Tuple[int, int]:
-        """Version of the interpreter."""
-        return sys.version_info[:2]
-
-    def processor(self) -> str:
-        """Such as ``aarch64``."""
-        return platform.machine()
+    python = sys.version_info[:2]
+    processor = platform.machine()  # such as ``aarch64``
 
     def package(self, name: str) -> Optional[str]:
         """Version of an installed package; None without it."""

@@ -23,8 +23,8 @@ SHARE = 0.5  # of the time between two decisions that one may take
 
 def check_python(machine: Machine) -> Iterator[Finding]:
     """Versions of interpreter and packages."""
-    version = f"{'.'.join(map(str, machine.python()))} on {machine.processor()}"
-    if machine.python() < OLDEST_PYTHON:
+    version = f"{'.'.join(map(str, machine.python))} on {machine.processor}"
+    if machine.python < OLDEST_PYTHON:
         yield Finding("Python", FAIL, version, "install 3.8 or newer; Ubuntu 18.04: apt python3.8")
     else:
         yield Finding("Python", OK, version)
@@ -34,7 +34,7 @@ def check_python(machine: Machine) -> Iterator[Finding]:
         says, remedy = f"{absent}: not installed", f"python -m pip install {absent}"
         yield Finding("packages", FAIL, says, remedy)
         return
-    if machine.processor() == "aarch64" and str(found["onnxruntime"]).startswith("1.21."):
+    if machine.processor == "aarch64" and str(found["onnxruntime"]).startswith("1.21."):
         says = f"onnxruntime {found['onnxruntime']} dies with SIGILL on the Nano's processor"
         yield Finding("packages", FAIL, says, "python -m pip install onnxruntime==1.19.2")
         return

@@ -27,8 +27,8 @@ from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_poli
 class Patient:
     """A healthy Jetson Nano; a test takes its health away."""
 
-    version: Tuple[int, int] = (3, 8)
-    chip: str = "aarch64"
+    python: Tuple[int, int] = (3, 8)
+    processor: str = "aarch64"
     packages: Dict[str, str] = field(default_factory=dict)
     without: Tuple[str, ...] = ()
     hats: Dict[int, VirtualI2cBus] = field(default_factory=dict)
@@ -37,12 +37,6 @@ class Patient:
     heat: Dict[str, float] = field(default_factory=lambda: {"CPU-therm": 45.0})
     unreachable: str = ""
     dead_camera: str = ""
-
-    def python(self) -> Tuple[int, int]:
-        return self.version
-
-    def processor(self) -> str:
-        return self.chip
 
     def package(self, name: str) -> Optional[str]:
         return None if name in self.without else self.packages.get(name, "1.19.2")
@@ -120,7 +114,7 @@ def looks(**changes: object) -> Ail:
 
 
 AILMENTS: Dict[str, Tuple[Ail, str, str, str]] = {
-    "old Python": (sets(version=(3, 6)), "Python", FAIL, "python3.8"),
+    "old Python": (sets(python=(3, 6)), "Python", FAIL, "python3.8"),
     "no smbus2": (sets(without=("smbus2",)), "packages", FAIL, "pip install smbus2"),
     "deadly onnxruntime": (
         sets(packages={"onnxruntime": "1.21.0"}),

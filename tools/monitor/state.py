@@ -40,7 +40,6 @@ class Snapshot:
     silence_s: float | None  # None: never heard
     overhead: PoseMessage | None  # the newest position by the localizer
     heard: tuple[InputAge, ...]  # what reaches this monitor
-    frame_sequence: int
     drives: int  # changes when a drive was recorded
 
 
@@ -119,7 +118,6 @@ class MonitorState:
             silence_s=told_age(ages["telemetry"]),
             overhead=self.pose,
             heard=heard,
-            frame_sequence=self.frame.sequence if self.frame else 0,
             drives=self.drives,
         )
 
