@@ -44,7 +44,7 @@ class CameraConfig:
         if self.kind == "csi" and self.fps > CSI_FPS:
             raise ConfigError(
                 f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {self.fps}; its "
-                "faster modes, of 1280x720, see only the middle of the picture"
+                "mode is 1640x1232, and faster ones see only the middle of the picture"
             )
         if not (self.number >= 0 and 0 <= self.flip <= 7):
             got = f"got number {self.number}, flip {self.flip}"
