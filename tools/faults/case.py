@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tools.faults.stage import Stage
-    from tools.loop.devices import PictureServer
+    from tools.loop.picture_server import PictureServer
 
 Act = Callable[["Stage"], object]
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step

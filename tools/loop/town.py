@@ -20,7 +20,8 @@ from sim_pybullet.overhead import (
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.world import PHYSICS_DT_S, VirtualWorld
-from tools.loop.devices import BusServer, PictureServer
+from tools.loop.devices import BusServer
+from tools.loop.picture_server import PictureServer
 from tools.loop.timekeeper import Timekeeper
 
 ROBOT = "robot"
