@@ -35,7 +35,8 @@ from trainer.sight.pictures import (
 )
 
 DECISIONS = 200  # of each file of pictures
-_RATE = 1e-3
+_RATE = 2e-3
+_WARM = 300  # steps over which the rate rises
 _SPOILED = 0.12  # share of a batch
 _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
 
@@ -60,7 +61,6 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     parts = {"network": network, "optimiser": optimiser}
     loop = Loop(out / "checkpoint.pt", parts, run.steps, run.seed)
     loop.run(lesson(network, optimiser, training, run), "sight", console)
-    network.eval()
     calibrate(network, chosen)
     path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
     contract = SightContract(IMAGE, run=out.name, trained_steps=run.steps)
@@ -97,7 +97,8 @@ def lesson(
     """One step of the training, for `trainer.resumable.Loop`."""
 
     def step(rng: np.random.Generator, number: int) -> str:
-        set_rate([optimiser], _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps)))
+        rate = _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
+        set_rate([optimiser], rate * min(1.0, (number + 1) / _WARM))
         images, labels = drawn(pictures, run.batch, rng)
         loss = network.loss(torch.from_numpy(images), torch.from_numpy(labels))
         descend(optimiser, loss)
