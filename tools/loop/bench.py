@@ -150,11 +150,6 @@ class Bench:
         """Whether the monitor's page can be looked at."""
         return not self.operator.closed and not {"monitor"} & (self._frozen | self._ending)
 
-    @property
-    def hidden(self) -> bool:
-        """Whether the localizer is stopped."""
-        return "localizer" in self._frozen
-
     def freeze(self, name: str, frozen: bool = True) -> None:
         """Stop a program where it is, or let it go on."""
         self.time.freeze(name, frozen)

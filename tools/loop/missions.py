@@ -94,11 +94,11 @@ class Driver:
         self.bench.until(self._found, ANSWER_S + SETTLE_S, "the robot to find itself")
 
     def hide(self) -> None:
-        """Let the robot know its place well, then stop the localizer, if it still runs."""
-        if not self.bench.hidden:
+        """Let the robot know its place well, then end the localizer, if it still runs."""
+        if self.bench.processes["localizer"].alive:
             settled_s = self.bench.now_s + SETTLE_S
             self.bench.until(lambda: self.bench.now_s > settled_s, 2.0 * SETTLE_S, "poses")
-            self.bench.freeze("localizer")
+            self.bench.stop("localizer")
 
     def drive(self, destination: tuple[float, float] | None = None) -> MissionRecord:
         """One mission from where the robot is; to a random place unless told."""
