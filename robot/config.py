@@ -61,7 +61,7 @@ class RecordingConfig:
     def __post_init__(self) -> None:
         if not self.folder:
             raise ConfigError(
-                "recording.folder: expected a folder, got ''; leave the section out to record none"
+                "recording.folder: expected one, got ''; leave the recording section out for none"
             )
         if not 0.0 <= self.keep_free_mb < math.inf:
             raise ConfigError(
