@@ -44,7 +44,8 @@ FINE_USEFUL_M = 0.0035  # poses that err by more, from one to the next, hide a d
 FINE_CAUTION = 1.5  # times the variance that was seen
 FINE_WHITE_M = 0.0015  # no poses are held to be better, from one to the next
 FINE_M, FINE_RAD = 0.005, math.radians(0.7)  # nor over any way, nor their usual headings
-FINE_SCALE = 0.036  # of wheels not yet known: 15 % just pass
+FINE_STRETCH = 0.012  # of the localizer's picture here and there
+FINE_SCALE = 0.034  # of wheels not yet known: with the picture's, 15 % just pass
 FINE_ASKEW_RAD = 0.02  # of a board not yet known: 5 degrees just pass
 FINE_TIMING_S = 0.06  # by which wheels answer, and pictures are dated, late
 FINE_ASIDE_M = 0.005  # by which the board is not above the axle's middle: a centimetre passes
@@ -187,7 +188,7 @@ class WayCheck:
         elapsed_s = now[:, None, _TIME] - then[None, :, _TIME]
         noise = noise_m2 + short + (long - short) * elapsed_s / FINE_LAG_S + FINE_M**2
         way_m2 = np.abs(led) ** 2
-        across_var += FINE_RAD**2
+        along_var, across_var = along_var + FINE_STRETCH**2, across_var + FINE_RAD**2
         squared = along**2 / (noise + way_m2 * along_var)
         return np.asarray(squared + across**2 / (noise + way_m2 * across_var))
 
