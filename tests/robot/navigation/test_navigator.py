@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import List, Optional, Tuple
 
@@ -15,6 +16,7 @@ from robot.navigation.navigator import MissionNavigator
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_path, plan_route
 from robot.navigation.road_map import load_map
+from robot.navigation.way_check import WayCheck
 from robot.parts import Guidance
 from robot.safety.state_machine import Command
 from tests.robot.runtime.test_loop import Bench
@@ -294,3 +296,20 @@ def test_but_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     world = driving()
     miss_the_turn(world)
     assert world.guidance.off_path
+
+
+def test_the_way_is_checked_by_the_heading_that_was_told_else_by_the_believed_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: List[Pose] = []
+    monkeypatch.setattr(WayCheck, "see", lambda _, __, pose: seen.append(pose))
+    world = World(START)
+    world.turn()
+    world.tell(START._replace(heading_rad=START.heading_rad + 0.3))
+    world.turn(seen=False)
+    assert wrap_angle(seen[-1].heading_rad - START.heading_rad) == pytest.approx(0.3, abs=1e-6)
+    world.tell(START)
+    unknown = dataclasses.replace(world.messages[0].robots[0], heading_rad=None)
+    world.messages = [dataclasses.replace(world.messages[0], robots=(unknown,))]
+    world.turn(seen=False)
+    assert abs(float(wrap_angle(seen[-1].heading_rad - START.heading_rad))) < 0.3
