@@ -77,9 +77,10 @@ class Whereabouts:
     @property
     def sentence(self) -> str:
         """How far it has come, for a person."""
+        fit = "one place fits" if self.places == 1 else f"{self.places} places fit"
         return (
-            f"the robot looks for its place, and {self.places} places fit what it saw; drive it by "
-            "hand through a junction or two, or say on the monitor where it stands"
+            f"the robot looks for its place, and {fit} what it saw, not surely enough yet; drive "
+            "it by hand through a junction or two, or say on the monitor where it stands"
         )
 
     def see(self, seen: Seen, now_s: float) -> Tuple[Place, ...]:

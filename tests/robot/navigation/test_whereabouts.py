@@ -75,7 +75,7 @@ def found_right(seeds: range) -> List[bool]:
     for seed in seeds:
         search, place, truth = drive(TOWN, seed)
         if place is None or search.junctions > 3:
-            assert place is not None or search.places > 1, "it says that more than one place fits"
+            assert "looks for its place" in search.sentence
             continue
         apart_m = math.dist(place.pose[:2], truth[:2])
         turned = abs(float(wrap_angle(place.pose.heading_rad - truth.heading_rad)))
@@ -122,7 +122,9 @@ def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() 
     goal = world.pose.to_world(np.array((0.3, 0.0)))
     for _ in range(3):
         world.turn(seen=False)
-    with pytest.raises(PlanError, match="places fit what it saw; drive it by hand"):
+    with pytest.raises(
+        PlanError, match="places fit what it saw, not surely enough yet; drive it by hand"
+    ):
         world.navigator.plan((float(goal[0]), float(goal[1])))
     path = route(TOWN, np.random.default_rng(5))
     world.pose = Pose(*path.points_m[0], float(path.headings_rad[0]))

@@ -14,6 +14,7 @@ import torch
 from robot.contract import ImageSpec
 from robot.errors import ConfigError, ContractError
 from robot.navigation.road_map import load_map, read_map
+from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
 from trainer.transfer import collect, parser, unpaired
 from trainer.transfer.annotations import Photograph, Shape, draw
@@ -32,7 +33,7 @@ def test_robots_are_a_little_beside_their_lane_and_a_tenth_of_them_lost(
     """All on one place that heads north: beside it is east and west."""
     count = 20_000
     there = np.tile((1.0, 2.0, math.pi / 2.0), (count, 1))
-    monkeypatch.setattr(collect, "_on_lanes", lambda *_: there.copy())
+    monkeypatch.setattr(collect, "lane_poses", lambda *_: there.copy())
     poses = collect.positions(load_map("loop"), count, np.random.default_rng(0))
     np.testing.assert_allclose(poses[:, 1], 2.0)
     assert poses[:, 0].mean() == pytest.approx(1.0, abs=1e-3)
@@ -47,7 +48,7 @@ def test_robots_are_a_little_beside_their_lane_and_a_tenth_of_them_lost(
 
 def test_robots_are_on_all_lanes_and_all_along_them() -> None:
     town = load_map("town")
-    found = collect._on_lanes(town, 4_000, np.random.default_rng(0))
+    found = lane_poses(town, 4_000, np.random.default_rng(0))
     index = town.lane_index
     nearest = [index.near(x, y) for x, y, _ in found[:1_000]]
     assert max(float(near.distance_m.min()) for near in nearest) < 1e-3
@@ -57,7 +58,7 @@ def test_robots_are_on_all_lanes_and_all_along_them() -> None:
     begun = [near.t[int(near.distance_m.argmin())] for near in nearest]
     assert np.histogram(begun, 4, (0.0, 1.0))[0].min() > 180
     with pytest.raises(ConfigError, match="expected a map with roads"):
-        collect._on_lanes(read_map({"tiles": [["grass"]], "tile_size": 0.5}, "m"), 1, None)  # type: ignore[arg-type]
+        lane_poses(read_map({"tiles": [["grass"]], "tile_size": 0.5}, "m"), 1, None)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("maps", "size"), [(("loop",), 48), (("loop", "town", "arena"), 16)])
