@@ -91,9 +91,9 @@ def test_a_place_is_found_after_three_junctions_and_is_right() -> None:
 
 @pytest.mark.slow
 def test_nineteen_of_twenty_places_are_right() -> None:
-    right = found_right(range(60))
-    print(f"{sum(right)} of {len(right)} places found in 60 drives were right")
-    assert len(right) >= 30
+    right = found_right(range(20))
+    print(f"{sum(right)} of {len(right)} places found in 20 drives were right")
+    assert len(right) >= 10
     assert sum(right) >= 0.95 * len(right)
 
 

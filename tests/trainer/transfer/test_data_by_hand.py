@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from robot.contract import ImageSpec
-from robot.errors import ConfigError, ContractError
+from robot.errors import ContractError, MapError
 from robot.navigation.road_map import load_map, read_map
 from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
@@ -57,7 +57,7 @@ def test_robots_are_on_all_lanes_and_all_along_them() -> None:
         assert np.cos(near.heading_rad[on] - heading).max() == pytest.approx(1.0, abs=1e-4)
     begun = [near.t[int(near.distance_m.argmin())] for near in nearest]
     assert np.histogram(begun, 4, (0.0, 1.0))[0].min() > 180
-    with pytest.raises(ConfigError, match="expected a map with roads"):
+    with pytest.raises(MapError, match="expected a map with roads"):
         lane_poses(read_map({"tiles": [["grass"]], "tile_size": 0.5}, "m"), 1, None)  # type: ignore[arg-type]
 
 
