@@ -75,7 +75,6 @@ def found_right(seeds: range) -> List[bool]:
     for seed in seeds:
         search, place, truth = drive(TOWN, seed)
         if place is None or search.junctions > 3:
-            assert "looks for its place" in search.sentence
             continue
         apart_m = math.dist(place.pose[:2], truth[:2])
         turned = abs(float(wrap_angle(place.pose.heading_rad - truth.heading_rad)))
