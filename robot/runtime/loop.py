@@ -35,6 +35,7 @@ from robot.parts import (
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.governors import Cap, Road, Rule, govern
+from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
 from robot.safety.wheel_limits import STILL, Drive
 
@@ -248,7 +249,8 @@ class Runtime:
         if self.safety.verdict.state is not State.AUTO:
             self._rules = self._every_rule
             return Cap()
-        road = Road(now_s, way.driven_m, self._wheels == STILL, way.line_m)
+        told_mps = max(abs(speed) for speed in self._wheels)
+        road = Road(now_s, way.driven_m, told_mps, RoadAhead(line_m=way.line_m))
         self._rules, cap = govern(self._rules, road)
         return cap
 

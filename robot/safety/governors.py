@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Optional, Protocol, Sequence, Tuple
 
+from robot.safety.road_ahead import Light, RoadAhead
+
 NOSE_M = 0.066  # of the robot, before its axle
 
 
@@ -18,8 +20,8 @@ class Road(NamedTuple):
 
     now_s: float
     driven_m: float  # by the wheels' steps, since anywhere
-    standing: bool  # so the wheels were told in the turn before
-    line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
+    told_mps: float  # the faster wheel, in the turn before
+    ahead: RoadAhead = RoadAhead()
 
 
 class Cap(NamedTuple):
@@ -91,7 +93,7 @@ class StopLines:
             most_mps = max(_CREEP_MPS, (left_m - _STOP_M) / _BRAKE_S)
             reason = f"a stop line is {100.0 * left_m:.0f} cm ahead"
             return replace(rule, since_s=None), Cap(most_mps, reason)
-        if rule.since_s is None or not road.standing:
+        if rule.since_s is None or road.told_mps > 0.0:
             rule = replace(rule, since_s=road.now_s)
         elif road.now_s - rule.since_s >= STAND_S:
             return StopLines(free_m=rule.at_m + _PAST_M), Cap()
@@ -99,12 +101,26 @@ class StopLines:
 
     def _told(self, road: Road) -> StopLines:
         """With what is told of a line in this turn."""
-        if road.line_m is None:
+        line_m = road.ahead.line_m
+        if line_m is None:
             fewer = self.told if self.since_s is not None else max(0, self.told - 1)
             return replace(self, told=fewer)
-        at_m = road.driven_m + road.line_m
+        at_m = road.driven_m + line_m
         if self.told and abs(at_m - self.at_m) < _SAME_M:
             return replace(self, at_m=at_m, told=min(self.told + 1, _KEPT))
         if self.since_s is not None:
             return self
         return replace(self, at_m=at_m, told=1)
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Stand before the line while its light is red. A green one spares nobody the look around."""
+
+    def after(self, road: Road) -> Tuple[Lights, Cap]:
+        """See `Rule`."""
+        left_m = road.ahead.line_m
+        if road.ahead.light is not Light.RED or left_m is None or left_m < _BEHIND_M:
+            return self, Cap()
+        most_mps = (left_m - _STOP_M) / _BRAKE_S
+        return self, Cap(most_mps if left_m > _STOP_M + _AT_M else 0.0, "the light is red")

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Callable, List, NamedTuple, Optional
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
-from robot.safety.governors import Cap, Road, Rules, StopLines, govern
+from robot.safety.governors import Cap, Lights, Road, Rules, StopLines, govern
+from robot.safety.headway import KeepApart
+from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import Drive
 
 FREE = math.inf
 FULL_MPS = 0.3
+line = partial(RoadAhead, math.inf, 0.0, 0.0)  # nothing but a line so far ahead [m]
 Telling = Callable[[float, float], Optional[float]]
 
 
@@ -33,7 +38,7 @@ SPEEDS = st.builds(WheelSpeeds, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
 
 @given(st.lists(CAPS, max_size=4))
 def test_the_lowest_cap_holds_and_without_rules_any_speed_is_free(caps: List[Cap]) -> None:
-    _, cap = govern([Fixed(each) for each in caps], Road(0.0, 0.0, False))
+    _, cap = govern([Fixed(each) for each in caps], Road(0.0, 0.0, FULL_MPS))
     assert cap.most_mps == min([FREE, *(each.most_mps for each in caps)])
     assert not caps or cap in caps
 
@@ -76,7 +81,7 @@ def drive(
     while nose_m < until_m:
         k += 1
         assert k < 600, "it must go on"
-        road = Road(0.1 * k, nose_m, sent[-1] == 0.0, tell(nose_m, 0.1 * k))
+        road = Road(0.1 * k, nose_m, sent[-1], line(tell(nose_m, 0.1 * k)))
         rule, cap = rule.after(road)
         sent.append(min(FULL_MPS, cap.most_mps))
         for _ in range(10):
@@ -160,7 +165,9 @@ def test_a_line_told_with_an_error_is_stood_at(errors: List[float]) -> None:
 def test_a_cap_is_never_negative_and_says_why(
     line_m: Optional[float], standing: bool, at_m: float, told: int
 ) -> None:
-    rule, cap = StopLines(at_m=at_m, told=told).after(Road(1.0, 0.5, standing, line_m))
+    rule, cap = StopLines(at_m=at_m, told=told).after(
+        Road(1.0, 0.5, 0.0 if standing else FULL_MPS, line(line_m))
+    )
     assert cap.most_mps >= 0.0
     assert (cap.most_mps < FREE) == bool(cap.reason)
     assert isinstance(rule, StopLines)
@@ -171,7 +178,7 @@ def before(
 ) -> "tuple[StopLines, Cap]":
     """What a rule says that knows a line so far before the nose, of which nothing more is told."""
     rule = StopLines(at_m=3.0 + left_m, told=told + (since_s is None), since_s=since_s)
-    return rule.after(Road(9.0, 3.0, True))
+    return rule.after(Road(9.0, 3.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -201,13 +208,13 @@ def test_it_goes_on_after_being_told_to_stand_for_so_long_and_meets_no_line_ther
     assert (cap.most_mps == FREE) is goes
     if goes:
         for driven_m, counts in ((3.299, False), (3.301, True)):
-            after, _ = rule.after(Road(10.0, driven_m, False, 0.3))
+            after, _ = rule.after(Road(10.0, driven_m, FULL_MPS, line(0.3)))
             assert (after.told == 1) is counts
 
 
 @pytest.mark.parametrize(("apart_m", "told"), [(0.119, 4), (0.121, 1), (-0.119, 4), (-0.121, 1)])
 def test_two_tellings_so_near_to_each_other_mean_one_line(apart_m: float, told: int) -> None:
-    rule, _ = StopLines(at_m=3.5, told=3).after(Road(9.0, 3.0, False, 0.5 + apart_m))
+    rule, _ = StopLines(at_m=3.5, told=3).after(Road(9.0, 3.0, FULL_MPS, line(0.5 + apart_m)))
     assert rule.told == told
     assert rule.at_m == pytest.approx(3.5 + apart_m)
 
@@ -216,6 +223,88 @@ def test_a_line_counts_from_its_second_telling_and_is_kept_for_five_turns_at_mos
     rule = StopLines()
     slowed, told = [], [0.3] * 8 + [None] * 6
     for line_m in told:
-        rule, cap = rule.after(Road(9.0, 3.0, False, line_m))
+        rule, cap = rule.after(Road(9.0, 3.0, FULL_MPS, line(line_m)))
         slowed.append(cap.most_mps < FREE)
     assert slowed == [False] + [True] * 7 + [True] * 3 + [False] * 3
+
+
+class Chase(NamedTuple):
+    """How a robot behind another drove."""
+
+    least_m: float  # between nose and tail
+    way_m: float
+
+
+def chase(
+    leader_mps: List[float], free_m: float, lag_s: float, delay_turns: int, errors: List[float]
+) -> Chase:
+    """Follow what moves so fast in each turn, or stops dead; full speed wherever it is allowed."""
+    speed, sent, least_m, way_m = FULL_MPS, [FULL_MPS] * (delay_turns + 1), free_m, 0.0
+    for k, ahead_mps in enumerate(leader_mps):
+        told_m = free_m + errors[k % len(errors)]
+        seen = RoadAhead(told_m, 0.01, closing_mps=speed - ahead_mps)
+        _, cap = KeepApart().after(Road(0.1 * k, way_m, sent[-1], seen))
+        sent.append(min(FULL_MPS, cap.most_mps))
+        for _ in range(10):
+            speed += (sent[-1 - delay_turns] - speed) * min(1.0, 0.01 / max(lag_s, 0.01))
+            free_m += 0.01 * (ahead_mps - speed)
+            way_m += 0.01 * speed
+            least_m = min(least_m, free_m)
+    return Chase(least_m, way_m)
+
+
+SOMEHOW = st.lists(st.sampled_from([0.0, 0.0, 0.1, 0.3]), min_size=1, max_size=12)
+ERRORS = st.lists(st.floats(-0.015, 0.015), min_size=1, max_size=8)
+
+
+@given(
+    SOMEHOW, st.floats(0.22, 1.0), st.sampled_from([0.0, 0.1, 0.2]), st.sampled_from([0, 1]), ERRORS
+)
+def test_nobody_is_hit_who_stops_dead_at_any_time(
+    legs: List[float], free_m: float, lag_s: float, delay_turns: int, errors: List[float]
+) -> None:
+    leader_mps = [speed for speed in legs for _ in range(7)] + [0.0] * 20
+    assert chase(leader_mps, free_m, lag_s, delay_turns, errors).least_m > 0.0
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize("delay_turns", [0, 1])
+def test_it_stops_before_a_duck_that_appears_a_quarter_of_a_metre_ahead(
+    lag_s: float, delay_turns: int
+) -> None:
+    free_m = 0.25 - 0.066 - 0.03  # from the axle to the duck's middle: less the nose, half a duck
+    assert chase([0.0] * 40, free_m, lag_s, delay_turns, [0.0]).least_m > 0.0
+
+
+def test_who_walks_towards_it_is_not_met_at_speed() -> None:
+    """It stands before what comes on; that it is then run into is not its doing."""
+    seen = RoadAhead(free_m=0.4, closing_mps=0.5)
+    assert KeepApart().after(Road(0.0, 0.0, 0.1, seen))[1].most_mps == pytest.approx(0.2)
+    assert KeepApart().after(Road(0.0, 0.0, 0.3, seen))[1].most_mps == pytest.approx(0.4)
+
+
+def test_behind_a_robot_at_full_speed_the_way_is_kept_and_nobody_dawdles() -> None:
+    followed = chase([0.25] * 100, 0.5, 0.1, 0, [0.0])
+    assert followed.way_m > 0.25 * 10.0
+    assert chase([0.3] * 100, math.inf, 0.1, 0, [0.0]).way_m == pytest.approx(3.0, abs=0.01)
+
+
+@pytest.mark.parametrize("free_m", [math.nan, -0.1, 0.0, -math.inf])
+def test_no_way_and_no_number_are_no_way(free_m: float) -> None:
+    assert KeepApart().after(Road(0.0, 0.0, 0.3, RoadAhead(free_m)))[1].most_mps == 0.0
+    with pytest.raises(ContractError, match="free_sigma_m: expected 0 m or more"):
+        RoadAhead(free_sigma_m=math.nan)
+
+
+@pytest.mark.parametrize(
+    ("light", "line_m", "most_mps"),
+    [
+        *[(Light.RED, 0.35, 0.5), (Light.RED, 0.05, 0.0), (Light.RED, -0.05, FREE)],
+        *[(Light.GREEN, 0.05, FREE), (Light.NONE, 0.05, FREE), (Light.RED, None, FREE)],
+    ],
+)
+def test_a_red_light_holds_before_its_line_and_no_other_does(
+    light: Light, line_m: Optional[float], most_mps: float
+) -> None:
+    seen = RoadAhead(line_m=line_m, light=light)
+    assert Lights().after(Road(0.0, 0.0, 0.3, seen))[1].most_mps == pytest.approx(most_mps)

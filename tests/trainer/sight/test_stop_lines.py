@@ -18,6 +18,7 @@ from robot.inference.policy import OnnxPolicy, best_action
 from robot.navigation.lane_view import LaneView
 from robot.navigation.road_map import RoadMap, load_map
 from robot.safety.governors import Road, Rule, Rules, govern
+from robot.safety.road_ahead import RoadAhead
 from robot.safety.wheel_limits import limit_speed
 from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import BatchWorld
@@ -105,7 +106,7 @@ def drive(
             believed, sure = world.believed_poses[i], world.certainty[i, 0] <= MAP_LINES_M
             ahead_m = views[world.maps[i]].line_ahead_m(believed) if sure else math.inf
             line_m = ahead_m - NOSE_M if math.isfinite(ahead_m) else None
-            road = Road(now_s, float(driven_m[i]), robot.capped_mps == 0.0, line_m)
+            road = Road(now_s, float(driven_m[i]), robot.capped_mps, RoadAhead(line_m=line_m))
             robot.rules, cap = govern(robot.rules, road)
             robot.capped_mps = cap.most_mps
             wanted = policy.contract.wheels(best_action(values[i]) or 0)

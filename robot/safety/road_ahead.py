@@ -1,0 +1,94 @@
+"""``RoadAhead``: all that the rules of the road know of others, whoever told it.
+
+Pictures or overhead poses fill it in; a rule never sees either.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Optional, Tuple
+
+from robot.errors import ContractError
+
+
+class Light(Enum):
+    """What the traffic light of the own lane shows; NONE where there is none, or none is told."""
+
+    NONE = "none"
+    RED = "red"
+    GREEN = "green"
+
+
+class Turn(Enum):
+    """The way over a junction: the number of its quarters that it passes through."""
+
+    RIGHT = 1
+    STRAIGHT = 2
+    LEFT = 3
+    UNKNOWN = 4  # all of them, to be sure
+
+
+class Stage(Enum):
+    """How far a robot at a junction is."""
+
+    WAITS = "waits"
+    CLAIMS = "claims"  # it has told that it goes next, and looks whether another does, too
+    INSIDE = "inside"
+
+
+@dataclass(frozen=True)
+class AtJunction:
+    """One robot at a junction.
+
+    ``arm``: where it came from, 0 to 3 counter-clockwise; the next one is on its right.
+    ``arrived_s``: since when it stands at its line, on the clock of who tells.
+    ``name`` is empty where nobody knows it.
+    """
+
+    arm: int
+    arrived_s: float
+    name: str = ""
+    turn: Turn = Turn.UNKNOWN
+    stage: Stage = Stage.WAITS
+
+    def conflicts(self, other: AtJunction) -> bool:
+        """Whether both ways pass through the same quarter of the junction.
+
+        Traffic keeps right: who comes from arm k enters quarter k, and goes on counter-clockwise.
+        """
+        return bool(self._quarters() & other._quarters())
+
+    def _quarters(self) -> int:
+        """As bits."""
+        return sum(1 << (self.arm + k) % 4 for k in range(self.turn.value))
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Who is at the junction ahead, or inside it. ``own`` stands at its line, or is inside."""
+
+    own: AtJunction
+    others: Tuple[AtJunction, ...] = ()
+
+
+@dataclass(frozen=True)
+class RoadAhead:
+    """What lies before the robot; the defaults are an empty road.
+
+    ``free_m``: from the nose, along the own lane, to the nearest thing on it [m]; below 0 or NaN
+    the robot must stand. ``free_sigma_m``: its standard deviation. ``closing_mps``: how fast it
+    shrinks, by the robot's own motion and the thing's. ContractError for a deviation below 0.
+    """
+
+    free_m: float = math.inf
+    free_sigma_m: float = 0.0
+    closing_mps: float = 0.0
+    line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
+    light: Light = Light.NONE  # at that line
+    junction: Optional[Junction] = None
+
+    def __post_init__(self) -> None:
+        if not self.free_sigma_m >= 0.0:
+            raise ContractError(f"free_sigma_m: expected 0 m or more, got {self.free_sigma_m}")
