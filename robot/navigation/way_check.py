@@ -246,11 +246,10 @@ def _velocities(rows: np.ndarray) -> np.ndarray:
 
 
 def _speed_changes(rows: np.ndarray) -> np.ndarray:
-    """(n,) changes of speed up to each row, each in its direction, as complex numbers [m/s]."""
-    velocity = _velocities(rows)
-    speed = np.abs(velocity)
-    direction = np.where(speed > 1e-6, velocity / np.maximum(speed, 1e-6), 1.0)
-    return np.asarray(np.cumsum(np.diff(speed, prepend=speed[0]) * direction))
+    """(n,) changes of speed up to each row, each along the heading, as complex numbers [m/s]."""
+    speed = np.abs(_velocities(rows))
+    ahead = np.exp(1j * rows[:, _SEEN_RAD])  # a robot that stands has one, too
+    return np.asarray(np.cumsum(np.diff(speed, prepend=speed[0]) * ahead))
 
 
 def _between(values: np.ndarray) -> np.ndarray:

@@ -169,6 +169,21 @@ def test_a_new_mission_begins_without_the_old_doubt_and_doubts_again() -> None:
     assert doubts[1] is not None
 
 
+@pytest.mark.parametrize("heading_rad", [0.0, 1.0, 2.0, 3.14, -2.0, -1.0])
+def test_a_halt_that_late_pictures_tell_late_is_no_doubt_wherever_the_robot_heads(
+    heading_rad: float,
+) -> None:
+    way, now_s, odometry = WayCheck(), 10.0, Pose(0.0, 0.0, 0.0)
+    true, late_s, worst = Pose(2.0, 1.0, heading_rad), 0.1, 0.0
+    for tick in range(60):
+        speed = 0.3 * min(1.0, tick / 4.0, max(0.0, (50 - tick) / 2.0))
+        now_s, odometry = now_s + 0.1, odometry.moved(0.1 * speed, 0.0)
+        true = true.moved(0.1 * speed, 0.0)
+        way.stepped(now_s, odometry)
+        worst = max(worst, way.see(now_s, true.moved(-speed * late_s, 0.0)).fine)
+    assert worst < 0.2
+
+
 def test_a_picture_no_newer_than_the_last_changes_nothing() -> None:
     way = WayCheck()
     way.stepped(1.0, Pose(0.0, 0.0, 0.0))
