@@ -9,7 +9,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 from robot.errors import ConfigError, ContractError
 from robot.geometry import DifferentialDrive, Twist, WheelSpeeds
@@ -47,6 +47,31 @@ ACTION_TWISTS: Tuple[Twist, ...] = (
 )
 ACTION_WHEELS: Tuple[WheelSpeeds, ...] = tuple(DRIVE.wheels(twist) for twist in ACTION_TWISTS)
 MAX_WHEEL_MPS = max(max(wheels) for wheels in ACTION_WHEELS)
+
+
+class Stick(NamedTuple):
+    """How a person drives: 1 steers as hard to the left as a hard turn, -1 to the right; speed 1 is
+    that of straight on, -1 as fast backwards.
+    """
+
+    steer: float
+    speed: float
+
+    @property
+    def wheels(self) -> WheelSpeeds:
+        """What the wheels should do; more than they can where both are great."""
+        forward_mps = self.speed * ACTION_TWISTS[Action.STRAIGHT].forward_mps
+        return DRIVE.wheels(Twist(forward_mps, self.steer * ACTION_TWISTS[Action.LEFT].turn_radps))
+
+    @classmethod
+    def of(cls, wheels: WheelSpeeds) -> Stick:
+        """The stick that asks for these wheels."""
+        twist = DRIVE.twist(wheels)
+        fastest_mps = ACTION_TWISTS[Action.STRAIGHT].forward_mps
+        return cls(
+            twist.turn_radps / ACTION_TWISTS[Action.LEFT].turn_radps,
+            twist.forward_mps / fastest_mps,
+        )
 
 
 ActionTable = Tuple[Tuple[float, float], ...]

@@ -8,6 +8,7 @@ import time
 from typing import Dict, List, Optional, Tuple
 
 from robot.errors import ContractError
+from robot.geometry import WheelSpeeds
 from robot.link.commands import Ack, Command, Mission
 from robot.link.messages import UNSENT
 from robot.link.sockets import DEAF_S, Clock, Link, new_session, receive_now
@@ -37,14 +38,14 @@ class CommandClient:
         self._socket = link.connect(zmq.DEALER, endpoint, Command.LIMIT_BYTES, Command.KIND)
 
     def send(
-        self, kind: str, mission: Optional[Mission] = None, action: Optional[int] = None
+        self, kind: str, mission: Optional[Mission] = None, wheels: Optional[WheelSpeeds] = None
     ) -> str:
         """Send a command once (STOP: until it is acked); ``poll`` gives the answer to this id."""
         for pending, _ in self._pending.values():
             if kind == pending.kind == "stop":
                 return pending.id
         echo = (self._robot_session, self._robot_time_s)
-        command = Command(secrets.token_hex(8), self.session, kind, mission, action, *echo)
+        command = Command(secrets.token_hex(8), self.session, kind, mission, wheels, *echo)
         self._transmit(command)
         if kind != "beat":
             self._pending[command.id] = (command, self._clock())

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Optional, Tuple
 
-from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError
 from robot.link.messages import FAR_M, MAX_TIME_S, UNSENT
 from robot.link.wire import (
@@ -26,6 +25,7 @@ WITH_MISSION = ("plan", "mission", "place")
 KINDS = (*ALWAYS_TAKEN, "arm", "clear", *WITH_MISSION, "manual")
 MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
 REASON_LIMIT_BYTES = 400
+FAST_MPS = 1.0  # the robot's own limits are below
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,15 @@ class Command(Message):
     ``beat`` says that the operator is there; ``stop`` is the emergency stop; ``disarm`` lets the
     coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``plan`` asks whether the robot
     would take ``mission``, and changes nothing; ``mission`` drives it; ``place`` says that the
-    robot stands at the start of ``mission`` and looks towards its destination; ``manual`` drives
-    ``action`` (None: stand) for as long as the robot's ``SafetyLimits.manual_age_s``.
+    robot stands at the start of ``mission`` and looks towards its destination; ``manual`` turns the
+    ``wheels`` (left, right) [m/s] (None: stand) for the robot's ``SafetyLimits.manual_age_s``.
     """
 
     id: str
     session: str  # of the sender
     kind: str
     mission: Optional[Mission] = None
-    action: Optional[int] = None
+    wheels: Optional[Tuple[float, float]] = None
     robot_session: str = UNSENT  # echo of the robot's newest ack
     robot_time_s: float = 0.0
 
@@ -69,7 +69,8 @@ class Command(Message):
         require_name("command id", self.id)
         require_name("command session", self.session)
         require_one_of("command kind", self.kind, KINDS)
-        require_number("command action", self.action, 0, len(ACTION_WHEELS) - 1)
+        for speed in self.wheels or ():
+            require_number("command wheels [m/s]", speed, -FAST_MPS, FAST_MPS)
         require_name("command robot_session", self.robot_session)
         require_number("command robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
         if (self.mission is not None) != (self.kind in WITH_MISSION):
@@ -79,8 +80,8 @@ class Command(Message):
             )
         if self.kind == "place" and (self.mission is None or self.mission.start is None):
             raise ContractError("command place: expected the start of a mission, where it stands")
-        if self.action is not None and self.kind != "manual":
-            raise ContractError(f"command {self.kind}: expected an action only with kind manual")
+        if self.wheels is not None and self.kind != "manual":
+            raise ContractError(f"command {self.kind}: expected wheels only with kind manual")
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ class Runtime:
         self._repeats = 0
 
     def ask(self, command: Command, wheels: Optional[WheelSpeeds] = None) -> Answer:
-        """What a person asks for; ``wheels`` [m/s] go with MANUAL, and hold for half a second.
+        """What a person asks for; ``wheels`` [m/s] go with MANUAL, and hold for 0.3 s.
 
         A fault is cleared only when the motors work again.
         """

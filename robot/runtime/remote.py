@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Optional, Tuple
 
-from robot.contract import ACTION_WHEELS
 from robot.errors import ContractError, PlanError
 from robot.geometry import Pose, WheelSpeeds
 from robot.link import commands
@@ -64,7 +63,7 @@ class RemoteOperator:
                 return
             navigator.begin(command.id, mission.destination)
         if command.kind == "manual":
-            wheels = STILL if command.action is None else ACTION_WHEELS[command.action]
+            wheels = WheelSpeeds(*(command.wheels or STILL))
         kind = "auto" if command.kind == "mission" else command.kind
         answer = ask(Command(kind), wheels)
         if not answer.accepted:

@@ -17,6 +17,7 @@ from robot.safety.gates import Inputs, SafetyLimits
 from robot.safety.state_machine import State
 
 JPEG_QUALITY = 85
+SAME_MPS = 1e-5  # a person's wheels come with six decimals
 SMOOTHING = 0.1  # of the rate of decisions: ten turns' memory
 
 
@@ -75,8 +76,8 @@ class Reporter:
         """The policy's action while that drives, or a person's; None at rest."""
         if tick.verdict.state is not State.MANUAL or tick.drive is None:
             return tick.action if tick.verdict.may_move else None
-        actions, wanted = self._about.actions, tuple(tick.drive.wanted)
-        return actions.index(wanted) if wanted in actions else None
+        off = np.abs(np.subtract(self._about.actions, tick.drive.wanted)).max(axis=1)
+        return int(off.argmin()) if off.min() < SAME_MPS else None
 
     def _rate(self, now_s: float) -> float:
         """Decisions a second."""

@@ -66,7 +66,7 @@ class SafetyLimits:
     pose_within_m: float = 0.08  # of where the robot is, 95 % sure; asked of robots with sight
     pose_within_rad: float = 0.35
     link_age_s: float = 1.0
-    manual_age_s: float = 0.5  # ros2_control's diff_drive, LeKiwi
+    manual_age_s: float = 0.3  # ros2_control's diff_drive and LeKiwi take 0.5
     max_wheel_mps: float = MAX_WHEEL_MPS
 
     def __post_init__(self) -> None:

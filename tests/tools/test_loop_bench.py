@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import groupby, pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from robot.recording.reader import entries, read_turns
+from robot.recording.topics import OVERHEAD
 from tools.faults.meet import every_case
 from tools.faults.stage import Stage
+from tools.loop.__main__ import main
 from tools.loop.bench import BenchOptions
 from tools.loop.missions import Driver
 from tools.loop.pursuit import write_pursuit
@@ -55,3 +60,21 @@ def test_a_fault_stops_the_robot_and_nothing_resumes(stage: Stage, family: str, 
     (case,) = [case for of, case in every_case() if (of, case.name) == (family, name)]
     outcome = stage.play(family, case)
     assert outcome.passed, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
+
+
+@pytest.mark.parametrize("driver", ["expert", "person"])
+def test_whoever_drives_the_recording_tells_it(driver: str, tmp_path: Path) -> None:
+    model = write_pursuit(tmp_path / "drifts.onnx", drift_per_m=6.0)
+    words = ["--driver", driver, "--model", str(model), "--record", str(tmp_path / "drives")]
+    assert main([*words, "--seed", "3"]) == 0
+    (drive,) = (tmp_path / "drives").iterdir()
+    turns = [turn for turn, frame in read_turns(drive) if frame is not None]
+    states = [state for state, _ in groupby(turn.state for turn in turns)]
+    if driver == "expert":
+        assert states == ["READY", "MANUAL", "DISARMED"]
+    else:
+        assert states.count("MANUAL") >= 2, "this policy strays"
+        assert all(a == "AUTO" for a, b in pairwise(states) if b == "MANUAL"), "a person took over"
+    steered = {turn.driven.wanted for turn in turns if turn.state == "MANUAL" and turn.driven}
+    assert len(steered) > 10, "more than five actions"
+    assert sum(1 for _ in entries(drive, OVERHEAD)) > 100

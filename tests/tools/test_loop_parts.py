@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 
 from robot.camera.streams import SocketStream
 from robot.computer.clock import MonotonicClock
+from robot.contract import Stick
 from robot.errors import ContractError, HardwareError, PlanError
-from robot.geometry import Pose
+from robot.geometry import Pose, WheelSpeeds
 from robot.hat.bus import SocketBus
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
@@ -32,6 +33,7 @@ from tests.sim_pybullet.lane_pose import lane_pose
 from tools.free_ports import free_ports
 from tools.loop.bench import Bench
 from tools.loop.devices import BusServer, Listener
+from tools.loop.hands import aim
 from tools.loop.missions import Driver, distance_m
 from tools.loop.picture_server import PictureServer
 from tools.loop.proxy import Proxy
@@ -189,3 +191,21 @@ def test_the_distance_from_a_line() -> None:
     line = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 2.0)]
     for place, wanted_m in (((0.4, 0.3), 0.3), ((1.5, 1.0), 0.5), ((-0.3, 0.4), 0.5), ((1, 2), 0)):
         assert distance_m(line, Pose(*place, 0.0)) == pytest.approx(wanted_m)
+
+
+def test_a_stick_and_its_wheels_are_the_same_thing() -> None:
+    for wheels in ((0.3, 0.3), (0.0576, 0.3024), (-0.2, 0.1)):
+        assert Stick.of(WheelSpeeds(*wheels)).wheels == pytest.approx(wheels)
+    assert Stick(1.0, 0.6).wheels == pytest.approx((0.0576, 0.3024)), "hard left"
+    assert Stick(0.0, 1.0).wheels == pytest.approx((0.3, 0.3)), "straight on"
+
+
+def test_a_hand_steers_back_to_its_way_and_slower_in_bends() -> None:
+    way = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]
+    assert aim(way, Pose(0.5, 0.0, 0.0)).stick == pytest.approx((0.0, 1.0))
+    right_of_it, left_of_it = (aim(way, Pose(0.5, y_m, 0.0)) for y_m in (-0.05, 0.05))
+    assert right_of_it.stick.steer > 0.1
+    assert left_of_it.stick.steer == pytest.approx(-right_of_it.stick.steer)
+    assert right_of_it.stick.speed < 0.9
+    assert right_of_it.left_m == pytest.approx(1.5)
+    assert aim(way, Pose(0.5, 0.0, 0.0), aside_m=0.03).stick.steer > 0.05

@@ -11,6 +11,7 @@ from typing import Any
 
 import zmq
 
+from robot.contract import ACTION_WHEELS
 from robot.link.commands import Command, Mission
 from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import UNSENT
@@ -75,7 +76,7 @@ def _junk(stage: Stage) -> list[bytes]:
 def _takes_over(stage: Stage) -> list[bytes]:
     """All that moves the robot or stops it."""
     asked: list[tuple[Any, ...]] = [("stop",), ("disarm",), ("arm",), ("clear",)]
-    asked += [("mission", Mission(stage.goal)), ("manual", None, 0)]
+    asked += [("mission", Mission(stage.goal)), ("manual", None, ACTION_WHEELS[0])]
     return [Command(secrets.token_hex(8), "thief", *words).to_bytes() for words in asked]
 
 

@@ -22,7 +22,7 @@ A world process holds town, wheels, HAT and cameras; robot, localizer and monito
 as they are, over encrypted links; missions are clicked, in effect, on the monitor's page.
 """
 place = pair("X,Y in metres, such as 1.2,0.4")
-OF_MISSIONS = ("missions", "start", "goal", "sight", "realtime", "robot_python")
+OF_MISSIONS = ("missions", "start", "goal", "sight", "driver", "record", "realtime", "robot_python")
 
 
 def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
@@ -40,6 +40,13 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     add("--start", type=place, metavar="X,Y", help="where the first begins [m]; else anywhere")
     add("--goal", type=place, metavar="X,Y", help="where the only mission leads [m]")
     add("--sight", type=Path, help="ONNX; it alone tells the place, after the first pose")
+    add(
+        "--driver",
+        choices=("policy", "expert", "person"),
+        default="policy",
+        help="expert: by hand all the way; person: takes over where the policy strays",
+    )
+    add("--record", type=Path, metavar="FOLDER", help="keep the robot's recordings of the drives")
     add("--realtime", action="store_true", help="by the wall clock, not in step")
     add("--robot-python", default=sys.executable, help="runs the robot's process")
     add = parser.add_argument_group(

@@ -58,6 +58,7 @@ class BenchOptions:
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     robot_python: str = sys.executable
     record: bool = False  # the robot's drives
+    recordings: Path | None = None  # where; else in the bench's folder
     sight: Path | None = None  # by which the robot knows where it is, too
 
 
@@ -118,7 +119,7 @@ class Bench:
         self.page_port = free_ports(1)
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
-        self.recordings = folder / "recordings"
+        self.recordings = options.recordings or folder / "recordings"
         self._frozen: set[str] = set()
         self._ending: set[str] = set()
         self.operator: Operator

@@ -21,9 +21,10 @@ from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
 from robot.inference.policy import read_contract
 from robot.navigation.road_map import load_map
-from robot.output import expect_writable, write_json
+from robot.output import expect_folder, expect_writable, write_json
 from tools.loop.bench import Bench, BenchOptions
-from tools.loop.missions import Driver, MissionRecord
+from tools.loop.hands import DRIVERS
+from tools.loop.missions import MissionRecord
 from tools.loop.sites import Site, sites_of
 from tools.loop.timekeeper import BenchError
 from tools.video import DriveFilm, Moment
@@ -52,6 +53,8 @@ def drive(options: argparse.Namespace) -> int:
 def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Drive the missions that ``--json`` does not hold yet; the figures of all."""
     expect_writable(options.json, options.video, inputs=[options.model])
+    if options.record:
+        expect_folder(options.record)
     expect_navigator(options.model)
     load_map(options.map)  # refused before a bar is drawn
     site_after = sites_of(options.look, options.seed)
@@ -137,11 +140,14 @@ def _drive_at(
             *(options.model, options.map, site.look, options.seed + driven, not options.realtime),
             robot_python=options.robot_python,
             sight=options.sight,
+            record=options.record is not None,
+            recordings=options.record,
         ),
         folder / str(driven),
     )
     rng = np.random.default_rng((options.seed, driven))
-    driver = Driver(bench, rng, (lambda: None) if film is None else lambda: film.watch(bench))
+    watch = (lambda: None) if film is None else lambda: film.watch(bench)
+    driver = DRIVERS[options.driver](bench, rng, watch)
     start = driver.on_lane(*options.start) if options.start and not driven else driver.anywhere()
     bench.town.world.place(start)
     with bench:
@@ -157,6 +163,8 @@ def _drive_at(
             if options.json:
                 write_json(options.json, summary(rows, options))
             bar.update()
+        if options.record:
+            driver.rest()
         return {**bench.processes["robot"].figures, "lost_steps": list(bench.town.hat.lost_steps)}
 
 
@@ -236,7 +244,8 @@ def read_figures(path: Path) -> dict[str, Any]:
 def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
     """What the figures depend on."""
     names = ("map", "look", "seed", "realtime")
+    driver = {"driver": options.driver} if options.driver != "policy" else {}
     sight = {"sight": str(options.sight)} if options.sight else {}
     places = {n: list(p) if (p := getattr(options, n)) else None for n in ("start", "goal")}
     same = {n: getattr(options, n) for n in names}
-    return {"model": str(options.model), **same, **places, **sight}
+    return {"model": str(options.model), **same, **places, **sight, **driver}

@@ -22,6 +22,10 @@ SETTLE_S = 3.0  # until a robot that was carried is found again
 ANSWER_S = 10.0
 STILL_S = 0.5  # without a step: the robot stands
 PAUSE_S = 1.0  # a person looks before they arm again
+RECORDED_S = 4.5  # at rest: the robot has completed its recording
+
+
+Line = Sequence[tuple[float, float]] | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -104,9 +108,7 @@ class Driver:
         """One mission from where the robot is; to a random place unless told."""
         record = self._draw(destination)
         operator = self.bench.operator
-        pause_s = self.bench.now_s + PAUSE_S
-        while self.bench.now_s < pause_s:
-            self._look()
+        self.rest()
         for kind, place in (("arm", None), ("mission", record.destination)):
             accepted, record.reason = operator.ask(kind, place)
             if not accepted:
@@ -130,6 +132,12 @@ class Driver:
             operator.ask("stop")
             operator.ask("clear" if operator.state == "FAULT" else "disarm")
         return record
+
+    def rest(self) -> None:
+        """A person looks before they arm; a recording is over by then."""
+        until_s = self.bench.now_s + (RECORDED_S if self.bench.options.record else PAUSE_S)
+        while self.bench.now_s < until_s:
+            self._look()
 
     def _standing(self) -> Stop:
         """How the robot stopped that reports HOLD or FAULT, once it stands."""
@@ -185,7 +193,7 @@ class Driver:
         record.errors.append((math.dist((x_m, y_m), pose[:2]), error_rad))
 
 
-def distance_m(line_m: Sequence[tuple[float, float]], pose: Pose) -> float:
+def distance_m(line_m: Line, pose: Pose) -> float:
     """From the robot to a line through points x, y [m]."""
     points = np.asarray(line_m, dtype=float)
     place, ways = np.array(pose[:2]), np.diff(points, axis=0)

@@ -18,6 +18,7 @@ from websockets.client import ClientProtocol
 from websockets.frames import Frame, Opcode
 from websockets.uri import parse_uri
 
+from robot.contract import Stick
 from tools.loop.timekeeper import BenchError, Timekeeper
 
 TURN_S = 0.05
@@ -107,6 +108,11 @@ class Operator:
         reply = self._request("POST", "/api/command", json.dumps(body))
         answer = json.loads(reply.read())
         return bool(answer["accepted"]), str(answer["reason"])
+
+    def steer(self, stick: Stick) -> None:
+        """Drive by hand, as a gamepad at the page does."""
+        self._protocol.send_text(json.dumps({"manual": [round(v, 4) for v in stick]}).encode())
+        self._send(self._socket, b"".join(self._protocol.data_to_send()))
 
     def _take(self, event: Any) -> bool:
         """Whether it tells of a state."""

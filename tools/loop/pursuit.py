@@ -28,8 +28,11 @@ POINT = 2  # of the path input: 14 cm ahead
 IMAGE = ImageSpec(80, 60, 20)
 
 
-def write_pursuit(path: Path, points: int = PATH_POINTS) -> Path:
-    """Write the file; another number of ``points`` than the robot's is for trying refusals."""
+def write_pursuit(path: Path, points: int = PATH_POINTS, drift_per_m: float = 0.0) -> Path:
+    """Write the file; another number of ``points`` than the robot's is for trying refusals.
+
+    With ``drift_per_m`` [1/m] it always wants so much more curvature: a driver to be helped.
+    """
     height, width, colours = IMAGE.shape
     graph = onnx.parser.parse_graph(
         f"""pursuit (uint8[n,{height},{width},{colours}] image, float[n,{points}] path)
@@ -39,7 +42,8 @@ def write_pursuit(path: Path, points: int = PATH_POINTS) -> Path:
     weights = np.zeros((points, len(curvatures)))
     distance_m = FIRST_POINT_M + POINT * POINT_SPACING_M
     weights[POINT] = 2.0 * PATH_ANGLE_LIMIT_RAD / distance_m * curvatures
-    for name, array in (("weights", weights), ("bias", -0.5 * curvatures**2)):
+    bias = curvatures * (drift_per_m - 0.5 * curvatures)
+    for name, array in (("weights", weights), ("bias", bias)):
         scaled = (array / math.pi**2).astype(np.float32)  # some scale: the greatest value counts
         graph.initializer.append(numpy_helper.from_array(scaled, name))
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)

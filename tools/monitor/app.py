@@ -20,6 +20,7 @@ from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ConfigDict
 
+from robot.contract import Stick
 from robot.errors import ConfigError, ContractError
 from robot.link.commands import Mission
 from robot.link.wire import plain, tidy_text
@@ -31,7 +32,7 @@ from tools.monitor.monitor import Monitor
 
 STATIC = Path(__file__).parent / "static"
 SEND_EVERY_S = 0.1
-TEXT_LIMIT = 200  # characters from the page; its longest is {"manual":null}
+TEXT_LIMIT = 200  # characters from the page; its longest is {"manual":[-0.123,0.123]}
 MANUAL_EVERY_S = 0.02
 FAR_S = 1e6  # no drive is longer
 
@@ -199,18 +200,19 @@ class Page:
 
     def _drive(self, text: str) -> None:
         try:
-            action = json.loads(text)["manual"]
-            if not (action is None or (type(action) is int and 0 <= action <= 4)):
-                raise ValueError(action)
+            told = json.loads(text)["manual"]
+            stick = None if told is None else Stick(*map(float, told))
+            if isinstance(told, str) or not all(abs(value) <= 1.0 for value in stick or ()):
+                raise ValueError(told)
         except (ValueError, KeyError, TypeError, RecursionError):
             return  # not ours: an old page after an update
         self._monitor.page_showed(self)
         now_s = time.monotonic()
-        if action is not None and now_s - self._asked_s < MANUAL_EVERY_S:
+        if stick is not None and now_s - self._asked_s < MANUAL_EVERY_S:
             return  # faster than any hand: the next one comes in time
         self._asked_s = now_s
-        taken = self._monitor.drive_by_hand(self, action)
+        taken = self._monitor.drive_by_hand(self, stick)
         if not taken and not self._refused:
             self._monitor.state.note("refused", "driving by hand: another page drives")
         self._refused = not taken
-        self._driving = taken and action is not None
+        self._driving = taken and stick is not None

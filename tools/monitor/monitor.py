@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+from robot.contract import Stick
 from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
@@ -113,7 +114,7 @@ class Monitor:
         await asyncio.sleep(NEWS_S)
         return self.state.telemetry is not None and self.state.telemetry.state in ARMED
 
-    def drive_by_hand(self, page: object, action: int | None) -> bool:
+    def drive_by_hand(self, page: object, stick: Stick | None) -> bool:
         """Pass on one manual command: it holds for ``HAND_S`` and is never repeated.
 
         False while another page drives.
@@ -121,8 +122,9 @@ class Monitor:
         now_s = time.monotonic()
         if self._hand is not None and self._hand[0] is not page and now_s < self._hand[1]:
             return False
-        self._hand = None if action is None else (page, now_s + HAND_S)
-        self._by_hand.append(self._client.send("manual", action=action))
+        self._hand = None if stick is None else (page, now_s + HAND_S)
+        wheels = None if stick is None else stick.wheels
+        self._by_hand.append(self._client.send("manual", wheels=wheels))
         return True
 
     def snapshot(self) -> Snapshot:

@@ -84,7 +84,7 @@ def asked(operator: Operator) -> list[str]:
 def test_a_command_is_done_and_answered(operator: Operator) -> None:
     for kind in ("arm", "disarm", "stop", "clear"):
         assert operator.answer(operator.client.send(kind)).accepted
-    assert operator.answer(operator.client.send("manual", action=2)).accepted
+    assert operator.answer(operator.client.send("manual", wheels=(0.3, -0.1))).accepted
     assert operator.answer(operator.client.send("mission", Mission((1.0, 2.0)))).accepted
     assert asked(operator) == ["arm", "disarm", "stop", "clear", "manual", "mission"]
 

@@ -28,7 +28,7 @@ GOOD: Tuple[Any, ...] = (
     ),
     FrameMessage(b"\xff\xd8 picture \xff\xd9", 160, 120, 1.0, "eye", 4, 1.1),
     Command("c1", "page", "mission", Mission((1.0, 2.0), (0.0, 0.5))),
-    Command("c2", "page", "manual", None, 2),
+    Command("c2", "page", "manual", None, (0.3, -0.1)),
     Ack("c1", False, "not possible in DISARMED", "abcd", 5.0),
 )
 KINDS = [PosesMessage, Telemetry, FrameMessage, Command, Ack]

@@ -100,7 +100,10 @@ RANGES: List[Any] = [
     *((command, "session", good, bad) for good, bad in NAMES),
     *((command, "robot_session", good, bad) for good, bad in NAMES),
     *((command, "kind", good, "drive") for good in ("beat", "stop", "disarm", "arm", "clear")),
-    *((command, "action", good, bad) for good, bad in ((0, -1), (4, 5))),
+    *(
+        (command, "wheels", good, bad)
+        for good, bad in (((1.0, -1.0), (0.1, 1.01)), ((0.0, 0.0), (-1.01, 0.0)))
+    ),
     *((command, "robot_time_s", good, bad) for good, bad in ((0.0, -0.1), (1e10, 1.1e10))),
     *((ack, "id", good, bad) for good, bad in NAMES),
     (ack, "reason", "r" * 400, "r" * 401),
@@ -158,8 +161,8 @@ def test_a_mission_belongs_to_plan_and_mission(kind: str) -> None:
     assert command(kind=kind, mission=Mission((1.0, 1.0))).mission is not None
     with pytest.raises(ContractError, match="mission"):
         command(kind=kind)
-    with pytest.raises(ContractError, match="action"):
-        command(kind=kind, mission=Mission((1.0, 1.0)), action=1)
+    with pytest.raises(ContractError, match="wheels"):
+        command(kind=kind, mission=Mission((1.0, 1.0)), wheels=(0.1, 0.1))
 
 
 @pytest.mark.parametrize("kind", ["beat", "stop", "disarm", "arm", "clear", "manual"])

@@ -84,6 +84,7 @@ telemetries = st.builds(
     lag_s=st.floats(0, 10),
     **stamps,
 )
+rims = st.floats(-1.0, 1.0).map(lambda speed: round(speed, 6))
 commands = st.sampled_from(KINDS).flatmap(
     lambda kind: st.builds(
         Command,
@@ -93,7 +94,7 @@ commands = st.sampled_from(KINDS).flatmap(
         mission=st.builds(Mission, points, points if kind == "place" else st.none() | points)
         if kind in ("plan", "mission", "place")
         else st.none(),
-        action=st.none() | st.integers(0, 4) if kind == "manual" else st.none(),
+        wheels=st.none() | st.tuples(rims, rims) if kind == "manual" else st.none(),
         robot_session=names,
         robot_time_s=times,
     )
@@ -205,8 +206,8 @@ def test_a_mission_comes_with_a_mission_command_only() -> None:
         Command("1", "s", "mission")
     with pytest.raises(ContractError, match="mission"):
         Command("1", "s", "arm", Mission((0.0, 0.0)))
-    with pytest.raises(ContractError, match="action"):
-        Command("1", "s", "stop", action=2)
+    with pytest.raises(ContractError, match="wheels"):
+        Command("1", "s", "stop", wheels=(0.1, 0.1))
 
 
 def test_a_thinned_path_keeps_both_ends_and_its_bends() -> None:

@@ -420,7 +420,7 @@ def test_without_a_mission_the_wish_to_drive_turns_no_wheel() -> None:
     assert "set_wheels" not in bench.motors.log
 
 
-def test_a_manual_command_holds_half_a_second_and_no_longer() -> None:
+def test_a_manual_command_holds_a_third_of_a_second_and_no_longer() -> None:
     bench = Bench()
     bench.turn()
     wheels = WheelSpeeds(0.1, -0.1)
@@ -433,7 +433,7 @@ def test_a_manual_command_holds_half_a_second_and_no_longer() -> None:
     bench.turn()
     assert bench.motors.wheels == STILL
     assert bench.state is State.MANUAL
-    bench.turn(6)
+    bench.turn(3)
     assert (bench.state, bench.safety.verdict.reason) == (State.HOLD, Reason.MANUAL_STALE)
 
 

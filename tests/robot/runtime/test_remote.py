@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, List, Optional, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
 import pytest
 
-from robot.contract import ACTION_WHEELS
 from robot.errors import DuckpilotError
 from robot.geometry import WheelSpeeds
 from robot.link.commands import KINDS, Command, Mission
@@ -43,8 +42,8 @@ class FakeServer:
         return 0.25
 
 
-def command(kind: str, mission: Optional[Mission] = None, action: Optional[int] = None) -> Command:
-    return Command("1" * 16, "2" * 16, kind, mission, action)
+def command(kind: str, mission: Any = None, wheels: Any = None) -> Command:
+    return Command("1" * 16, "2" * 16, kind, mission, wheels)
 
 
 class Asked:
@@ -71,11 +70,11 @@ def test_every_kind_of_the_link_is_a_request() -> None:
     assert operator.age_s() == 0.25
 
 
-def test_a_manual_action_becomes_its_wheel_speeds() -> None:
+def test_a_manual_command_turns_its_wheels() -> None:
     server, asked = FakeServer(), Asked()
-    server.waiting = [command("manual", action=0), command("manual")]
+    server.waiting = [command("manual", wheels=(0.1, -0.2)), command("manual")]
     RemoteOperator(server, None).serve(asked)
-    assert asked.requests == [(Request.MANUAL, ACTION_WHEELS[0]), (Request.MANUAL, STILL)]
+    assert asked.requests == [(Request.MANUAL, WheelSpeeds(0.1, -0.2)), (Request.MANUAL, STILL)]
 
 
 def test_refusals_go_back_with_their_reason() -> None:

@@ -32,7 +32,7 @@ NAN, INF = math.nan, math.inf
 BAD: Dict[Reason, Tuple[Inputs, ...]] = {
     Reason.FRAME_STALE: tuple(replace(GOOD, frame_age_s=age) for age in (0.21, -0.1, NAN, INF)),
     Reason.FRAME_FROZEN: (replace(GOOD, frame_repeats=5),),
-    Reason.PICTURE_BLIND: tuple(replace(GOOD, blind_s=age) for age in (0.51, -0.1, NAN, INF)),
+    Reason.PICTURE_BLIND: tuple(replace(GOOD, blind_s=age) for age in (0.31, -0.1, NAN, INF)),
     Reason.PICTURE_WRONG: (replace(GOOD, picture_wrong="the picture is upside down"),),
     Reason.PICTURE_STILL: tuple(replace(GOOD, still_s=age) for age in (1.31, -0.1, NAN, INF)),
     Reason.NON_FINITE: (replace(GOOD, values_finite=False),),
@@ -50,7 +50,7 @@ BAD: Dict[Reason, Tuple[Inputs, ...]] = {
     Reason.OFF_PATH: (replace(GOOD, off_path=True),),
     Reason.LINK_LOST: tuple(replace(GOOD, link_age_s=age) for age in (1.01, -0.1, NAN, INF)),
     Reason.MANUAL_STALE: tuple(
-        replace(GOOD, manual_age_s=age) for age in (0.51, -0.1, NAN, INF, None)
+        replace(GOOD, manual_age_s=age) for age in (0.31, -0.1, NAN, INF, None)
     ),
 }
 CASES = [(reason, inputs) for reason, many in BAD.items() for inputs in many]
@@ -307,7 +307,7 @@ AGES = {  # what grows old, its limit [s], and what a person reads
     "blind_s": (0.5, "the last picture that shows anything"),
     "pose_age_s": (1.0, "the newest overhead pose"),
     "link_age_s": (1.0, "the operator's last sign of life"),
-    "manual_age_s": (0.5, "the last manual command"),
+    "manual_age_s": (0.3, "the last manual command"),
 }
 
 

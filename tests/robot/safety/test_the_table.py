@@ -74,7 +74,7 @@ SHUTS: Dict[str, Dict[str, object]] = {
     "off_path": {"off_path": True},
     "no_mission": {"no_mission": True},
     "link_lost": {"link_age_s": 1.01},
-    "manual_stale": {"manual_age_s": 0.51},
+    "manual_stale": {"manual_age_s": 0.31},
 }
 PASSES: Dict[str, Dict[str, object]] = {
     "frame_stale": {"frame_age_s": 0.199},
@@ -84,7 +84,7 @@ PASSES: Dict[str, Dict[str, object]] = {
     "pose_stale": {"pose_age_s": 0.99},
     "pose_unsure": {"pose_within": (0.0799, 0.349)},
     "link_lost": {"link_age_s": 0.99},
-    "manual_stale": {"manual_age_s": 0.49},
+    "manual_stale": {"manual_age_s": 0.29},
 }
 # Where arming, AUTO and MANUAL are refused while a gate is shut.
 ROBOT = ("loop_late", "frame_stale", "frame_frozen", "link_lost")

@@ -1,9 +1,10 @@
 // Driving by hand: while an arrow is held, its action is sent every 100 ms. The robot forgets each
-// after 0.5 s, so whatever stops this page stops the robot.
+// after 0.3 s, so whatever stops this page stops the robot.
 
 import { $ } from "./panels.js";
 
 const EVERY_MS = 100;
+const STICKS = [[1, 0.6], [0.375, 1], [0, 1], [-0.375, 1], [-1, 0.6]]; // steer, speed
 const KEYS = ["ArrowUp", "ArrowLeft", "ArrowRight"];
 
 export class Hand {
@@ -55,7 +56,9 @@ export class Hand {
 
   #tick() {
     const action = this.on ? this.#action() : null;
-    if (action !== null || this.last !== null) this.send(JSON.stringify({ manual: action }));
+    if (action !== null || this.last !== null) {
+      this.send(JSON.stringify({ manual: action === null ? null : STICKS[action] }));
+    }
     this.last = action;
   }
 }
