@@ -45,6 +45,9 @@ COMMANDS: Mapping[str, Command | Group] = {
     ),
     "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
+    "judge": Command(
+        "trainer.judging.challenge_command:judge_command", "drive an AI Driving Olympics challenge"
+    ),
     "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),
     "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, drives"),
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),

@@ -6,7 +6,7 @@ import base64
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -65,14 +65,9 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     films = _films(paths, runs, missing)
     curves = [picture for task in learned_tasks() if (picture := _curves(task, runs, out))]
     drives, worst = _drives(rows, out, missing), _worst(rows, out)
-    templates = Environment(
-        loader=PackageLoader("trainer.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    html = templates.get_template("page.html").render(
+    write_page(
+        "page.html",
+        out / PAGE,
         runs=runs,
         cards=[summary_card(run, rows) for run in runs],
         tasks=[table for task in learned_tasks() if (table := _table(task, runs, rows))],
@@ -80,8 +75,19 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
         missing=[*missing, *(line for run in runs for line in _missing(run))],
         live=live,
     )
-    write_text(out / PAGE, html)
     return out / PAGE
+
+
+def write_page(template: str, path: Path, **what: Any) -> None:
+    """Write a page from one of the templates here."""
+    templates = Environment(
+        loader=PackageLoader("trainer.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    write_text(path, templates.get_template(template).render(**what))
 
 
 def _table(task: TaskSpec, runs: Sequence[Run], rows: Sequence[DrivingRow]) -> tuple | None:

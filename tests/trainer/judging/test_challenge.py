@@ -1,0 +1,102 @@
+"""The judge of the AI Driving Olympics' challenges: its figures, how sure they are, its command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trainer.cli import main
+from trainer.judging import challenge
+from trainer.judging.challenge import Episode
+from trainer.judging.lane_rules import LaneFigures
+from trainer.judging.statistics import median, paired, share
+from trainer.judging.verdict import Verdict
+
+
+def test_shares_have_wilsons_interval() -> None:
+    found = share(81, 263)
+    assert tuple(found) == pytest.approx((0.308, 0.255, 0.366), abs=5e-4)  # Newcombe 1998, table I
+    assert share(0, 20).low == 0.0
+    assert share(20, 20).high == 1.0
+
+
+def test_a_median_lies_in_its_interval_which_holds_the_truth_nine_times_of_ten() -> None:
+    rng, held = np.random.default_rng(3), 0
+    for _ in range(100):
+        found = median(rng.exponential(1.0, 60).tolist())
+        assert found.low <= found.value <= found.high
+        held += found.low <= np.log(2.0) <= found.high
+    assert held >= 88
+    assert tuple(median([2.0] * 9)) == (2.0, 2.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("only_first", "only_second", "p_value"),
+    [(0, 0, 1.0), (6, 0, 0.03125), (0, 6, 0.03125), (9, 1, 0.021484375), (5, 5, 1.0)],
+)
+def test_mcnemars_exact_test_by_hand(only_first: int, only_second: int, p_value: float) -> None:
+    first = [True] * 7 + [True] * only_first + [False] * only_second
+    second = [True] * 7 + [False] * only_first + [True] * only_second
+    assert tuple(paired(first, second)) == (only_first, only_second, pytest.approx(p_value))
+
+
+def test_a_verdict_counts_ends_and_takes_medians() -> None:
+    def episode(seed: int, end: str, tiles: float) -> Episode:
+        return Episode(seed, "loop", end, LaneFigures(*[tiles] * 6), tiles)
+
+    ends = ("time", "time", "collision_duck", "out_of_tile")
+    verdict = Verdict("x", [episode(k, end, float(k)) for k, end in enumerate(ends)])
+    told = verdict.plain()
+    assert told["collision_free_rate"] == 0.75
+    assert told["tiles"] == told["deviation-center-line"] == 1.5
+    assert told["infractions"] == {"collision_duck": 1, "out_of_tile": 1}
+    stands = Verdict("y", [episode(k, "time", 0.0) for k in range(4)])
+    found = verdict.against(stands)
+    assert (found["only_first"], found["only_second"], found["p_value"]) == (0, 2, 0.5)
+
+
+def test_the_command_says_the_same_again_and_shows_the_worst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(challenge, "EPISODE_S", 6.0)
+    asked = ["judge", "--model", "expert", "--against", "stand", "--episodes", "2"]
+    files = [tmp_path / f"{k}.json" for k in range(2)]
+    for file in files:
+        out = ["--out", str(tmp_path / "out")] if file is files[0] else []
+        assert main([*asked, "--map", "loop", "--json", str(file), *out]) == 0
+    assert files[0].read_bytes() == files[1].read_bytes()
+    told = json.loads(files[0].read_text())
+    assert (told["challenge"], told["episodes"], told["collision_free_rate"]) == ("lf", 2, 1.0)
+    assert told["tiles"] > 2.5
+    assert told["against"]["tiles"] == pytest.approx(0.0, abs=1e-9)
+    assert told["survival_time"] == told["against"]["survival_time"] == pytest.approx(6.0)
+    assert told["driven_lanedir_consec"] == pytest.approx(0.585 * told["tiles"])
+    assert {"deviation-center-line", "in-drivable-lane", "deviation-heading"} <= told.keys()
+    page = (tmp_path / "out" / "judge.html").read_text()
+    assert page.count("<video") == 2
+    assert "Episode 1000 on loop" in page
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--model", "none.onnx"], "none.onnx: expected a policy, .onnx, expert or stand"),
+        (["--model", "stand", "--map", "town"], "expected a ring of road without junctions"),
+        (["--model", "stand", "--challenge", "lfx"], "lfx"),
+        (["--model", "stand", "--episodes", "0"], "episodes: expected"),
+    ],
+)
+def test_wrong_words_are_one_line_and_status_2(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        status = main(["judge", *words])
+    except SystemExit as ended:
+        status = int(ended.code or 0)
+    assert status == 2
+    told = capsys.readouterr().err.strip()
+    assert said in told
+    assert "\n" not in told

@@ -1,0 +1,150 @@
+"""``judge``: a driver in a challenge of the AI Driving Olympics."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress
+from rich.table import Table
+
+from robot.contract import CONTROL_DT_S
+from robot.errors import ConfigError
+from robot.navigation.road_map import load_map
+from robot.output import expect_writable
+from sim_pybullet.randomise import load_look_sampler
+from trainer.division import maps_named
+from trainer.judging.challenge import Driver, Episode, Expert, Pilot, Standing, drive
+from trainer.judging.evaluate import open_policy
+from trainer.judging.verdict import MEASURES, Verdict
+from trainer.mp4 import enlarged, write_mp4
+from trainer.run import write_json
+
+WORST = 5  # episodes that are filmed
+MAPS = {"lf": ("judging/rings",)}
+DRIVERS: dict[str, Callable[[], Driver]] = {"expert": Expert, "stand": Standing}
+Name = Literal["lf"]
+
+
+def judge_command(
+    model: str,
+    challenge: Name = "lf",
+    against: str | None = None,
+    episodes: int = 100,
+    seed: int = 1000,
+    look: str = "nominal",
+    map: tuple[str, ...] = (),
+    json: Path | None = None,
+    out: Path | None = None,
+) -> int:
+    """Drive a challenge of the AI Driving Olympics, and tell its measures.
+
+    Args:
+        model: a policy, .onnx; or expert, who knows the truth; or stand, who never moves.
+        challenge: lf, lane following.
+        against: another driver, on the same episodes.
+        episodes: how many, of a minute each.
+        seed: of the first episode; the next ones have the next seeds.
+        look: a YAML file with a look or a distribution of looks, or a shipped name.
+        map: map files, or shipped names or folders; else the rings kept for judging.
+        json: write the figures there.
+        out: a folder for a page with films of the worst episodes.
+    """
+    names = [name for name in (model, against) if name is not None]
+    files = [Path(name) for name in names if name not in DRIVERS]
+    expect_writable(json, inputs=files)
+    road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
+    looks = load_look_sampler(look)
+    console, worst = Console(soft_wrap=True), Worst()
+    verdicts = []
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
+        for name in names:
+            row = bar.add_task(f"{challenge} {Path(name).name}", total=episodes)
+
+            def heard(
+                episode: Episode, frames: Sequence[np.ndarray], row: int = row, name: str = name
+            ) -> None:
+                bar.advance(row)  # type: ignore[arg-type]
+                if out is not None and name == model:
+                    worst.add(episode, frames)
+
+            seeds = range(seed, seed + episodes)
+            driven = drive(_driver(name), road_maps, looks, seeds, heard)
+            verdicts.append(Verdict(Path(name).name, driven))
+    _tell(console, challenge, verdicts)
+    if json is not None:
+        asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
+        asked["maps"] = [road_map.name for road_map in road_maps]
+        told = {**asked, **verdicts[0].plain()}
+        if len(verdicts) > 1:
+            told["against"] = verdicts[0].against(verdicts[1])
+        write_json(json, told)
+    if out is not None:
+        console.print(str(worst.write(out, verdicts[0], challenge)), markup=False)
+    return 0
+
+
+def _driver(name: str) -> Driver:
+    if name in DRIVERS:
+        return DRIVERS[name]()
+    if not Path(name).exists():
+        raise ConfigError(f"{name}: expected a policy, .onnx, expert or stand; there is no file")
+    return Pilot(open_policy(Path(name)))
+
+
+class Worst:
+    """The worst episodes, and what the robots saw at their end."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[float, int, Episode, list[np.ndarray]]] = []
+
+    def add(self, episode: Episode, frames: Sequence[np.ndarray]) -> None:
+        """One more; the best of them is forgotten."""
+        bad = (-episode.tiles, -episode.seed, episode, list(frames))
+        (heapq.heappushpop if len(self._kept) == WORST else heapq.heappush)(self._kept, bad)
+
+    def write(self, out: Path, verdict: Verdict, challenge: str) -> Path:
+        """Films, and the page that shows them."""
+        from trainer.report.page import Picture, write_page
+
+        out.mkdir(parents=True, exist_ok=True)
+        films = []
+        for *_, episode, frames in sorted(self._kept, key=lambda each: each[:2], reverse=True):
+            path = out / f"episode_{episode.seed}.mp4"
+            write_mp4(path, (enlarged(frame) for frame in frames), 1.0 / CONTROL_DT_S)
+            title = f"Episode {episode.seed} on {episode.map}: {episode.end.replace('_', ' ')}"
+            told = f"{episode.tiles:.1f} tiles, {episode.figures.survival_time:.1f} s; its end."
+            films.append(Picture(title, told, path))
+        found = {"collision_free_rate": verdict.collision_free, "tiles": verdict.tiles}
+        found |= verdict.measures
+        page = out / "judge.html"
+        write_page(
+            "judge.html",
+            page,
+            title=f"{verdict.driver}, {challenge}: {len(verdict.episodes)} episodes",
+            rows=[(n, f"{e.value:.2f}", f"{e.low:.2f} to {e.high:.2f}") for n, e in found.items()],
+            films=films,
+        )
+        return page
+
+
+def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
+    table = Table("", *(v.driver for v in verdicts), title=f"{challenge}, medians and 95 %")
+    told = [(v.collision_free, v.tiles, *v.measures.values()) for v in verdicts]
+    units = ("", "", *(unit for _, unit in MEASURES.values()))
+    for k, name in enumerate(("collision_free_rate", "tiles", *MEASURES)):
+        cells = [f"{e[k].value:.2f} ({e[k].low:.2f} to {e[k].high:.2f})" for e in told]
+        table.add_row(f"{name} [{units[k]}]" if units[k] else name, *cells)
+    ends = [", ".join(f"{k} {n}" for k, n in v.ends.items()) or "none" for v in verdicts]
+    table.add_row("infractions", *ends)
+    console.print(table, markup=False)
+    if len(verdicts) > 1:
+        found = verdicts[0].against(verdicts[1])
+        console.print(
+            f"only {verdicts[0].driver} survived: {found['only_first']}, only "
+            f"{verdicts[1].driver}: {found['only_second']}; McNemar p = {found['p_value']:.3g}"
+        )

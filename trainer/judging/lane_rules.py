@@ -1,0 +1,172 @@
+"""The AI Driving Olympics' figures of a drive, by duckietown-world's rules (`in_drivable_lane.py`).
+
+Its lanes are not ours: 0.376 tiles wide, their middle 0.22 tiles beside the road's, on bends drawn
+through three poses by constant twists. Along them its figures are counted, quirks included: a tile
+counts in the lane that was used there first, and no lane at all is no deviation. One thing is ours:
+the deviation is in metres, where theirs is in tiles.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.geometry import Pose, wrap_angle
+from robot.navigation.road_map import RoadMap
+from robot.navigation.tiles import ORIENTATIONS, Tile
+
+LANE_TILES = 0.376
+# Poses that a lane leads through, in tiles and degrees; it comes from the west. By the quarters of
+# a junction that it passes: to the right, straight on, to the left.
+_THROUGH = {
+    1: ((-0.5, -0.22, 0.0), (-0.3, -0.3, -45.0), (-0.22, -0.5, -90.0)),
+    2: ((-0.5, -0.22, 0.0), (0.5, -0.22, 0.0)),
+    3: ((-0.5, -0.22, 0.0), (0.0, 0.0, 45.0), (0.22, 0.5, 90.0)),
+}
+_WEST = ORIENTATIONS.index("W")
+_STEPS = 64  # between two poses of a bend: exact to 0.01 mm
+
+
+class LaneFigures(NamedTuple):
+    """One drive. Names are the Olympics', with underscores."""
+
+    survival_time: float  # [s]
+    driven_lanedir_consec: float  # [m] along the first lane of each tile
+    deviation_center_line: float  # [m s]: its distance over time, 0 where there is no lane
+    in_drivable_lane: float  # [s] without a lane within 90 degrees
+    deviation_heading: float  # [rad s]
+    distance_from_start: float  # [m], the greatest
+
+
+class _Lanes(NamedTuple):
+    """Where one pose is in the lanes of its tile that it is in, best aligned first."""
+
+    names: Sequence[int]
+    lateral_m: np.ndarray
+    turned_rad: np.ndarray
+    middles: np.ndarray  # (L, 3) the nearest poses of the lanes, in the world
+
+
+class LaneRules:
+    """Judges drives on one map."""
+
+    def __init__(self, road_map: RoadMap) -> None:
+        self._map = road_map
+        self._half_m = 0.5 * LANE_TILES * road_map.tile_size_m
+
+    def figures(self, poses: np.ndarray, dt_s: float) -> LaneFigures:
+        """Of a drive through poses (T, 3), one each ``dt_s``; T is at least 1."""
+        lanes = [self._lanes(pose) for pose in poses[:-1]]
+        seen = [where for where in lanes if where.names]
+        start = poses[0, :2]
+        return LaneFigures(
+            dt_s * len(lanes),
+            self._driven_m(poses, lanes),
+            dt_s * sum(abs(float(where.lateral_m[0])) for where in seen),
+            dt_s * (len(lanes) - len(seen)),
+            dt_s * sum(abs(float(where.turned_rad[0])) for where in seen),
+            float(np.hypot(*(poses[:, :2] - start).T).max()),
+        )
+
+    def _driven_m(self, poses: np.ndarray, lanes: Sequence[_Lanes]) -> float:
+        """Along the lanes, on each tile along that of them which was the first there."""
+        first: dict[tuple[int, int], int] = {}
+        total_m = 0.0
+        for pose, then, where in zip(poses, poses[1:], lanes, strict=False):
+            tile = self._map.tile_at(pose[0], pose[1])
+            ways_m = []
+            for name, middle in zip(where.names, where.middles, strict=True):
+                assert tile is not None
+                if first.setdefault((tile.row, tile.column), name) == name:
+                    ways_m.append(float(Pose(*middle).to_robot(then[:2])[0]))
+            total_m += max(ways_m, default=0.0)
+        return total_m
+
+    def _lanes(self, pose: np.ndarray) -> _Lanes:
+        tile = self._map.tile_at(pose[0], pose[1])
+        if tile is None or not tile.is_road:
+            return _NOWHERE
+        size_m = self._map.tile_size_m
+        centre = np.array([tile.column + 0.5, self._map.rows - tile.row - 0.5]) * size_m
+        rows = []
+        for name, course in enumerate(_courses(tile)):
+            lane = course * (size_m, size_m, 1.0) + (*centre, 0.0)
+            middle = _abeam(lane, pose[:2])
+            if middle is None:
+                continue
+            lateral_m = float(Pose(*middle).to_robot(pose[:2])[1])
+            turned_rad = float(wrap_angle(pose[2] - middle[2]))
+            if abs(lateral_m) <= self._half_m and abs(turned_rad) <= 0.5 * math.pi:
+                rows.append((abs(turned_rad), name, lateral_m, turned_rad, middle))
+        if not rows:
+            return _NOWHERE
+        _, names, lateral, turned, middles = zip(*sorted(rows, key=lambda r: r[:2]), strict=True)
+        return _Lanes(names, np.array(lateral), np.array(turned), np.array(middles))
+
+
+_NOWHERE = _Lanes((), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+
+
+def _abeam(lane: np.ndarray, point: np.ndarray) -> np.ndarray | None:
+    """The pose of a lane (P, 3) that has a point (2,) exactly beside it; None if none has."""
+    c, s = np.cos(lane[:, 2]), np.sin(lane[:, 2])
+    ahead = c * (point[0] - lane[:, 0]) + s * (point[1] - lane[:, 1])
+    found = np.flatnonzero((ahead[:-1] >= 0.0) & (ahead[1:] < 0.0))
+    if not len(found):
+        return None
+    shares = ahead[found] / (ahead[found] - ahead[found + 1])
+    poses = lane[found] + shares[:, None] * (lane[found + 1] - lane[found])
+    nearest = np.hypot(*(poses[:, :2] - point).T).argmin()
+    return np.asarray(poses[nearest])
+
+
+@cache
+def _courses(tile: Tile) -> tuple[np.ndarray, ...]:
+    """The lanes of a tile, each (P, 3) in tiles from its middle: from every side to every other."""
+    sides = [ORIENTATIONS.index(side) for side in tile.road_sides]
+    found = []
+    for entry in sides:
+        for quarters in (1, 2, 3):
+            if (entry + quarters) % 4 in sides:
+                found.append(_turned(_course(quarters), entry - _WEST))
+    return tuple(found)
+
+
+@cache
+def _course(quarters: int) -> np.ndarray:
+    through = [(x, y, math.radians(degrees)) for x, y, degrees in _THROUGH[quarters]]
+    legs = [_screw(a, b)[:-1] for a, b in itertools.pairwise(through)]
+    return np.concatenate((*legs, [through[-1]]))
+
+
+def _screw(a: Sequence[float], b: Sequence[float]) -> np.ndarray:
+    """(P, 3) poses from a to b by a constant twist: interpolation in SE(2)."""
+    share = np.linspace(0.0, 1.0, _STEPS + 1)
+    turn = b[2] - a[2]
+    to = Pose(*a).to_robot(np.array(b[:2]))
+    if turn == 0.0:
+        local = share[:, None] * to
+    else:  # about the point that stays where it is
+        half = 0.5 / math.tan(0.5 * turn)
+        centre = np.array((0.5 * to[0] - half * to[1], 0.5 * to[1] + half * to[0]))
+        c, s = np.cos(share * turn), np.sin(share * turn)
+        local = np.stack(
+            (
+                centre[0] - c * centre[0] + s * centre[1],
+                centre[1] - s * centre[0] - c * centre[1],
+            ),
+            axis=1,
+        )
+    return np.column_stack((Pose(*a).to_world(local), a[2] + share * turn))
+
+
+def _turned(course: np.ndarray, quarter_turns: int) -> np.ndarray:
+    x, y, heading = course.T
+    for _ in range(quarter_turns % 4):
+        x, y, heading = -y, x, heading + 0.5 * math.pi
+    return np.stack((x, y, heading), axis=1)
