@@ -86,12 +86,12 @@ class BatchWorld:
         self.n_robots = n = task.n_robots
         self._episodes: DrawnEpisodes | NumberedEpisodes
         if numbers is None:
-            self._episodes = DrawnEpisodes(task.road_maps, looks, n, seed, pool_size)
+            self._episodes = DrawnEpisodes(task.road_maps, looks, n, seed, pool_size, task.group)
         else:
-            self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers)
+            self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers, task.group)
         self._town = Town(self._episodes.solids, n, reach_m=self._episodes.reach_m)
-        camera = camera or RayCamera(image, n)
-        self._feed = CameraFeed(camera, n, image.crop_top_px, translator)
+        camera = camera or RayCamera(image, n, task.movers)
+        self._feed = CameraFeed(camera, n, image.crop_top_px, translator, movers=len(task.movers))
         self._guidance = None
         if task.guided:
             maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
@@ -145,9 +145,8 @@ class BatchWorld:
         return self._episodes.numbers >= 0
 
     def expert_actions(self) -> np.ndarray:
-        """(N,) what the vehicle's expert would do now, who knows the true poses."""
-        task = self.task
-        return task.vehicle.expert(task.paths, self._town.poses, task.course.arc_m)
+        """(N,) what the task's expert would do now, who knows the true poses."""
+        return self.task.expert(self._town.poses)
 
     def reset(self, poses: np.ndarray | None = None) -> Observation:
         """Begin an episode of every robot, at these poses (N, 3) if any are given.
@@ -171,7 +170,7 @@ class BatchWorld:
         """
         collided = self._drive(_checked(actions, self.n_robots, len(self.task.vehicle.actions)))
         poses, active = self._town.poses, self.active
-        judged = self.task.step(poses, collided)
+        judged = self._episodes.together(self.task.step(poses, collided))
         judged = judged._replace(  # nothing ends for robots that have no episode
             terminated=judged.terminated & active,
             truncated=judged.truncated & active,
@@ -194,10 +193,15 @@ class BatchWorld:
 
     def _drive(self, actions: np.ndarray) -> np.ndarray:
         vehicle, collided = self.task.vehicle, np.zeros(self.n_robots, dtype=bool)
-        rng = self._episodes.rng("motor")
-        for _ in range(PHYSICS_STEPS):
-            self._town.step(vehicle.step(actions, rng))
-            self._feed.record(self._town.poses)
+        rng, active = self._episodes.rng("motor"), self.active
+        self.task.think(self._town.poses)
+        for k in range(PHYSICS_STEPS):
+            twists = vehicle.step(actions, rng)
+            if self.task.group > 1:
+                twists[~active] = 0.0  # who has failed stands there
+            self._town.step(twists)
+            poses = self._town.poses
+            self._feed.record(poses, self.task.moving(poses, (k + 1) / PHYSICS_STEPS))
             if self._guidance is not None:
                 self._guidance.record(vehicle.counted)
             collided |= self._town.collided
@@ -212,15 +216,18 @@ class BatchWorld:
             starts = self._episodes.starts(self.task, robots)
         else:
             starts = self.task.reset_at(robots, poses, self._episodes.rng("task"))
-        looks = []
+        looks, scenes = [], []
         for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
             world, painted, look = self._episodes.setting(i, int(road_map))
             self._town.furnish(world, painted.scene.solids)
             self._town.place(i, Pose(*pose), world)
             self.task.vehicle.reset(i, look.drive)
             self._maps[i] = road_map
-            self._feed.begin(i, painted.scene, look, pose)
+            scenes.append((painted.scene, look))
             looks.append(look.pose)
+        moving = self.task.moving(self._town.poses)
+        for i, pose, (scene, look) in zip(robots.tolist(), starts.poses, scenes, strict=True):
+            self._feed.begin(i, scene, look, pose, None if moving is None else moving[i])
         if self._guidance is not None:
             hints = self.task.paths.index_at(self.task.course.arc_m)
             rngs = [self._episodes.own("pose", i) for i in robots.tolist()]

@@ -3,6 +3,9 @@
 A training draws: all robots share random numbers and a pool of painted worlds, which is fast. An
 evaluation numbers: whatever is random in an episode follows from the seed and its number alone, so
 it is the same whichever others are driven, and no robot drives that nobody asked for.
+
+Robots that share a world, a group, begin their episodes together. In a training they end them
+together as well; in an evaluation who has ended stays where it is until the others have.
 """
 
 from __future__ import annotations
@@ -12,11 +15,12 @@ from typing import Any, cast
 
 import numpy as np
 
+from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.pool import LookPool, Looks, PaintedWorld, paint_world
 from sim_pybullet.scene import Solid
 from sim_pybullet.scenery.objects import Place, place_solids
-from sim_pybullet.tasks.base import Starts, Task
+from sim_pybullet.tasks.base import Starts, Task, TaskStep
 
 KINDS = ("task", "look", "motor", "skip", "noise", "pose")  # of random numbers
 EPISODES_OF_A_WORLD = 4  # on one map: paint is shared, everything else is an episode's own
@@ -38,7 +42,10 @@ class DrawnEpisodes:
         numbers: (N,) int, of each robot's episode; below 0: none is left for it, and it has ended.
     """
 
-    def __init__(self, road_maps: Sequence[Place], looks: Looks, n: int, seed: int, size: int):
+    def __init__(
+        self, road_maps: Sequence[Place], looks: Looks, n: int, seed: int, size: int, group: int = 1
+    ) -> None:
+        self._group, self._worlds = group, np.zeros(n, dtype=int)
         self._pool = LookPool(road_maps, looks, np.random.default_rng(seed), size)
         self.solids: Sequence[Sequence[Solid]] = [w.scene.solids for w in self._pool.worlds]
         self.reach_m = 0.0
@@ -50,17 +57,31 @@ class DrawnEpisodes:
         self._rngs = _streams(seed)
 
     def begin(self, robots: np.ndarray) -> np.ndarray:
-        """These robots (M,) want their next episode; those of them who get one."""
+        """These robots (M,) want their next episode; those who get one."""
         return robots
+
+    def together(self, step: TaskStep) -> TaskStep:
+        """A step as judged, with what it means for the others of a group."""
+        if self._group == 1:
+            return step
+        ended = (step.terminated | step.truncated).reshape(-1, self._group).any(axis=1)
+        cut_off = np.repeat(ended, self._group) & ~step.terminated
+        return step._replace(truncated=cut_off)
 
     def starts(self, task: Task, robots: np.ndarray) -> Starts:
         """Where they begin it."""
         return task.reset(robots, self._rngs["task"])
 
-    def setting(self, robot: int, map_index: int) -> Setting:  # noqa: ARG002
+    def setting(self, robot: int, map_index: int) -> Setting:
         """And in which world."""
-        world, look = self._pool.draw(map_index, self._rngs["look"])
-        return world, self._pool.worlds[world], look
+        rng = self._rngs["look"]
+        if robot % self._group:
+            world = self._worlds[robot] = self._worlds[robot - 1]
+            look = self._pool.worlds[world].episode_look(rng)
+        else:
+            world, look = self._pool.draw(map_index, rng)
+            self._worlds[robot] = world
+        return int(world), self._pool.worlds[world], look
 
     def rng(self, kind: str, robots: np.ndarray | None = None) -> np.random.Generator:  # noqa: ARG002
         """Random numbers of a kind whose first axis are the robots: all, or these."""
@@ -78,8 +99,20 @@ class NumberedEpisodes:
     """
 
     def __init__(
-        self, road_maps: Sequence[Place], looks: Looks, n: int, seed: int, numbers: Sequence[int]
+        self,
+        road_maps: Sequence[Place],
+        looks: Looks,
+        n: int,
+        seed: int,
+        numbers: Sequence[int],
+        group: int = 1,
     ) -> None:
+        if len(numbers) % group:
+            raise ConfigError(
+                f"episodes: expected a multiple of {group}, the robots that share a world, "
+                f"got {len(numbers)}"
+            )
+        self._group = group
         self._road_maps, self._looks, self._seed = tuple(road_maps), looks, seed
         self._waiting = iter(numbers)
         self.numbers = np.full(n, -1)
@@ -96,23 +129,31 @@ class NumberedEpisodes:
 
     def begin(self, robots: np.ndarray) -> np.ndarray:
         """The next numbers, as long as there are any."""
+        self.numbers[robots] = -1
+        idle = (self.numbers < 0).reshape(-1, self._group).all(axis=1)
+        robots = np.flatnonzero(np.repeat(idle, self._group))
         for robot in robots.tolist():
             self.numbers[robot] = number = next(self._waiting, -1)
             if number >= 0:
                 self._rngs[robot] = _streams((self._seed, number))
         return robots[self.numbers[robots] >= 0]
 
+    def together(self, step: TaskStep) -> TaskStep:
+        """As it is."""
+        return step
+
     def starts(self, task: Task, robots: np.ndarray) -> Starts:
         """Where they begin."""
         each = [
-            task.reset(robots[k : k + 1], self.own("task", robot), self.numbers[robot])
-            for k, robot in enumerate(robots.tolist())
+            task.reset(group, self.own("task", group[0]), self.numbers[group[0]] // self._group)
+            for group in robots.reshape(-1, self._group)
         ]
         return Starts(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
 
     def setting(self, robot: int, map_index: int) -> Setting:
         """The robot's own world, painted as that of its number."""
-        number = int(self.numbers[robot])
+        first = robot - robot % self._group
+        number = int(self.numbers[first]) // self._group
         block = number // (len(self._road_maps) * EPISODES_OF_A_WORLD)
         key = (map_index, block)
         if key not in self._painted:
@@ -121,7 +162,7 @@ class NumberedEpisodes:
             for old in [k for k in self._painted if k[0] == map_index][:-_KEPT]:
                 del self._painted[old]
         painted = self._painted[key]
-        return robot, painted, painted.episode_look(self.own("look", robot))
+        return first, painted, painted.episode_look(self.own("look", robot))
 
     def rng(self, kind: str, robots: np.ndarray | None = None) -> np.random.Generator:
         """Each robot draws from its own generator."""

@@ -46,6 +46,9 @@ class Solid:
     collides: bool = True
 
 
+Mover = tuple[Solid, ...]  # what moves as a whole: solids about its own origin
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Floor, solids, sky and light."""

@@ -24,8 +24,16 @@ class BatchCamera(Protocol):
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
 
-    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
-        """(M, H, W, 3) uint8 RGB of all robots, or of those whose indices (M,) are given."""
+    def render(
+        self,
+        poses: np.ndarray,
+        robots: np.ndarray | None = None,
+        movers: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(M, H, W, 3) uint8 RGB of all robots, or of those whose indices (M,) are given.
+
+        ``movers`` (M, U, 3): where each of them sees what moves, NaN where it is not there.
+        """
 
 
 class NoCamera:
@@ -39,6 +47,11 @@ class NoCamera:
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Nothing to do."""
 
-    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:  # noqa: ARG002
+    def render(
+        self,
+        poses: np.ndarray,  # noqa: ARG002
+        robots: np.ndarray | None = None,
+        movers: np.ndarray | None = None,  # noqa: ARG002
+    ) -> np.ndarray:
         """(M, 1, 1, 3) zeros."""
         return np.zeros((self._count if robots is None else len(robots), *self.shape), np.uint8)

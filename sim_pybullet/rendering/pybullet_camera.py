@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from robot.contract import ImageSpec
+from robot.geometry import Pose
 from robot.lens import CameraRig
 from sim_pybullet.bullet import Drawing, Stage
 from sim_pybullet.classes import SemanticClass
@@ -15,7 +17,7 @@ from sim_pybullet.rendering.pinhole_cover import PinholeView, cover
 from sim_pybullet.rendering.rays import pixel_rays, sky_rgb
 from sim_pybullet.rendering.solid_mesh import floor_mesh, outside_mesh, solid_mesh
 from sim_pybullet.rendering.solid_table import light_row
-from sim_pybullet.scene import Scene
+from sim_pybullet.scene import Mover, Scene, Solid
 
 _LABEL_STEP = 20  # grey levels between two classes in the floor's class texture
 _AWAY_M = (0.0, 0.0, -1000.0)
@@ -28,7 +30,14 @@ class PyBulletCamera:
     picture; each pixel then averages the views where its exact rays meet them.
     """
 
-    def __init__(self, scene: Scene, rig: CameraRig, image: ImageSpec, oversample: int = 2) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        rig: CameraRig,
+        image: ImageSpec,
+        oversample: int = 2,
+        movers: tuple[Mover, ...] = (),
+    ) -> None:
         self._scene, self._rig, self._image = scene, rig, image
         self.cover = cover(rig, image, oversample)
         self._skies = [sky_rgb(view.directions(), scene.sky) for view in self.cover.views]
@@ -43,9 +52,8 @@ class PyBulletCamera:
         outside = self._stage.add(outside_mesh(ground), ground.outside_rgb)
         self._kinds = {outside: SemanticClass.OUTSIDE, -1: SemanticClass.SKY}
         for solid in scene.solids:
-            body = self._stage.add(solid_mesh(solid), solid.rgb)
-            self._stage.place(body, (solid.x_m, solid.y_m, solid.base_m), solid.heading_rad)
-            self._kinds[body] = solid.kind
+            self._put(self._add(solid), solid, Pose(0.0, 0.0, 0.0))
+        self._movers = [[(self._add(solid), solid) for solid in mover] for mover in movers]
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -56,17 +64,49 @@ class PyBulletCamera:
         """Free PyBullet's client."""
         self._stage.close()
 
-    def render(self, poses: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading."""
+    def render(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
+        """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
+
+        ``movers`` as of `sim_pybullet.rendering.camera.BatchCamera`.
+        """
         self._stage.place(self._labels, _AWAY_M)
         self._stage.place(self._floor, (0.0, 0.0, 0.0))
-        return np.array([self._frame(pose) for pose in poses], np.uint8)
+        return self._each(self._frame, poses, movers)
 
-    def segment(self, poses: np.ndarray) -> np.ndarray:
+    def segment(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass, from object ids and the floor's class map."""
         self._stage.place(self._floor, _AWAY_M)
         self._stage.place(self._labels, (0.0, 0.0, 0.0))
-        return np.array([self._classes(pose) for pose in poses], np.uint8)
+        return self._each(self._classes, poses, movers)
+
+    def _each(
+        self,
+        draw: Callable[[np.ndarray], np.ndarray],
+        poses: np.ndarray,
+        movers: np.ndarray | None,
+    ) -> np.ndarray:
+        pictures = []
+        for i, pose in enumerate(poses):
+            for k, parts in enumerate(self._movers):
+                for body, solid in parts:
+                    at = Pose(*(np.full(3, np.nan) if movers is None else movers[i, k]))
+                    self._put(body, solid, at)
+            pictures.append(draw(pose))
+        return np.array(pictures, np.uint8)
+
+    def _add(self, solid: Solid) -> int:
+        body = self._stage.add(solid_mesh(solid), solid.rgb)
+        self._kinds[body] = solid.kind
+        return body
+
+    def _put(self, body: int, solid: Solid, origin: Pose) -> None:
+        """Put a solid down that stands about an origin; away where that is nowhere."""
+        if math.isnan(origin.x_m):
+            self._stage.place(body, _AWAY_M)
+        else:
+            x_m, y_m = origin.to_world(np.array([solid.x_m, solid.y_m])).tolist()
+            turned_rad = origin.heading_rad + solid.heading_rad
+            self._stage.place(body, (x_m, y_m, solid.base_m), turned_rad)
 
     def _frame(self, pose: np.ndarray) -> np.ndarray:
         pictures = []

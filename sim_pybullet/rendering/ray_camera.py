@@ -19,15 +19,16 @@ from sim_pybullet.rendering.rays import (
     floor_table,
     pixel_rays,
 )
-from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
+from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids, place_movers
 from sim_pybullet.rendering.solid_table import (
     AZIMUTHS,
     ELEVATIONS,
     direction_table,
     light_row,
+    mover_rows,
     solid_rows,
 )
-from sim_pybullet.scene import Scene
+from sim_pybullet.scene import Mover, Scene
 
 _ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
@@ -86,9 +87,10 @@ class RayCamera:
 
     Every robot may have its own scene and rig; equal rigs share tables, scenes with the same
     ``Ground`` and light its packed floor. Neither may be changed in place after it was given.
+    ``movers`` are drawn in every scene, where each picture's poses of them say.
     """
 
-    def __init__(self, image: ImageSpec, n_robots: int) -> None:
+    def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
         height, width, _ = image.shape
         self._scenes: list[Scene | None] = [None] * n_robots
@@ -102,6 +104,7 @@ class RayCamera:
         self._tables = RigTables(n_robots, image)
         self._rows = np.zeros((n_robots, 0, 13))  # of the solids in each robot's scene
         self._counts = np.zeros(n_robots, np.int64)
+        self._parts, self._owners = mover_rows(movers)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -116,7 +119,7 @@ class RayCamera:
         if scene not in _ROWS:
             _ROWS[scene] = solid_rows(scene.solids)
         rows = _ROWS[scene]
-        self._rows = _with_room(self._rows, len(rows))
+        self._rows = _with_room(self._rows, len(rows) + len(self._parts))
         self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
         self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
         self._addresses[i] = texture.texels.ctypes.data
@@ -126,10 +129,16 @@ class RayCamera:
         self._lights[i] = light_row(light)
         self._tables.put(i, rig, ground.texel_m)
 
-    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+    def render(
+        self,
+        poses: np.ndarray,
+        robots: np.ndarray | None = None,
+        movers: np.ndarray | None = None,
+    ) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
 
-        With ``robots``, indices of some of them, poses and pictures are only theirs.
+        With ``robots``, indices of some of them, poses and pictures are only theirs. ``movers``
+        (N, U, 3): poses of what moves around each, NaN where it is not there.
         """
         skies = self._skies if robots is None else self._skies[robots]
         robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
@@ -138,17 +147,17 @@ class RayCamera:
         flat = pictures.reshape(len(poses), self._skies.shape[1])
         blocks = -(-2 * numba.get_num_threads() // max(1, len(poses)))
         draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
-        self._draw_solids(pictures, poses, robots)
+        self._draw_solids(pictures, poses, robots, movers)
         return pictures
 
-    def segment(self, poses: np.ndarray) -> np.ndarray:
+    def segment(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
         robots = np.arange(len(self._scenes))
         poses = self._checked(poses, len(robots))
         labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
         flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
         label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
-        self._draw_solids(labels[..., None], poses, robots)
+        self._draw_solids(labels[..., None], poses, robots, movers)
         return labels
 
     def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
@@ -170,17 +179,26 @@ class RayCamera:
         slots = self._tables.slots[robots]
         return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
-    def _draw_solids(self, pictures: np.ndarray, poses: np.ndarray, robots: np.ndarray) -> None:
+    def _draw_solids(
+        self,
+        pictures: np.ndarray,
+        poses: np.ndarray,
+        robots: np.ndarray,
+        movers: np.ndarray | None,
+    ) -> None:
         if not self._rows.size:
             return
         tables, first = self._tables, robots * self._rows.shape[1]
+        rows, last = self._rows.reshape(-1, 13), first + self._counts[robots]
+        if movers is not None:
+            place_movers(rows, last, self._parts, self._owners, movers)
         views = SolidViews(
             poses,
             self._eyes[robots],
             self._lights[robots],
-            self._rows.reshape(-1, 13),
+            rows,
             first,
-            first + self._counts[robots],
+            last,
             tables.slots[robots],
             tables.directions,
             tables.cells,

@@ -14,7 +14,9 @@ import numpy as np
 from robot.errors import MapError, nearest
 from robot.geometry import Pose, wrap_angle
 from robot.navigation.road_map import RoadMap, number, numbers, refuse_misspelt_keys
-from sim_pybullet.scenery.object_parts import kinds
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.scene import Solid
+from sim_pybullet.scenery.object_parts import colours, kinds
 
 _FORMS = ("pos", "pose", "place", "attach")
 _KEYS = (*_FORMS, "kind", "rotate", "height", "scale", "static", "optional", "color", "tag")
@@ -60,6 +62,31 @@ def objects_of(road_map: RoadMap) -> tuple[MapObject, ...]:
     if not isinstance(entries, dict):
         raise MapError(f"{where}: expected objects as a mapping or a list, got {entries!r}")
     return tuple(_read_object(str(n), e, road_map, f"{where}: {n}") for n, e in entries.items())
+
+
+def object_solids(item: MapObject) -> tuple[Solid, ...]:
+    """The solids that one object of a map is made of; none for marks on the floor."""
+    if item.kind not in kinds():
+        raise MapError(
+            f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, kinds())}"
+        )
+    kind = kinds()[item.kind]
+    scale = item.height_m
+    c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
+    return tuple(
+        Solid(
+            shape=part.shape,
+            x_m=item.x_m + scale * (c * part.forward - s * part.left),
+            y_m=item.y_m + scale * (s * part.forward + c * part.left),
+            heading_rad=item.heading_rad,
+            size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
+            rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
+            kind=SemanticClass[kind.class_name],
+            base_m=scale * part.base,
+            collides=part.collides,
+        )
+        for part in kind.parts
+    )
 
 
 def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:

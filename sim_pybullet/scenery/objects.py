@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from robot.errors import MapError, nearest
+from robot.errors import MapError
 from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.racing.track import Track, centre_line
 from sim_pybullet.racing.track_ground import paint_track, track_walls
 from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids, roadside
-from sim_pybullet.scenery.map_objects import MapObject, objects_of
-from sim_pybullet.scenery.object_parts import colours, kinds
+from sim_pybullet.scenery.map_objects import object_solids, objects_of
 
 Place = RoadMap | Track  # what there is to drive on
 _centre_line = lru_cache(8)(centre_line)
@@ -70,28 +67,3 @@ def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[So
     for item in roadside(place, look.clutter.things, rng):
         solids += [replace(solid, collides=False) for solid in object_solids(item)]
     return tuple(solids)
-
-
-def object_solids(item: MapObject) -> tuple[Solid, ...]:
-    """The solids that one object of a map is made of; none for marks on the floor."""
-    if item.kind not in kinds():
-        raise MapError(
-            f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, kinds())}"
-        )
-    kind = kinds()[item.kind]
-    scale = item.height_m
-    c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
-    return tuple(
-        Solid(
-            shape=part.shape,
-            x_m=item.x_m + scale * (c * part.forward - s * part.left),
-            y_m=item.y_m + scale * (s * part.forward + c * part.left),
-            heading_rad=item.heading_rad,
-            size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
-            rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
-            kind=SemanticClass[kind.class_name],
-            base_m=scale * part.base,
-            collides=part.collides,
-        )
-        for part in kind.parts
-    )

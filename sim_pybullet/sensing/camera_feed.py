@@ -26,6 +26,7 @@ class CameraFeed:
     Args:
         crop_top_px: how many rows the camera leaves out above, see `robot.contract.ImageSpec`.
         translator: what every picture passes through last.
+        movers: how many things the camera draws that move.
 
     Attributes:
         shown_poses: (N, 3) where the robots were when their newest picture was taken.
@@ -39,8 +40,9 @@ class CameraFeed:
         crop_top_px: int = 0,
         translator: Translator | None = None,
         dt_s: float = PHYSICS_DT_S,
+        movers: int = 0,
     ) -> None:
-        self._camera = camera
+        self._camera, self._movers = camera, movers
         self._dt_s = dt_s
         self._translator = translator
         height, width, _ = camera.shape
@@ -49,7 +51,8 @@ class CameraFeed:
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
         self._headings, self._turns_radps = np.zeros(n_robots), np.zeros(n_robots)
-        self._past = DelayLine(n_robots, 4)  # x, y, cosine and sine of the heading
+        # x, y, cosine and sine of the heading, of the robot and of each mover
+        self._past = DelayLine(n_robots, 4 + 4 * movers)
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
         self._shown = np.zeros((n_robots, *camera.shape), np.uint8)
@@ -61,22 +64,29 @@ class CameraFeed:
         """(H, W, 3) of one picture."""
         return self._camera.shape
 
-    def begin(self, i: int, scene: Scene, look: Look, pose: np.ndarray) -> None:
-        """Robot ``i`` begins an episode at a pose (3,), where it has stood for a while."""
+    def begin(
+        self, i: int, scene: Scene, look: Look, pose: np.ndarray, movers: np.ndarray | None = None
+    ) -> None:
+        """Robot ``i`` begins an episode at a pose (3,), where it has stood for a while.
+
+        ``movers`` (U, 3) stood likewise, NaN where they are not there.
+        """
         if self._scenes[i] is not scene or self._cameras[i] != look.camera:
             self._camera.set_robot(i, scene, look.rig())
             self._scenes[i], self._cameras[i] = scene, look.camera
         delay = look.timing.camera_delay_s / self._dt_s
-        self._past.reset(i, delay, _as_vectors(pose[None])[0])
+        around = pose[None] if movers is None else np.vstack((pose, movers))
+        self._past.reset(i, delay, _as_vectors(around).ravel())
         self._sensors.put(i, look.sensor)
         self._gloss.put(i, look.rig(), scene.light)
         self._headings[i], self._turns_radps[i] = pose[2], 0.0
         self._skip[i] = look.timing.frame_skip
         self._first[i] = True
 
-    def record(self, poses: np.ndarray) -> None:
-        """Take note of the poses (N, 3) after one more physics step."""
-        self._past.push(_as_vectors(poses))
+    def record(self, poses: np.ndarray, movers: np.ndarray | None = None) -> None:
+        """Take note of the poses (N, 3), and the movers' (N, U, 3), after one more physics step."""
+        around = poses[:, None] if movers is None else np.hstack((poses[:, None], movers))
+        self._past.push(_as_vectors(around).reshape(len(poses), -1))
         self._turns_radps[:] = wrap_angle(poses[:, 2] - self._headings) / self._dt_s
         self._headings = poses[:, 2].copy()
 
@@ -91,10 +101,12 @@ class CameraFeed:
         The sensor's noise comes from ``noise_rng``, where there is one.
         """
         noise_rng = rng if noise_rng is None else noise_rng
-        x, y, cosine, sine = self._past.read().T
-        poses = np.stack((x, y, np.arctan2(sine, cosine)), axis=1)
+        x, y, cosine, sine = np.moveaxis(self._past.read().reshape(len(self._skip), -1, 4), -1, 0)
+        around = np.stack((x, y, np.arctan2(sine, cosine)), axis=-1)
+        poses = np.ascontiguousarray(around[:, 0])
         chosen = np.arange(len(poses)) if robots is None else robots
-        light = self._camera.render(poses[chosen], robots)
+        moving = (around[chosen, 1:],) if self._movers else ()
+        light = self._camera.render(poses[chosen], robots, *moving)
         self._gloss.add(light, poses[chosen, 2], chosen)
         pictures = self._sensors.take(light, chosen, noise_rng, self._turns_radps[chosen])
         if self._translator is not None:
@@ -112,8 +124,9 @@ class CameraFeed:
 
 
 def _as_vectors(poses: np.ndarray) -> np.ndarray:
-    heading = poses[:, 2]
-    return np.stack((poses[:, 0], poses[:, 1], np.cos(heading), np.sin(heading)), axis=1)
+    """(..., 3) -> (..., 4)."""
+    heading = poses[..., 2]
+    return np.stack((poses[..., 0], poses[..., 1], np.cos(heading), np.sin(heading)), axis=-1)
 
 
 class FrameStack:

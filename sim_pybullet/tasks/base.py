@@ -22,6 +22,7 @@ from sim_pybullet.tasks.following import (
 from sim_pybullet.vehicle import Vehicle
 
 if TYPE_CHECKING:
+    from sim_pybullet.scene import Mover
     from sim_pybullet.scenery.objects import Place
 
 
@@ -69,6 +70,8 @@ class Task(ABC):
     """
 
     guided = False  # whether the policy gets path_input beside the picture
+    group = 1  # robots that share a world: so many, one behind the other in the batch
+    movers: tuple[Mover, ...] = ()  # what moves in those worlds
     frames = 1  # how many of the last pictures the policy gets
     term_names: tuple[str, ...]  # of the reward
     fact_names: tuple[str, ...]  # of what else is worth knowing of a robot's episode
@@ -144,6 +147,20 @@ class Task(ABC):
                 )
             self._start(i, path, 0, at.arc_m, at.offset_m, turned_rad)
         return Starts(poses, np.zeros(len(robots), dtype=int))
+
+    def think(self, poses: np.ndarray) -> None:  # noqa: B027
+        """At the beginning of a decision, robots at poses (N, 3): other road users decide too."""
+
+    def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray | None:  # noqa: ARG002
+        """(N, U, 3) poses of the ``movers`` round each robot, NaN where one is not there.
+
+        ``share`` of the decision has passed, and the robots are at poses (N, 3).
+        """
+        return None
+
+    def expert(self, poses: np.ndarray) -> np.ndarray:
+        """(N,) what an expert would do now, who knows the true poses (N, 3)."""
+        return self.vehicle.expert(self.paths, poses, self.course.arc_m)
 
     @abstractmethod
     def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:

@@ -33,6 +33,7 @@ class Choices:
     lane: str | None = None  # of a ring of road
     style: str | None = None  # of driving
     laps: float | None = None  # of an episode
+    scenario: str | None = None  # of road users: a file or a shipped name
     start_spread: float = 1.0  # above 1 in practice: begin farther off, in shorter episodes
 
 
@@ -61,6 +62,7 @@ class TaskSpec:
     lanes: tuple[str, ...] = ()  # to choose among; the first is usual
     styles: tuple[str, ...] = ()  # likewise
     counts_laps: bool = False  # whether laps may be asked for
+    scenarios: bool = False  # whether a scenario of road users may
     learned: bool = True  # False: only judged
     painted: int = 48  # worlds of a training over all maps: a second and 160 MB for eight of them
     scale: float = 1.0  # metres of the simulator per metre of the real thing
@@ -75,6 +77,11 @@ class TaskSpec:
         return PATH_POINTS if self.kind.guided else 0
 
     @property
+    def wheeled(self) -> bool:
+        """Whether the project's robot carries out its actions."""
+        return self.actions[: len(WHEELED)] == WHEELED
+
+    @property
     def frames(self) -> int:
         """How many of the last pictures a policy gets."""
         return self.kind.frames
@@ -85,6 +92,7 @@ class TaskSpec:
         ConfigError for a choice that it has no use for, MapError for a map not fit for it.
         """
         useful = {"lane": self.lanes, "style": self.styles, "laps": self.counts_laps}
+        useful["scenario"] = self.scenarios
         for name, of_use in useful.items():
             value = getattr(chosen, name)
             if value is not None and not of_use:

@@ -17,7 +17,7 @@ from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
 from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
-from sim_pybullet.scenery.map_objects import objects_of
+from sim_pybullet.scenery.map_objects import MapObject, object_solids, objects_of
 from sim_pybullet.scenery.objects import build_scene
 from tests.robot.real_lenses import real_lenses
 
@@ -173,3 +173,38 @@ def test_a_small_render_is_the_shrunken_large_render() -> None:
     ]
     assert np.abs(np.array(shrunken, int) - small.render(poses)).mean() < 2.0
     assert likeness(np.array(shrunken), small.render(poses)) > 0.97
+
+
+def test_cameras_agree_on_what_moves() -> None:
+    """Ducks and robots are drawn where they are in each picture, and nowhere if they are away."""
+    town = load_map("town")
+    scene = build_scene(town, NOMINAL, np.random.default_rng(0))
+    duck = object_solids(MapObject("duck", "duckie", 0.0, 0.0, 0.0, 0.08))
+    car = object_solids(MapObject("car", "duckiebot", 0.0, 0.0, 0.0, 0.135, color="red"))
+    movers, count = (duck, car), 8
+    poses, rng = road_poses(town, count), np.random.default_rng(2)
+    ahead_m, aside_m = rng.uniform(0.2, 0.6, (count, 2)), rng.uniform(-0.2, 0.2, (count, 2))
+    turned = rng.uniform(-np.pi, np.pi, (count, 2))
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    x, y = poses[:, :1] + c * ahead_m - s * aside_m, poses[:, 1:2] + s * ahead_m + c * aside_m
+    moving = np.stack((x, y, turned), axis=-1)
+    moving[0], moving[1, 1] = np.nan, np.nan
+    ray = RayCamera(FRAME, count, movers)
+    for i in range(count):
+        ray.set_robot(i, scene, NOMINAL.rig())
+    reference = PyBulletCamera(scene, NOMINAL.rig(), FRAME, 3, movers)
+    try:
+        pictures, labels = ray.render(poses, None, moving), ray.segment(poses, moving)
+        assert likeness(reference.render(poses, moving), pictures) > 0.95
+        expected = reference.segment(poses, moving)
+    finally:
+        reference.close()
+    assert np.mean(expected == labels) > 0.98
+    for kind in (SemanticClass.PERSON, SemanticClass.VEHICLE):
+        here, there = labels == kind, expected == kind
+        assert (here & there).sum() > 0.9 * (here | there).sum() > 500
+    bare = ray.render(poses, None, np.full_like(moving, np.nan))
+    assert np.array_equal(bare[0], pictures[0])
+    assert all((bare[i] != pictures[i]).any() for i in range(1, count))
+    fewer = np.array([5, 2])
+    assert np.array_equal(ray.render(poses[fewer], fewer, moving[fewer]), pictures[fewer])

@@ -24,7 +24,7 @@ from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
-from sim_pybullet.tasks.spec import WHEELED, Choices, find_task
+from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.judging.drive_log import DriveLog, Tracer
 from trainer.options import EvaluateOptions, task_of
 
@@ -89,13 +89,13 @@ def open_policy(model: Path, task: str = "") -> OnnxPolicy:
     ConfigError for an unknown task, or one of another vehicle than the policy's.
     """
     trained_for = task_of(model)
-    actions = find_task(trained_for).actions
-    if task and find_task(task).actions != actions:
+    trained = find_task(trained_for)
+    if task and find_task(task).wheeled != trained.wheeled:
         raise ConfigError(
             f"{model}: expected a policy for {task}, got one for {trained_for}; "
             "these are driven by different vehicles"
         )
-    return OnnxPolicy(model, actions=None if actions == WHEELED else actions)
+    return OnnxPolicy(model, actions=None if trained.wheeled else trained.actions)
 
 
 def evaluate(
@@ -235,6 +235,7 @@ def _choose(
 ) -> np.ndarray:
     """Of one robot, as on a robot: in a batch rounding depends on how many others there are."""
     stack = observation.image[robot : robot + 1]
+    stack = stack[..., -3 * policy.contract.frames :]  # it may know fewer than the task has
     frames = [stack[..., k : k + 3] for k in range(0, stack.shape[-1], 3)]
     pictures = [preprocess_batch(frame, policy.contract.image) for frame in frames]
     picture = np.concatenate(pictures, axis=-1)

@@ -1,0 +1,246 @@
+"""``Traffic``: drive among ducks that walk and cars with drivers of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from robot.contract import CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
+from robot.errors import ConfigError
+from robot.navigation.road_map import RoadMap
+from sim_pybullet.motors import MotorModel
+from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
+from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M, following_terms
+from sim_pybullet.tasks.spec import Choices, TaskSpec, register
+from sim_pybullet.traffic.ahead import behind, time_to_collision
+from sim_pybullet.traffic.crowd import Body, Crowd
+from sim_pybullet.traffic.drivers import GAP_M, LINE_S
+from sim_pybullet.traffic.scenario import Scenario, load_scenario
+from sim_pybullet.traffic.streets import Streets
+from sim_pybullet.vehicle import WheeledRobots
+
+EPISODE_S = 60.0
+SLOW, STOP = len(FIVE_ACTIONS), len(FIVE_ACTIONS) + 1
+SLOW_MPS = 0.12
+TRAFFIC_ACTIONS: ActionTable = (*FIVE_ACTIONS, (SLOW_MPS, SLOW_MPS), (0.0, 0.0))
+FEWEST_TILES = 3.0  # who has not driven so far has not done what was asked
+_NEAR_M = 0.3  # nearer than that to what is ahead one should not drive
+_STANDS_MPS = 0.02
+_HEADWAY_S = 0.8  # of the expert
+_PENALTY = 20.0
+
+
+class TrafficRobots(WheeledRobots):
+    """The project's robot with two more actions: slow, straight on, and stop."""
+
+    actions: ActionTable = TRAFFIC_ACTIONS
+
+    def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """As of `WheeledRobots`."""
+        if actions.ndim == 1:
+            return MotorModel.step(self, np.array(self.actions)[actions], rng)
+        return super().step(actions, rng)
+
+
+class Traffic(Task):
+    """Drive along a lane for a minute among the road users of a `Scenario`.
+
+    Robots of one scenario (``robots_pcs``) share a world. The reward is that of
+    `sim_pybullet.tasks.following.following_terms`, which a robot that stands never earns, less for
+    driving nearer than 0.3 m to what is ahead, less for a collision by one's own fault.
+
+    Terminated: in collision (0.10 m to a duck, 0.15 m to a robot, centre to centre; with things as
+    bodies meet) or off the tiles of road. Truncated: after a minute, a success if the robot has
+    driven three tiles along the lane.
+
+    Facts: ``tiles`` driven along the lane; ``hit``, whom the collision was with, as
+    `sim_pybullet.traffic.crowd.Body`, or 0; ``at_fault``: 0 where the other drove into a robot that
+    stood, or from behind; ``free_m`` ahead along the lane, at most 1.04; ``least_ttc_s``, the least
+    time to a collision so far, at most a minute.
+
+    ConfigError for no maps, or robots that do not fill the scenario's worlds; MapError for a map
+    without room for it.
+    """
+
+    frames = 3
+    term_names: tuple[str, ...] = ("offset", "alignment", "nearness", "collision")
+    fact_names: tuple[str, ...] = ("tiles", "hit", "at_fault", "free_m", "least_ttc_s")
+
+    def __init__(
+        self,
+        road_maps: Sequence[RoadMap],
+        n_robots: int,
+        scenario: Scenario,
+        start_spread: float = 1.0,
+    ) -> None:
+        expect_some("Traffic", road_maps, n_robots)
+        self.group = len(scenario.robots_pcs)
+        if n_robots % self.group:
+            raise ConfigError(
+                f"robots: expected a multiple of {self.group}, the robots_pcs of the scenario, "
+                f"got {n_robots}"
+            )
+        self.streets = Streets(road_maps)
+        self.crowd = Crowd(self.streets, scenario, n_robots // self.group)
+        self.movers = self.crowd.movers
+        super().__init__(
+            self.streets.road_maps,
+            TrafficRobots(n_robots),
+            n_robots,
+            HALF_LANE_TILES * self.streets.tile_m,
+            self.streets.tours[0][0],
+            start_spread,
+        )
+        self._poses = np.full((n_robots, 3), np.nan)
+        self._velocities = np.zeros((n_robots, 2))
+        self._least_ttc_s = np.full(n_robots, EPISODE_S)
+
+    def reset(
+        self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
+    ) -> Starts:
+        """Begin an episode of whole groups of robots (M,)."""
+        poses, maps = np.zeros((len(robots), 3)), np.zeros(len(robots), dtype=int)
+        for first in range(0, len(robots), self.group):
+            k = int(rng.integers(len(self.road_maps)))
+            k = k if number is None else number % len(self.road_maps)
+            group = int(robots[first]) // self.group
+            places = self.crowd.begin(group, k, rng, self._spread)
+            for row, (path, *beside) in enumerate(places, first):
+                self._start(int(robots[row]), path, k, *beside)
+                poses[row], maps[row] = places[row - first].pose, k
+        self._poses[robots], self._velocities[robots] = poses, 0.0
+        self._least_ttc_s[robots] = EPISODE_S
+        return Starts(poses, maps)
+
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+        """Begin an episode of robots (M,) at poses (M, 3); ConfigError if they share worlds."""
+        if self.group > 1:
+            raise ConfigError("pose: expected a scenario of one robot of ours, got several")
+        starts = super().reset_at(robots, poses, rng)
+        self._poses[robots], self._velocities[robots] = poses, 0.0
+        self._least_ttc_s[robots] = EPISODE_S
+        for i, pose in zip(robots.tolist(), poses.tolist(), strict=True):
+            self.crowd.begin(i, 0, rng, at_m=(pose[0], pose[1]))
+        return starts
+
+    def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
+        tours = self.streets.tours[road_map]
+        path = tours[int(rng.integers(len(tours)))]
+        return path, float(rng.uniform(0.0, path.length_m))
+
+    def think(self, poses: np.ndarray) -> None:
+        """Other road users decide."""
+        self.crowd.think(
+            self._grouped(poses), self.paths, self.course.arc_m, self._grouped(self._velocities)
+        )
+
+    def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray:
+        """As of `Task`."""
+        shown = self.crowd.shown(self._grouped(poses), share)
+        return shown.reshape(self.n_robots, -1, 3)
+
+    def expert(self, poses: np.ndarray) -> np.ndarray:
+        """(N,) what a driver would do who knows where everybody is."""
+        choices = super().expert(poses)
+        at = self.crowd.look(
+            self._grouped(poses), self.paths, self.course.arc_m, self._grouped(self._velocities)
+        )
+        room_m = at.free_m[:, : self.group] - GAP_M
+        most = np.minimum(room_m / _HEADWAY_S, self.crowd.line_m / LINE_S).ravel()
+        straight = choices == Action.STRAIGHT
+        choices[(most < 0.2) & straight] = SLOW
+        choices[most < 0.1] = STOP
+        return choices
+
+    def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
+        """Reward and end of the decision that led to poses (N, 3)."""
+        self._velocities = (poses - self._poses)[:, :2] / CONTROL_DT_S
+        self._poses = poses.copy()
+        course, _ = self._follow(poses)
+        hit, at_fault = self._meet(poses, collided)
+        free_m = self.crowd.free_m.ravel()
+        tile_m = self.streets.tile_m[self._maps]
+        tiles = course.travelled_m / tile_m
+        off = ~self.streets.on_road(self._maps, poses[:, None, :2])[:, 0]
+        speed = np.clip(course.progress_m / NOMINAL_STEP_M, 0.0, 1.0)
+        nearness = -4.0 * speed * np.maximum(1.0 - free_m / _NEAR_M, 0.0)
+        terms = np.vstack(
+            (following_terms(course, self.half_lane_m), nearness, -_PENALTY * at_fault)
+        )
+        facts = np.stack((tiles, hit, at_fault, free_m, self._least_ttc_s))
+        late = self._steps * CONTROL_DT_S >= EPISODE_S - 1e-9
+        failed = (hit > 0) | off
+        judged = self._judged(terms, facts, (failed, np.zeros_like(late), late))
+        return judged._replace(success=judged.truncated & (tiles >= FEWEST_TILES))
+
+    def _meet(self, poses: np.ndarray, collided: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whom each robot has met (N,), 0 for nobody, and whether that is its own fault (N,)."""
+        bodies = self.crowd.bodies(self._grouped(poses), self._grouped(self._velocities))
+        each = np.repeat(np.arange(self.n_robots // self.group), self.group)
+        xy_m, velocities = bodies.xy_m[each], bodies.velocities_mps[each]
+        own = np.arange(self.n_robots), np.arange(self.n_robots) % self.group
+        xy_m[own] = np.nan
+        offsets_m, relative = xy_m - poses[:, None, :2], velocities - self._velocities[:, None]
+        meet_m = np.broadcast_to(bodies.meet_m, offsets_m.shape[:2])
+        ttc_s = time_to_collision(offsets_m, relative, meet_m)
+        real = (bodies.kinds != Body.THING) & np.isfinite(offsets_m[..., 0])
+        least = np.where(real, ttc_s, np.inf).min(axis=1, initial=EPISODE_S)
+        self._least_ttc_s = np.minimum(self._least_ttc_s, least)
+        apart = np.linalg.norm(offsets_m, axis=-1)
+        near = real & (apart < meet_m)
+        whom = np.where(near, apart, np.inf).argmin(axis=1)
+        met = near.any(axis=1)
+        hit = np.where(met, bodies.kinds[whom], np.where(collided, Body.THING, 0))
+        stood = np.hypot(*self._velocities.T) < _STANDS_MPS
+        theirs = met & (stood | behind(poses, xy_m)[own[0], whom])
+        return hit, ((hit > 0) & ~theirs).astype(int)
+
+    def _grouped(self, of_robots: np.ndarray) -> np.ndarray:
+        """(N, ...) -> (G, P, ...)."""
+        return of_robots.reshape(-1, self.group, *of_robots.shape[1:])
+
+
+class GuidedTraffic(Traffic):
+    """`Traffic` over junctions: the policy gets the path of its tour beside the picture."""
+
+    guided = True
+
+
+def _make(
+    maps: Sequence[RoadMap], robots: int, chosen: Choices, kind: type[Traffic], usual: str
+) -> Traffic:
+    scenario = load_scenario(chosen.scenario or usual)
+    return kind(maps, robots, scenario, chosen.start_spread)
+
+
+register(
+    TaskSpec(
+        name="traffic",
+        title="Traffic",
+        purpose="Lane keeping among ducks and cars: it may drive slowly, and stop.",
+        kind=Traffic,
+        map="loop",
+        make=partial(_make, kind=Traffic, usual="mixed"),
+        actions=TRAFFIC_ACTIONS,
+        scenarios=True,
+        environments={
+            "Traffic-v0": {},
+            "TrafficPedestrians-v0": {"scenario": "lfp"},
+        },
+    )
+)
+register(
+    TaskSpec(
+        name="traffic_junctions",
+        title="Traffic at junctions",
+        purpose="Driving along a path (`path_input`) among ducks and cars, over junctions.",
+        kind=GuidedTraffic,
+        map="town",
+        make=partial(_make, kind=GuidedTraffic, usual="lfvi"),
+        actions=TRAFFIC_ACTIONS,
+        scenarios=True,
+        learned=False,
+    )
+)

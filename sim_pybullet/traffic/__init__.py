@@ -1,0 +1,1 @@
+"""Who else is on the road: ducks that walk, cars with drivers, lights that change."""

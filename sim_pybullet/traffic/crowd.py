@@ -1,0 +1,230 @@
+"""``Crowd``: all road users of G worlds, and what each robot of ours has ahead."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.geometry import wrap_angle
+from robot.navigation.path_batch import PathBatch
+from sim_pybullet.scene import Mover
+from sim_pybullet.scenery.footprints import HALF_ROBOT_M
+from sim_pybullet.scenery.map_objects import MapObject, object_solids
+from sim_pybullet.traffic import drivers, ducks
+from sim_pybullet.traffic.ahead import AHEAD_M, DUCK_M, ROBOT_M, STEP_M, look_ahead
+from sim_pybullet.traffic.drivers import Drivers
+from sim_pybullet.traffic.ducks import Ducks
+from sim_pybullet.traffic.layout import CarStart, Layout
+from sim_pybullet.traffic.lights import Lights, lamps
+from sim_pybullet.traffic.right_of_way import STOP_M, Approach, RightOfWay
+from sim_pybullet.traffic.scenario import Scenario
+from sim_pybullet.traffic.streets import NO_JUNCTION, Streets
+
+_WALKS_S = (0.8, 1.6)  # a walking duck counts where it will be, too
+_COLOURS = ("blue", "red", "green", "white", "orange", "grey")
+
+
+class Body(IntEnum):
+    """What a road user is."""
+
+    DUCK = 1
+    ROBOT = 2
+    THING = 3
+
+
+class Bodies(NamedTuple):
+    """B bodies in each of G worlds; ours come first, robot by robot."""
+
+    xy_m: np.ndarray  # (G, B, 2), NaN for who is not there
+    velocities_mps: np.ndarray  # (G, B, 2)
+    kinds: np.ndarray  # (B,) of `Body`
+    meet_m: np.ndarray  # (B,) centres nearer than that have met; 0 for things
+
+
+class Crowd:
+    """Road users of G groups of P robots of ours, on the maps of ``streets``.
+
+    Robots of ours are told in every call: ``poses`` (G, P, 3). Places in a group: ours, other cars,
+    parked ones, ducks.
+    """
+
+    def __init__(self, streets: Streets, how: Scenario, groups: int) -> None:
+        self._streets, self._how = streets, how
+        self.ours, self._parked = len(how.robots_pcs), len(how.robots_parked)
+        cars = len(how.robots_npcs) + _most(streets.movers, "duckiebot")
+        ducklings = how.nduckies + _most(streets.movers, "duckie")
+        self.drivers = Drivers(groups, cars, streets.tours[0][0])
+        self.ducks = Ducks(groups, ducklings)
+        self.lights = Lights(groups, max(map(len, streets.lights)))
+        self.parked = np.full((groups, self._parked, 3), np.nan)
+        self._things = np.full((groups, max(map(len, streets.blocked_m)), 2), np.nan)
+        self._way = RightOfWay(groups, self.ours + cars, streets.junctions)
+        self.maps = np.zeros(groups, dtype=int)
+        self.free_m = np.full((groups, self.ours), AHEAD_M[-1] + STEP_M)  # along our own paths
+        self.line_m = np.full((groups, self.ours), np.inf)  # to where ours should stand
+        self._before = self._now(np.full((groups, self.ours, 3), np.nan))
+
+    @property
+    def movers(self) -> tuple[Mover, ...]:
+        """What cameras must draw, in the order of `shown`."""
+        robots = self.ours + self.drivers.poses.shape[1] + self._parked
+        looks = [_robot(_COLOURS[k % len(_COLOURS)]) for k in range(robots)]
+        duck = object_solids(MapObject("duck", "duckie", 0.0, 0.0, 0.0, ducks.HEIGHT_M))
+        lights = (lamps(0), lamps(1)) * self.lights.places.shape[1]
+        return (*looks, *(duck,) * self.ducks.poses.shape[1], *lights)
+
+    def begin(
+        self,
+        group: int,
+        k: int,
+        rng: np.random.Generator,
+        spread: float = 1.0,
+        at_m: tuple[float, float] | None = None,
+    ) -> list[CarStart]:
+        """Draw an episode of one group on map ``k``; where its robots of ours begin.
+
+        ``at_m``: where the only one stands already. ``spread``: as of `sim_pybullet.tasks.base`.
+        """
+        layout = Layout(self._streets, k, self._how, rng)
+        if at_m is not None:
+            layout.cars.append(at_m)
+        ours = [layout.car(spread) for _ in range(self.ours if at_m is None else 0)]
+        self._begin_others(group, k, layout, rng)
+        self._begin_standing(group, k, rng)
+        return ours
+
+    def _begin_others(self, group: int, k: int, layout: Layout, rng: np.random.Generator) -> None:
+        how, movers = self._how, self._streets.movers[k]
+        cars = [layout.car() for _ in how.robots_npcs]
+        starts = [(car.path, car.arc_m) for car in cars]
+        starts += [layout.tour_at(o) for o in movers if o.kind == "duckiebot"]
+        self.drivers.begin(group, starts, how, rng)
+        for place in range(self._parked):
+            self.parked[group, place] = layout.car().pose
+        tile_m = self._streets.tile_m[k]
+        walkers = [(o.x_m, o.y_m, o.heading_rad, tile_m) for o in movers if o.kind == "duckie"]
+        places = np.array([*layout.ducks().reshape(-1, 4), *walkers]).reshape(-1, 4)
+        self.ducks.begin(group, places, how.duckie_speed_mps, how.duckie_wait_s, rng)
+
+    def _begin_standing(self, group: int, k: int, rng: np.random.Generator) -> None:
+        lights, things = self._streets.lights[k], self._streets.blocked_m[k]
+        at = np.array([(o.x_m, o.y_m) for o in lights]).reshape(1, -1, 2)
+        crossings = self._streets.junction_at(np.array([k]), at)[0]
+        self.lights.begin(group, lights, crossings, rng)
+        self._things[group] = np.nan
+        self._things[group, : len(things)] = things
+        self.maps[group] = k
+        self._way.begin(group)
+        self._before[group] = np.nan
+
+    def bodies(self, poses: np.ndarray, velocities_mps: np.ndarray) -> Bodies:
+        """Everybody, among robots of ours at poses (G, P, 3) with velocities (G, P, 2)."""
+        still = np.zeros((*self.parked.shape[:2], 2)), np.zeros(self._things.shape)
+        cars, ducklings = self.drivers, self.ducks
+        robots = self.ours + cars.poses.shape[1] + self._parked
+        counts = (robots, ducklings.poses.shape[1], self._things.shape[1])
+        return Bodies(
+            np.concatenate(
+                (poses[..., :2], cars.poses[..., :2], self.parked[..., :2],
+                 ducklings.poses[..., :2], self._things), axis=1,
+            ),
+            np.concatenate(
+                (velocities_mps, cars.velocities, still[0], ducklings.velocities, still[1]), axis=1
+            ),
+            np.repeat((Body.ROBOT, Body.DUCK, Body.THING), counts),
+            np.repeat((ROBOT_M, DUCK_M, 0.0), counts),
+        )  # fmt: skip
+
+    def look(
+        self, poses: np.ndarray, paths: PathBatch, arc_m: np.ndarray, velocities: np.ndarray
+    ) -> Approach:
+        """What all cars have ahead, ours at ``arc_m`` (G P,) of their paths first: (G, A)."""
+        bodies = self.bodies(poses, velocities)
+        everyone = np.concatenate((poses, self.drivers.poses), axis=1)  # who looks
+        groups, cars = everyone.shape[:2]
+        own = paths.points_at(arc_m[:, None] + AHEAD_M).reshape(groups, self.ours, -1, 2)
+        points = np.concatenate((own, self.drivers.points(AHEAD_M)), axis=1)
+        xy_m, clear_m = self._obstacles(bodies)
+        seen = np.repeat(xy_m[:, None], cars, axis=1)
+        seen[:, np.arange(cars), np.arange(cars)] = np.nan  # nobody is in their own way
+        flat = groups * cars
+        ahead = look_ahead(
+            points.reshape(flat, -1, 2),
+            everyone.reshape(flat, 3),
+            seen.reshape(flat, -1, 2),
+            np.repeat(clear_m, cars, axis=0),
+        )
+        free_m = ahead.free_m.reshape(groups, cars)
+        return self._approach(everyone, points, free_m)
+
+    def think(
+        self, poses: np.ndarray, paths: PathBatch, arc_m: np.ndarray, velocities: np.ndarray
+    ) -> None:
+        """One decision of everybody but ours."""
+        self._before = self._now(poses)
+        approach = self.look(poses, paths, arc_m, velocities)
+        speeds = np.concatenate((np.hypot(*np.moveaxis(velocities, -1, 0)),
+                                 self.drivers.speeds_mps), axis=1)  # fmt: skip
+        may = self._way.ask(approach, speeds)
+        may[:, self.ours :] |= ~self.drivers.obeying
+        line_m = np.where(may, np.inf, approach.line_m - STOP_M)
+        self.free_m, self.line_m = approach.free_m[:, : self.ours], line_m[:, : self.ours]
+        self.drivers.step(approach.free_m[:, self.ours :], line_m[:, self.ours :])
+        robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)
+        self.ducks.step(robots[..., :2])
+        self.lights.step()
+
+    def shown(self, poses: np.ndarray, share: float) -> np.ndarray:
+        """(G, P, U, 3) where each of ours sees the movers when a share of the decision is over."""
+        now = self._now(poses)
+        moved = now - self._before
+        moved[..., 2] = wrap_angle(moved[..., 2])
+        going = np.isfinite(moved) & (share < 1.0)
+        between = np.where(going, now - (1.0 - share) * np.where(going, moved, 0.0), now)
+        between[:, : self.ours] = poses
+        each = np.repeat(between[:, None], self.ours, axis=1)
+        each[:, np.arange(self.ours), np.arange(self.ours)] = np.nan
+        return each
+
+    def _now(self, poses: np.ndarray) -> np.ndarray:
+        """(G, U, 3) where all movers are."""
+        return np.concatenate(
+            (poses, self.drivers.poses, self.parked, self.ducks.poses, self.lights.shown()), axis=1
+        )
+
+    def _obstacles(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
+        """Bodies (G, B + 2 D, 2), ducks also where they will be, and how far to stay away."""
+        groups = len(bodies.xy_m)
+        clear_m = np.maximum(np.tile(bodies.meet_m, (groups, 1)), HALF_ROBOT_M)
+        ducklings = bodies.kinds == Body.DUCK
+        later = [bodies.xy_m[:, ducklings] + s * bodies.velocities_mps[:, ducklings]
+                 for s in _WALKS_S]  # fmt: skip
+        near_m = np.full((groups, 2 * int(ducklings.sum())), DUCK_M)
+        xy_m = np.concatenate((bodies.xy_m, *later), axis=1)
+        return xy_m, np.concatenate((clear_m, near_m), axis=1)
+
+    def _approach(self, poses: np.ndarray, points: np.ndarray, free_m: np.ndarray) -> Approach:
+        streets, shape = self._streets, free_m.shape
+        if not streets.junctions:
+            none = np.full(shape, NO_JUNCTION)
+            return Approach(none, np.full(shape, np.inf), none, free_m, np.zeros(shape, bool))
+        inside = streets.junction_at(self.maps, poses[..., :2])
+        ahead = streets.junction_at(self.maps, points)
+        other = (ahead != NO_JUNCTION) & (ahead != inside[..., None])
+        first = other.argmax(axis=-1)
+        found = np.take_along_axis(ahead, first[..., None], axis=-1)[..., 0]
+        coming = np.where(other.any(axis=-1) & np.isfinite(poses[..., 0]), found, NO_JUNCTION)
+        line_m = np.where(coming == NO_JUNCTION, np.inf, (first + 0.5) * STEP_M)
+        red = self.lights.red(coming, poses[..., 2])
+        return Approach(coming, line_m, inside, free_m, red)
+
+
+def _most(movers: list[tuple[MapObject, ...]], kind: str) -> int:
+    return max(sum(thing.kind == kind for thing in each) for each in movers)
+
+
+def _robot(colour: str) -> Mover:
+    robot = MapObject("robot", "duckiebot", 0.0, 0.0, 0.0, drivers.HEIGHT_M, color=colour)
+    return object_solids(robot)

@@ -1,0 +1,165 @@
+"""The task ``traffic``: what ends an episode, whose fault it is, what it is worth."""
+
+import numpy as np
+import pytest
+
+from robot.contract import ImageSpec
+from robot.errors import ConfigError
+from robot.navigation.road_map import load_map
+from sim_pybullet.batch import BatchStep, BatchWorld
+from sim_pybullet.look import NOMINAL
+from sim_pybullet.rendering.camera import NoCamera
+from sim_pybullet.tasks.spec import Choices, find_task
+from sim_pybullet.tasks.traffic import Traffic
+from sim_pybullet.traffic.scenario import Scenario, load_scenario
+
+SLOW, STOP = 5, 6
+SMALL = ImageSpec(40, 30, 10)
+
+
+def world_of(task: Traffic, numbers: range | None = None, pictures: bool = False) -> BatchWorld:
+    camera = None if pictures else NoCamera(task.n_robots)
+    image = SMALL if pictures else None
+    return BatchWorld(task, [NOMINAL], image, 1, 1, camera, numbers=numbers)
+
+
+def traffic(robots: int = 1, **how: object) -> Traffic:
+    return Traffic([load_map("loop")], robots, Scenario(**how))  # type: ignore[arg-type]
+
+
+def facts(world: BatchWorld, step: BatchStep, robot: int = 0) -> dict[str, float]:
+    names = world.task.fact_names
+    return dict(zip(names, step.task.facts[:, robot].tolist(), strict=True))
+
+
+def test_its_actions_are_the_five_slow_and_stop() -> None:
+    spec = find_task("traffic")
+    assert len(spec.actions) == 7
+    assert spec.actions[SLOW] == (0.12, 0.12)
+    assert spec.actions[STOP] == (0.0, 0.0)
+    assert spec.frames == 3
+
+
+def test_standing_still_earns_nothing() -> None:
+    world = world_of(traffic(4))
+    world.reset()
+    total = sum(world.step(np.full(4, STOP)).reward for _ in range(50))
+    assert (total <= 0.0).all()
+    driven = world_of(traffic(4))
+    driven.reset()
+    assert (sum(driven.step(driven.expert_actions()).reward for _ in range(50)) > 50.0).all()
+
+
+def test_who_stands_for_a_minute_has_not_done_the_task() -> None:
+    world = world_of(traffic(), range(1))
+    world.reset()
+    steps = [world.step(np.full(1, STOP)) for _ in range(600)]
+    assert [bool(step.task.truncated[0]) for step in steps] == [False] * 599 + [True]
+    assert not steps[-1].task.success[0]
+    assert not world.active.any()
+
+
+@pytest.mark.parametrize("name", ["lfp", "lfv", "mixed"])
+def test_the_expert_drives_among_them(name: str) -> None:
+    task = Traffic([load_map("loop")], 4, load_scenario(name))
+    world = world_of(task, range(4))
+    world.reset()
+    for _ in range(300):
+        step = world.step(world.expert_actions())
+        assert not step.task.terminated.any()
+    assert (step.task.facts[0] > 5.0).all()
+
+
+def test_eight_robots_of_ours_share_a_town_and_meet_nobody() -> None:
+    spec = find_task("traffic_junctions")
+    task = spec.build([load_map("town")], 8)
+    world = world_of(task, range(8))  # type: ignore[arg-type]
+    world.reset()
+    assert task.guided
+    assert (world.maps == world.maps[0]).all()
+    for _ in range(250):
+        step = world.step(world.expert_actions())
+        assert not step.task.terminated.any()
+    assert (step.task.facts[0] > 4.0).all()
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "moves_m", "whom", "fault"),
+    [
+        (0.16, 0.03, 2, 1),  # drives into it
+        (-0.1, 0.03, 2, 0),  # it is behind
+        (0.13, 0.0, 2, 0),  # stands, and the other has come
+        (0.2, 0.03, 0, 0),
+    ],
+)
+def test_whose_fault_a_collision_is(ahead_m: float, moves_m: float, whom: int, fault: int) -> None:
+    task = traffic(robots_parked=("parked",))
+    (pose,), _ = task.reset(np.array([0]), np.random.default_rng(0))
+    ahead = np.array((np.cos(pose[2]), np.sin(pose[2]), 0.0))
+    task.crowd.parked[0, 0] = pose + ahead_m * ahead
+    step = task.step((pose + moves_m * ahead)[None], np.zeros(1, dtype=bool))
+    assert step.facts[1:3, 0].tolist() == [whom, fault]
+    assert bool(step.terminated[0]) == (whom > 0)
+    assert (step.terms[-1, 0] < 0.0) == bool(fault)
+
+
+def test_off_the_tiles_of_road_it_ends() -> None:
+    task = traffic()
+    starts = task.reset(np.array([0]), np.random.default_rng(0))
+    assert not task.step(starts.poses, np.zeros(1, dtype=bool)).terminated[0]
+    assert task.step(np.array([[-0.05, 0.5, 0.0]]), np.zeros(1, dtype=bool)).terminated[0]
+
+
+def test_an_episode_is_the_same_whichever_others_are_driven() -> None:
+    ends = []
+    for numbers, robots in ((range(4), 4), (range(2, 4), 2)):
+        world = world_of(Traffic([load_map("loop")], robots, load_scenario("mixed")), numbers)
+        world.reset()
+        for _ in range(60):
+            step = world.step(world.expert_actions())
+        ends.append((step.poses[-2:], step.task.facts[:, -2:]))
+    for first, second in zip(*ends, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-9)
+
+
+def test_who_shares_a_world_is_seen_by_the_other() -> None:
+    """Two robots, the second 0.3 m ahead of the first: only the first sees the other."""
+    task = Traffic([load_map("loop")], 2, Scenario(robots_pcs=("a", "b")))
+    world = world_of(task, range(2), pictures=True)
+    world.reset()
+    moving = task.moving(world.poses)
+    assert np.isnan(moving[0, 0]).all()
+    np.testing.assert_allclose(moving[0, 1], world.poses[1])
+    np.testing.assert_allclose(moving[1, 0], world.poses[0])
+    pose = world.poses[0]
+    beside = pose + 0.3 * np.array((np.cos(pose[2]), np.sin(pose[2]), 0.0))
+    seen, alone = np.full((2, 2, 3), np.nan), np.full((2, 2, 3), np.nan)
+    seen[0, 1] = beside
+    camera = world._feed._camera
+    poses = np.stack((pose, beside))
+    there, away = (camera.render(poses, None, moving) for moving in (seen, alone))
+    assert (there[0] != away[0]).any()
+    assert np.array_equal(there[1], away[1])
+
+
+def test_who_has_ended_stands_where_it_is_until_the_others_have() -> None:
+    task = Traffic([load_map("loop")], 2, Scenario(robots_pcs=("a", "b")))
+    world = world_of(task, range(4))
+    world.reset()
+    straight_off = np.array([2, STOP])
+    for _ in range(100):
+        world.step(straight_off)
+        if not world.active[0]:
+            break
+    assert world.active.tolist() == [False, True]
+    stood = world.poses[0]
+    world.step(straight_off)
+    np.testing.assert_array_equal(world.poses[0], stood)
+    assert world.numbers.tolist() == [-1, 1]
+
+
+def test_robots_must_fill_their_worlds() -> None:
+    with pytest.raises(ConfigError, match="multiple of 2"):
+        Traffic([load_map("loop")], 3, Scenario(robots_pcs=("a", "b")))
+    with pytest.raises(ConfigError, match="scenario: expected none for the task lane"):
+        find_task("lane").build([load_map("loop")], 1, Choices(scenario="lfp"))

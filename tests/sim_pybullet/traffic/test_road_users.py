@@ -1,0 +1,183 @@
+"""Ducks, drivers, lights and the right of way, each by itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot.errors import ConfigError
+from robot.navigation.planner import LaneGraph
+from robot.navigation.road_map import RoadMap, load_map, read_map
+from sim_pybullet.rendering.solid_table import mover_rows
+from sim_pybullet.scenery.map_objects import objects_of
+from sim_pybullet.traffic.ahead import AHEAD_M, look_ahead, time_to_collision
+from sim_pybullet.traffic.drivers import Drivers
+from sim_pybullet.traffic.ducks import Ducks
+from sim_pybullet.traffic.layout import Layout
+from sim_pybullet.traffic.lights import Lights, lamps
+from sim_pybullet.traffic.right_of_way import Approach, RightOfWay
+from sim_pybullet.traffic.scenario import Scenario, load_scenario, shipped_scenarios
+from sim_pybullet.traffic.streets import Streets
+from sim_pybullet.traffic.tours import tours
+
+NOBODY = np.full((1, 1, 2), np.nan)
+
+
+def test_time_to_collision_is_that_of_two_discs() -> None:
+    """Head-on 1 m apart at 0.5 m/s with 0.2 m between centres: 1.6 s; passing by: never."""
+    offsets = np.array([(1.0, 0.0), (1.0, 0.3), (1.0, 0.0), (0.1, 0.0), (np.nan, np.nan)])
+    velocities = np.array([(-0.5, 0.0), (-0.5, 0.0), (0.5, 0.0), (0.0, 0.0), (0.0, 0.0)])
+    found = time_to_collision(offsets, velocities, np.full(5, 0.2))
+    assert found.tolist() == [pytest.approx(1.6), np.inf, np.inf, 0.0, np.inf]
+
+
+def test_a_robot_sees_what_is_ahead_on_its_path_and_nothing_else() -> None:
+    points = np.stack((AHEAD_M, np.zeros_like(AHEAD_M)), axis=-1)[None]
+    bodies = np.array([[(-0.1, 0.0), (0.4, 0.2), (0.6, 0.05), (0.9, 0.0), (np.nan, np.nan)]])
+    seen = look_ahead(points, np.zeros((1, 3)), bodies, np.full((1, 5), 0.15))
+    assert seen.what[0] == 2
+    assert 0.44 - 0.041 <= seen.free_m[0] <= 0.6 - 0.14
+    free = look_ahead(points, np.zeros((1, 3)), bodies[:, :2], np.full((1, 2), 0.15))
+    assert free.what[0] == -1
+    assert free.free_m[0] > 0.95
+
+
+def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:
+    rng, ducks = np.random.default_rng(0), Ducks(1, 2)
+    way_m = 0.6
+    ducks.begin(0, np.array([(1.0, 2.0, np.pi / 2, way_m)]), (0.12, 0.12), (3.0, 3.0), rng)
+    assert np.isnan(ducks.poses[0, 1]).all()
+    ys = []
+    for _ in range(170):
+        ducks.step(NOBODY)
+        ys.append(ducks.poses[0, 0, 1])
+    assert ys[28] == 2.0  # it waits for 3 s
+    assert ys[59] - ys[49] == pytest.approx(0.12)  # metres in a second
+    assert max(ys) == pytest.approx(2.0 + way_m)
+    assert ys[80] == ys[100] == pytest.approx(2.0 + way_m)  # it waits on the other side
+    assert ys[165] == pytest.approx(2.0)
+
+
+def test_a_duck_does_not_walk_into_a_robot_that_stands_in_front_of_it() -> None:
+    rng, ducks = np.random.default_rng(0), Ducks(1, 1)
+    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), (0.1, 0.1), (0.0, 0.0), rng)
+    for _ in range(100):
+        ducks.step(np.array([[(0.4, 0.0)]]))
+    assert 0.1 < 0.4 - ducks.poses[0, 0, 0] < 0.35
+
+
+def test_a_driver_stops_behind_what_is_ahead_and_goes_on() -> None:
+    loop = load_map("loop")
+    path = tours(LaneGraph(loop), np.random.default_rng(0))[0]
+    drivers = Drivers(1, 1, path)
+    drivers.begin(0, [(path, 0.0)], Scenario(npc_speed_mps=(0.2, 0.2)), np.random.default_rng(0))
+    ahead_m, clear = 0.8, np.full((1, 1), np.inf)
+    for _ in range(80):
+        drivers.step(np.array([[ahead_m - drivers.arc_m[0, 0]]]), clear)
+    assert drivers.speeds_mps[0, 0] < 0.01
+    assert 0.6 < drivers.arc_m[0, 0] < 0.75
+    offsets = []
+    for _ in range(200):
+        drivers.step(clear, clear)
+        offsets.append(path.project(*drivers.poses[0, 0, :2]).offset_m)
+    assert drivers.speeds_mps[0, 0] == pytest.approx(0.2)
+    assert np.abs(offsets).max() < 0.03
+
+
+def test_a_mistake_is_a_second_without_looking() -> None:
+    path = tours(LaneGraph(load_map("loop")), np.random.default_rng(0))[0]
+    drivers, stops = Drivers(1, 1, path), np.zeros((1, 1))
+    how = Scenario(npc_speed_mps=(0.2, 0.2), npc_mistakes_per_min=600.0)
+    drivers.begin(0, [(path, 0.0)], how, np.random.default_rng(0))
+    drivers.speeds_mps[:] = 0.2
+    for _ in range(10):
+        drivers.step(stops, stops + np.inf)
+    assert drivers.speeds_mps[0, 0] > 0.0
+
+
+def test_four_cars_at_one_crossing_go_one_at_a_time_and_all_go() -> None:
+    way = RightOfWay(1, 4, 1)
+    line_m, gone = np.full((1, 4), 0.17), []
+    for _ in range(400):
+        inside = np.where((line_m < 0.0) & (line_m > -0.6), 0, -1)
+        coming = np.where(line_m > 0.0, 0, -1)
+        shown_m = np.where(line_m > 0.0, line_m, np.inf)
+        approach = Approach(coming, shown_m, inside, np.ones((1, 4)), np.zeros((1, 4), bool))
+        may = way.ask(approach, np.zeros((1, 4))) & (line_m > -1.0)
+        assert (inside == 0).sum() <= 1
+        line_m = line_m - 0.02 * may
+        gone += [car for car in np.flatnonzero(line_m[0] < -0.7) if car not in gone]
+    assert sorted(gone) == [0, 1, 2, 3]
+
+
+def test_a_light_is_green_for_two_ways_of_four_in_turn() -> None:
+    cross = read_map({"tile_size": 0.585, "tiles": [["4way"]],
+                      "objects": [{"kind": "trafficlight", "pos": [0.5, 0.5], "height": 0.3}]},
+                     "cross")  # fmt: skip
+    rng, lights = np.random.default_rng(1), Lights(1, 1)
+    lights.begin(0, objects_of(cross), np.array([0]), rng)
+    headings = np.array([[0.0, np.pi / 2, np.pi, -np.pi / 2]])
+    seen = []
+    for _ in range(200):
+        red = lights.red(np.zeros((1, 4), int), headings)[0]
+        assert red[0] == red[2] != red[1] == red[3]
+        assert not lights.red(np.full((1, 4), -1), headings).any()
+        assert np.isfinite(lights.shown()[0, :, 0]).sum() == 1
+        seen.append(bool(red[0]))
+        lights.step()
+    changes = np.flatnonzero(np.diff(seen))
+    assert set(np.diff(changes)) <= set(range(40, 72))
+    rows, owners = mover_rows((lamps(0), lamps(1)))
+    assert (rows[owners == 0, -3:] != rows[owners == 1, -3:]).any()
+
+
+@pytest.mark.parametrize("name", sorted(shipped_scenarios()))
+@pytest.mark.parametrize("map_name", ["loop", "judging/rings/zed", "judging/towns/knot"])
+def test_everybody_begins_apart_from_everybody(name: str, map_name: str) -> None:
+    how, streets = load_scenario(name), Streets([load_map(map_name)])
+    for seed in range(5):
+        layout = Layout(streets, 0, how, np.random.default_rng(seed))
+        cars = [layout.car(1.0).pose[:2] for _ in (*how.robots_pcs, *how.robots_npcs)]
+        ducks = layout.ducks().reshape(-1, 4)
+        for k, (x, y) in enumerate(cars):
+            assert all(np.hypot(x - a, y - b) > how.min_dist for a, b in cars[:k])
+            assert (np.hypot(*(ducks[:, :2] - (x, y)).T) > how.duckie_min_dist_from_robot).all()
+        assert (ducks[:, 3] > 0).sum() == how.walking
+
+
+def test_scenarios_say_what_is_wrong_with_them(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="did you mean 'lf'"):
+        load_scenario("lpf")
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("nduckie: 3\n")
+    with pytest.raises(ConfigError, match="nduckies"):
+        load_scenario(wrong)
+    with pytest.raises(ConfigError, match="no more walking than nduckies"):
+        Scenario(walking=1)
+
+
+def with_objects(objects: list[dict[str, object]]) -> RoadMap:
+    tiles = [
+        ["curve_left/W", "straight/W", "curve_left/N"],
+        ["straight/S", "grass", "straight/N"],
+        ["curve_left/S", "straight/E", "curve_left/E"],
+    ]
+    return read_map({"tile_size": 0.585, "tiles": tiles, "objects": objects}, "ring")
+
+
+def test_what_a_map_says_moves_is_no_longer_part_of_the_scenery() -> None:
+    duck = {"kind": "duckie", "pos": [1.5, 0.1], "height": 0.08}
+    streets = Streets([with_objects([duck, {**duck, "pos": [1.5, 2.9], "static": False}])])
+    assert len(streets.movers[0]) == len(streets.standing[0]) == 1
+    assert streets.road_maps[0].objects == [duck]
+
+
+def test_nobody_tours_through_a_barrier() -> None:
+    ring = with_objects([])
+    lane = ring.lanes[0].control_points_m.mean(axis=0) / 0.585
+    barrier = {"kind": "barrier", "pos": [float(lane[0]), float(3.0 - lane[1])], "height": 0.1}
+    open_, closed = Streets([ring]), Streets([with_objects([barrier])])
+    assert len(open_.tours[0]) == 2
+    assert len(closed.tours[0]) == 1
+    assert not open_.blocked_m[0].size
+    assert closed.blocked_m[0].size
