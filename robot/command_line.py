@@ -20,6 +20,7 @@ _EXTRAS = {
     "tensorboard matplotlib jinja2 imageio_ffmpeg rich tqdm",
     "monitor": "fastapi uvicorn pydantic starlette",
     "scale": "ray",
+    "lerobot": "pyarrow",
     "": "numpy cv2 onnxruntime yaml smbus2 zmq mcap zstandard",
 }
 _EXTRA_OF = {module: extra for extra, modules in _EXTRAS.items() for module in modules.split()}

@@ -13,11 +13,14 @@ import numpy as np
 class Mp4:
     """A video while it is written, as H.264; it appears under its name when it is whole.
 
-    Frames come at ``frames_per_s``; ``quality`` is 0 to 10.
+    Frames come at ``frames_per_s``; ``quality`` is 0 to 10; ``more`` options are ffmpeg's.
     """
 
-    def __init__(self, path: Path, frames_per_s: float, quality: float = 7.0) -> None:
+    def __init__(
+        self, path: Path, frames_per_s: float, quality: float = 7.0, more: tuple[str, ...] = ()
+    ) -> None:
         self._path, self._frames_per_s, self._quality = path, frames_per_s, quality
+        self._more = more
         self._partial = path.with_name(f".{path.stem}.partial.mp4")
         self._writer: Generator[None, bytes | None, None] | None = None
 
@@ -32,7 +35,7 @@ class Mp4:
                 fps=self._frames_per_s,
                 quality=self._quality,
                 macro_block_size=2,
-                output_params=["-preset", "veryfast"],  # half the time, a tenth larger
+                output_params=["-preset", "veryfast", *self._more],  # half the time, a tenth larger
             )
             self._writer.send(None)
         self._writer.send(np.ascontiguousarray(frame).tobytes())

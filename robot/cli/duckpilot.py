@@ -33,6 +33,7 @@ TOOLS = {
     "faults": "meet every fault on virtual hardware, and see the robot stop",
     "monitor": "the operator's page in the browser",
     "replay": "decide a recorded drive again, and compare",
+    "data": "list, plot, cut and split recorded drives; to and from Donkeycar and LeRobot",
 }
 
 
@@ -55,7 +56,9 @@ def programs() -> Dict[str, Dict[str, Program]]:
         for name, each in trainer.COMMANDS.items()
     }
     tools = {
-        name: Program(f"tools.{name}" + ".__main__" * (name in ("loop", "faults", "monitor")), told)
+        name: Program(
+            f"tools.{name}" + ".__main__" * (name in ("loop", "faults", "monitor", "data")), told
+        )
         for name, told in TOOLS.items()
     }
     return {"learning": learn, "the whole system": tools, **found}

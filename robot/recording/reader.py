@@ -9,7 +9,7 @@ import json
 import os
 import struct
 from pathlib import Path
-from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
@@ -77,9 +77,14 @@ def entries(path: PathLike, *wanted: topics.Topic) -> Iterator[Entry]:
 
 def read_about(path: PathLike) -> Dict[str, str]:
     """Facts of a recording: robot, model and versions; {} where it has none."""
+    return read_note(path, ABOUT)
+
+
+def read_note(path: PathLike, name: str) -> Dict[str, str]:
+    """Facts under a name in a recording; {} where it has none."""
     from mcap.records import Metadata
 
-    found = (r for r in records(path) if isinstance(r, Metadata) and r.name == ABOUT)
+    found = (r for r in records(path) if isinstance(r, Metadata) and r.name == name)
     return next((dict(record.metadata) for record in found), {})
 
 
@@ -151,6 +156,20 @@ def recover(source: PathLike, target: PathLike) -> int:
 
     ConfigError: the source is no recording. OSError: the disk is full.
     """
+    return copy(source, target, lambda *_: True, {"recovered": {}})
+
+
+def copy(
+    source: PathLike,
+    target: PathLike,
+    keeps: Callable[[str, float], bool],
+    notes: Dict[str, Dict[str, str]],
+) -> int:
+    """Write a recording again, or over itself; the number of its messages.
+
+    ``keeps`` says of a message's topic and time since 1970 [s] whether it stays; ``notes`` take
+    the place of what has their names. Errors as of ``recover``.
+    """
     from mcap.writer import Writer
 
     next(records(source), None)  # refuses another kind of file before anything is written
@@ -158,8 +177,9 @@ def recover(source: PathLike, target: PathLike) -> int:
     with hidden.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="duckpilot")
-        count = _copy(records(source), writer)
-        writer.add_metadata("recovered", {"messages": str(count)})
+        count = _copy(records(source), writer, keeps, notes)
+        for name, facts in notes.items():
+            writer.add_metadata(name, facts or {"messages": str(count)})
         writer.finish()
         stream.flush()
         os.fsync(stream.fileno())
@@ -167,26 +187,30 @@ def recover(source: PathLike, target: PathLike) -> int:
     return count
 
 
-def _copy(source: Iterator[Any], writer: Any) -> int:
+def _copy(source: Iterator[Any], writer: Any, keeps: Any, notes: Any) -> int:
     """Messages copied; everything else that is not an index goes along."""
     from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
     schemas: Dict[int, int] = {}
     channels: Dict[int, int] = {}
+    names: Dict[int, str] = {}
     count = 0
     for record in source:
         if isinstance(record, Schema) and record.id not in schemas:
             schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in channels:
+            names[record.id] = record.topic
             channels[record.id] = writer.register_channel(
                 record.topic, record.message_encoding, schemas.get(record.schema_id, 0)
             )
         elif isinstance(record, Message) and record.channel_id in channels:
+            if not keeps(names[record.channel_id], record.log_time / topics.NS):
+                continue
             channel = channels[record.channel_id]
             times = (record.log_time, record.data, record.publish_time, record.sequence)
             writer.add_message(channel, *times)
             count += 1
-        elif isinstance(record, Metadata):
+        elif isinstance(record, Metadata) and record.name not in notes:
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):
             writer.add_attachment(

@@ -1,0 +1,87 @@
+"""What of a drive is kept: marks, pieces cut out, and who drove."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robot.config import RecordingConfig
+from robot.errors import ConfigError
+from robot.geometry import WheelSpeeds
+from robot.recording.pieces import Piece, cut, mark, read_pieces, read_samples, runs, take_overs
+from robot.recording.reader import entries, read_about, read_attachment, read_frames
+from robot.recording.recorder import Recorder
+from robot.safety.state_machine import Command
+from tests.robot.recording.drives import WALL_S, Robot
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """Ten turns by the policy, ten by hand, ten by the policy."""
+    robot = Robot(tmp_path / "models")
+    config = RecordingConfig(str(tmp_path / "drives"), 0.0)
+    with Recorder(config, robot.subject(), lambda: WALL_S) as recorder:
+
+        def turns(count: int) -> None:
+            for _ in range(count):
+                recorder.on_tick(robot.turn())
+
+        turns(3)
+        robot.ask(Command.ARM)
+        robot.ask(Command.AUTO)
+        turns(10)
+        for _ in range(10):
+            robot.ask(Command.MANUAL, WheelSpeeds(0.1, 0.2))
+            turns(1)
+        robot.ask(Command.AUTO)
+        turns(10)
+    (path,) = (tmp_path / "drives").iterdir()
+    return path
+
+
+def test_a_recording_tells_who_drove(drive: Path) -> None:
+    samples = list(read_samples(drive))
+    drivers = [sample.driver for sample in samples]
+    assert drivers == ["policy"] * 10 + ["person"] * 10 + ["policy"] * 10
+    assert take_overs(samples) == 1
+    assert samples[15].wheels == pytest.approx((0.1, 0.2))
+    assert len(runs(samples)) == 1
+    assert len(runs(samples[:8] + samples[20:])) == 2
+
+
+def test_marks_stay_in_the_recording_and_nothing_else_changes(drive: Path) -> None:
+    before, about = list(entries(drive)), read_about(drive)
+    samples = list(read_samples(drive))
+    marks = [
+        Piece(samples[12].time_s, samples[18].time_s, "bad"),
+        Piece(samples[2].time_s, samples[25].time_s, "good"),
+    ]
+    for chosen in (marks[:1], marks):
+        mark(drive, chosen)
+        assert list(read_pieces(drive)) == sorted(chosen)
+    assert list(entries(drive)) == before
+    assert read_about(drive) == about
+    assert read_attachment(drive, "model.onnx")
+    kept = [*samples[2:12], *samples[18:25]]
+    assert list(read_samples(drive)) == kept
+    out = drive.with_name("cut.mcap")
+    assert cut(drive, out) > 0
+    assert list(read_samples(out)) == kept
+    assert len(list(read_frames(out))) < 30
+    assert list(entries(drive)) == before, "the source stays"
+    mark(drive, [])
+    assert list(read_samples(drive)) == samples
+
+
+def test_wrong_marks_are_refused(drive: Path) -> None:
+    for wrong in (
+        Piece(2.0, 1.0, "good"),
+        Piece(1.0, 2.0, "ugly"),
+        Piece(1.0, float("nan"), "bad"),
+    ):
+        with pytest.raises(ConfigError, match="expected good or bad"):
+            mark(drive, [wrong])
+    with pytest.raises(ConfigError, match="something to keep"):
+        cut(drive, drive.with_name("none.mcap"), (1e6, 2e6))
+    assert not drive.with_name("none.mcap").exists()

@@ -1,0 +1,181 @@
+"""Recorded drives: listed, divided, cut, and to and from Donkeycar's tubs."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot.errors import ConfigError
+from robot.recording.drive_file import picture
+from robot.recording.pieces import read_samples
+from tests.tools.recorded import recorded
+from tools.data.__main__ import main
+from tools.data.donkeycar import from_tub, to_tub
+from tools.data.drives import appearing, divide, tell
+
+TUB = Path(os.environ.get("DUCKPILOT_DATA", "data")) / "real/donkeycar_boards/tub"
+
+
+def test_a_tub_and_back_is_the_same_drive(tmp_path: Path) -> None:
+    drives = [recorded(tmp_path / "own", name) for name in ("a", "b")]
+    assert to_tub(drives, tmp_path / "tub") == 60
+    back = from_tub(tmp_path / "tub", tmp_path / "back")
+    again = tmp_path / "again"
+    to_tub(back, again)
+    for there, here in zip(drives, back, strict=True):
+        before, after = list(read_samples(there)), list(read_samples(here))
+        assert [s.driver for s in after] == [s.driver for s in before]
+        assert np.allclose([s.wheels for s in after], [s.wheels for s in before], atol=1e-12)
+        assert np.allclose([s.time_s for s in after], [s.time_s for s in before], atol=1e-3)
+        for one, other in zip(before, after, strict=True):
+            off = picture(one.picture).astype(float) - picture(other.picture)
+            assert np.abs(off).mean() < 2.0, "JPEG loses little"
+    for path in (again / "images").iterdir():
+        assert path.read_bytes() == (tmp_path / "tub/images" / path.name).read_bytes()
+
+
+def test_a_tub_is_what_donkeycar_reads(tmp_path: Path) -> None:
+    to_tub([recorded(tmp_path, "a", 40)], tub := tmp_path / "tub")
+    inputs, types, metadata, head, catalogs = map(
+        json.loads, (tub / "manifest.json").read_text().splitlines()
+    )
+    assert dict(zip(inputs, types, strict=True)) == {
+        "cam/image_array": "image_array",
+        "user/angle": "float",
+        "user/throttle": "float",
+        "user/mode": "str",
+    }
+    assert metadata == {}
+    assert catalogs == {
+        "paths": ["catalog_0.catalog"],
+        "current_index": 40,
+        "max_len": 1000,
+        "deleted_indexes": [],
+    }
+    assert head["sessions"]["all_full_ids"] == ["a_0"]
+    lines = (tub / "catalog_0.catalog").read_text().splitlines(keepends=True)
+    about = json.loads((tub / "catalog_0.catalog_manifest").read_text())
+    assert about["line_lengths"] == [len(line) for line in lines], "it seeks by these"
+    record = json.loads(lines[7])
+    assert (record["_index"], record["cam/image_array"]) == (7, "7_cam_image_array_.jpg")
+    left, right = next(s for i, s in enumerate(read_samples(tmp_path / "a.mcap")) if i == 7).wheels
+    assert record["user/angle"] == pytest.approx((left - right) / 0.102 / 2.4), "right is positive"
+    assert record["user/throttle"] == pytest.approx((left + right) / 2.0 / 0.3)
+
+
+@pytest.mark.skipif(not TUB.exists(), reason="no real tub here")
+def test_a_real_tub_is_read_whole(tmp_path: Path) -> None:
+    drives = from_tub(TUB, tmp_path / "drives")
+    samples = [sample for path in drives for sample in read_samples(path)]
+    assert len(samples) == 302
+    assert len(drives) == 3, "two pauses of more than a second"
+    images = sorted((TUB / "images").iterdir(), key=lambda path: int(path.name.split("_")[0]))
+    assert [s.picture for s in samples] == [path.read_bytes() for path in images]
+    to_tub(drives, tmp_path / "tub")
+    rows = [
+        [json.loads(line) for line in (tub / "catalog_0.catalog").read_text().splitlines()]
+        for tub in (TUB, tmp_path / "tub")
+    ]
+    for name in ("user/angle", "user/throttle", "_timestamp_ms"):
+        there, here = ([row[name] for row in of] for of in rows)
+        assert np.allclose(there, here, rtol=0.0, atol=1e-9)
+
+
+def test_deleted_and_absent_records_are_left_out(tmp_path: Path) -> None:
+    to_tub([recorded(tmp_path, "a")], tub := tmp_path / "tub")
+    text = (tub / "manifest.json").read_text()
+    (tub / "manifest.json").write_text(
+        text.replace('"deleted_indexes": []', '"deleted_indexes": [3]')
+    )
+    (tub / "images/5_cam_image_array_.jpg").unlink()
+    (drive,) = from_tub(tub, tmp_path / "back")
+    assert len(list(read_samples(drive))) == 28
+
+
+def test_what_is_no_tub_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="Donkeycar tub of version 2"):
+        from_tub(tmp_path, tmp_path / "out")
+    (tmp_path / "manifest.json").write_text("[]\n[]\n{}\n{}\n[1]\n")
+    with pytest.raises(ConfigError, match="Donkeycar tub of version 2"):
+        from_tub(tmp_path, tmp_path / "out")
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
+def test_drives_are_divided_whole(tmp_path: Path) -> None:
+    drives = [recorded(tmp_path, name, 20 + 10 * i) for i, name in enumerate("abcdef")]
+    for seed in range(4):
+        parts = divide(drives, 0.3, seed)
+        assert sorted(parts["learn"] + parts["held_out"]) == sorted(map(str, drives))
+        seconds = {name: sum(tell(Path(p)).seconds for p in parts[name]) for name in parts}
+        assert seconds["held_out"] / sum(seconds.values()) == pytest.approx(0.3, abs=0.15)
+    assert divide(drives, 0.3, 0) == divide(drives, 0.3, 0)
+    with pytest.raises(ConfigError, match="two drives or more"):
+        divide(drives[:1], 0.3, 0)
+
+
+def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded(tmp_path / "own", "a")
+    recorded(tmp_path / "own", "b")
+    own = str(tmp_path / "own")
+    assert main(["list", own]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split() == [
+        "a",
+        "daisy",
+        "3",
+        "s",
+        "20",
+        "10",
+        "1",
+        "0",
+        "0",
+    ]
+    assert main(["plot", own, "--out", str(tmp_path / "plot.png")]) == 0
+    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["split", own, "--out", str(tmp_path / "split.json")]) == 0
+    one = f"{own}/a.mcap"
+    assert main(["cut", one, "--keep", "1,2", "--out", str(tmp_path / "cut.mcap")]) == 0
+    assert len(list(read_samples(tmp_path / "cut.mcap"))) == 10
+    assert main(["to-donkeycar", own, "--out", str(tmp_path / "tub")]) == 0
+    assert main(["to-donkeycar", own, "--out", str(tmp_path / "tub")]) == 2
+    assert "expected a new folder" in capsys.readouterr().err
+    assert main(["list", str(tmp_path / "nowhere.mcap")]) == 2
+    assert main(["from-donkeycar", str(tmp_path / "tub"), "--out", str(tmp_path / "back")]) == 0
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.3])
+def test_a_conversion_that_is_killed_leaves_nothing_and_the_next_completes_it(
+    tmp_path: Path, after_s: float
+) -> None:
+    drive, tub = recorded(tmp_path / "own", "a", 300), tmp_path / "tub"
+    words = ["-m", "tools.data", "to-donkeycar", str(drive), "--out", str(tub)]
+    child = subprocess.Popen([sys.executable, *words])
+    while not (tmp_path / ".tub.partial/images").exists():
+        time.sleep(0.005)
+    time.sleep(after_s)
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    assert not tub.exists() or after_s > 0.0
+    if not tub.exists():
+        assert main(words[2:]) == 0
+    assert len(list((tub / "images").iterdir())) == 300
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["own", "tub"]
+    assert len(list(read_samples(drive))) == 300
+
+
+def test_a_folder_appears_only_when_it_is_whole(tmp_path: Path) -> None:
+    def fails() -> None:
+        with appearing(tmp_path / "out") as folder:
+            (folder / "half").touch()
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fails()
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,103 @@
+"""Drives as a LeRobot dataset, and back; where LeRobot itself is installed, it loads and learns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot.errors import ConfigError
+from robot.recording.drive_file import picture
+from robot.recording.pieces import read_samples
+from tests.tools.recorded import recorded
+from tools.data.__main__ import main
+from tools.data.lerobot import from_dataset, to_dataset
+
+
+def test_there_and_back_is_the_same_drive(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    drives = [recorded(tmp_path / "own", name) for name in ("a", "b")]
+    assert to_dataset(drives, tmp_path / "dataset", "drive") == 2
+    back = from_dataset(tmp_path / "dataset", tmp_path / "back")
+    for there, here in zip(drives, back, strict=True):
+        before, after = list(read_samples(there)), list(read_samples(here))
+        assert [s.driver for s in after] == [s.driver for s in before]
+        wheels = [s.wheels for s in before]
+        assert np.allclose([s.wheels for s in after], wheels, rtol=0.0, atol=1e-7)
+        for one, other in zip(before, after, strict=True):
+            off = picture(one.picture).astype(float) - picture(other.picture)
+            assert np.abs(off).mean() < 4.0, "the video loses little"
+        gaps = np.diff([s.time_s for s in after])
+        assert np.allclose(gaps, 0.1, atol=1e-3)
+
+
+def test_what_is_no_dataset_of_wheels_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"expected a LeRobot dataset v3\.0"):
+        from_dataset(tmp_path, tmp_path / "out")
+    meta = tmp_path / "meta"
+    meta.mkdir()
+    (meta / "info.json").write_text(
+        '{"codebase_version": "v3.0", "fps": 10, "features": {"action": {"names": ["arm"]}}}'
+    )
+    with pytest.raises(ConfigError, match="left_mps"):
+        from_dataset(tmp_path, tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["meta"]
+
+
+def test_without_pyarrow_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    drive = recorded(tmp_path / "own", "a")
+    assert main(["to-lerobot", str(drive), "--out", str(tmp_path / "dataset")]) == 2
+    assert "duckpilot[lerobot]" in capsys.readouterr().err
+    assert not (tmp_path / "dataset").exists()
+
+
+@pytest.mark.slow
+def test_lerobot_loads_it_and_trains_a_step(tmp_path: Path) -> None:
+    pytest.importorskip("lerobot")
+    import torch
+    from lerobot.configs.types import FeatureType
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    from lerobot.datasets.utils import dataset_to_policy_features
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.act.modeling_act import ACTPolicy
+
+    drives = [recorded(tmp_path / "own", name) for name in ("a", "b")]
+    to_dataset(drives, tmp_path / "dataset", "drive")
+    ahead = {"action": [i / 10 for i in range(4)]}
+    found = LeRobotDataset(
+        "duck/drives", tmp_path / "dataset", delta_timestamps=ahead, video_backend="pyav"
+    )
+    assert (found.num_episodes, found.fps) == (2, 10)
+    samples = [sample for drive in drives for sample in read_samples(drive)]
+    assert len(found) == len(samples)
+    item = found[len(samples) // 2 + 3]
+    sample = samples[len(samples) // 2 + 3]
+    assert item["task"] == "drive"
+    assert item["action"][0].numpy() == pytest.approx(sample.wheels, abs=1e-6)
+    seen = item["observation.images.front"].numpy().transpose(1, 2, 0)
+    assert np.abs(seen - picture(sample.picture) / 255.0).mean() < 0.02
+    features = dataset_to_policy_features(found.meta.features)
+    outputs = {k: f for k, f in features.items() if f.type is FeatureType.ACTION}
+    config = ACTConfig(
+        input_features={k: f for k, f in features.items() if k not in outputs},
+        output_features=outputs,
+        chunk_size=4,
+        n_action_steps=4,
+        dim_model=32,
+        n_heads=2,
+        dim_feedforward=32,
+        n_encoder_layers=1,
+        pretrained_backbone_weights=None,
+        device="cpu",
+    )
+    policy = ACTPolicy(config)
+    optimiser = torch.optim.Adam(policy.parameters(), 1e-3)
+    batch = next(iter(torch.utils.data.DataLoader(found, batch_size=4)))
+    loss, _ = policy.forward(batch)
+    loss.backward()
+    optimiser.step()
+    assert torch.isfinite(loss)

@@ -1,0 +1,106 @@
+"""``python -m tools.data``: recorded drives, and what others learn from.
+
+Whatever it writes appears whole or not at all; what it reads stays as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from robot.command_line import SEED, OneLineParser, answer, number, pair, spoken
+from robot.output import expect_writable, write_json
+
+PROGRAM = "python -m tools.data"
+TO = {
+    "to-donkeycar": "recordings as a Donkeycar tub (version 2)",
+    "to-lerobot": "recordings as a LeRobot dataset (version 3.0); needs the extra lerobot",
+}
+FROM = {
+    "from-donkeycar": "a Donkeycar tub as recordings",
+    "from-lerobot": "a LeRobot dataset of two wheels as recordings; needs the extra lerobot",
+}
+
+
+def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
+    """The command line."""
+    parser = OneLineParser(prog=prog, description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, told: str, many: bool = True) -> argparse.ArgumentParser:
+        one: argparse.ArgumentParser = commands.add_parser(name, help=told, description=told)
+        given = "recordings, or folders of them" if many else "what to read"
+        one.add_argument("source", type=Path, nargs="+" if many else None, help=given)
+        return one
+
+    command("list", "what is in recordings: who drove how long, take-overs, marks")
+    command("plot", "steering and speed over time").add_argument("--out", type=Path, required=True)
+    split = command("split", "whole drives to learn from, and others to judge by")
+    split.add_argument("--held-out", type=number(0.01, 0.99), default=0.2, help="share to judge by")
+    split.add_argument("--seed", type=SEED, default=0)
+    split.add_argument("--out", type=Path, required=True, help="JSON: learn and held_out")
+    cut = command("cut", "keep what is marked good, drop what is marked bad", many=False)
+    cut.add_argument("--keep", type=pair("3.5,20"), metavar="FROM,TO", help="these seconds instead")
+    cut.add_argument("--out", type=Path, required=True, help="the new recording")
+    for name, told in TO.items():
+        one = command(name, told)
+        one.add_argument("--out", type=Path, required=True, help="a new folder")
+        if name == "to-lerobot":
+            one.add_argument("--task", default="drive along the lane", help="what it is, in words")
+    for name, told in FROM.items():
+        one = command(name, told, many=False)
+        one.add_argument("--out", type=Path, required=True, help="a new folder")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
+    """Exit status 2 for wrong input."""
+    options = parse(arguments, prog)
+    return answer(spoken(prog), lambda: work(options))
+
+
+def work(options: argparse.Namespace) -> None:
+    """Do what was asked for, and say what came of it."""
+    if options.command.startswith("from-"):
+        _bring_in(options)
+    elif options.command == "cut":
+        from robot.recording.pieces import cut
+
+        expect_writable(options.out, inputs=[options.source])
+        print(f"{options.out}: {cut(options.source, options.out, options.keep)} messages")
+    else:
+        _hand_out(options)
+
+
+def _bring_in(options: argparse.Namespace) -> None:
+    from tools.data.donkeycar import from_tub
+    from tools.data.lerobot import from_dataset
+
+    read = from_tub if options.command == "from-donkeycar" else from_dataset
+    print(f"{options.out}: {len(read(options.source, options.out))} drives")
+
+
+def _hand_out(options: argparse.Namespace) -> None:
+    from tools.data import donkeycar, drives, lerobot
+
+    found = drives.drives_in(options.source)
+    if options.command == "list":
+        print(drives.table([drives.tell(path) for path in found]))
+    elif options.command == "plot":
+        expect_writable(options.out, inputs=found)
+        drives.plot(found, options.out)
+    elif options.command == "split":
+        expect_writable(options.out, inputs=found)
+        parts = drives.divide(found, options.held_out, options.seed)
+        write_json(options.out, parts)
+        print(", ".join(f"{name} {len(paths)} drives" for name, paths in parts.items()))
+    elif options.command == "to-donkeycar":
+        print(f"{options.out}: {donkeycar.to_tub(found, options.out)} records")
+    else:
+        count = lerobot.to_dataset(found, options.out, options.task)
+        print(f"{options.out}: {count} episodes")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

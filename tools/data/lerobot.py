@@ -1,0 +1,276 @@
+"""LeRobot's datasets, version 3.0: Parquet, a video, and what they mean in JSON.
+
+https://huggingface.co/docs/lerobot/lerobot-dataset-v3. An episode is a stretch without a gap; all
+episodes lie in one file of data and one video. Actions are wheel speeds (left, right) [m/s].
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from itertools import islice, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot.errors import ConfigError
+from robot.geometry import WheelSpeeds
+from robot.recording.drive_file import picture, png
+from robot.recording.pieces import Sample, read_samples, runs
+from tools.data.drives import appearing, write_drive
+from trainer.mp4 import Mp4
+
+VIDEO = "observation.images.front"
+FILE = "chunk-{:03d}/file-{:03d}"
+DATA, EPISODES = "data/{}.parquet", "meta/episodes/{}.parquet"
+VIDEOS = f"videos/{VIDEO}/{{}}.mp4"
+QUALITY = 9.5  # of 10
+KEYS_EVERY = 5  # pictures: a training jumps about in the video
+WHEELS = ["left_mps", "right_mps"]
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+
+
+def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
+    """Write recordings as a dataset; the number of its episodes.
+
+    ConfigError: a drive without a turn, or drives with other rates or sizes of picture.
+    """
+    import pyarrow.parquet as parquet
+
+    every = {path: runs(list(read_samples(path))) for path in drives}
+    empty = next((path for path, found in every.items() if not found), None)
+    if empty is not None:
+        raise ConfigError(f"{empty}: expected a drive with pictures, got none")
+    episodes = [run for found in every.values() for run in found]
+    fps, shape = _rate(episodes), picture(episodes[0][0].picture).shape
+    columns = _columns(episodes, fps)
+    with appearing(dataset) as folder:
+        for place in (DATA, EPISODES, VIDEOS):
+            (folder / place.format(_first())).parent.mkdir(parents=True)
+        levels = _write_video(folder / VIDEOS.format(_first()), episodes, fps, shape)
+        parquet.write_table(_table(columns), folder / DATA.format(_first()))
+        parquet.write_table(_episode_table(episodes, fps, task), folder / EPISODES.format(_first()))
+        parquet.write_table(_task_table(task), folder / "meta/tasks.parquet")
+        stats: dict[str, Any] = {name: _stats(column) for name, column in columns.items()}
+        stats[VIDEO] = {name: np.reshape(v, (-1, 1, 1)).tolist() for name, v in levels.items()}
+        stats[VIDEO]["count"] = [len(columns["index"])]
+        info = _info(len(episodes), len(columns["index"]), fps, shape, columns)
+        for name, told in (("info", info), ("stats", stats)):
+            (folder / f"meta/{name}.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
+    return len(episodes)
+
+
+def from_dataset(dataset: Path, out: Path) -> list[Path]:
+    """Write a dataset's episodes as recordings; of its cameras the first.
+
+    ConfigError: no dataset of version 3, or actions that are not two wheels' speeds.
+    """
+    info = _read_info(dataset)
+    features, fps = info["features"], float(info["fps"])
+    if features.get("action", {}).get("names") != WHEELS:
+        told = features.get("action", {}).get("names")
+        raise ConfigError(f"{dataset}: expected actions {WHEELS}, got {told}")
+    camera = next((k for k, told in features.items() if told["dtype"] == "video"), None)
+    if camera is None:
+        raise ConfigError(f"{dataset}: expected a camera's video, found none")
+    rows = _rows(dataset, "data")
+    names, films = [], _Films()
+    with appearing(out) as folder:
+        for episode in _rows(dataset, "meta/episodes"):
+            place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
+            film = dataset / info["video_path"].format(video_key=camera, **place)
+            first = round(episode[f"videos/{camera}/from_timestamp"] * fps)
+            images = films.take(film, first, episode["length"])
+            span = slice(episode["dataset_from_index"], episode["dataset_to_index"])
+            samples = _samples(rows[span], images)
+            name = f"{dataset.name}-{episode['episode_index']:03d}"
+            robot = str(info.get("robot_type") or "lerobot")
+            names.append(write_drive(folder, name, robot, samples).name)
+    return [out / name for name in names]
+
+
+def _first() -> str:
+    return FILE.format(0, 0)
+
+
+def _rate(episodes: Sequence[Sequence[Sample]]) -> int:
+    """Pictures a second, of every drive alike."""
+    gaps = [np.diff([sample.time_s for sample in run]) for run in episodes if len(run) > 1]
+    rates = {max(1, round(1.0 / float(np.median(gap)))) for gap in gaps if len(gap) > 9}
+    if len(rates) > 1:
+        raise ConfigError(f"expected drives of one rate, got {sorted(rates)} turns a second")
+    return rates.pop() if rates else 10
+
+
+def _columns(episodes: Sequence[Sequence[Sample]], fps: int) -> dict[str, np.ndarray]:
+    """(rows, numbers) of each feature but the video."""
+    wheels = [np.array([sample.wheels for sample in run], np.float32) for run in episodes]
+    before = [np.concatenate((run[:1], run[:-1])) for run in wheels]
+    frames = np.concatenate([np.arange(len(run)) for run in episodes])
+    numbers = np.repeat(np.arange(len(episodes)), [len(run) for run in episodes])
+    person = np.array([sample.driver == "person" for run in episodes for sample in run])
+    return {
+        "observation.state": np.concatenate(before),
+        "action": np.concatenate(wheels),
+        "intervention": person[:, None],
+        "timestamp": (frames / fps).astype(np.float32)[:, None],
+        "frame_index": frames[:, None],
+        "episode_index": numbers[:, None],
+        "index": np.arange(len(frames))[:, None],
+        "task_index": np.zeros((len(frames), 1), np.int64),
+    }
+
+
+def _table(columns: dict[str, np.ndarray]) -> Any:
+    import pyarrow as pa
+
+    def column(values: np.ndarray) -> Any:
+        flat = pa.array(values.ravel())
+        wide = values.shape[1]
+        return flat if wide == 1 else pa.FixedSizeListArray.from_arrays(flat, wide)
+
+    return pa.table({name: column(values) for name, values in columns.items()})
+
+
+def _episode_table(episodes: Sequence[Sequence[Sample]], fps: int, task: str) -> Any:
+    import pyarrow as pa
+
+    ends = np.cumsum([len(run) for run in episodes]).tolist()
+    rows = []
+    for number, (run, end) in enumerate(zip(episodes, ends, strict=True)):
+        first = end - len(run)
+        places = product(("data", f"videos/{VIDEO}", "meta/episodes"), ("chunk", "file"))
+        files = {f"{of}/{kind}_index": 0 for of, kind in places}
+        rows.append(
+            {
+                "episode_index": number,
+                "tasks": [task],
+                "length": len(run),
+                "dataset_from_index": first,
+                "dataset_to_index": end,
+                f"videos/{VIDEO}/from_timestamp": first / fps,
+                f"videos/{VIDEO}/to_timestamp": end / fps,
+                **files,
+            }
+        )
+    return pa.Table.from_pylist(rows)
+
+
+def _task_table(task: str) -> Any:
+    """Tasks are the index of a pandas frame."""
+    import pyarrow as pa
+
+    index = "__index_level_0__"
+    kinds = (("task_index", "task_index", "int64", "int64"), (None, index, "unicode", "object"))
+    keys = ("name", "field_name", "pandas_type", "numpy_type")
+    columns = [{**dict(zip(keys, kind, strict=True)), "metadata": None} for kind in kinds]
+    told = {"index_columns": [index], "column_indexes": [], "columns": columns}
+    table = pa.table({"task_index": [0], index: [task]})
+    return table.replace_schema_metadata({"pandas": json.dumps(told)})
+
+
+def _stats(values: np.ndarray) -> dict[str, list[float]]:
+    """Of columns (rows, numbers), or of levels (pixels, colours)."""
+    values = np.asarray(values, np.float64)
+    found = {name: getattr(values, name)(axis=0) for name in ("min", "max", "mean", "std")}
+    found |= {name: np.quantile(values, share, axis=0) for name, share in QUANTILES.items()}
+    return {**{name: value.tolist() for name, value in found.items()}, "count": [len(values)]}
+
+
+def _write_video(
+    path: Path, episodes: Sequence[Sequence[Sample]], fps: int, shape: tuple[int, ...]
+) -> dict[str, list[float]]:
+    """Every picture in one video; the statistics of its colours in [0, 1]."""
+    film = Mp4(path, fps, QUALITY, ("-g", str(KEYS_EVERY)))
+    levels = []
+    for sample in (sample for run in episodes for sample in run):
+        frame = picture(sample.picture)
+        if frame.shape != shape:
+            raise ConfigError(f"expected pictures of one size, got {frame.shape} beside {shape}")
+        film.add(frame)
+        levels.append(frame[::8, ::8].reshape(-1, 3))
+    film.close()
+    return _stats(np.concatenate(levels) / 255.0)
+
+
+def _info(
+    episodes: int, frames: int, fps: int, shape: tuple[int, ...], columns: dict[str, np.ndarray]
+) -> dict[str, Any]:
+    video = {"fps": fps, "height": shape[0], "width": shape[1], "channels": 3, "codec": "h264"}
+    video |= {"pix_fmt": "yuv420p", "is_depth_map": False}
+    features: dict[str, Any] = {
+        VIDEO: {
+            "dtype": "video",
+            "shape": list(shape),
+            "names": ["height", "width", "channels"],
+            "info": {f"video.{name}": value for name, value in video.items()},
+        }
+    }
+    for name, values in columns.items():
+        names = WHEELS if values.shape[1] == 2 else None
+        kind = {"dtype": str(values.dtype), "shape": [values.shape[1]], "names": names}
+        features[name] = kind
+    chunks = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": "duckpilot",
+        "total_episodes": episodes,
+        "total_frames": frames,
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": fps,
+        "splits": {"train": f"0:{episodes}"},
+        "data_path": DATA.format(chunks),
+        "video_path": f"videos/{{video_key}}/{chunks}.mp4",
+        "features": features,
+    }
+
+
+def _read_info(dataset: Path) -> dict[str, Any]:
+    try:
+        info = dict(json.loads((dataset / "meta/info.json").read_text(encoding="utf-8")))
+        if not str(info["codebase_version"]).startswith("v3."):
+            raise ValueError(f"version {info['codebase_version']}")
+        return info
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{dataset}: expected a LeRobot dataset v3.0, got: {error}") from error
+
+
+def _rows(dataset: Path, folder: str) -> list[dict[str, Any]]:
+    import pyarrow.parquet as parquet
+
+    files = sorted((dataset / folder).glob("*/*.parquet"))
+    return [row for file in files for row in parquet.read_table(file).to_pylist()]
+
+
+class _Films:
+    """Videos, read on from where the last episode ended."""
+
+    def __init__(self) -> None:
+        self._open: dict[Path, tuple[Iterator[np.ndarray], int]] = {}
+
+    def take(self, path: Path, first: int, count: int) -> Iterator[np.ndarray]:
+        """These frames (H, W, 3) uint8 RGB; read them all before the next ones."""
+        frames, at = self._open.get(path, (iter(()), first + 1))
+        if at > first:
+            frames, at = _frames(path), 0
+        self._open[path] = (frames, first + count)
+        return islice(frames, first - at, first - at + count)
+
+
+def _frames(path: Path) -> Iterator[np.ndarray]:
+    import imageio_ffmpeg
+
+    raw = imageio_ffmpeg.read_frames(str(path))
+    width, height = next(raw)["size"]
+    for data in raw:
+        yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
+
+
+def _samples(rows: Sequence[dict[str, Any]], images: Iterator[np.ndarray]) -> Iterator[Sample]:
+    for row, image in zip(rows, images, strict=False):
+        driver = "policy" if row.get("intervention") is False else "person"
+        yield Sample(row["timestamp"], png(image), WheelSpeeds(*row["action"]), driver)
