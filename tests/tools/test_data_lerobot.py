@@ -9,7 +9,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.pieces import read_samples
+from robot.recording.samples import read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 from tools.data.lerobot import from_dataset, to_dataset

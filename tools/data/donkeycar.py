@@ -17,7 +17,7 @@ import cv2
 from robot.contract import Stick
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.pieces import Sample, read_samples
+from robot.recording.samples import Sample, read_samples
 from tools.data.drives import appearing, write_drive
 
 FIELDS = {
