@@ -15,6 +15,7 @@ from robot.config import RobotConfig
 from robot.errors import nearest
 from robot.parts import Ask, Tick
 from robot.runtime.assemble import open_robot
+from robot.runtime.gamepad import Gamepad
 from robot.safety.state_machine import Command, Verdict
 from robot.typed_config import load_yaml
 
@@ -74,6 +75,7 @@ class Terminal:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
+    parser.add_argument("--gamepad", metavar="DEVICE", help="beside the robot: /dev/input/js0")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -84,7 +86,8 @@ def run(options: argparse.Namespace) -> None:
     on_ending(lambda: ended.append(True))
     terminal = Terminal(sys.stdin, _say)
     notify = notify_socket() or _nobody
-    with open_robot(config, (terminal,), (terminal, Heartbeat(notify))) as runtime:
+    pads = (Gamepad(options.gamepad),) if options.gamepad else ()
+    with open_robot(config, (terminal, *pads), (terminal, Heartbeat(notify))) as runtime:
         _say(PROMPT)
         notify("READY=1")
         runtime.run(ending=lambda: terminal.quitting or bool(ended))
