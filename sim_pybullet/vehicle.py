@@ -56,9 +56,11 @@ class WheeledRobots(MotorModel):
         return expert_actions(paths, poses, arc_m)
 
 
-def expert_actions(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
+def expert_actions(
+    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = LOOKAHEAD_M
+) -> np.ndarray:
     """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
-    curvature = pursuit(paths, poses, np.asarray(arc_m) + LOOKAHEAD_M)
+    curvature = pursuit(paths, poses, np.asarray(arc_m) + ahead_m)
     return np.abs(curvature[:, None] - _CURVATURES).argmin(axis=1)
 
 

@@ -4,6 +4,7 @@ translator."""
 from __future__ import annotations
 
 import numpy as np
+from numba import njit, prange
 
 from robot.contract import ImageSpec
 from robot.geometry import wrap_angle
@@ -129,11 +130,27 @@ def _as_vectors(poses: np.ndarray) -> np.ndarray:
     return np.stack((poses[..., 0], poses[..., 1], np.cos(heading), np.sin(heading)), axis=-1)
 
 
+@njit(parallel=True, nogil=True, cache=True)
+def _push(stack: np.ndarray, robots: np.ndarray, pictures: np.ndarray, shown: np.ndarray) -> None:
+    """Let the oldest picture of robots (M,) go; the stacks as they are then into ``shown``."""
+    newest = pictures.shape[3]
+    for k in prange(len(robots)):
+        mine, height, width, channels = stack[robots[k]], *stack.shape[1:]
+        for v in range(height):
+            for u in range(width):
+                for c in range(channels - newest):
+                    mine[v, u, c] = mine[v, u, c + newest]
+                for c in range(newest):
+                    mine[v, u, channels - newest + c] = pictures[k, v, u, c]
+                for c in range(channels):
+                    shown[k, v, u, c] = mine[v, u, c]
+
+
 class FrameStack:
     """Keeps ``frames`` pictures (H, W, 3) of each robot; the newest comes last."""
 
     def __init__(self, n_robots: int, frames: int, shape: tuple[int, int, int]) -> None:
-        self._frames, self._channels = frames, shape[2]
+        self._frames = frames
         self.shape = (*shape[:2], frames * shape[2])  # of what one robot sees
         self._stack = np.zeros((n_robots, *self.shape), np.uint8)
 
@@ -141,10 +158,10 @@ class FrameStack:
         """The next picture of every robot, or of robots (M,); their stacks in a fresh array."""
         if self._frames == 1:
             return pictures
-        chosen = slice(None) if robots is None else robots
-        older = self._stack[chosen][..., self._channels :]
-        self._stack[chosen] = np.concatenate((older, pictures), axis=-1)
-        return np.array(self._stack[chosen])
+        chosen = np.arange(len(self._stack)) if robots is None else robots
+        shown = np.empty((len(chosen), *self.shape), np.uint8)
+        _push(self._stack, chosen, pictures, shown)
+        return shown
 
     def restart(self, robots: np.ndarray, pictures: np.ndarray) -> np.ndarray:
         """The first pictures (M, H, W, 3) of robots (M,), which stand for their past as well."""

@@ -14,12 +14,13 @@ from sim_pybullet.motors import MotorModel
 from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M, following_terms
 from sim_pybullet.tasks.spec import Choices, TaskSpec, register
-from sim_pybullet.traffic.ahead import behind, time_to_collision
+from sim_pybullet.traffic.ahead import behind
 from sim_pybullet.traffic.crowd import Body, Crowd
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
+from sim_pybullet.traffic.right_of_way import Approach
 from sim_pybullet.traffic.scenario import Scenario, load_scenario
 from sim_pybullet.traffic.streets import Streets
-from sim_pybullet.vehicle import WheeledRobots
+from sim_pybullet.vehicle import WheeledRobots, expert_actions
 
 EPISODE_S = 60.0
 SLOW, STOP = len(FIVE_ACTIONS), len(FIVE_ACTIONS) + 1
@@ -29,6 +30,7 @@ FEWEST_TILES = 3.0  # who has not driven so far has not done what was asked
 _NEAR_M = 0.3  # nearer than that to what is ahead one should not drive
 _STANDS_MPS = 0.02
 _HEADWAY_S = 0.8  # of the expert
+_LOOKAHEAD_M = 0.1  # nearer than elsewhere: within 3 cm of the middle, so that two can pass
 _PENALTY = 20.0
 
 
@@ -57,8 +59,9 @@ class Traffic(Task):
 
     Facts: ``tiles`` driven along the lane; ``hit``, whom the collision was with, as
     `sim_pybullet.traffic.crowd.Body`, or 0; ``at_fault``: 0 where the other drove into a robot that
-    stood, or from behind; ``free_m`` ahead along the lane, at most 1.04; ``least_ttc_s``, the least
-    time to a collision so far, at most a minute.
+    stood, or from behind; ``free_m`` ahead along the lane, at most 1.04, and ``closing_mps``, how
+    fast that shrinks; ``least_ttc_s``, the least time to a collision with what was ahead, at these
+    speeds, so far, at most a minute.
 
     ConfigError for no maps, or robots that do not fill the scenario's worlds; MapError for a map
     without room for it.
@@ -66,7 +69,14 @@ class Traffic(Task):
 
     frames = 3
     term_names: tuple[str, ...] = ("offset", "alignment", "nearness", "collision")
-    fact_names: tuple[str, ...] = ("tiles", "hit", "at_fault", "free_m", "least_ttc_s")
+    fact_names: tuple[str, ...] = (
+        "tiles",
+        "hit",
+        "at_fault",
+        "free_m",
+        "closing_mps",
+        "least_ttc_s",
+    )
 
     def __init__(
         self,
@@ -96,6 +106,7 @@ class Traffic(Task):
         self._poses = np.full((n_robots, 3), np.nan)
         self._velocities = np.zeros((n_robots, 2))
         self._least_ttc_s = np.full(n_robots, EPISODE_S)
+        self._seen: Approach | None = None
 
     def reset(
         self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
@@ -111,7 +122,7 @@ class Traffic(Task):
                 self._start(int(robots[row]), path, k, *beside)
                 poses[row], maps[row] = places[row - first].pose, k
         self._poses[robots], self._velocities[robots] = poses, 0.0
-        self._least_ttc_s[robots] = EPISODE_S
+        self._least_ttc_s[robots], self._seen = EPISODE_S, None
         return Starts(poses, maps)
 
     def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
@@ -120,7 +131,7 @@ class Traffic(Task):
             raise ConfigError("pose: expected a scenario of one robot of ours, got several")
         starts = super().reset_at(robots, poses, rng)
         self._poses[robots], self._velocities[robots] = poses, 0.0
-        self._least_ttc_s[robots] = EPISODE_S
+        self._least_ttc_s[robots], self._seen = EPISODE_S, None
         for i, pose in zip(robots.tolist(), poses.tolist(), strict=True):
             self.crowd.begin(i, 0, rng, at_m=(pose[0], pose[1]))
         return starts
@@ -132,9 +143,16 @@ class Traffic(Task):
 
     def think(self, poses: np.ndarray) -> None:
         """Other road users decide."""
-        self.crowd.think(
-            self._grouped(poses), self.paths, self.course.arc_m, self._grouped(self._velocities)
-        )
+        self.crowd.think(self._grouped(poses), self._grouped(self._velocities), self._look(poses))
+
+    def _look(self, poses: np.ndarray) -> Approach:
+        """What is ahead of all cars; looked up once a decision."""
+        if self._seen is None:
+            velocities = self._grouped(self._velocities)
+            self._seen = self.crowd.look(
+                self._grouped(poses), self.paths, self.course.arc_m, velocities
+            )
+        return self._seen
 
     def moving(self, poses: np.ndarray, share: float = 1.0) -> np.ndarray:
         """As of `Task`."""
@@ -143,11 +161,8 @@ class Traffic(Task):
 
     def expert(self, poses: np.ndarray) -> np.ndarray:
         """(N,) what a driver would do who knows where everybody is."""
-        choices = super().expert(poses)
-        at = self.crowd.look(
-            self._grouped(poses), self.paths, self.course.arc_m, self._grouped(self._velocities)
-        )
-        room_m = at.free_m[:, : self.group] - GAP_M
+        choices = expert_actions(self.paths, poses, self.course.arc_m, _LOOKAHEAD_M)
+        room_m = self._look(poses).free_m[:, : self.group] - GAP_M
         most = np.minimum(room_m / _HEADWAY_S, self.crowd.line_m / LINE_S).ravel()
         straight = choices == Action.STRAIGHT
         choices[(most < 0.2) & straight] = SLOW
@@ -160,7 +175,13 @@ class Traffic(Task):
         self._poses = poses.copy()
         course, _ = self._follow(poses)
         hit, at_fault = self._meet(poses, collided)
-        free_m = self.crowd.free_m.ravel()
+        self._seen = None
+        seen = self._look(poses)
+        free_m, closing_mps = (
+            each[:, : self.group].ravel() for each in (seen.free_m, seen.closing_mps)
+        )
+        ttc_s = np.where(closing_mps > _STANDS_MPS, free_m / np.maximum(closing_mps, 1e-6), np.inf)
+        self._least_ttc_s = np.minimum(self._least_ttc_s, ttc_s)
         tile_m = self.streets.tile_m[self._maps]
         tiles = course.travelled_m / tile_m
         off = ~self.streets.on_road(self._maps, poses[:, None, :2])[:, 0]
@@ -169,7 +190,7 @@ class Traffic(Task):
         terms = np.vstack(
             (following_terms(course, self.half_lane_m), nearness, -_PENALTY * at_fault)
         )
-        facts = np.stack((tiles, hit, at_fault, free_m, self._least_ttc_s))
+        facts = np.stack((tiles, hit, at_fault, free_m, closing_mps, self._least_ttc_s))
         late = self._steps * CONTROL_DT_S >= EPISODE_S - 1e-9
         failed = (hit > 0) | off
         judged = self._judged(terms, facts, (failed, np.zeros_like(late), late))
@@ -179,22 +200,16 @@ class Traffic(Task):
         """Whom each robot has met (N,), 0 for nobody, and whether that is its own fault (N,)."""
         bodies = self.crowd.bodies(self._grouped(poses), self._grouped(self._velocities))
         each = np.repeat(np.arange(self.n_robots // self.group), self.group)
-        xy_m, velocities = bodies.xy_m[each], bodies.velocities_mps[each]
-        own = np.arange(self.n_robots), np.arange(self.n_robots) % self.group
-        xy_m[own] = np.nan
-        offsets_m, relative = xy_m - poses[:, None, :2], velocities - self._velocities[:, None]
-        meet_m = np.broadcast_to(bodies.meet_m, offsets_m.shape[:2])
-        ttc_s = time_to_collision(offsets_m, relative, meet_m)
-        real = (bodies.kinds != Body.THING) & np.isfinite(offsets_m[..., 0])
-        least = np.where(real, ttc_s, np.inf).min(axis=1, initial=EPISODE_S)
-        self._least_ttc_s = np.minimum(self._least_ttc_s, least)
-        apart = np.linalg.norm(offsets_m, axis=-1)
-        near = real & (apart < meet_m)
+        xy_m, robots = bodies.xy_m[each], np.arange(self.n_robots)
+        xy_m[robots, robots % self.group] = np.nan
+        delta = xy_m - poses[:, None, :2]
+        apart = np.hypot(delta[..., 0], delta[..., 1])
+        near = apart < bodies.meet_m
         whom = np.where(near, apart, np.inf).argmin(axis=1)
         met = near.any(axis=1)
         hit = np.where(met, bodies.kinds[whom], np.where(collided, Body.THING, 0))
         stood = np.hypot(*self._velocities.T) < _STANDS_MPS
-        theirs = met & (stood | behind(poses, xy_m)[own[0], whom])
+        theirs = met & (stood | behind(poses, xy_m)[robots, whom])
         return hit, ((hit > 0) & ~theirs).astype(int)
 
     def _grouped(self, of_robots: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What is ahead of robots on their paths, and how soon they would meet it."""
+"""What is ahead of robots on their paths."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ DUCK_M, ROBOT_M = 0.10, 0.15  # centres nearer than that have met (the AI Drivin
 STEP_M = 0.04
 AHEAD_M = STEP_M * np.arange(1, 26)  # where a path is looked at
 NOTHING = -1
-_STILL_MPS = 1e-3
 
 
 class Ahead(NamedTuple):
@@ -32,8 +31,11 @@ def look_ahead(
         clear_m: (N, B) how far away it must stay.
     """
     forward = _in_front(poses, bodies)
-    delta = bodies[:, None] - points[:, :, None]
-    near = ((delta**2).sum(axis=-1) < clear_m[:, None] ** 2) & (forward > 0.0)[:, None]
+    origin = poses[:, None, :2]
+    points, bodies = points - origin, bodies - origin
+    squares = (points**2).sum(axis=-1)[..., None] - 2.0 * points @ bodies.swapaxes(1, 2)
+    limits = np.where(forward > 0.0, clear_m**2 - (bodies**2).sum(axis=-1), -np.inf)
+    near = squares < limits[:, None]  # (N, K, B), by the law of cosines
     first = np.where(near.any(axis=1), near.argmax(axis=1), len(AHEAD_M))  # (N, B)
     what = first.argmin(axis=1)
     steps = np.take_along_axis(first, what[:, None], axis=1)[:, 0]
@@ -50,20 +52,3 @@ def _in_front(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
 def behind(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
     """(N, B) bool: whether a body is behind a robot's axle."""
     return _in_front(poses, bodies) < 0.0
-
-
-def time_to_collision(
-    offsets_m: np.ndarray, velocities_mps: np.ndarray, radii_m: np.ndarray
-) -> np.ndarray:
-    """(...) seconds until two centres are as near as a radius if both go on as they do.
-
-    ``offsets_m`` and ``velocities_mps`` (..., 2) are of the one as the other has it. Infinite where
-    they never meet, or one is not there (NaN); 0 where they have met.
-    """
-    closing = (velocities_mps**2).sum(axis=-1)
-    along = (offsets_m * velocities_mps).sum(axis=-1)
-    apart = (offsets_m**2).sum(axis=-1) - radii_m**2
-    root = along**2 - closing * apart
-    meets = (along < 0.0) & (root >= 0.0) & (closing > _STILL_MPS**2)
-    after_s = (-along - np.sqrt(np.maximum(root, 0.0))) / np.maximum(closing, _STILL_MPS**2)
-    return np.where(apart <= 0.0, 0.0, np.where(meets, after_s, np.inf))

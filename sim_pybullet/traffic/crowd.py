@@ -13,7 +13,7 @@ from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.footprints import HALF_ROBOT_M
 from sim_pybullet.scenery.map_objects import MapObject, object_solids
 from sim_pybullet.traffic import drivers, ducks
-from sim_pybullet.traffic.ahead import AHEAD_M, DUCK_M, ROBOT_M, STEP_M, look_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, DUCK_M, NOTHING, ROBOT_M, STEP_M, look_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.layout import CarStart, Layout
@@ -62,9 +62,8 @@ class Crowd:
         self._things = np.full((groups, max(map(len, streets.blocked_m)), 2), np.nan)
         self._way = RightOfWay(groups, self.ours + cars, streets.junctions)
         self.maps = np.zeros(groups, dtype=int)
-        self.free_m = np.full((groups, self.ours), AHEAD_M[-1] + STEP_M)  # along our own paths
         self.line_m = np.full((groups, self.ours), np.inf)  # to where ours should stand
-        self._before = self._now(np.full((groups, self.ours, 3), np.nan))
+        self._before = self._after = self._now()
 
     @property
     def movers(self) -> tuple[Mover, ...]:
@@ -87,9 +86,7 @@ class Crowd:
 
         ``at_m``: where the only one stands already. ``spread``: as of `sim_pybullet.tasks.base`.
         """
-        layout = Layout(self._streets, k, self._how, rng)
-        if at_m is not None:
-            layout.cars.append(at_m)
+        layout = Layout(self._streets, k, self._how, rng, at_m)
         ours = [layout.car(spread) for _ in range(self.ours if at_m is None else 0)]
         self._begin_others(group, k, layout, rng)
         self._begin_standing(group, k, rng)
@@ -117,7 +114,7 @@ class Crowd:
         self._things[group, : len(things)] = things
         self.maps[group] = k
         self._way.begin(group)
-        self._before[group] = np.nan
+        self._before = self._after = self._now()
 
     def bodies(self, poses: np.ndarray, velocities_mps: np.ndarray) -> Bodies:
         """Everybody, among robots of ours at poses (G, P, 3) with velocities (G, P, 2)."""
@@ -146,7 +143,7 @@ class Crowd:
         groups, cars = everyone.shape[:2]
         own = paths.points_at(arc_m[:, None] + AHEAD_M).reshape(groups, self.ours, -1, 2)
         points = np.concatenate((own, self.drivers.points(AHEAD_M)), axis=1)
-        xy_m, clear_m = self._obstacles(bodies)
+        xy_m, theirs, clear_m = self._obstacles(bodies)
         seen = np.repeat(xy_m[:, None], cars, axis=1)
         seen[:, np.arange(cars), np.arange(cars)] = np.nan  # nobody is in their own way
         flat = groups * cars
@@ -154,62 +151,69 @@ class Crowd:
             points.reshape(flat, -1, 2),
             everyone.reshape(flat, 3),
             seen.reshape(flat, -1, 2),
-            np.repeat(clear_m, cars, axis=0),
+            np.tile(clear_m, (flat, 1)),
         )
-        free_m = ahead.free_m.reshape(groups, cars)
-        return self._approach(everyone, points, free_m)
+        what = ahead.what.reshape(groups, cars)
+        heading = everyone[..., 2]
+        mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
+        relative = mine - np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
+        closing = relative[..., 0] * np.cos(heading) + relative[..., 1] * np.sin(heading)
+        closing = np.where(what == NOTHING, 0.0, closing)
+        return self._approach(everyone, points, ahead.free_m.reshape(groups, cars), closing)
 
-    def think(
-        self, poses: np.ndarray, paths: PathBatch, arc_m: np.ndarray, velocities: np.ndarray
-    ) -> None:
-        """One decision of everybody but ours."""
-        self._before = self._now(poses)
-        approach = self.look(poses, paths, arc_m, velocities)
+    def think(self, poses: np.ndarray, velocities: np.ndarray, approach: Approach) -> None:
+        """One decision of everybody but ours, by what `look` told."""
         speeds = np.concatenate((np.hypot(*np.moveaxis(velocities, -1, 0)),
                                  self.drivers.speeds_mps), axis=1)  # fmt: skip
         may = self._way.ask(approach, speeds)
         may[:, self.ours :] |= ~self.drivers.obeying
         line_m = np.where(may, np.inf, approach.line_m - STOP_M)
-        self.free_m, self.line_m = approach.free_m[:, : self.ours], line_m[:, : self.ours]
+        self.line_m = line_m[:, : self.ours]
         self.drivers.step(approach.free_m[:, self.ours :], line_m[:, self.ours :])
         robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)
         self.ducks.step(robots[..., :2])
         self.lights.step()
+        self._before, self._after = self._after, self._now()
 
     def shown(self, poses: np.ndarray, share: float) -> np.ndarray:
         """(G, P, U, 3) where each of ours sees the movers when a share of the decision is over."""
-        now = self._now(poses)
-        moved = now - self._before
-        moved[..., 2] = wrap_angle(moved[..., 2])
-        going = np.isfinite(moved) & (share < 1.0)
-        between = np.where(going, now - (1.0 - share) * np.where(going, moved, 0.0), now)
-        between[:, : self.ours] = poses
+        between = self._after
+        if share < 1.0:
+            moved = between - self._before
+            moved[..., 2] = wrap_angle(moved[..., 2])
+            between = between - (1.0 - share) * np.nan_to_num(moved)
+        between = np.concatenate((poses, between), axis=1)
         each = np.repeat(between[:, None], self.ours, axis=1)
         each[:, np.arange(self.ours), np.arange(self.ours)] = np.nan
         return each
 
-    def _now(self, poses: np.ndarray) -> np.ndarray:
-        """(G, U, 3) where all movers are."""
+    def _now(self) -> np.ndarray:
+        """(G, U - P, 3) where all movers are but ours."""
         return np.concatenate(
-            (poses, self.drivers.poses, self.parked, self.ducks.poses, self.lights.shown()), axis=1
+            (self.drivers.poses, self.parked, self.ducks.poses, self.lights.shown()), axis=1
         )
 
-    def _obstacles(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
-        """Bodies (G, B + 2 D, 2), ducks also where they will be, and how far to stay away."""
-        groups = len(bodies.xy_m)
-        clear_m = np.maximum(np.tile(bodies.meet_m, (groups, 1)), HALF_ROBOT_M)
+    def _obstacles(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bodies, ducks also where they will be: (G, B + 2 D, 2) places and velocities; and how far
+        to stay away, (B + 2 D,)."""
         ducklings = bodies.kinds == Body.DUCK
-        later = [bodies.xy_m[:, ducklings] + s * bodies.velocities_mps[:, ducklings]
-                 for s in _WALKS_S]  # fmt: skip
-        near_m = np.full((groups, 2 * int(ducklings.sum())), DUCK_M)
-        xy_m = np.concatenate((bodies.xy_m, *later), axis=1)
-        return xy_m, np.concatenate((clear_m, near_m), axis=1)
+        xy_m, walks = bodies.xy_m[:, ducklings], bodies.velocities_mps[:, ducklings]
+        later = [xy_m + after_s * walks for after_s in _WALKS_S]
+        near_m = np.full(2 * int(ducklings.sum()), DUCK_M)
+        return (
+            np.concatenate((bodies.xy_m, *later), axis=1),
+            np.concatenate((bodies.velocities_mps, walks, walks), axis=1),
+            np.concatenate((np.maximum(bodies.meet_m, HALF_ROBOT_M), near_m)),
+        )
 
-    def _approach(self, poses: np.ndarray, points: np.ndarray, free_m: np.ndarray) -> Approach:
+    def _approach(
+        self, poses: np.ndarray, points: np.ndarray, free_m: np.ndarray, closing: np.ndarray
+    ) -> Approach:
         streets, shape = self._streets, free_m.shape
         if not streets.junctions:
             none = np.full(shape, NO_JUNCTION)
-            return Approach(none, np.full(shape, np.inf), none, free_m, np.zeros(shape, bool))
+            never = np.zeros(shape, dtype=bool)
+            return Approach(none, np.full(shape, np.inf), none, free_m, never, closing)
         inside = streets.junction_at(self.maps, poses[..., :2])
         ahead = streets.junction_at(self.maps, points)
         other = (ahead != NO_JUNCTION) & (ahead != inside[..., None])
@@ -218,7 +222,7 @@ class Crowd:
         coming = np.where(other.any(axis=-1) & np.isfinite(poses[..., 0]), found, NO_JUNCTION)
         line_m = np.where(coming == NO_JUNCTION, np.inf, (first + 0.5) * STEP_M)
         red = self.lights.red(coming, poses[..., 2])
-        return Approach(coming, line_m, inside, free_m, red)
+        return Approach(coming, line_m, inside, free_m, red, closing)
 
 
 def _most(movers: list[tuple[MapObject, ...]], kind: str) -> int:

@@ -50,9 +50,9 @@ class Ducks:
         heading = self.poses[..., 2]
         ahead = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
         looks_at = self.poses[..., :2] + _LOOK_M * ahead
-        away = np.linalg.norm(robots[:, None] - looks_at[:, :, None], axis=-1)
+        away = robots[:, None] - looks_at[:, :, None]
         walking = (self._left_s <= 0.0) & (self._way_m > 0.0)
-        going = walking & ~(away < _SPACE_M).any(axis=-1)
+        going = walking & ~(np.hypot(away[..., 0], away[..., 1]) < _SPACE_M).any(axis=-1)
         self._left_s -= CONTROL_DT_S * ~walking
         step_m = np.minimum(self._speed_mps * CONTROL_DT_S, self._way_m - self._gone_m) * going
         self.poses[..., :2] += step_m[..., None] * ahead

@@ -25,6 +25,7 @@ class Approach(NamedTuple):
     inside: np.ndarray  # (G, A) int, the one it is in
     free_m: np.ndarray  # (G, A)
     red: np.ndarray  # (G, A) bool
+    closing_mps: np.ndarray  # (G, A) how fast ``free_m`` shrinks
 
 
 class RightOfWay:

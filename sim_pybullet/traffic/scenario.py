@@ -30,7 +30,7 @@ class Scenario:
     nduckies: int = 0
     duckie_min_dist_from_other_duckie: float = 0.3
     duckie_min_dist_from_robot: float = 0.4
-    duckie_y_bounds: Range = (-0.17, -0.13)  # of one that stands: left of the lane's middle [m]
+    duckie_y_bounds: Range = (-0.2, -0.17)  # of one that stands: left of the lane's middle [m]
     walking: int = 0  # so many of the ducks cross the road and come back
     duckie_speed_mps: Range = (0.05, 0.15)
     duckie_wait_s: Range = (3.0, 20.0)  # before each crossing
