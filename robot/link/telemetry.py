@@ -118,6 +118,7 @@ class Telemetry(Message):
     mission: Optional[MissionStatus] = None
     inputs: Tuple[InputAge, ...] = ()
     health: Tuple[Reading, ...] = ()
+    wheels: Optional[Tuple[float, float]] = None  # as told to the motors (left, right) [m/s]
     fps: float = 0.0  # decisions a second
     lag_s: float = 0.0  # from capture to wheels
     model: str = ""
@@ -151,6 +152,8 @@ class Telemetry(Message):
             _require_xy("telemetry path", point)
         require_length("telemetry inputs", self.inputs, MAX_ENTRIES)
         require_length("telemetry health", self.health, MAX_ENTRIES)
+        for speed in self.wheels or ():
+            require_number("telemetry wheels", speed, -FAST_MPS, FAST_MPS)
         require_number("telemetry fps", self.fps, 0.0, 1e4)
         require_number("telemetry lag_s", self.lag_s, 0.0, MAX_AGE_S)
         require_stamp(self.session, self.sequence, self.t_sent_s)

@@ -68,6 +68,7 @@ class Reporter:
             belief=navigator.belief(tick.time_s) if navigator else None,
             inputs=_ages(tick.inputs, self._limits),
             health=self._health(),
+            wheels=(float(tick.wheels[0]), float(tick.wheels[1])),
             fps=self._rate(tick.time_s),
             lag_s=told_age(tick.inputs.frame_age_s) or 0.0,
         )

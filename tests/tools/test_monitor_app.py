@@ -505,6 +505,28 @@ def test_a_page_that_floods_passes_on_no_more_than_fifty_commands_a_second(
     assert len(asked) <= 50 * took_s + 3
 
 
+def test_a_drive_by_hand_is_recorded_and_marked(
+    page: Page, thread: RobotThread, browser: TestClient
+) -> None:
+    drive_by_hand(page, thread)
+    page.until(state="HOLD")
+    assert until(lambda: bool(browser.get("/api/drives").json()))
+    (drive,) = browser.get("/api/drives").json()
+    assert drive["phase"] == "by hand"
+    marks = f"/api/drives/{drive['name']}/marks"
+    piece = {"from_s": 0.0, "to_s": 0.2, "kind": "good"}
+    assert browser.post(marks, json=[piece], headers=HEADERS).json()["accepted"]
+    assert browser.get(marks).json()[0]["kind"] == "good"
+    backwards = {**piece, "to_s": 0.0}
+    answer = browser.post(marks, json=[backwards], headers=HEADERS).json()
+    assert "to a later one" in answer["reason"]
+    for wrong in ({**piece, "kind": "ugly"}, {**piece, "from_s": -1.0}, {}):
+        assert browser.post(marks, json=[wrong], headers=HEADERS).status_code == 422
+    foreign = {"origin": "http://evil.example"}
+    assert browser.post(marks, json=[piece], headers=foreign).status_code == 403
+    assert browser.get("/api/drives/nothing/marks").status_code == 404
+
+
 @pytest.mark.parametrize("t_s", ["nan", "inf", "-1", "1e7", "x"])
 def test_a_time_that_no_drive_has_is_refused(browser: TestClient, t_s: str) -> None:
     assert browser.get(f"/api/drives/a/picture?t_s={t_s}").status_code == 422

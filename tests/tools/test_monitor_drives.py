@@ -10,9 +10,18 @@ from robot.errors import ConfigError
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
 from robot.recording.drive_file import Heard, picture
+from robot.recording.pieces import Piece
+from robot.recording.samples import read_samples
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
-from tools.monitor.drives import DriveRecorder, list_drives, read_drive, read_picture
+from tools.monitor.drives import (
+    DriveRecorder,
+    list_drives,
+    read_drive,
+    read_marks,
+    read_picture,
+    write_marks,
+)
 
 PATH = ((0.0, 0.0), (1.0, 0.0))
 
@@ -82,6 +91,49 @@ def test_the_robots_own_recordings_are_drives_too(tmp_path: Path) -> None:
 def test_a_new_mission_begins_a_new_drive(tmp_path: Path) -> None:
     take(tmp_path, [report(1.0), report(2.0, mission="m2"), report(3.0, "stopped", "m2")])
     assert [drive.phase for drive in list_drives(tmp_path)] == ["stopped", "stopped"]
+
+
+def by_hand(t_s: float, **fields: object) -> Telemetry:
+    return replace(report(t_s, "stopped"), state="MANUAL", **fields)  # type: ignore[arg-type]
+
+
+def test_a_person_who_takes_over_and_hands_over_is_in_one_drive(tmp_path: Path) -> None:
+    drive = [report(1.0), report(1.1), by_hand(1.2), by_hand(1.3), report(1.4, mission="m2")]
+    done = take(tmp_path, [*drive, report(1.5, "arrived", "m2")])
+    assert done == [False] * 5 + [True]
+    (summary,) = list_drives(tmp_path)
+    assert summary.phase == "arrived"
+    assert len(read_drive(tmp_path, summary.name)) == 6
+
+
+def test_a_drive_by_hand_is_recorded_with_its_wheels(tmp_path: Path) -> None:
+    recorder = DriveRecorder(tmp_path, lambda: 1.7e9)
+    assert not recorder.take(Telemetry("duck", "READY"))
+    for i in range(10):
+        driving = Telemetry("duck", "MANUAL", wheels=(0.1, 0.2), t_sent_s=5.0 + 0.1 * i)
+        recorder.take_frame(FrameMessage(jpeg(i), 160, 120, 4.98 + 0.1 * i, sequence=i))
+        assert not recorder.take(driving)
+    assert recorder.take(Telemetry("duck", "HOLD", wheels=(0.0, 0.0), t_sent_s=6.0))
+    (summary,) = list_drives(tmp_path)
+    assert summary.phase == "by hand"
+    samples = list(read_samples(tmp_path / f"{summary.name}.mcap"))
+    assert [sample.picture for sample in samples] == [jpeg(i) for i in range(1, 10)]
+    assert {sample.wheels for sample in samples} == {(0.1, 0.2)}
+    assert {sample.driver for sample in samples} == {"person"}
+
+
+def test_marks_are_seconds_since_the_first_report(tmp_path: Path) -> None:
+    take(tmp_path, [*(report(10.0 + 0.1 * i) for i in range(50)), report(15.0, "arrived")])
+    name = list_drives(tmp_path)[0].name
+    before = read_drive(tmp_path, name)
+    assert read_marks(tmp_path, name) == []
+    write_marks(tmp_path, name, [Piece(1.0, 2.0, "bad"), Piece(0.0, 4.0, "good")])
+    good, bad = read_marks(tmp_path, name)
+    assert good == pytest.approx((0.0, 4.0, "good"))
+    assert bad == pytest.approx((1.0, 2.0, "bad"))
+    assert read_drive(tmp_path, name) == before
+    with pytest.raises(ConfigError, match="no drive"):
+        write_marks(tmp_path, "../secret", [])
 
 
 def test_a_drive_that_was_cut_off_is_kept(tmp_path: Path) -> None:

@@ -307,6 +307,73 @@ def test_a_hand_on_the_keys_drives_and_a_blurred_page_lets_go(
     assert browser.problems == []
 
 
+GAMEPAD = """(() => { const pad = { connected: true, axes: [0, 0], buttons: [] };
+    for (let i = 0; i < 16; i++) pad.buttons.push({ value: 0, pressed: false });
+    window.pad = pad; navigator.getGamepads = () => [null, pad]; })()"""
+
+
+def test_a_gamepad_takes_over_and_hands_over_and_the_drive_is_marked(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs)
+    browser.evaluate(GAMEPAD)
+    start = on_straight_lane(load_map("loop"), 1.0 / 3.0)
+    click_map(browser, *start.moved(-0.1, 0.0)[:2])  # once round the loop
+    browser.click_on("#by-hand")
+    browser.click_on("#go")
+    browser.until(f"{STATE} === 'AUTO'")
+    time.sleep(0.5)
+    assert text(browser, "#state") == "AUTO", "a stick at rest takes nothing over"
+    browser.evaluate("pad.axes[0] = -0.3; pad.buttons[7].value = 0.5;")
+    browser.until(f"{STATE} === 'MANUAL'")
+    assert text(browser, "#hand-by") == "Driving by a gamepad"
+    browser.evaluate("pad.axes[0] = 0.02; pad.buttons[7].value = 0;")
+    time.sleep(0.6)
+    assert text(browser, "#state") == "MANUAL", "it stands, in the person's hands"
+    browser.click_on("#hand-over")
+    browser.until(f"{STATE} === 'AUTO'")
+    time.sleep(0.5)
+    assert text(browser, "#state") == "AUTO"
+    browser.click_on("#stop")
+    browser.until(f"{STATE} === 'HOLD'")
+    browser.click_on("#tab-drives")
+    browser.until("document.querySelectorAll('#drives button').length === 1")
+    browser.click_on("#drives button")
+    browser.until("!document.querySelector('#replay').hidden")
+    browser.click_on("#replay-play")
+    for button, at_s in (("#mark-bad", 0.2), ("#mark-bad", 0.9)):
+        browser.evaluate(
+            f"(() => {{ const r = document.querySelector('#replay-time'); r.value = {at_s};"
+            "r.dispatchEvent(new Event('input')); })()"
+        )
+        browser.click_on(button)
+    browser.until("document.querySelectorAll('#replay-marks [data-kind=bad]').length === 1")
+    browser.evaluate("document.querySelector('#replay-marks i').click()")
+    browser.until("document.querySelectorAll('#replay-marks i').length === 0")
+    assert browser.problems == []
+
+
+def test_a_finger_on_the_pad_steers_and_lets_go(browser: Browser, programs: Programs) -> None:
+    opened(browser, programs)
+    browser.click_on("#arm")
+    browser.until(f"{STATE} === 'READY'")
+    browser.click_on("#by-hand")
+    x, y = browser.evaluate(
+        "(() => { const s = document.querySelector('#stick'); s.scrollIntoView();"
+        "const b = s.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+    )
+    finger = {"button": "left", "buttons": 1, "clickCount": 1}
+    browser.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **finger)
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x - 20, y=y - 30, **finger)
+    browser.until(f"{STATE} === 'MANUAL'")
+    assert text(browser, "#hand-by") == "Driving by the pad"
+    browser.call("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, **finger)
+    browser.until("document.querySelector('#hand-by').textContent === ''")
+    browser.click_on("#by-hand")
+    browser.until(f"{STATE} === 'HOLD'", 2.0)
+    assert browser.problems == []
+
+
 def test_a_page_whose_monitor_hangs_says_so(browser: Browser, programs: Programs) -> None:
     opened(browser, programs)
     monitor = programs.monitor.pid

@@ -18,15 +18,22 @@ from fastapi import FastAPI, HTTPException, Query, Request, Response, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from robot.contract import Stick
 from robot.errors import ConfigError, ContractError
 from robot.link.commands import Mission
 from robot.link.wire import plain, tidy_text
 from robot.navigation.road_map import RoadMap
+from robot.recording.pieces import Piece
 from tools.monitor.access import AccessGate
-from tools.monitor.drives import list_drives, read_drive, read_picture
+from tools.monitor.drives import (
+    list_drives,
+    read_drive,
+    read_marks,
+    read_picture,
+    write_marks,
+)
 from tools.monitor.map_drawing import draw_map
 from tools.monitor.monitor import Monitor
 
@@ -62,6 +69,16 @@ class CommandBody(BaseModel):
         return Mission(self.destination, self.start) if self.destination is not None else None
 
 
+class MarkBody(BaseModel):
+    """A piece of a drive, in seconds since its first report."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    from_s: Annotated[float, Field(ge=0.0, le=FAR_S, allow_inf_nan=False)]
+    to_s: Annotated[float, Field(ge=0.0, le=FAR_S, allow_inf_nan=False)]
+    kind: Literal["good", "bad"]
+
+
 def create_app(monitor: Monitor, road_map: RoadMap, token: str, host: str = "127.0.0.1") -> FastAPI:
     """The application; the monitor runs while it does, and is closed with it."""
 
@@ -79,6 +96,7 @@ def create_app(monitor: Monitor, road_map: RoadMap, token: str, host: str = "127
     app.add_middleware(AccessGate, token=token, host=host)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     _add_pages(app, monitor, draw_map(road_map))
+    _add_marks(app, monitor.drives)
     _add_control(app, monitor)
     return app
 
@@ -128,6 +146,23 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
         except ConfigError as error:
             raise HTTPException(404, str(error)) from error
         return Response(found[0], media_type=found[1]) if found else Response(status_code=204)
+
+
+def _add_marks(app: FastAPI, folder: Path) -> None:
+    @app.get("/api/drives/{name}/marks")
+    def marks(name: str) -> list[dict[str, Any]]:
+        try:
+            return [piece._asdict() for piece in read_marks(folder, name)]
+        except ConfigError as error:
+            raise HTTPException(404, str(error)) from error
+
+    @app.post("/api/drives/{name}/marks")
+    def mark(name: str, pieces: list[MarkBody]) -> dict[str, Any]:
+        try:
+            write_marks(folder, name, [Piece(**piece.model_dump()) for piece in pieces])
+        except ConfigError as error:
+            return {"accepted": False, "reason": str(error)}
+        return {"accepted": True, "reason": ""}
 
 
 def _add_control(app: FastAPI, monitor: Monitor) -> None:

@@ -1,14 +1,15 @@
-"""Past drives: recorded by the monitor from the start of a mission to its end, and read again.
+"""Past drives: recorded by the monitor from their start to their end, and read again.
 
-A drive is an MCAP file with the robot's reports and pictures as they came here. The robot's own
-recordings, copied into the folder, are listed and played alike.
+A drive, by the policy or by hand, is an MCAP file with the robot's reports and pictures as they
+came here. The robot's own recordings, copied into the folder, are listed, played and marked alike.
 """
 
 from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -24,10 +25,12 @@ from robot.link.telemetry import Telemetry
 from robot.link.wire import plain
 from robot.recording import topics
 from robot.recording.drive_file import ABOUT, END, SUFFIX, DriveFile
-from robot.recording.reader import recover_folder
+from robot.recording.pieces import Piece, mark, read_pieces
+from robot.recording.reader import entries, recover_folder
 
 FLUSH_S = 0.5
 PICTURE_AGE_S = 2.0  # an older one is not what the robot saw then
+_MARKING = threading.Lock()  # a recording is written anew for it
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class DriveSummary:
 
 
 class DriveRecorder:
-    """Writes a file per mission; one that was cut off is made whole at the next start.
+    """Writes a file per drive; one that was cut off is made whole at the next start.
 
     OSError: from every method, when the disk does not take it.
     """
@@ -58,22 +61,29 @@ class DriveRecorder:
         self._flushed_s = 0.0
 
     def take(self, telemetry: Telemetry) -> bool:
-        """Record one report; True when a drive was completed by it."""
+        """Record one report; True when a drive was completed by it.
+
+        Whoever takes over from the policy, and hands over again, is in one drive.
+        """
         mission = telemetry.mission
-        if mission is None:
-            return self.close()
-        completed = mission.id != self._mission and self.close()
-        if mission.phase == "driving" and self._file is None and mission.id != self._mission:
-            self._begin(telemetry, mission.id)
+        driving = mission.id if mission is not None and mission.phase == "driving" else ""
+        by_hand = telemetry.state == "MANUAL"
+        completed = bool(driving and self._mission not in ("", driving)) and self.close()
+        if (driving or by_hand) and self._file is None:
+            self._begin(telemetry, driving or "hand")
         if self._file is not None:
-            self._phase = mission.phase
+            if mission is not None and (driving or self._mission):
+                self._phase = mission.phase
+            if by_hand:
+                self._phase = "by hand"
             time_s = telemetry.t_sent_s + self._offset_s
             self._file.add(topics.TELEMETRY, time_s, plain(telemetry), telemetry.sequence)
             if telemetry.t_sent_s - self._flushed_s >= FLUSH_S:
                 self._flushed_s = telemetry.t_sent_s
                 self._file.flush(sync=False)  # a slow disk must not hold up a STOP
-            if mission.phase != "driving":
-                return self.close()
+            if not driving and not by_hand:
+                completed = self.close()
+        self._mission = driving
         return completed
 
     def take_frame(self, frame: FrameMessage) -> None:
@@ -94,7 +104,7 @@ class DriveRecorder:
 
     def _begin(self, telemetry: Telemetry, mission: str) -> None:
         wall_s = self._wall()
-        self._mission, self._offset_s = mission, wall_s - telemetry.t_sent_s
+        self._offset_s = wall_s - telemetry.t_sent_s
         self._flushed_s = telemetry.t_sent_s
         began = datetime.fromtimestamp(wall_s)
         about = {
@@ -158,12 +168,35 @@ def read_picture(folder: Path, name: str, t_s: float) -> tuple[bytes, str] | Non
     return None
 
 
-@contextmanager
-def _opened(folder: Path, name: str) -> Iterator[SeekingReader]:
+def read_marks(folder: Path, name: str) -> list[Piece]:
+    """What is marked in a drive, in seconds since its first report; ConfigError: no such drive."""
+    path, began_s = _began(folder, name)
+    return [Piece(p.from_s - began_s, p.to_s - began_s, p.kind) for p in read_pieces(path)]
+
+
+def write_marks(folder: Path, name: str, pieces: Sequence[Piece]) -> None:
+    """Mark these pieces and no others; as ``read_marks``, and ConfigError for wrong ones."""
+    with _MARKING:
+        path, began_s = _began(folder, name)
+        mark(path, [Piece(p.from_s + began_s, p.to_s + began_s, p.kind) for p in pieces])
+
+
+def _began(folder: Path, name: str) -> tuple[Path, float]:
+    path = _path(folder, name)
+    first = next(entries(path, topics.TELEMETRY), None)
+    return path, 0.0 if first is None else first.time_s
+
+
+def _path(folder: Path, name: str) -> Path:
     known = [path.name[: -len(SUFFIX)] for path in folder.glob(f"*{SUFFIX}")]
     if name not in known:
         raise ConfigError(f"no drive {name!r}; {nearest(name, known)}")
-    with (folder / f"{name}{SUFFIX}").open("rb") as stream:
+    return folder / f"{name}{SUFFIX}"
+
+
+@contextmanager
+def _opened(folder: Path, name: str) -> Iterator[SeekingReader]:
+    with _path(folder, name).open("rb") as stream:
         try:
             yield SeekingReader(stream)
         except (McapError, ValueError, KeyError, TypeError, RecursionError, struct.error) as error:

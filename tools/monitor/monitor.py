@@ -13,7 +13,7 @@ from robot.contract import Stick
 from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
-from robot.link.messages import FrameMessage, PosesMessage
+from robot.link.messages import UNSENT, FrameMessage, PosesMessage
 from robot.link.sockets import Subscriber
 from robot.link.telemetry import Telemetry
 from robot.safety.gates import SafetyLimits
@@ -161,7 +161,7 @@ class Monitor:
             self._recorder = None
 
     def _answered(self, ack: Ack) -> None:
-        if ack.id in self._by_hand:
+        if ack.id in self._by_hand and ack.robot_session != UNSENT:  # the next may be heard
             if not ack.accepted and ack.reason != self._hand_refusal:
                 self.state.note_answer("manual", ack)
             self._hand_refusal = ack.reason

@@ -95,6 +95,8 @@ RANGES: List[Any] = [
     (report, "inputs", (InputAge("a", 0.0, 1.0),) * 8, (InputAge("a", 0.0, 1.0),) * 9),
     (report, "health", (Reading("a", 0.0),) * 8, (Reading("a", 0.0),) * 9),
     *((report, "fps", good, bad) for good, bad in ((0.0, -0.1), (1e4, 1.1e4))),
+    (report, "wheels", (100.0, -100.0), (0.0, 100.1)),
+    (report, "wheels", None, (-100.1, 0.0)),
     *((report, "lag_s", good, bad) for good, bad in ((0.0, -0.1), (1e6, 1.1e6))),
     *((command, "id", good, bad) for good, bad in NAMES),
     *((command, "session", good, bad) for good, bad in NAMES),

@@ -23,7 +23,10 @@ let asking = false; // about a mission: the answer is shown on the map
 const map = new MapView($("map"), choose);
 const picture = new Picture();
 const minute = new Minute($("plots"));
-const hand = new Hand((text) => { if (socket?.readyState === WebSocket.OPEN) socket.send(text); });
+const hand = new Hand(
+  (text) => { if (socket?.readyState === WebSocket.OPEN) socket.send(text); },
+  () => state?.robot?.state,
+);
 const replay = new Replay({
   show: (report, reports) => { minute.show(reports, report.t_s); showRobot(report, true, true); },
   look: (blob) => picture.take(blob),
@@ -68,6 +71,7 @@ function standing() {
 
 function showLive() {
   showRobot(state.robot, !state.silent, false, age("picture"));
+  $("hand-over").hidden = state.robot?.state !== "MANUAL" || !state.robot.mission;
   $("go").textContent = standing() ? "Arm and drive" : "Drive there";
 }
 
@@ -160,6 +164,7 @@ async function here() {
 async function go() {
   const { start, destination } = map.chosen;
   $("go").disabled = asking = true; // one press, one mission
+  hand.rest();
   const problem = await ask("mission", { start, destination, arm: standing() });
   $("go").disabled = asking = false;
   $("toast").hidden = true;
@@ -169,6 +174,12 @@ async function go() {
   }
   map.clearTrail();
   forget();
+}
+
+async function handOver() {
+  hand.rest();
+  const problem = await ask("mission", { destination: state.robot.mission.destination });
+  if (problem) toast(problem);
 }
 
 function tab(name) {
@@ -208,6 +219,7 @@ for (const kind of ["arm", "disarm", "clear"]) {
 $("go").addEventListener("click", go);
 $("here").addEventListener("click", here);
 $("forget").addEventListener("click", forget);
+$("hand-over").addEventListener("click", handOver);
 $("follow").addEventListener("click", () => follow(true));
 $("whole").addEventListener("click", () => follow(false));
 $("theme").addEventListener("click", theme);

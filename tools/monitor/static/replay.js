@@ -1,6 +1,6 @@
 // Past drives: a list, and one of them played again on the map, the camera and the panels.
 
-import { $, actionName, element, seconds } from "./panels.js";
+import { $, actionName, element, seconds, toast } from "./panels.js";
 
 const TICK_MS = 100;
 const PICTURE_EVERY_S = 0.08;
@@ -17,6 +17,9 @@ export class Replay {
       this.#seek(Number($("replay-time").value));
     });
     $("replay-close").addEventListener("click", () => this.close());
+    for (const name of ["mark-good", "mark-bad"]) {
+      $(name).addEventListener("click", () => this.#mark($(name).dataset.kind));
+    }
     setInterval(() => this.#tick(), TICK_MS);
   }
 
@@ -31,7 +34,7 @@ export class Replay {
       button.addEventListener("click", () => this.open(drive));
       return element("li", {}, button);
     });
-    const none = element("li", { className: "quiet" }, "No drives yet: a mission records one.");
+    const none = element("li", { className: "quiet" }, "No drives yet: each drive is recorded.");
     $("drives").replaceChildren(...(rows.length ? rows : [none]));
   }
 
@@ -47,6 +50,8 @@ export class Replay {
     this.reports = reports;
     this.address = address;
     this.pictured = null;
+    this.#begin(null);
+    this.#marked(await (await fetch(`${address}/marks`)).json());
     this.opened();
     this.name = new Date(drive.began).toLocaleTimeString([], { timeStyle: "short" });
     $("replay-time").max = reports.at(-1).t_s;
@@ -78,6 +83,44 @@ export class Replay {
       stretch.style.flexGrow = lasts;
       return stretch;
     });
+  }
+
+  // The first press begins a piece, the second ends it; one of the other kind begins anew.
+  async #mark(kind) {
+    const begun = this.begun;
+    if (begun?.kind !== kind) { this.#begin({ kind, from_s: this.time }); return; }
+    this.#begin(null);
+    const [from_s, to_s] = [begun.from_s, this.time].sort((a, b) => a - b);
+    if (to_s > from_s) await this.#save([...this.marks, { from_s, to_s, kind }]);
+  }
+
+  #begin(piece) {
+    this.begun = piece;
+    for (const name of ["mark-good", "mark-bad"]) {
+      $(name).setAttribute("aria-pressed", String($(name).dataset.kind === piece?.kind));
+    }
+  }
+
+  async #save(marks) {
+    const answer = await fetch(`${this.address}/marks`, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(marks),
+    }).then((response) => response.json()).catch((error) => ({ reason: error.message }));
+    if (answer.accepted) this.#marked(marks);
+    else toast(`the marks are not saved: ${answer.reason ?? answer.detail}`);
+  }
+
+  #marked(marks) {
+    this.marks = marks;
+    const end = this.reports.at(-1).t_s;
+    $("replay-marks").replaceChildren(...marks.map((mark) => {
+      const piece = element("i", { title: mark.kind, "data-kind": mark.kind });
+      piece.style.left = `${100 * mark.from_s / end}%`;
+      piece.style.width = `${100 * (mark.to_s - mark.from_s) / end}%`;
+      piece.addEventListener("click", () => this.#save(this.marks.filter((one) => one !== mark)));
+      return piece;
+    }));
   }
 
   #play(on) {
