@@ -1,0 +1,158 @@
+"""Overhead poses of everybody -> the `RoadAhead` of each robot: what is on its lane, who crosses.
+
+A localizer tells them; in the simulator the truth does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from robot.geometry import Pose
+from robot.navigation.road_map import RoadMap
+from robot.navigation.tiles import ORIENTATIONS, STEPS, Tile
+from robot.safety.governors import NOSE_M
+from robot.safety.road_ahead import AtJunction, Junction, Stage, Turn
+
+HALF_ROBOT_M, HALF_DUCK_M = 0.09, 0.035
+AHEAD_M = 0.02 * np.arange(61)  # along the lane, from the axle: where it is looked at
+_TAIL_M = 0.1  # of a robot, behind its axle
+_HALF_WIDE_M = 0.075
+_RETURN_M = 0.3  # in which a robot beside the middle of its lane gets back there
+_WALKS_S = (0.0, 0.4, 0.8, 1.2)  # who walks counts where it will be, too
+_IN_FRONT_M = 0.03
+_STILL_MPS = 0.02
+_AT_LINE_M = 0.12  # so near to the line its nose stands who has arrived
+_OVER_M = 0.02  # so far beyond it is inside
+
+
+class Other(NamedTuple):
+    """Somebody else on the road, from above."""
+
+    x_m: float
+    y_m: float
+    vx_mps: float = 0.0
+    vy_mps: float = 0.0
+    half_m: float = HALF_ROBOT_M  # from its middle to its edge
+    walks: bool = False  # it crosses lanes; robots keep to theirs
+
+
+class FreeWay(NamedTuple):
+    """See `robot.safety.road_ahead.RoadAhead`."""
+
+    free_m: float = math.inf
+    closing_mps: float = 0.0
+
+
+def free_way(lane_m: np.ndarray, pose: Pose, speed_mps: float, others: Sequence[Other]) -> FreeWay:
+    """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot."""
+    if not others:
+        return FreeWay()
+    seen = np.array(others)
+    back = np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0)[:, None]
+    way_m = lane_m + back * (np.array(pose[:2]) - lane_m[0])
+    moving = (np.hypot(seen[:, 2], seen[:, 3]) > _STILL_MPS) & (seen[:, 5] > 0.0)
+    nearest = FreeWay()
+    for after_s in _WALKS_S:
+        here = seen if after_s == 0.0 else seen[moving]
+        at_m = here[:, :2] + after_s * here[:, 2:4]
+        apart_m = np.linalg.norm(at_m[:, None] - way_m, axis=-1)  # (O, 61)
+        where = apart_m.argmin(axis=1)
+        on_it = apart_m.min(axis=1) < _HALF_WIDE_M + here[:, 4]
+        on_it &= pose.to_robot(at_m)[:, 0] > _IN_FRONT_M
+        for k in np.flatnonzero(on_it).tolist():
+            free_m = float(AHEAD_M[where[k]] - here[k, 4]) - NOSE_M
+            if free_m < nearest.free_m:
+                step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]
+                along = float(here[k, 2:4] @ step) / max(float(np.hypot(*step)), 1e-9)
+                nearest = FreeWay(free_m, speed_mps - along)
+    return nearest
+
+
+class Traveller(NamedTuple):
+    """A robot, as it tells and is seen."""
+
+    pose: Pose
+    speed_mps: float
+    line_m: Optional[float]  # from its nose to the next red line
+    turn: Turn = Turn.UNKNOWN  # at the junction that it comes to
+    claims: bool = False
+
+
+class Crossings:
+    """Who stands at the junctions of a map since when, and who is inside."""
+
+    def __init__(self, road_map: RoadMap) -> None:
+        self._map = road_map
+        self._known: Dict[str, Tuple[Tile, AtJunction]] = {}
+
+    def update(self, now_s: float, robots: Mapping[str, Traveller]) -> Dict[str, Junction]:
+        """By name, the junctions of those who stand at one or are inside."""
+        found = {}
+        for name, robot in robots.items():
+            at = self._at(now_s, name, robot)
+            if at is not None:
+                found[name] = at
+        self._known = found
+        return {
+            name: Junction(own, tuple(o for n, (t, o) in found.items() if t == tile and n != name))
+            for name, (tile, own) in found.items()
+        }
+
+    def _at(self, now_s: float, name: str, robot: Traveller) -> Optional[Tuple[Tile, AtJunction]]:
+        before = self._known.get(name)
+        inside = self._inside(robot.pose)
+        if inside is not None:
+            same = before is not None and before[0] == inside
+            known = before[1] if same and before else AtJunction(_arm(robot.pose), now_s, name)
+            turn = known.turn if known.stage is Stage.INSIDE else robot.turn
+            return inside, AtJunction(known.arm, known.arrived_s, name, turn, Stage.INSIDE)
+        if robot.line_m is None or not robot.line_m <= _AT_LINE_M:
+            return None
+        if before is None and robot.speed_mps > _STILL_MPS:
+            return None
+        tile = self._beyond(robot.pose)
+        if tile is None:
+            return None
+        since_s = before[1].arrived_s if before is not None else now_s
+        stage = Stage.CLAIMS if robot.claims else Stage.WAITS
+        return tile, AtJunction(_arm(robot.pose), since_s, name, robot.turn, stage)
+
+    def _inside(self, pose: Pose) -> Optional[Tile]:
+        """The junction that any part of a robot is in."""
+        parts = np.array(((NOSE_M - _OVER_M, 0.0), (0.0, 0.0), (-_TAIL_M, 0.0)))
+        for x_m, y_m in pose.to_world(parts).tolist():
+            tile = self._map.tile_at(x_m, y_m)
+            if tile is not None and tile.is_junction:
+                return tile
+        return None
+
+    def _beyond(self, pose: Pose) -> Optional[Tile]:
+        """The tile that a robot heads for."""
+        here = self._map.tile_at(pose.x_m, pose.y_m)
+        if here is None:
+            return None
+        south, east = STEPS[ORIENTATIONS[(_arm(pose) + 2) % 4]]
+        row, column = here.row + south, here.column + east
+        if not (0 <= row < self._map.rows and 0 <= column < self._map.columns):
+            return None
+        return self._map.tiles[row][column]
+
+
+def turn_ahead(road_map: RoadMap, pose: Pose, way_m: np.ndarray) -> Turn:
+    """The way that points (K, 2) ahead lead over the junction before a robot."""
+    tiles = [road_map.tile_at(x_m, y_m) for x_m, y_m in way_m.tolist()]
+    within = [k for k, tile in enumerate(tiles) if tile is not None and tile.is_junction]
+    after = [k for k, tile in enumerate(tiles) if within and k > within[0] and k not in within]
+    if not after:
+        return Turn.UNKNOWN
+    step = way_m[after[0]] - way_m[after[0] - 1]
+    left = Pose(0.0, 0.0, math.atan2(step[1], step[0]))
+    return Turn((_arm(left) + 2 - _arm(pose)) % 4 or 4)
+
+
+def _arm(pose: Pose) -> int:
+    """The side, of `ORIENTATIONS`, from which a robot with this heading comes into a junction."""
+    return (round(pose.heading_rad / (0.5 * math.pi)) - 1) % 4

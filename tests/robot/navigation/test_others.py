@@ -1,0 +1,125 @@
+"""What overhead poses of everybody mean for one robot: the free way, and who is at a junction."""
+
+from __future__ import annotations
+
+import math
+from typing import Dict, Optional
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot.geometry import Pose
+from robot.navigation.others import AHEAD_M, Crossings, Other, Traveller, free_way, turn_ahead
+from robot.navigation.path import Path
+from robot.navigation.planner import LaneGraph
+from robot.navigation.road_map import load_map, read_map
+from robot.safety.road_ahead import Stage, Turn
+
+EAST = np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1)
+CROSS = read_map(
+    {
+        "tile_size": 0.6,
+        "tiles": [
+            ["grass", "straight/N", "grass"],
+            ["straight/E", "4way", "straight/W"],
+            ["grass", "straight/S", "grass"],
+        ],
+    },
+    "cross",
+)
+NOSE_M, HALF_ROBOT_M, HALF_DUCK_M = 0.066, 0.09, 0.035
+# On the arms S, E, N, W: the nose 5 cm before the crossing, in the right lane.
+BEFORE_M = 0.6 - 0.05 - NOSE_M
+WAITING = (
+    Pose(1.02, BEFORE_M, 0.5 * math.pi),
+    Pose(1.8 - BEFORE_M, 1.02, math.pi),
+    Pose(0.78, 1.8 - BEFORE_M, -0.5 * math.pi),
+    Pose(BEFORE_M, 0.78, 0.0),
+)
+
+
+@given(st.floats(0.2, 1.1), st.floats(-0.3, 0.3))
+def test_the_way_to_a_leader_is_from_nose_to_tail(ahead_m: float, speed_mps: float) -> None:
+    found = free_way(EAST, Pose(0.0, 0.0, 0.0), 0.3, [Other(ahead_m, 0.02, speed_mps)])
+    assert found.free_m == pytest.approx(ahead_m - HALF_ROBOT_M - NOSE_M, abs=0.011)
+    assert found.closing_mps == pytest.approx(0.3 - speed_mps)
+
+
+@pytest.mark.parametrize(
+    ("other", "counts"),
+    [
+        (Other(-0.2, 0.0), False),  # behind
+        (Other(0.4, 0.234), False),  # in the other lane
+        (Other(0.4, 0.234, 0.0, -0.2), False),  # robots keep to their lanes
+        (Other(0.4, 0.234, 0.0, -0.2, HALF_DUCK_M, True), True),  # a duck walks onto mine
+        (Other(0.4, 0.234, 0.0, 0.2, HALF_DUCK_M, True), False),  # or away from it
+        (Other(0.4, 0.13, half_m=HALF_DUCK_M), False),  # beside the lane
+        (Other(0.4, 0.09, half_m=HALF_DUCK_M), True),
+        (Other(1.5, 0.0), False),  # too far away to matter
+    ],
+)
+def test_who_is_on_the_lane(other: Other, counts: bool) -> None:
+    assert math.isfinite(free_way(EAST, Pose(0.0, 0.0, 0.0), 0.3, [other]).free_m) is counts
+
+
+def test_a_robot_beside_the_middle_of_its_lane_passes_nearer() -> None:
+    duck = Other(0.15, 0.13, half_m=HALF_DUCK_M)
+    assert free_way(EAST, Pose(0.0, 0.05, 0.0), 0.3, [duck]).free_m < 0.1
+    assert free_way(EAST, Pose(0.0, -0.05, 0.0), 0.3, [duck]).free_m == math.inf
+
+
+def test_the_nearest_counts() -> None:
+    two = [Other(0.8, 0.0), Other(0.5, 0.0)]
+    assert free_way(EAST, Pose(0.0, 0.0, 0.0), 0.3, two).free_m == pytest.approx(0.344, abs=0.011)
+
+
+def travellers(speed_mps: float = 0.0, line_m: Optional[float] = 0.05) -> Dict[str, Traveller]:
+    return {f"r{arm}": Traveller(pose, speed_mps, line_m) for arm, pose in enumerate(WAITING)}
+
+
+def test_who_stands_at_a_crossing_is_told_to_all_others_with_arm_and_arrival() -> None:
+    crossings = Crossings(CROSS)
+    assert crossings.update(1.0, travellers(speed_mps=0.2)) == {}
+    assert crossings.update(2.0, travellers(line_m=0.2)) == {}
+    some = travellers()
+    del some["r2"]
+    crossings.update(3.0, some)
+    found = crossings.update(4.0, travellers())
+    assert set(found) == {"r0", "r1", "r2", "r3"}
+    for arm in range(4):
+        at = found[f"r{arm}"]
+        assert (at.own.arm, at.own.name, at.own.stage) == (arm, f"r{arm}", Stage.WAITS)
+        assert at.own.arrived_s == (4.0 if arm == 2 else 3.0)
+        assert {other.name for other in at.others} == set(found) - {f"r{arm}"}
+
+
+def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm_and_turn() -> None:
+    crossings, told = Crossings(CROSS), {}
+    for k, y_m in enumerate(np.arange(0.4, 1.5, 0.02)):
+        robot = Traveller(Pose(1.02, float(y_m), 0.5 * math.pi), 0.2, None, Turn.STRAIGHT)
+        told[float(y_m)] = crossings.update(0.1 * k, {"a": robot}).get("a")
+    inside = [y for y, at in told.items() if at is not None and at.own.stage is Stage.INSIDE]
+    assert min(inside) == pytest.approx(0.6 - NOSE_M + 0.02, abs=0.02)
+    assert max(inside) == pytest.approx(1.2 + 0.1, abs=0.02)
+    ways = {(at.own.arm, at.own.turn) for at in told.values() if at is not None}
+    assert ways == {(0, Turn.STRAIGHT)}
+
+
+def test_a_path_tells_the_turn() -> None:
+    graph, seen = LaneGraph(CROSS), set()
+    for lane in graph.lanes:
+        if (lane.tile_row, lane.tile_column) != (1, 1):
+            continue
+        path = Path.from_beziers([lane.control_points_m])
+        begin = path.pose_at(-0.3)
+        way_m = np.array([path.pose_at(s)[:2] for s in np.arange(-0.3, path.length_m + 0.2, 0.02)])
+        turn = turn_ahead(CROSS, begin, way_m)
+        turned = path.pose_at(path.length_m).heading_rad - begin.heading_rad
+        left = math.sin(turned)
+        assert turn is (Turn.LEFT if left > 0.5 else Turn.RIGHT if left < -0.5 else Turn.STRAIGHT)
+        assert turn_ahead(CROSS, begin, way_m[:20]) is Turn.UNKNOWN
+        seen.add(turn)
+    assert seen == {Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT}
+    assert turn_ahead(load_map("loop"), Pose(0.3, 0.3, 0.0), EAST) is Turn.UNKNOWN
