@@ -19,8 +19,8 @@ from robot.safety.road_ahead import AtJunction, Junction, Stage, Turn
 HALF_ROBOT_M, HALF_DUCK_M = 0.09, 0.035
 AHEAD_M = 0.02 * np.arange(61)  # along the lane, from the axle: where it is looked at
 _TAIL_M = 0.1  # of a robot, behind its axle
-_HALF_WIDE_M = 0.075
-_RETURN_M = 0.3  # in which a robot beside the middle of its lane gets back there
+_HALF_WIDE_M = 0.08
+_RETURN_M = 0.6  # in which a robot that heads elsewhere gets back to the middle of its lane
 _WALKS_S = (0.0, 0.4, 0.8, 1.2)  # who walks counts where it will be, too
 _IN_FRONT_M = 0.03
 _STILL_MPS = 0.02
@@ -51,8 +51,9 @@ def free_way(lane_m: np.ndarray, pose: Pose, speed_mps: float, others: Sequence[
     if not others:
         return FreeWay()
     seen = np.array(others)
-    back = np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0)[:, None]
-    way_m = lane_m + back * (np.array(pose[:2]) - lane_m[0])
+    straight = np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0)[:, None]
+    on_m = pose.to_world(np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1))
+    way_m = lane_m + straight * (on_m - lane_m)
     moving = (np.hypot(seen[:, 2], seen[:, 3]) > _STILL_MPS) & (seen[:, 5] > 0.0)
     nearest = FreeWay()
     for after_s in _WALKS_S:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from robot.contract import CONTROL_DT_S
+from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.pool import Looks
-from sim_pybullet.tasks.base import TaskStep
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
-from trainer.judging.evaluate import ROBOTS, DrivingPolicy, _choose, _own_speeds
+from sim_pybullet.tasks.spec import Choices, find_task
+from sim_pybullet.traffic.crowd import Body
+from sim_pybullet.traffic.scenario import load_scenario
+from trainer.judging.evaluate import ROBOTS, DrivingPolicy, _choose
 from trainer.judging.lane_rules import LaneFigures, LaneRules
 
-EPISODE_S = 60.0
 FILM_S = 10.0  # kept of each drive, its end
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 SURVIVED = "time"
@@ -44,7 +44,7 @@ class Standing:
 
 
 class Expert:
-    """Follows the middle of the lane by true poses."""
+    """Knows where everybody is."""
 
     guided = False
 
@@ -62,43 +62,27 @@ class Pilot:
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """See `Driver`."""
+        newest = 3 * self._policy.contract.frames
+        seen = seen._replace(image=seen.image[..., -newest:])
         choices = np.zeros(world.n_robots, dtype=int)
         for robot in np.flatnonzero(world.active).tolist():
             choices[robot] = _choose(self._policy, seen, robot, None)
-        speeds = _own_speeds(self._policy, world)
-        return choices if speeds is None else speeds[choices]
-
-
-class LaneFollowing(LaneKeeping):
-    """Drive along a lane for `EPISODE_S`; only who is off the tiles of the road, or hits, ends."""
-
-    def __init__(self, road_maps: Sequence[RoadMap], n_robots: int, guided: bool = False) -> None:
-        super().__init__(road_maps, n_robots, "both")
-        self.guided = guided
-
-    def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
-        """See `sim_pybullet.tasks.base.Task`; reward is none."""
-        self._follow(poses)
-        maps = [self.road_maps[k] for k in self._maps]
-        off = [not m.on_road(x, y) for m, (x, y, _) in zip(maps, poses, strict=True)]
-        late = self._steps * CONTROL_DT_S >= EPISODE_S - 1e-9
-        nothing = np.zeros((len(self.term_names), self.n_robots))
-        return self._judged(nothing, nothing[:1], (collided | off, late, late))
+        return np.array(self._policy.contract.actions)[choices] / MAX_WHEEL_MPS
 
 
 class Episode(NamedTuple):
     """One episode of one robot."""
 
     seed: int
-    map: str
+    robot: int  # of those that share a world
     end: str  # `SURVIVED`, or what ended it before its time
-    figures: LaneFigures
+    at_fault: bool  # in the collision that ended it
+    success: bool  # survived, and drove three tiles
+    least_ttc_s: float  # time to collision, the least
+    map: str
+    lines_run: int  # red lines at which it did not stand
     tiles: float  # along the lane
-
-    @property
-    def collided(self) -> bool:
-        """Whether a collision of ours ended it."""
-        return self.end.startswith("collision")
+    figures: LaneFigures
 
 
 @dataclass
@@ -111,34 +95,38 @@ class _Ride:
     )
 
 
-Heard = Callable[[Episode, Sequence[np.ndarray]], None]
+def robots_of(challenge: str) -> int:
+    """How many of ours share a world."""
+    return len(load_scenario(challenge).robots_pcs)
 
 
 def drive(
-    driver: Driver, road_maps: Sequence[RoadMap], looks: Looks, seeds: Sequence[int], heard: Heard
-) -> list[Episode]:
-    """One episode for each seed; ``heard`` is told of each, and what the robot saw at its end.
+    driver: Driver,
+    challenge: str,
+    road_maps: Sequence[RoadMap],
+    looks: Looks,
+    seeds: Sequence[int],
+) -> Iterator[tuple[Episode, Sequence[np.ndarray]]]:
+    """One episode for each seed, of all robots of ours that share a world, as each ends.
 
-    Consecutive seeds take the maps in turn, and both lanes of each. MapError for maps that are no
-    rings of road.
+    With what the robot saw at its end: frames (H, W, 3) uint8 RGB. Consecutive seeds take the maps
+    in turn. MapError for a map without room for the challenge.
     """
-    task = LaneFollowing(road_maps, min(ROBOTS, len(seeds)), driver.guided)
-    world = BatchWorld(task, looks, None, _FIRST_WORLD, numbers=seeds)
-    rules = {road_map.name: LaneRules(road_map) for road_map in road_maps}
-    found = []
+    group = robots_of(challenge)
+    robots = group * min(max(ROBOTS // group, 1), len(seeds))
+    spec = find_task("traffic_junctions" if driver.guided else "traffic")
+    task = spec.build(road_maps, robots, Choices(scenario=challenge))
+    numbers = [group * seed + k for seed in seeds for k in range(group)]
+    world = BatchWorld(task, looks, None, _FIRST_WORLD, numbers=numbers)
     try:
-        for episode, frames in _episodes(driver, world, rules):
-            found.append(episode)
-            heard(episode, frames)
+        yield from _episodes(driver, world, {m.name: LaneRules(m) for m in road_maps})
     finally:
         world.close()
-    return sorted(found)
 
 
 def _episodes(
     driver: Driver, world: BatchWorld, rules: Mapping[str, LaneRules]
 ) -> Iterator[tuple[Episode, Sequence[np.ndarray]]]:
-    """As each ends."""
     seen = world.reset()
     rides = [_Ride() for _ in range(world.n_robots)]
     while world.active.any():
@@ -154,7 +142,21 @@ def _episodes(
             poses = np.array([*ride.poses, step.poses[robot]])
             figures = rules[road_map.name].figures(poses, CONTROL_DT_S)
             tiles = figures.driven_lanedir_consec / road_map.tile_size_m
-            end = SURVIVED
-            if step.task.terminated[robot]:
-                end = "collision_thing" if step.collided[robot] else "out_of_tile"
-            yield Episode(int(numbers[robot]), road_map.name, end, figures, tiles), ride.frames
+            run = rules[road_map.name].lines_run(poses, CONTROL_DT_S)
+            number = int(numbers[robot])
+            lane = road_map.name, run, tiles, figures
+            yield _episode(world, step, robot, number, lane), ride.frames
+
+
+def _episode(
+    world: BatchWorld, step: BatchStep, robot: int, number: int, lane: tuple[Any, ...]
+) -> Episode:
+    """Of a robot that ended, whose episode had this number."""
+    facts = dict(zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True))
+    end = SURVIVED
+    if step.task.terminated[robot]:
+        hit = int(facts["hit"])
+        end = f"collision_{Body(hit).name.lower()}" if hit else "out_of_tile"
+    seed, place = divmod(number, world.task.group)
+    fault, success = bool(facts["at_fault"]), bool(step.task.success[robot])
+    return Episode(seed, place, end, fault, success, facts["least_ttc_s"], *lane)

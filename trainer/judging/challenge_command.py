@@ -18,16 +18,19 @@ from robot.navigation.road_map import load_map
 from robot.output import expect_writable
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import maps_named
-from trainer.judging.challenge import Driver, Episode, Expert, Pilot, Standing, drive
+from trainer.judging.challenge import Driver, Episode, Expert, Pilot, Standing, drive, robots_of
 from trainer.judging.evaluate import open_policy
+from trainer.judging.governed import Governed
 from trainer.judging.verdict import MEASURES, Verdict
 from trainer.mp4 import enlarged, write_mp4
 from trainer.run import write_json
 
 WORST = 5  # episodes that are filmed
-MAPS = {"lf": ("judging/rings",)}
+_RINGS = ("judging/rings",)
+MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
+BARE = "bare"
 DRIVERS: dict[str, Callable[[], Driver]] = {"expert": Expert, "stand": Standing}
-Name = Literal["lf"]
+Name = Literal["lf", "lfp", "lfv", "lfvi"]
 
 
 def judge_command(
@@ -44,42 +47,40 @@ def judge_command(
     """Drive a challenge of the AI Driving Olympics, and tell its measures.
 
     Args:
-        model: a policy, .onnx; or expert, who knows the truth; or stand, who never moves.
-        challenge: lf, lane following.
-        against: another driver, on the same episodes.
+        model: a policy, .onnx, under the rules of the road; or expert, who knows the truth; or
+            stand, who never moves.
+        challenge: lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours
+            with junctions.
+        against: another driver, on the same episodes; bare is the policy without rules.
         episodes: how many, of a minute each.
         seed: of the first episode; the next ones have the next seeds.
         look: a YAML file with a look or a distribution of looks, or a shipped name.
-        map: map files, or shipped names or folders; else the rings kept for judging.
+        map: map files, or shipped names or folders; else the rings kept for judging, with
+            junctions town.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
     """
-    names = [name for name in (model, against) if name is not None]
-    files = [Path(name) for name in names if name not in DRIVERS]
-    expect_writable(json, inputs=files)
+    names = [model] if against is None else [model, against]
+    drivers = [_driver(name, model) for name in names]
+    expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
     road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
-    looks = load_look_sampler(look)
+    looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
     console, worst = Console(soft_wrap=True), Worst()
-    verdicts = []
+    verdicts: list[Verdict] = []
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
-        for name in names:
-            row = bar.add_task(f"{challenge} {Path(name).name}", total=episodes)
-
-            def heard(
-                episode: Episode, frames: Sequence[np.ndarray], row: int = row, name: str = name
-            ) -> None:
-                bar.advance(row)  # type: ignore[arg-type]
-                if out is not None and name == model:
+        for name, driver in zip(names, drivers, strict=True):
+            title, total = f"{challenge} {Path(name).name}", episodes * robots_of(challenge)
+            row, found = bar.add_task(title, total=total), []
+            for episode, frames in drive(driver, challenge, road_maps, looks, seeds):
+                bar.advance(row)
+                found.append(episode)
+                if not verdicts:
                     worst.add(episode, frames)
-
-            seeds = range(seed, seed + episodes)
-            driven = drive(_driver(name), road_maps, looks, seeds, heard)
-            verdicts.append(Verdict(Path(name).name, driven))
+            verdicts.append(Verdict(Path(name).name, sorted(found)))
     _tell(console, challenge, verdicts)
     if json is not None:
         asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
-        asked["maps"] = [road_map.name for road_map in road_maps]
-        told = {**asked, **verdicts[0].plain()}
+        told = {**asked, "maps": [m.name for m in road_maps], **verdicts[0].plain()}
         if len(verdicts) > 1:
             told["against"] = verdicts[0].against(verdicts[1])
         write_json(json, told)
@@ -88,23 +89,26 @@ def judge_command(
     return 0
 
 
-def _driver(name: str) -> Driver:
+def _driver(name: str, model: str) -> Driver:
     if name in DRIVERS:
         return DRIVERS[name]()
-    if not Path(name).exists():
-        raise ConfigError(f"{name}: expected a policy, .onnx, expert or stand; there is no file")
-    return Pilot(open_policy(Path(name)))
+    bare = name == BARE and name != model
+    path = Path(model if bare else name)
+    if not path.exists():
+        raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; there is no file")
+    return (Pilot if bare else Governed)(open_policy(path))
 
 
 class Worst:
     """The worst episodes, and what the robots saw at their end."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[float, int, Episode, list[np.ndarray]]] = []
+        self._kept: list[tuple[tuple[float, ...], Episode, Sequence[np.ndarray]]] = []
 
     def add(self, episode: Episode, frames: Sequence[np.ndarray]) -> None:
         """One more; the best of them is forgotten."""
-        bad = (-episode.tiles, -episode.seed, episode, list(frames))
+        order = (not episode.success, -episode.tiles, -episode.seed, -episode.robot)
+        bad = (order, episode, frames)
         (heapq.heappushpop if len(self._kept) == WORST else heapq.heappush)(self._kept, bad)
 
     def write(self, out: Path, verdict: Verdict, challenge: str) -> Path:
@@ -113,20 +117,21 @@ class Worst:
 
         out.mkdir(parents=True, exist_ok=True)
         films = []
-        for *_, episode, frames in sorted(self._kept, key=lambda each: each[:2], reverse=True):
-            path = out / f"episode_{episode.seed}.mp4"
+        for _, episode, frames in sorted(self._kept, key=lambda each: each[0], reverse=True):
+            path = out / f"episode_{episode.seed}_{episode.robot}.mp4"
             write_mp4(path, (enlarged(frame) for frame in frames), 1.0 / CONTROL_DT_S)
             title = f"Episode {episode.seed} on {episode.map}: {episode.end.replace('_', ' ')}"
             told = f"{episode.tiles:.1f} tiles, {episode.figures.survival_time:.1f} s; its end."
             films.append(Picture(title, told, path))
-        found = {"collision_free_rate": verdict.collision_free, "tiles": verdict.tiles}
-        found |= verdict.measures
         page = out / "judge.html"
         write_page(
             "judge.html",
             page,
             title=f"{verdict.driver}, {challenge}: {len(verdict.episodes)} episodes",
-            rows=[(n, f"{e.value:.2f}", f"{e.low:.2f} to {e.high:.2f}") for n, e in found.items()],
+            rows=[
+                (n, f"{e.value:.2f}", f"{e.low:.2f} to {e.high:.2f}")
+                for n, e in verdict.figures.items()
+            ],
             films=films,
         )
         return page
@@ -134,17 +139,17 @@ class Worst:
 
 def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
     table = Table("", *(v.driver for v in verdicts), title=f"{challenge}, medians and 95 %")
-    told = [(v.collision_free, v.tiles, *v.measures.values()) for v in verdicts]
-    units = ("", "", *(unit for _, unit in MEASURES.values()))
-    for k, name in enumerate(("collision_free_rate", "tiles", *MEASURES)):
-        cells = [f"{e[k].value:.2f} ({e[k].low:.2f} to {e[k].high:.2f})" for e in told]
-        table.add_row(f"{name} [{units[k]}]" if units[k] else name, *cells)
+    units = {name: unit for name, (_, unit) in MEASURES.items()}
+    every = [verdict.figures for verdict in verdicts]
+    for name in every[0]:
+        cells = [f"{e[name].value:.2f} ({e[name].low:.2f} to {e[name].high:.2f})" for e in every]
+        table.add_row(f"{name} [{units[name]}]" if name in units else name, *cells)
     ends = [", ".join(f"{k} {n}" for k, n in v.ends.items()) or "none" for v in verdicts]
     table.add_row("infractions", *ends)
     console.print(table, markup=False)
     if len(verdicts) > 1:
         found = verdicts[0].against(verdicts[1])
         console.print(
-            f"only {verdicts[0].driver} survived: {found['only_first']}, only "
+            f"only {verdicts[0].driver} succeeded: {found['only_first']}, only "
             f"{verdicts[1].driver}: {found['only_second']}; McNemar p = {found['p_value']:.3g}"
         )

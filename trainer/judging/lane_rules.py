@@ -28,6 +28,8 @@ _THROUGH = {
     2: ((-0.5, -0.22, 0.0), (0.5, -0.22, 0.0)),
     3: ((-0.5, -0.22, 0.0), (0.0, 0.0, 45.0), (0.22, 0.5, 90.0)),
 }
+_ZONE_M = 0.35  # before a junction, measured at the axle
+_STILL_MPS = 0.02
 _WEST = ORIENTATIONS.index("W")
 _STEPS = 64  # between two poses of a bend: exact to 0.01 mm
 
@@ -58,6 +60,20 @@ class LaneRules:
     def __init__(self, road_map: RoadMap) -> None:
         self._map = road_map
         self._half_m = 0.5 * LANE_TILES * road_map.tile_size_m
+
+    def lines_run(self, poses: np.ndarray, dt_s: float) -> int:
+        """How many junctions a drive as below entered without standing before them.
+
+        A robot must stand somewhere on the last `_ZONE_M`; who began nearer is not judged.
+        """
+        way_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        tiles = [self._map.tile_at(x_m, y_m) for x_m, y_m in poses[:, :2].tolist()]
+        inside = np.array([tile is not None and tile.is_junction for tile in tiles])
+        driven_m, run = np.concatenate(([0.0], np.cumsum(way_m))), 0
+        for k in (np.flatnonzero(inside[1:] & ~inside[:-1]) + 1).tolist():
+            first = int(np.searchsorted(driven_m, driven_m[k] - _ZONE_M))
+            run += first > 0 and not (way_m[first:k] < _STILL_MPS * dt_s).any()
+        return run
 
     def figures(self, poses: np.ndarray, dt_s: float) -> LaneFigures:
         """Of a drive through poses (T, 3), one each ``dt_s``; T is at least 1."""

@@ -31,42 +31,52 @@ class Verdict:
     @property
     def collision_free(self) -> Estimate:
         """Share of the episodes without a collision of its own."""
-        return share(sum(not e.collided for e in self.episodes), len(self.episodes))
+        return share(sum(not e.at_fault for e in self.episodes), len(self.episodes))
 
     @property
-    def tiles(self) -> Estimate:
-        """Driven along the lane, the median."""
-        return median([episode.tiles for episode in self.episodes])
+    def success(self) -> Estimate:
+        """Share of those that survived and drove three tiles: to stand is none."""
+        return share(sum(e.success for e in self.episodes), len(self.episodes))
 
     @property
-    def measures(self) -> dict[str, Estimate]:
-        """Medians by the Olympics' names."""
-        return {
+    def figures(self) -> dict[str, Estimate]:
+        """Shares, and medians by the Olympics' names."""
+        measures = {
             name: median([getattr(e.figures, key) for e in self.episodes])
             for name, (key, _) in MEASURES.items()
+        }
+        near = median([e.least_ttc_s for e in self.episodes])
+        every = {"collision_free_rate": self.collision_free, "success_rate": self.success}
+        return {
+            **every,
+            "tiles": median([e.tiles for e in self.episodes]),
+            **measures,
+            "least_time_to_collision": near,
         }
 
     @property
     def ends(self) -> dict[str, int]:
-        """What ended episodes before their time, and how many."""
-        return dict(sorted(Counter(e.end for e in self.episodes if e.end != SURVIVED).items()))
+        """What ended episodes before their time, whose fault it was, red lines run; how many."""
+        found: Counter[str] = Counter()
+        for each in self.episodes:
+            if each.end != SURVIVED:
+                others = each.end.startswith("collision") and not each.at_fault
+                found[each.end + "_by_others" * others] += 1
+            found["line_run"] += each.lines_run
+        return {name: count for name, count in sorted(found.items()) if count}
 
     def plain(self) -> dict[str, Any]:
         """For JSON."""
-        every = {"collision_free_rate": self.collision_free, "tiles": self.tiles, **self.measures}
-        rows = [
-            {**each._asdict(), "figures": each.figures._asdict(), "collided": each.collided}
-            for each in self.episodes
-        ]
+        rows = [{**each._asdict(), "figures": each.figures._asdict()} for each in self.episodes]
         return {
             "driver": self.driver,
-            **{name: found.value for name, found in every.items()},
-            "intervals": {name: [found.low, found.high] for name, found in every.items()},
+            **{name: found.value for name, found in self.figures.items()},
+            "intervals": {name: [found.low, found.high] for name, found in self.figures.items()},
             "infractions": self.ends,
             "drives": rows,
         }
 
     def against(self, other: Verdict) -> dict[str, Any]:
-        """Both on the same episodes: who survived the minute where the other did not."""
-        mine, theirs = ([e.end == SURVIVED for e in v.episodes] for v in (self, other))
+        """Both on the same episodes: who succeeded where the other did not."""
+        mine, theirs = ([e.success for e in v.episodes] for v in (self, other))
         return {**other.plain(), **paired(mine, theirs)._asdict()}

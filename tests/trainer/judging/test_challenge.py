@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim_pybullet.tasks import traffic
 from trainer.cli import main
-from trainer.judging import challenge
 from trainer.judging.challenge import Episode
 from trainer.judging.lane_rules import LaneFigures
 from trainer.judging.statistics import median, paired, share
@@ -43,25 +43,46 @@ def test_mcnemars_exact_test_by_hand(only_first: int, only_second: int, p_value:
     assert tuple(paired(first, second)) == (only_first, only_second, pytest.approx(p_value))
 
 
-def test_a_verdict_counts_ends_and_takes_medians() -> None:
-    def episode(seed: int, end: str, tiles: float) -> Episode:
-        return Episode(seed, "loop", end, LaneFigures(*[tiles] * 6), tiles)
+def episode(seed: int, end: str, tiles: float, at_fault: bool = False, runs: int = 0) -> Episode:
+    success = end == "time" and tiles >= 3.0
+    lane = "loop", runs, tiles, LaneFigures(*[tiles] * 6)
+    return Episode(seed, 0, end, at_fault, success, 1.0, *lane)
 
-    ends = ("time", "time", "collision_duck", "out_of_tile")
-    verdict = Verdict("x", [episode(k, end, float(k)) for k, end in enumerate(ends)])
+
+def test_a_verdict_takes_medians_and_counts_what_went_wrong_and_by_whose_fault() -> None:
+    verdict = Verdict(
+        "x",
+        [
+            episode(0, "time", 6.0, runs=2),
+            episode(1, "time", 5.0),
+            episode(2, "collision_duck", 2.0, at_fault=True),
+            episode(3, "collision_robot", 1.0),
+            episode(4, "out_of_tile", 0.0),
+        ],
+    )
     told = verdict.plain()
-    assert told["collision_free_rate"] == 0.75
-    assert told["tiles"] == told["deviation-center-line"] == 1.5
-    assert told["infractions"] == {"collision_duck": 1, "out_of_tile": 1}
-    stands = Verdict("y", [episode(k, "time", 0.0) for k in range(4)])
-    found = verdict.against(stands)
-    assert (found["only_first"], found["only_second"], found["p_value"]) == (0, 2, 0.5)
+    assert (told["collision_free_rate"], told["success_rate"]) == (0.8, 0.4)
+    assert told["tiles"] == told["deviation-center-line"] == 2.0
+    assert told["infractions"] == {
+        "collision_duck": 1,
+        "collision_robot_by_others": 1,
+        "line_run": 2,
+        "out_of_tile": 1,
+    }
+
+
+def test_who_stands_has_no_collision_and_no_success() -> None:
+    drives = Verdict("x", [episode(k, "time", 9.0) for k in range(6)])
+    stands = Verdict("y", [episode(k, "time", 0.0) for k in range(6)])
+    assert stands.plain()["collision_free_rate"] == 1.0
+    found = drives.against(stands)
+    assert (found["only_first"], found["only_second"], found["p_value"]) == (6, 0, 0.03125)
 
 
 def test_the_command_says_the_same_again_and_shows_the_worst(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(challenge, "EPISODE_S", 6.0)
+    monkeypatch.setattr(traffic, "EPISODE_S", 3.0)
     asked = ["judge", "--model", "expert", "--against", "stand", "--episodes", "2"]
     files = [tmp_path / f"{k}.json" for k in range(2)]
     for file in files:
@@ -70,9 +91,9 @@ def test_the_command_says_the_same_again_and_shows_the_worst(
     assert files[0].read_bytes() == files[1].read_bytes()
     told = json.loads(files[0].read_text())
     assert (told["challenge"], told["episodes"], told["collision_free_rate"]) == ("lf", 2, 1.0)
-    assert told["tiles"] > 2.5
+    assert told["tiles"] > 1.0
     assert told["against"]["tiles"] == pytest.approx(0.0, abs=1e-9)
-    assert told["survival_time"] == told["against"]["survival_time"] == pytest.approx(6.0)
+    assert told["survival_time"] == told["against"]["survival_time"] == pytest.approx(3.0)
     assert told["driven_lanedir_consec"] == pytest.approx(0.585 * told["tiles"])
     assert {"deviation-center-line", "in-drivable-lane", "deviation-heading"} <= told.keys()
     page = (tmp_path / "out" / "judge.html").read_text()
@@ -84,7 +105,8 @@ def test_the_command_says_the_same_again_and_shows_the_worst(
     ("words", "said"),
     [
         (["--model", "none.onnx"], "none.onnx: expected a policy, .onnx, expert or stand"),
-        (["--model", "stand", "--map", "town"], "expected a ring of road without junctions"),
+        (["--model", "stand", "--map", "nowhere"], "nowhere: expected a map file"),
+        (["--model", "bare"], "bare: expected a policy, .onnx, expert or stand"),
         (["--model", "stand", "--challenge", "lfx"], "lfx"),
         (["--model", "stand", "--episodes", "0"], "episodes: expected"),
     ],
