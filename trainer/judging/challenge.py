@@ -5,69 +5,24 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
+from robot.contract import CONTROL_DT_S
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.batch import BatchStep, BatchWorld, Observation
+from sim_pybullet.batch import BatchStep, BatchWorld
 from sim_pybullet.pool import Looks
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
-from trainer.judging.evaluate import ROBOTS, DrivingPolicy, _choose
+from trainer.judging.drivers import Driver
+from trainer.judging.evaluate import ROBOTS
 from trainer.judging.lane_rules import LaneFigures, LaneRules
 
 FILM_S = 10.0  # kept of each drive, its end
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 SURVIVED = "time"
-
-
-class Driver(Protocol):
-    """Who drives all robots of a world."""
-
-    guided: bool  # whether it gets a path
-
-    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
-        """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
-
-
-class Standing:
-    """Never moves."""
-
-    guided = False
-
-    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
-        """See `Driver`."""
-        return np.zeros((world.n_robots, 2))
-
-
-class Expert:
-    """Knows where everybody is."""
-
-    guided = False
-
-    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
-        """See `Driver`."""
-        return world.expert_actions()
-
-
-class Pilot:
-    """A policy, greedily."""
-
-    def __init__(self, policy: DrivingPolicy) -> None:
-        self._policy = policy
-        self.guided = policy.contract.path_points > 0
-
-    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
-        """See `Driver`."""
-        newest = 3 * self._policy.contract.frames
-        seen = seen._replace(image=seen.image[..., -newest:])
-        choices = np.zeros(world.n_robots, dtype=int)
-        for robot in np.flatnonzero(world.active).tolist():
-            choices[robot] = _choose(self._policy, seen, robot, None)
-        return np.array(self._policy.contract.actions)[choices] / MAX_WHEEL_MPS
 
 
 class Episode(NamedTuple):

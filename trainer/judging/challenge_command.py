@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 from rich.table import Table
 
-from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import maps_named
-from trainer.judging.challenge import Driver, Episode, Expert, Pilot, Standing, drive, robots_of
+from trainer.judging.challenge import drive, robots_of
+from trainer.judging.drivers import Driver, Expert, Pilot, Standing
 from trainer.judging.evaluate import open_policy
 from trainer.judging.governed import Governed
 from trainer.judging.verdict import MEASURES, Verdict
-from trainer.mp4 import enlarged, write_mp4
+from trainer.report.worst import Worst
 from trainer.run import write_json
 
-WORST = 5  # episodes that are filmed
 _RINGS = ("judging/rings",)
 MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
 BARE = "bare"
@@ -97,44 +94,6 @@ def _driver(name: str, model: str) -> Driver:
     if not path.exists():
         raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; there is no file")
     return (Pilot if bare else Governed)(open_policy(path))
-
-
-class Worst:
-    """The worst episodes, and what the robots saw at their end."""
-
-    def __init__(self) -> None:
-        self._kept: list[tuple[tuple[float, ...], Episode, Sequence[np.ndarray]]] = []
-
-    def add(self, episode: Episode, frames: Sequence[np.ndarray]) -> None:
-        """One more; the best of them is forgotten."""
-        order = (not episode.success, -episode.tiles, -episode.seed, -episode.robot)
-        bad = (order, episode, frames)
-        (heapq.heappushpop if len(self._kept) == WORST else heapq.heappush)(self._kept, bad)
-
-    def write(self, out: Path, verdict: Verdict, challenge: str) -> Path:
-        """Films, and the page that shows them."""
-        from trainer.report.page import Picture, write_page
-
-        out.mkdir(parents=True, exist_ok=True)
-        films = []
-        for _, episode, frames in sorted(self._kept, key=lambda each: each[0], reverse=True):
-            path = out / f"episode_{episode.seed}_{episode.robot}.mp4"
-            write_mp4(path, (enlarged(frame) for frame in frames), 1.0 / CONTROL_DT_S)
-            title = f"Episode {episode.seed} on {episode.map}: {episode.end.replace('_', ' ')}"
-            told = f"{episode.tiles:.1f} tiles, {episode.figures.survival_time:.1f} s; its end."
-            films.append(Picture(title, told, path))
-        page = out / "judge.html"
-        write_page(
-            "judge.html",
-            page,
-            title=f"{verdict.driver}, {challenge}: {len(verdict.episodes)} episodes",
-            rows=[
-                (n, f"{e.value:.2f}", f"{e.low:.2f} to {e.high:.2f}")
-                for n, e in verdict.figures.items()
-            ],
-            films=films,
-        )
-        return page
 
 
 def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:

@@ -29,7 +29,7 @@ from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.tasks.traffic import Traffic
 from sim_pybullet.traffic.crowd import Bodies, Body
-from trainer.judging.challenge import Pilot
+from trainer.judging.drivers import Pilot
 from trainer.judging.evaluate import DrivingPolicy
 
 _HALF_M = {Body.DUCK: HALF_DUCK_M, Body.ROBOT: HALF_ROBOT_M, Body.THING: HALF_DUCK_M}
@@ -82,7 +82,7 @@ class Governed(Pilot):
         self._turns = 0
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
-        """See `trainer.judging.challenge.Driver`."""
+        """See `trainer.judging.drivers.Driver`."""
         task = world.task
         assert isinstance(task, Traffic)
         shares = super().choose(world, seen)

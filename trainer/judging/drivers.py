@@ -1,0 +1,57 @@
+"""Who drives the robots of a challenge."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from robot.contract import MAX_WHEEL_MPS
+from sim_pybullet.batch import BatchWorld, Observation
+from trainer.judging.evaluate import DrivingPolicy, _choose
+
+
+class Driver(Protocol):
+    """Who drives all robots of a world."""
+
+    guided: bool  # whether it gets a path
+
+    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
+        """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
+
+
+class Standing:
+    """Never moves."""
+
+    guided = False
+
+    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
+        """See `Driver`."""
+        return np.zeros((world.n_robots, 2))
+
+
+class Expert:
+    """Knows where everybody is."""
+
+    guided = False
+
+    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
+        """See `Driver`."""
+        return world.expert_actions()
+
+
+class Pilot:
+    """A policy, greedily."""
+
+    def __init__(self, policy: DrivingPolicy) -> None:
+        self._policy = policy
+        self.guided = policy.contract.path_points > 0
+
+    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
+        """See `Driver`."""
+        newest = 3 * self._policy.contract.frames
+        seen = seen._replace(image=seen.image[..., -newest:])
+        choices = np.zeros(world.n_robots, dtype=int)
+        for robot in np.flatnonzero(world.active).tolist():
+            choices[robot] = _choose(self._policy, seen, robot, None)
+        return np.array(self._policy.contract.actions)[choices] / MAX_WHEEL_MPS
