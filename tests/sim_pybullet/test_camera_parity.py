@@ -20,6 +20,7 @@ from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.map_objects import MapObject, object_solids, objects_of
 from sim_pybullet.scenery.objects import build_scene
 from tests.robot.real_lenses import real_lenses
+from tests.thorough import count
 
 FRAME = ImageSpec(160, 120)
 LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
@@ -80,13 +81,8 @@ def assert_parity(count: int) -> None:
         assert np.mean(expected == labels) > 0.98
 
 
-def test_cameras_agree_on_twenty_poses() -> None:
-    assert_parity(20)
-
-
-@pytest.mark.slow
-def test_cameras_agree_on_two_hundred_poses() -> None:
-    assert_parity(200)
+def test_cameras_agree() -> None:
+    assert_parity(count(20, 200))
 
 
 @pytest.mark.parametrize("name", LENSES)

@@ -12,11 +12,12 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.navigation import Navigation
+from tests.thorough import count
 
 MODELS = Path(__file__).parents[3] / "robot" / "models"
 NAVIGATORS = sorted(path.stem for path in MODELS.glob("nav_*.onnx"))
 LARGEST_BYTES = 8_000_000
-ROBOTS = 10
+ROBOTS = count(4, 10)
 
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.onnx")), ids=lambda path: path.stem)

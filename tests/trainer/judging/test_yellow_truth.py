@@ -8,6 +8,7 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.painting.ground import paint_ground
+from tests.thorough import count
 from tests.trainer.judging.yellow_truth import measure, yellow_middle
 
 
@@ -30,7 +31,7 @@ def test_a_road_with_junctions_has_no_truth() -> None:
 
 @pytest.mark.slow
 def test_the_side_of_the_line_is_right_in_99_of_100_frames() -> None:  # -rP shows the figures
-    result = measure("loop", NOMINAL, frames=10_000, seed=1)
+    result = measure("loop", NOMINAL, frames=count(1_000, 10_000), seed=1)
     print(result)
     assert result.agreement >= 0.99
     assert result.judged >= 0.9 * result.frames

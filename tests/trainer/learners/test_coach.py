@@ -68,7 +68,7 @@ def drives(coach: Coach | None, config: RunConfig) -> float:
 
 def test_is_taught_by_reward_once_and_then_found(tmp_path: Path) -> None:
     config = run(style="cruise")
-    coach = find_coach(tmp_path / "coach.pt", config, 50_000, QUIET)
+    coach = find_coach(tmp_path / "coach.pt", config, 25_000, QUIET)
     assert drives(coach, config) > 2.0 * max(drives(None, config), 0.005)
     again = find_coach(tmp_path / "coach.pt", config, 0, QUIET)  # not taught again
     world = make_blind_env(config, 16, 3).world

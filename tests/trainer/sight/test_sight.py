@@ -114,9 +114,9 @@ def test_it_learns_and_its_uncertainty_is_scaled_to_its_errors(driven: Pictures)
     torch.manual_seed(0)
     network = SightNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
-    run = SightRun(steps=120, batch=64)
+    run = SightRun(steps=60, batch=48)
     step = lesson(network, optimiser, driven, run)
-    told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(120)]
+    told = [float(step(np.random.default_rng(k), k).split()[-1]) for k in range(60)]
     assert np.mean(told[-10:]) < np.mean(told[:10]) - 1.0
     calibrate(network, driven)
     seen = as_seen(network.see(driven.images))

@@ -27,12 +27,13 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.navigation import Navigation
+from tests.thorough import THOROUGH, count
 from trainer.division import division
 from trainer.sight.cli import SHIPPED
 
 NOSE_M, MAP_LINES_M, REST_M = 0.066, 0.12, 0.002
 ROBOTS = 20
-CROSSINGS = int(os.environ.get("CROSSINGS", "30"))
+CROSSINGS = int(os.environ.get("CROSSINGS", count(10, 30)))
 
 
 @dataclass
@@ -127,7 +128,7 @@ def drive(
 
 
 def test_robots_that_know_their_place_stand_at_every_line() -> None:
-    tally = drive([load_map("town")], [replace(NOMINAL)], PoseSources(), 40)
+    tally = drive([load_map("town")], [replace(NOMINAL)], PoseSources(), 16)
     print(tally)
     assert tally.right == tally.crossings
     assert tally.false == 0
@@ -135,7 +136,7 @@ def test_robots_that_know_their_place_stand_at_every_line() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("look", ["reality", "randomised"])
-@pytest.mark.parametrize("overhead", ["always", "start"])
+@pytest.mark.parametrize("overhead", ["start", "always"] if THOROUGH else ["start"])
 def test_robots_with_sight_stand_at_nearly_every_line(look: str, overhead: str) -> None:
     maps = [load_map(name) for name in division().maps.judging]
     looks = load_look_sampler(look)

@@ -99,7 +99,7 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
         shared["plasma_directory"] = str(tmp_path)
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, **shared})
     nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]
-    config = replace(toy_config("ppo", 24_000), workers=2)
+    config = replace(toy_config("ppo", 10_000), workers=2)
     config = replace(config, evaluation=replace(config.evaluation, stop_after_perfect=0))
     run, lost = RunFolder(tmp_path / "toy"), threading.Event()
 

@@ -1,0 +1,10 @@
+"""How much a test tries: a little in every run, all of it with ``THOROUGH=1``."""
+
+import os
+
+THOROUGH = os.environ.get("THOROUGH") == "1"
+
+
+def count(usual: int, thorough: int) -> int:
+    """The number for this run."""
+    return thorough if THOROUGH else usual
