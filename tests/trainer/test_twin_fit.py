@@ -1,0 +1,98 @@
+"""A twin: a short drive of a robot of a known look is enough to find it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot.errors import ConfigError
+from sim_pybullet.look import NOMINAL, CameraLook, DriveLook, Look, SensorLook, TimingLook
+from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.randomise import load_look_sampler
+from trainer.twin.fit import fit_twin, write_twin
+from trainer.twin.motion import NAMES, fit_motion, from_above, reckoned
+from trainer.twin.recorded import read_recordings
+from trainer.twin.virtual import record_drive
+
+OWN = replace(
+    NOMINAL,
+    camera=CameraLook(height_m=0.118, pitch_rad=0.40, yaw_rad=0.03, focal_scale=0.95),
+    drive=DriveLook(gain=0.93, trim=0.03, turn_gain=0.95, delay_s=0.05),
+    timing=TimingLook(camera_delay_s=0.06),
+    sensor=SensorLook(noise=3.0, vignetting=0.2),
+)
+
+
+def commands(seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """Rim speeds (K, 2) that change by jerks."""
+    jerks = rng.uniform(0.05, 0.35, (round(seconds / 0.5), 2))
+    return np.repeat(jerks, round(0.5 / PHYSICS_DT_S), axis=0)
+
+
+def test_the_motors_of_a_known_drive_are_found() -> None:
+    rng = np.random.default_rng(0)
+    driven = commands(40.0, rng)
+    true = np.array((0.95, 0.02, 1.05, 0.12, 0.1, 0.1, 0.0, 0.0, 0.0))
+    track = reckoned(driven, true[None])[0]
+    times_s = np.arange(10, 390) * 0.1
+    grid_s = np.arange(len(track)) * PHYSICS_DT_S + true[5]
+    told = [np.interp(times_s, grid_s, part) for part in track.T]
+    noisy = np.column_stack((times_s, *told)) + rng.normal(0.0, (0, 0.01, 0.01, 0.03), (380, 4))
+    found = fit_motion([from_above(driven, noisy)], eye=False)
+    off = dict(zip(NAMES, np.abs(found.values - true), strict=False))
+    assert off["gain"] < 0.01
+    assert off["trim"] < 0.004
+    assert off["turn_gain"] < 0.02
+    assert off["delay_s"] + off["turn_lag_s"] < 0.06
+
+
+def test_motors_that_never_ran_stay_as_unsure_as_before() -> None:
+    stood = np.zeros((900, 2))
+    told = np.column_stack((np.arange(290) * 0.1, np.ones((290, 3))))
+    found = fit_motion([from_above(stood, told)], eye=False)
+    assert found.sd[0] == pytest.approx(0.15, rel=0.2)  # as wide as it began
+    assert found.sd[1] == pytest.approx(0.06, rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_drive(OWN, "rings/claw", 40.0, 1, tmp_path_factory.mktemp("twin") / "own.mcap")
+
+
+def test_a_recording_has_what_a_fit_needs(recording: Path) -> None:
+    (drive,) = read_recordings([recording])
+    assert drive.images.shape[1:] == (120, 160, 3)
+    assert len(drive.images) == len(drive.times_s) == len(drive.turns) > 300
+    assert drive.seconds == pytest.approx(40.0, abs=0.3)
+    delays_s = np.diff(drive.overhead[:, 0])
+    assert np.median(delays_s) == pytest.approx(0.1)
+
+
+def test_a_recording_without_poses_is_refused(tmp_path: Path) -> None:
+    short = record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path / "short.mcap")
+    with pytest.raises(ConfigError, match="20 s and more of driving"):
+        read_recordings([short])
+
+
+@pytest.mark.slow
+def test_the_look_of_a_known_robot_is_found(recording: Path, tmp_path: Path) -> None:
+    twin = fit_twin(read_recordings([recording]))
+    found: Look = twin.look
+    assert found.camera.height_m == pytest.approx(OWN.camera.height_m, abs=0.004)
+    middle = found.camera.pitch_rad - found.camera.centre_down_px / 76.0
+    assert middle == pytest.approx(OWN.camera.pitch_rad, abs=0.015)
+    assert found.camera.yaw_rad - found.camera.centre_right_px / 76.0 == pytest.approx(
+        0.03, abs=0.03
+    )
+    assert found.drive.gain == pytest.approx(0.93, abs=0.02)
+    assert found.drive.trim == pytest.approx(0.03, abs=0.005)
+    assert found.sensor.noise == pytest.approx(3.0, abs=1.0)
+    assert np.abs(np.subtract(found.ground.asphalt_rgb, OWN.ground.asphalt_rgb)).max() < 8
+    out = tmp_path / "own.yaml"
+    write_twin(twin, out)
+    draws = [load_look_sampler(out)(np.random.default_rng(k)) for k in range(8)]
+    assert np.std([look.sensor.blur_px for look in draws]) > 0.1  # unseen: as wide as randomised
+    assert np.std([look.camera.height_m for look in draws]) < 0.005

@@ -1,0 +1,252 @@
+"""Where the camera sits and looks, fitted to where the lines of the map lie in the pictures.
+
+The simulator's own camera draws how much white, yellow and floor beside the road each pixel sees.
+That explains the brightness and the yellow of a picture, and how it changes as the camera is moved
+tells where the camera is: Gauss and Newton's steps over many pictures, each with its own pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from robot.contract import ImageSpec
+from robot.lens import CameraRig
+from robot.navigation.road_map import RoadMap
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.look import CameraLook, GroundLook, LightLook, Look, SkyLook
+from sim_pybullet.painting.ground import paint_ground
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scene import Scene
+
+NAMES = (
+    *("height_m", "pitch_rad", "roll_rad", "focal_scale", "distortion_scale"),
+    *("centre_right_px", "centre_down_px"),
+)
+# Beyond what `looks/randomised.yaml` knows.
+USUAL = np.array([getattr(CameraLook(), name) for name in NAMES])
+SPREAD = np.array((0.03, 0.17, 0.05, 0.1, 0.2, 3.5, 3.5))
+POSE_SPREAD = np.array((0.04, 0.04, 0.09))
+_SMALL = np.array((3e-3, 1e-2, 1e-2, 1e-2, 5e-2, 0.7, 0.7))  # for derivatives
+_SMALL_POSE = np.array((6e-3, 6e-3, 1.5e-2))
+FAR_M = 0.9
+WIDTHS = (0.8, 1.0, 1.2)
+TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))  # pitches to begin with
+SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
+LEAST_SHARE = 0.2  # of a picture that the map must explain
+_EVERY = 3  # pixels of which one is asked
+_ALIKE = 4.0  # neighbouring pixels err alike: so many tell as much as one
+_COVER = {
+    SemanticClass.WHITE_LINE: (255, 0, 0),
+    SemanticClass.YELLOW_LINE: (0, 255, 0),
+    SemanticClass.OUTSIDE: (0, 0, 255),
+    SemanticClass.RED_LINE: (255, 255, 0),  # where two say all, nothing is known
+}
+
+
+def cover_scene(road_map: RoadMap, width: float) -> Scene:
+    """The floor in white, yellow and beside as red, green and blue; lines so many times as wide."""
+    ground = paint_ground(road_map, GroundLook(line_width_scale=width))
+    rgb = np.zeros((*ground.classes.shape, 3), np.uint8)
+    for kind, colour in _COVER.items():
+        rgb[ground.classes == kind] = colour
+    bare = replace(ground, rgb=rgb, outside_rgb=(0.0, 0.0, 255.0))
+    return Scene(bare, (), SkyLook(), LightLook(ambient=1.0, diffuse=0.0))
+
+
+def rig_of(values: np.ndarray) -> CameraRig:
+    """The nominal camera with these values (7,) of ``NAMES``."""
+    camera = replace(CameraLook(), **dict(zip(NAMES, values.tolist(), strict=True)))
+    return replace(Look(), camera=camera).rig()
+
+
+class Eye:
+    """Draws cover as a camera sees it, and as it would with each of ``NAMES`` a little otherwise.
+
+    Slopes are taken from both sides: from one, what aliasing does to the picture itself would pull
+    every value the same way.
+    """
+
+    def __init__(self, scene: Scene, values: np.ndarray, camera_too: bool) -> None:
+        moves = np.diag(_SMALL) if camera_too else np.zeros((0, len(NAMES)))
+        rigs = [rig_of(values + move) for move in (0.0 * _SMALL, *moves, *-moves)]
+        self._slots = np.array([*range(len(rigs)), *(0,) * 6])
+        self._camera = RayCamera(ImageSpec(), len(rigs))
+        for k, rig in enumerate(rigs):
+            self._camera.set_robot(k, scene, rig)
+        self._small = np.array([*_SMALL[: len(moves)], *_SMALL_POSE])
+        pixels = np.stack(np.meshgrid(np.arange(160), np.arange(120)), axis=-1).astype(float)
+        rig = rigs[0]
+        found = CameraRig(rig.lens.scaled(160, 120), rig.mount).to_floor(pixels)
+        self._near = np.nan_to_num(np.hypot(found[..., 0], found[..., 1]), nan=np.inf) < FAR_M
+
+    def look(self, pose: np.ndarray, blur_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """At a pose (3,): indices (N,) of known pixels, cover (N, 3), its slopes (G, N, 3)."""
+        poses = np.tile(pose, (len(self._slots), 1))
+        poses[-6:-3] += np.diag(_SMALL_POSE)
+        poses[-3:] -= np.diag(_SMALL_POSE)
+        drawn = self._camera.render(poses, self._slots)
+        beside, unknown = drawn[0, ..., 2] > 250, drawn[0, ..., :2].min(axis=-1) > 30
+        off_road = cv2.erode(beside.astype(np.uint8), np.ones((9, 9))) > 0
+        off_road |= cv2.dilate(unknown.astype(np.uint8), np.ones((5, 5))) > 0
+        known = np.flatnonzero(self._near & ~off_road)[::_EVERY]
+        planes = drawn.astype(np.float32) / 255.0
+        if blur_px:
+            planes = np.stack([cv2.GaussianBlur(plane, (0, 0), blur_px) for plane in planes])
+        seen = planes.reshape(len(planes), -1, 3)[:, known].astype(float)
+        rigs = len(self._slots) - 7
+        more = np.concatenate((seen[1 : 1 + rigs // 2], seen[-6:-3]))
+        less = np.concatenate((seen[1 + rigs // 2 : 1 + rigs], seen[-3:]))
+        return known, seen[0], (more - less) / (2.0 * self._small)[:, None, None]
+
+
+def planes_of(image: np.ndarray, blur_px: float = 0.0) -> np.ndarray:
+    """(pixels, 2) float64, brightness and yellow of a picture."""
+    seen = image.astype(np.float32)
+    red, green, blue = np.moveaxis(
+        cv2.GaussianBlur(seen, (0, 0), blur_px) if blur_px else seen, -1, 0
+    )
+    return np.stack(((red + green + blue) / 3, (red + green) / 2 - blue), -1).reshape(-1, 2)
+
+
+def _shading() -> np.ndarray:
+    rows, columns = np.mgrid[-1:1:120j, -1:1:160j]
+    terms = (np.ones_like(rows), rows, columns, rows * rows, columns * columns)
+    return np.stack(terms, axis=-1).reshape(-1, len(terms))
+
+
+_SHADING = _shading()
+
+
+class Explained(NamedTuple):
+    """What a picture says of camera and pose: normal equations, and how much the map explains."""
+
+    matrix: np.ndarray  # (G, G)
+    vector: np.ndarray  # (G,)
+    share: float  # of the picture's variance
+
+
+def explain(planes: np.ndarray, eye: Eye, pose: np.ndarray, blur_px: float) -> Explained:
+    """How a picture's planes (pixels, 2) follow from what the eye draws at a pose (3,)."""
+    known, cover, slopes = eye.look(pose, blur_px)
+    matrix, vector = np.zeros((len(slopes), len(slopes))), np.zeros(len(slopes))
+    if len(known) < 200:
+        return Explained(matrix, vector, 0.0)
+    terms, shaded = np.concatenate((_SHADING[known], cover), axis=1), _SHADING[known]
+    left = whole = 0.0
+    for plane in planes[known].T:
+        weights = np.ones(len(known))
+        for _ in range(3):
+            heavy = terms * weights[:, None]
+            solver = np.linalg.inv(heavy.T @ terms + 1e-6 * np.eye(terms.shape[1])) @ heavy.T
+            found = solver @ plane
+            missed = plane - terms @ found
+            sigma = 1.4826 * np.median(np.abs(missed)) + 0.5
+            weights = 1.0 / (1.0 + (missed / (2.5 * sigma)) ** 2)
+        slope = (slopes @ found[-3:]).T
+        slope -= terms @ (solver @ slope)
+        heavy = slope * (weights / (sigma**2 * _ALIKE))[:, None]
+        matrix += heavy.T @ slope
+        vector += heavy.T @ missed
+        plain = shaded @ np.linalg.lstsq(shaded, plane, rcond=None)[0]
+        left += float((weights * missed**2).sum()) / sigma**2
+        whole += float((weights * (plane - plain) ** 2).sum()) / sigma**2
+    return Explained(matrix, vector, max(0.0, 1.0 - left / max(whole, 1e-9)))
+
+
+class Fitted(NamedTuple):
+    """A camera and the poses of its pictures."""
+
+    values: np.ndarray  # (7,) of ``NAMES``
+    sd: np.ndarray
+    poses: np.ndarray  # (F, 3)
+    share: float  # of the pictures' variance that the map explains
+    width: float = 1.0  # of the lines, a factor
+
+
+def fit_camera(images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap) -> Fitted:
+    """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
+    few = np.linspace(0, len(images) - 1, min(12, len(images))).astype(int)
+    scenes = {width: cover_scene(road_map, width) for width in WIDTHS}
+    soft = [planes_of(image, SOFT_PX) for image in images]
+    tried = []
+    for off_rad in TRIED_RAD:
+        begin = USUAL + off_rad * (np.array(NAMES) == "pitch_rad")
+        tried.append(
+            descend([soft[k] for k in few], poses[few], scenes[1.0], begin, 2, None, SOFT_PX)
+        )
+    best = max(tried, key=lambda fitted: fitted.share)
+    sharp = [planes_of(image, BLUR_PX) for image in images]
+    kinds = []
+    for width, scene in scenes.items():
+        some = [sharp[k] for k in few]
+        found = descend(some, poses[few], scene, best.values, 1, best.poses)
+        kinds.append(found._replace(width=width))
+    best = max(kinds, key=lambda fitted: fitted.share)
+    scene = scenes[best.width]
+    near, _, _ = settle(soft, poses, scene, best.values, poses, SOFT_PX)
+    return descend(sharp, poses, scene, best.values, 5, near)._replace(width=best.width)
+
+
+def descend(
+    pictures: Sequence[np.ndarray],
+    poses: np.ndarray,
+    scene: Scene,
+    values: np.ndarray,
+    steps: int,
+    begin: np.ndarray | None = None,
+    blur_px: float = BLUR_PX,
+) -> Fitted:
+    """Gauss and Newton's steps from values (7,); before each the poses find their places.
+
+    Pictures that the map explains less well than most say nothing of the camera.
+    """
+    now = poses.copy() if begin is None else begin.copy()
+    belief, count = np.diag(1.0 / POSE_SPREAD**2), len(NAMES)
+    for _ in range(steps):
+        now, _, _ = settle(pictures, poses, scene, values, now, blur_px)
+        eye = Eye(scene, values, camera_too=True)
+        found = [explain(p, eye, pose, blur_px) for p, pose in zip(pictures, now, strict=True)]
+        least = 0.9 * np.median([each.share for each in found])
+        matrix, vector = np.diag(1.0 / SPREAD**2), (USUAL - values) / SPREAD**2
+        for each, off in zip(found, poses - now, strict=True):
+            if each.share < least:
+                continue
+            own = np.linalg.inv(each.matrix[count:, count:] + belief)
+            cross = each.matrix[:count, count:] @ own
+            matrix = matrix + each.matrix[:count, :count] - cross @ each.matrix[count:, :count]
+            vector = vector + each.vector[:count] - cross @ (each.vector[count:] + belief @ off)
+        change = np.clip(np.linalg.solve(matrix, vector), -SPREAD, SPREAD)
+        values = np.clip(values + change, USUAL - 3.0 * SPREAD, USUAL + 3.0 * SPREAD)
+    share = float(np.median([each.share for each in found]))
+    return Fitted(values, np.sqrt(np.diag(np.linalg.inv(matrix))), now, share)
+
+
+def settle(
+    pictures: Sequence[np.ndarray],
+    poses: np.ndarray,
+    scene: Scene,
+    values: np.ndarray,
+    begin: np.ndarray,
+    blur_px: float = BLUR_PX,
+    steps: int = 3,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses (F, 3) of the eye in pictures taken near poses (F, 3), from ``begin`` on.
+
+    Returns:
+        The poses; roots (F, 3, 3) of their information; how much of each picture is explained.
+    """
+    eye, belief = Eye(scene, values, camera_too=False), np.diag(1.0 / POSE_SPREAD**2)
+    now, roots, shares = begin.copy(), np.zeros((len(poses), 3, 3)), np.zeros(len(poses))
+    for k, planes in enumerate(pictures):
+        for _ in range(steps):
+            seen = explain(planes, eye, now[k], blur_px)
+            own = seen.matrix + belief
+            step = np.linalg.solve(own, seen.vector + belief @ (poses[k] - now[k]))
+            now[k] += np.clip(step, -POSE_SPREAD, POSE_SPREAD)
+        roots[k], shares[k] = np.linalg.cholesky(own).T, seen.share
+    return now, roots, shares

@@ -1,0 +1,91 @@
+"""What colour things have in the pictures, and what the sensor does to them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from robot.contract import ImageSpec
+from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scene import Scene
+from trainer.twin.camera import rig_of
+
+KINDS = ("white", "yellow", "outside", "asphalt")
+LEAST_PIXELS = 150  # by which a colour is known
+PURE = 0.97
+_CLIPPED = 253  # beyond that a sensor tells nothing
+STILL_LEVELS = 12.0  # greatest mean change between pictures of a robot that stands
+
+
+class Colours(NamedTuple):
+    """As the pictures have them."""
+
+    rgb: dict[str, np.ndarray]  # (3,) of those of ``KINDS`` that were seen
+    vignetting: float
+    noise: float | None  # grey levels; None where the robot never stood
+
+
+def members(drawn: np.ndarray) -> dict[str, np.ndarray]:
+    """(H, W) bool for each kind: the pixels that show nothing else; of a picture of cover."""
+    share = drawn.astype(float) / 255.0
+    rest = 1.0 - share.sum(axis=-1)
+    masks = {kind: share[..., k] > PURE for k, kind in enumerate(KINDS[:3])}
+    masks["outside"][: len(drawn) // 2] = False  # far away it may be anything
+    return {**masks, "asphalt": rest > PURE}
+
+
+def cover_of(scene: Scene, values: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """(F, 120, 160, 3) uint8: how much white, yellow and floor a camera sees from poses (F, 3)."""
+    camera = RayCamera(ImageSpec(), 1)
+    camera.set_robot(0, scene, rig_of(values))
+    return np.concatenate([camera.render(pose[None]) for pose in poses])
+
+
+def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarray]) -> Colours:
+    """The colours of pictures (F, 120, 160, 3) whose cover is known, and the sensor's shade.
+
+    ``still``: pictures that followed each other while the robot stood.
+    """
+    rows, columns = np.mgrid[-1:1:120j, -1:1:160j]
+    far = 0.5 * (rows**2 + columns**2)  # 1 in the corners
+    found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
+    places: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
+    for image, cover in zip(images, drawn, strict=True):
+        for kind, mask in members(cover).items():
+            found[kind].append(image[mask].astype(float))
+            places[kind].append(far[mask])
+    levels = {kind: np.concatenate(parts) for kind, parts in found.items()}
+    radii = {kind: np.concatenate(parts) for kind, parts in places.items()}
+    shade = _vignetting(levels["asphalt"], radii["asphalt"])
+    rgb = {
+        kind: np.median(levels[kind] / (1.0 - shade * radii[kind])[:, None], axis=0).clip(0, 255)
+        for kind in KINDS
+        if len(levels[kind]) >= LEAST_PIXELS
+    }
+    return Colours(rgb, shade, _noise(still))
+
+
+def _vignetting(levels: np.ndarray, radii: np.ndarray) -> float:
+    """By the medians of rings, of pixels that are not too bright."""
+    fair = (levels < _CLIPPED).all(axis=1)
+    rings = np.digitize(radii[fair], np.linspace(0.0, 1.0, 9))
+    bright = levels[fair].mean(axis=1)
+    known = [r for r in range(1, 9) if (rings == r).sum() > LEAST_PIXELS]
+    if len(known) < 4:
+        return 0.0
+    at = np.array([radii[fair][rings == r].mean() for r in known])
+    medians = np.array([np.median(bright[rings == r]) for r in known])
+    slope, middle = np.polyfit(at, medians, 1)
+    return float(np.clip(-slope / max(middle, 1.0), 0.0, 0.6))
+
+
+def _noise(still: Sequence[np.ndarray]) -> float | None:
+    changes = [a.astype(float) - b for a, b in itertools.pairwise(still)]
+    changes = [c[(c != 0).any(axis=-1)] for c in changes if np.abs(c).mean() < STILL_LEVELS]
+    if len(changes) < 5:
+        return None
+    both = np.concatenate([c.ravel() for c in changes])
+    return float(1.4826 * np.median(np.abs(both)) / np.sqrt(2.0)) if len(both) > 1000 else 0.0

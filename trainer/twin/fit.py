@@ -1,0 +1,260 @@
+"""From recordings to a twin: a distribution of Looks that a robot like this one is drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.optimize import least_squares
+
+from robot.errors import ConfigError
+from robot.geometry import wrap_angle
+from robot.output import write_text
+from robot.typed_config import read_yaml
+from sim_pybullet.look import NOMINAL, Look, look_from_plain
+from sim_pybullet.randomise import LOOKS_DIR, look_sampler
+from trainer.twin import camera as seen
+from trainer.twin import motion as moved
+from trainer.twin.colours import Colours, cover_of, fit_colours
+from trainer.twin.recorded import Recorded
+
+KEY_PICTURES, TRACKED = 30, 400
+LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
+_FAIR = 0.7  # of that, a picture must be explained to tell a pose
+_FLOOR = np.diag(np.array((3e-3, 3e-3, 8e-3)) ** 2)  # by which seen poses err at least
+# How wrong a value may be beyond what its own residuals say, by virtual robots of known looks.
+LEAST_SD = {
+    **{"height_m": 1.5e-3, "pitch_rad": 5e-3, "roll_rad": 5e-3, "focal_scale": 0.012},
+    **{"distortion_scale": 0.05, "centre_right_px": 0.8, "centre_down_px": 0.6},
+    **{"forward_m": 4e-3, "left_m": 3e-3, "yaw_rad": 6e-3, "gain": 4e-3, "trim": 1.5e-3},
+    **{"turn_gain": 6e-3, "forward_lag_s": 0.02, "turn_lag_s": 0.015},
+    **{"delay_s": 0.008, "camera_delay_s": 0.008},
+}
+_COLOUR_LEVELS = 5.0
+_AS_SEEN: dict[str, Any] = {  # light and sensor leave colours as the camera showed them
+    "ground": {"brightness": 1.0},
+    "light": {
+        "elevation_rad": 1.5707,
+        "ambient": 0.6,
+        "diffuse": 0.4,
+        "gloss": {"uniform": [0, 0.2]},
+    },
+    "sensor": {
+        "exposure": {"log_uniform": [0.93, 1.07]},
+        "white_balance": [1.0, 1.0, 1.0],
+        "infrared": 0.0,
+    },
+}
+_OUT_OF_SIGHT = ("blur_px", "shutter_s", "jpeg_quality", "grain", "patchiness", "shadows", "wear")
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """What a fit found: values and standard deviations by ``group.leaf``; colours are (3,)."""
+
+    values: dict[str, Any]
+    sd: dict[str, float]
+    unseen: tuple[str, ...]  # sentences: what the drive could not show
+    camera: seen.Fitted
+    poses: np.ndarray  # (F, 3) of the key pictures' eye
+    pictures: np.ndarray  # (F, 120, 160, 3) key pictures
+
+    @property
+    def look(self) -> Look:
+        """The likeliest."""
+        groups: dict[str, dict[str, Any]] = {"light": {"elevation_rad": 1.5707}}
+        for name, value in self.values.items():
+            group, leaf = name.split(".")
+            groups.setdefault(group, {})[leaf] = value
+        return look_from_plain(groups)
+
+    def plain(self) -> dict[str, Any]:
+        """As the YAML of a look has it: around what was found, else as wide as ``randomised``."""
+        look = read_yaml(LOOKS_DIR / "randomised.yaml")
+        if "ground.asphalt_rgb" in self.values:
+            for group, leaves in _AS_SEEN.items():
+                look[group].update(leaves)
+        for name, value in self.values.items():
+            group, leaf = name.split(".")
+            off = 2.0 * self.sd[name]
+            low, high = np.subtract(value, off), np.add(value, off)
+            if leaf.endswith("_rgb"):
+                low, high = np.clip(low, 0, 255), np.clip(high, 0, 255)
+            elif leaf.endswith(("_s", "noise", "vignetting", "frame_skip")):
+                low = np.maximum(low, 0.0)
+            ends = [np.round(end, 4).tolist() for end in (low, high)]
+            look[group][leaf] = {"uniform": ends}
+        look_sampler(look, "twin")
+        return look
+
+
+def write_twin(twin: Twin, out: Path) -> None:
+    """The look's YAML, with what could not be seen as its head."""
+    head = "".join(f"# {line}\n" for line in ("A twin, by duckpilot fit.", *twin.unseen))
+    write_text(out, head + yaml.safe_dump(twin.plain(), sort_keys=False, default_flow_style=None))
+
+
+def fit_twin(drives: Sequence[Recorded]) -> Twin:
+    """The twin of the robot, camera and floor of drives; all on one map.
+
+    ConfigError: drives on several maps.
+    """
+    if len({drive.map_name for drive in drives}) > 1:
+        raise ConfigError("fit: expected recordings of one map, got several")
+    above = [moved.from_above(drive.commands, drive.told) for drive in drives]
+    motion = moved.fit_motion(above, eye=False, tries=6)
+    ways = [moved.smoothed(told, motion) for told in above]
+    near = [moved.at_times(w, d.times_s) for w, d in zip(ways, drives, strict=True)]
+    images = np.concatenate([drive.images for drive in drives])
+    chosen = np.linspace(0, len(images) - 1, KEY_PICTURES).astype(int)
+    camera = seen.fit_camera(images[chosen], np.concatenate(near)[chosen], drives[0].road_map)
+    values: dict[str, Any] = {}
+    sd: dict[str, float] = {}
+    unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
+    known = camera.share >= LEAST_EXPLAINED
+    if known:
+        scene = seen.cover_scene(drives[0].road_map, camera.width)
+        told = [_track(d, at, scene, camera) for d, at in zip(drives, near, strict=True)]
+        motion = moved.fit_motion([t for t in told if len(t.times_s) >= 30], eye=True)
+        _put_camera(values, sd, camera, motion)
+        cover = cover_of(scene, camera.values, camera.poses)
+        colours = fit_colours(images[chosen], cover, _still(drives[0]))
+        _put_colours(values, sd, unseen, colours, camera.width)
+    else:
+        told = above
+        unseen.append(
+            f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
+        )
+    _put_motion(values, sd, unseen, drives, told, motion, known)
+    if any(drive.skipped for drive in drives):
+        values["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives]))
+        sd["timing.frame_skip"] = 0.01
+    sd = {name: max(each, LEAST_SD.get(name.split(".")[1], 0.0)) for name, each in sd.items()}
+    return Twin(values, sd, tuple(unseen), camera, camera.poses, images[chosen])
+
+
+def _still(drive: Recorded) -> list[np.ndarray]:
+    """The first pictures, while nothing was commanded."""
+    moves = np.flatnonzero(np.abs(drive.commands).sum(axis=1) > 0.0)
+    until_s = (moves[0] if len(moves) else len(drive.commands)) / 30.0
+    return list(drive.images[drive.times_s <= until_s])
+
+
+def _track(drive: Recorded, near: np.ndarray, scene: Any, camera: seen.Fitted) -> moved.Told:
+    """Where the eye was in the drive's pictures, as far as they tell."""
+    few = np.unique(np.linspace(0, len(drive.images) - 1, TRACKED).astype(int))
+    planes = [seen.planes_of(drive.images[k], seen.BLUR_PX) for k in few]
+    found = seen.settle(planes, near[few], scene, camera.values, near[few], steps=4)
+    poses, roots, shares = found
+    fair = shares >= _FAIR * camera.share
+    matrices = np.linalg.inv(np.linalg.inv(np.swapaxes(roots, 1, 2) @ roots) + _FLOOR)
+    sure = np.swapaxes(np.linalg.cholesky(matrices), 1, 2)
+    return moved.Told(drive.commands, drive.times_s[few][fair], poses[fair], sure[fair], 3.0)
+
+
+def _put_camera(
+    values: dict[str, Any], sd: dict[str, float], camera: seen.Fitted, motion: moved.Motion
+) -> None:
+    for name, value, off in zip(seen.NAMES, camera.values, camera.sd, strict=True):
+        values[f"camera.{name}"], sd[f"camera.{name}"] = float(value), float(off)
+    for k, name in enumerate(moved.EYE, len(moved.NAMES)):
+        nominal = getattr(NOMINAL.camera, name)
+        # Poses were told by an eye that was taken to sit and look as a nominal one does.
+        values[f"camera.{name}"] = nominal + float(motion.values[k])
+        sd[f"camera.{name}"] = float(motion.sd[k])
+
+
+def _put_colours(
+    values: dict[str, Any],
+    sd: dict[str, float],
+    unseen: list[str],
+    colours: Colours,
+    width: float,
+) -> None:
+    for kind in ("asphalt", "white", "yellow", "outside"):
+        if kind in colours.rgb:
+            values[f"ground.{kind}_rgb"] = np.round(colours.rgb[kind], 1).tolist()
+            sd[f"ground.{kind}_rgb"] = _COLOUR_LEVELS / 2.0
+        else:
+            unseen.append(f"colour of {kind}: too little of it in the pictures")
+    unseen.append("exposure and white balance are in the colours, which are those of the pictures")
+    values["ground.line_width_scale"], sd["ground.line_width_scale"] = width, 0.05
+    values["sensor.vignetting"], sd["sensor.vignetting"] = colours.vignetting, 0.03
+    if colours.noise is None:
+        unseen.append("noise: the robot never stood still")
+    else:
+        values["sensor.noise"], sd["sensor.noise"] = colours.noise, 0.3
+
+
+def _put_motion(
+    values: dict[str, Any],
+    sd: dict[str, float],
+    unseen: list[str],
+    drives: Sequence[Recorded],
+    told: Sequence[moved.Told],
+    motion: moved.Motion,
+    known: bool,
+) -> None:
+    for k, name in enumerate(moved.NAMES):
+        if motion.sd[k] > 0.5 * moved.SPREAD[k]:
+            unseen.append(f"{name}: the drive does not tell")
+        elif name != "delay_s":
+            values[f"drive.{name}"], sd[f"drive.{name}"] = (
+                float(motion.values[k]),
+                float(motion.sd[k]),
+            )
+    total_s = float(motion.values[moved.NAMES.index("delay_s")])
+    if not known:
+        values["drive.delay_s"], sd["drive.delay_s"] = total_s, 0.02
+    elif not all(len(drive.overhead) for drive in drives):
+        unseen.append(
+            f"delays: without overhead poses only the sum of camera's and motors' is known, "
+            f"{1e3 * total_s:.0f} ms"
+        )
+    else:
+        late_s, off_s = camera_delay(drives, told, motion)
+        values["timing.camera_delay_s"], sd["timing.camera_delay_s"] = max(late_s, 0.0), off_s
+        values["drive.delay_s"], sd["drive.delay_s"] = max(total_s - late_s, 0.0), off_s
+
+
+def camera_delay(
+    drives: Sequence[Recorded], told: Sequence[moved.Told], motion: moved.Motion
+) -> tuple[float, float]:
+    """How late pictures are after overhead poses [s], and its standard deviation."""
+    eye = motion.values[len(moved.NAMES) :]
+    ways = []
+    for each in told:
+        axle = each.poses - (0.0, 0.0, eye[2])
+        arm = moved.eye_of(np.column_stack((np.zeros((len(axle), 2)), axle[:, 2])), eye)
+        axle[:, :2] -= arm[:, :2]
+        ways.append(moved.smoothed(each._replace(poses=axle), motion))
+    spread = np.array((0.1, 0.01, 0.01, 0.02))  # of delay, and of what the eye's place is wrong by
+
+    def off(guess: np.ndarray, keep: float = 0.0) -> np.ndarray:
+        rows = []
+        for drive, way in zip(drives, ways, strict=True):
+            times_s, poses = drive.overhead[:, 0], drive.overhead[:, 1:]
+            late = moved.at_times(way, times_s + guess[0])
+            missed = poses - moved.eye_of(late, guess[1:])
+            missed[:, 2] = wrap_angle(missed[:, 2])
+            missed /= (0.03, 0.03, 0.09)
+            gaps = np.diff(times_s)[:, None]
+            rows.append(missed[1:] - keep ** (gaps / 0.1) * missed[:-1])
+        return np.concatenate(rows)
+
+    guess, keep = np.array((0.03, 0.0, 0.0, 0.0)), 0.0
+    for _ in range(3):  # errors of poses last: what is left of one is taken off the next
+        left = off(guess, keep)
+        scale = 1.4826 * np.median(np.abs(left), axis=0) + 1e-6
+
+        def cost(guess: np.ndarray, keep: float = keep, scale: np.ndarray = scale) -> np.ndarray:
+            return np.concatenate(((off(guess, keep) / scale).ravel(), guess / spread))
+
+        found = least_squares(cost, guess, x_scale=spread, loss="soft_l1", diff_step=1e-2)
+        guess, left = found.x, np.clip(off(found.x), -3.0, 3.0)
+        keep = float(np.clip((left[1:] * left[:-1]).sum() / (left**2).sum(), 0.0, 0.98))
+    return float(guess[0]), float(np.sqrt(np.linalg.inv(found.jac.T @ found.jac)[0, 0]))

@@ -1,0 +1,135 @@
+"""``python -m trainer.twin.judge``: how near a fit comes to virtual robots that are known.
+
+Robots are drawn from looks wider than ``randomised``, driven in the batched world under the arena's
+pose errors, recorded, and fitted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot.command_line import SEED, OneLineParser, number, whole
+from robot.output import write_json
+from sim_pybullet.look import Look
+from sim_pybullet.randomise import load_look_sampler
+from trainer.twin.camera import cover_scene
+from trainer.twin.colours import cover_of, members
+from trainer.twin.fit import Twin, fit_twin
+from trainer.twin.page import twin_pictures, write_page
+from trainer.twin.recorded import Recorded, read_recordings
+from trainer.twin.virtual import record_drive
+
+MAP = "rings/claw"
+PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
+LEAST_PIXELS = 100
+AIMS = {
+    **{"camera_delay_ms": 20.0, "delays_ms": 20.0, "gain": 0.02, "trim": 0.005},
+    **{"turn_gain": 0.02, "pitch_deg": 0.5, "middle_deg": 0.5, "height_mm": 3.0, "levels": 8.0},
+}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of one robot: found less true; NaN where the fit did not say."""
+
+    camera_delay_ms: float
+    delays_ms: float  # from a command to its picture: camera, motors and half of their lag
+    gain: float
+    trim: float
+    turn_gain: float
+    pitch_deg: float  # of the camera
+    middle_deg: float  # of the ray through the middle of the picture
+    height_mm: float
+    levels: float  # greatest of any colour, in the twin's pictures of places that were recorded
+    share: float  # of the pictures that the map explains
+
+
+def errors_of(twin: Twin, true: Look, drive: Recorded) -> Errors:
+    """How far the likeliest look of a twin is from the true one."""
+    look, told = twin.look, twin.values
+    pitches = [x.camera.pitch_rad for x in (look, true)]
+    focals = [PX_PER_RAD * x.camera.focal_scale for x in (look, true)]
+    middles = [
+        p - math.atan(x.camera.centre_down_px / f)
+        for p, f, x in zip(pitches, focals, (look, true), strict=True)
+    ]
+    seen = "camera.pitch_rad" in told
+    return Errors(
+        camera_delay_ms=1e3 * (look.timing.camera_delay_s - true.timing.camera_delay_s)
+        if "timing.camera_delay_s" in told
+        else math.nan,
+        delays_ms=1e3 * (_late_s(look) - _late_s(true)),
+        gain=look.drive.gain - true.drive.gain,
+        trim=look.drive.trim - true.drive.trim,
+        turn_gain=look.drive.turn_gain - true.drive.turn_gain,
+        pitch_deg=math.degrees(pitches[0] - pitches[1]) if seen else math.nan,
+        middle_deg=math.degrees(middles[0] - middles[1]) if seen else math.nan,
+        height_mm=1e3 * (look.camera.height_m - true.camera.height_m) if seen else math.nan,
+        levels=_levels(twin, drive) if seen else math.nan,
+        share=twin.camera.share,
+    )
+
+
+def _late_s(look: Look) -> float:
+    return look.timing.camera_delay_s + look.drive.delay_s + look.drive.turn_lag_s
+
+
+def _levels(twin: Twin, drive: Recorded) -> float:
+    """The greatest difference of a kind's median colour between recorded and twin's pictures."""
+    scene = cover_scene(drive.road_map, twin.camera.width)
+    cover = cover_of(scene, twin.camera.values, twin.poses)
+    ours, worst = twin_pictures(twin, drive), 0.0
+    masks = [members(each) for each in cover]
+    for kind in masks[0]:
+        mask = np.array([each[kind] for each in masks])
+        if mask.sum() >= LEAST_PIXELS:
+            medians = [np.median(pictures[mask], axis=0) for pictures in (ours, twin.pictures)]
+            worst = max(worst, float(np.abs(medians[0] - medians[1]).max()))
+    return worst
+
+
+def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
+    """Fit as many robots as are asked for."""
+    found = []
+    for k in range(options.robots):
+        look = load_look_sampler(options.look)(np.random.default_rng((options.seed, k)))
+        path = record_drive(look, MAP, options.seconds, options.seed + k, folder / f"{k}.mcap")
+        (drive,) = read_recordings([path])
+        path.unlink()
+        twin = fit_twin([drive])
+        found.append(errors_of(twin, look, drive))
+        told = ", ".join(f"{name} {value:.3g}" for name, value in asdict(found[-1]).items())
+        print(f"{k}: {told}", flush=True)
+        if options.json:
+            write_page(twin, drive, options.json.parent / f"twin_{k}.html")
+            write_json(options.json, {"errors": [asdict(each) for each in found]})
+    return found
+
+
+def main() -> int:
+    """Print each robot's errors, and how many are within each aim."""
+    parser = OneLineParser(prog="python -m trainer.twin.judge", description=__doc__)
+    parser.add_argument("--robots", type=whole(1, 1000), default=30)
+    parser.add_argument("--seconds", type=number(20, 600), default=90.0, help="of each drive")
+    parser.add_argument("--look", default="wide/day", help="to draw robots from")
+    parser.add_argument("--seed", type=SEED, default=0)
+    parser.add_argument("--json", type=Path, help="write the figures, and pages beside them")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        found = [asdict(each) for each in judge(options, Path(folder))]
+    for name, aim in AIMS.items():
+        errors = np.abs([each[name] for each in found])
+        within = int((errors <= aim).sum())
+        print(f"{name}: {within} of {len(found)} within {aim:g}, median {np.nanmedian(errors):.3g}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""How the wheels answer: the project's motor model, fitted to where a robot was.
+
+A drive is cut into pieces. In each the model is driven by the recorded commands, and laid over the
+told poses as well as a shift and a turn can. What is then left tells gain, trim, slip, lags and
+delay, and where on the robot the eye sits that told the poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from robot.geometry import wrap_angle
+from sim_pybullet.look import DriveLook
+from sim_pybullet.motors import PHYSICS_DT_S, MotorModel
+
+NAMES = ("gain", "trim", "turn_gain", "forward_lag_s", "turn_lag_s", "delay_s")
+EYE = ("forward_m", "left_m", "yaw_rad")  # beside where it is believed to sit
+# Beyond what `looks/randomised.yaml` knows; also the weak beliefs that a fit begins with.
+USUAL = np.array((1.0, 0.0, 1.0, 0.1, 0.1, 0.08, 0.0, 0.0, 0.0))
+SPREAD = np.array((0.15, 0.06, 0.2, 0.15, 0.15, 0.15, 0.03, 0.03, 0.2))
+LOW = np.array((0.6, -0.2, 0.5, 0.0, 0.0, 0.0, -0.1, -0.1, -0.5))
+HIGH = np.array((1.5, 0.2, 1.6, 0.5, 0.5, 0.6, 0.1, 0.1, 0.5))
+_SMALL = np.array((1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3, 1e-3, 1e-3, 1e-3))  # for derivatives
+
+
+class Told(NamedTuple):
+    """A drive's commands, and poses that something told of it."""
+
+    commands: np.ndarray  # (K, 2) rim speeds [m/s], one for each `PHYSICS_DT_S`
+    times_s: np.ndarray  # (M,) ascending
+    poses: np.ndarray  # (M, 3)
+    roots: np.ndarray  # (M, 3, 3) of their information matrices
+    piece_s: float  # for which wheels are trusted
+
+
+def from_above(commands: np.ndarray, told: np.ndarray) -> Told:
+    """With poses (M, 4), times first, of an overhead camera or a filter."""
+    root = np.diag(1.0 / np.array((0.03, 0.03, 0.09)))  # of an arena, see `sim_pybullet.look`
+    order = np.argsort(told[:, 0])
+    roots = np.broadcast_to(root, (len(told), 3, 3))
+    return Told(commands, told[order, 0], told[order, 1:], roots, 8.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What was found: values and standard deviations (9,), of ``NAMES`` and ``EYE``."""
+
+    values: np.ndarray
+    sd: np.ndarray
+
+    @property
+    def look(self) -> DriveLook:
+        """As the simulator has it; the delay is that from command to what told the poses."""
+        found = dict(zip(NAMES, self.values.tolist(), strict=False))
+        return replace(DriveLook(), noise=0.0, **found)
+
+
+def reckoned(commands: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(P, K + 1, 3) where the model gets from (0, 0, 0) under commands (K, 2), for P guesses."""
+    model = MotorModel(len(values))
+    for i, row in enumerate(values):
+        model.reset(i, replace(Motion(row, row).look, delay_s=0.0))
+    rng = np.random.default_rng(0)  # of noise, and there is none
+    twists = np.zeros((len(values), len(commands), 2))
+    for k, wheels in enumerate(commands):
+        twists[:, k] = model.step(np.tile(wheels, (len(values), 1)), rng)
+    return _integrated(twists)
+
+
+def _integrated(twists: np.ndarray) -> np.ndarray:
+    """Poses (P, K + 1, 3) along twists (P, K, 2), from the origin on."""
+    zero = np.zeros((len(twists), 1))
+    heading = np.concatenate((zero, np.cumsum(twists[..., 1] * PHYSICS_DT_S, axis=1)), axis=1)
+    middle, step = heading[:, :-1] + 0.5 * np.diff(heading, axis=1), twists[..., 0] * PHYSICS_DT_S
+    x = np.concatenate((zero, np.cumsum(step * np.cos(middle), axis=1)), axis=1)
+    y = np.concatenate((zero, np.cumsum(step * np.sin(middle), axis=1)), axis=1)
+    return np.stack((x, y, heading), axis=-1)
+
+
+def at_times(track: np.ndarray, times_s: np.ndarray, late_s: float = 0.0) -> np.ndarray:
+    """(T, 3) of a reckoned track (K + 1, 3); headings are not wrapped."""
+    grid_s = np.arange(len(track)) * PHYSICS_DT_S
+    return np.stack([np.interp(times_s - late_s, grid_s, part) for part in track.T], axis=1)
+
+
+def eye_of(poses: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    """Poses (T, 3) of an eye that sits so far ahead and to the left, turned (3,)."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    forward, left, yaw = eye
+    shift = (forward * c - left * s, forward * s + left * c, np.full(len(c), yaw))
+    return np.asarray(poses + np.stack(shift, axis=1))
+
+
+def laid(ours: np.ndarray, told: np.ndarray, roots: np.ndarray) -> np.ndarray:
+    """Poses ours (T, 3), turned and shifted as one to lie over those told (T, 3).
+
+    ``roots`` (T, 3, 3): how sure each is, of whose information matrix it is the square root.
+    """
+    turn = np.angle(np.exp(1j * (told[:, 2] - ours[:, 2])).sum())
+    for _ in range(3):
+        c, s = np.cos(turn), np.sin(turn)
+        middle = ours[:, :2].mean(axis=0)
+        turned = (ours[:, :2] - middle) @ np.array(((c, s), (-s, c)))
+        moves = np.zeros((len(ours), 3, 3))
+        moves[:, (0, 1, 2), (0, 1, 2)] = 1.0
+        moves[:, 0, 2], moves[:, 1, 2] = -turned[:, 1], turned[:, 0]
+        off = told - np.column_stack((turned, ours[:, 2] + turn))
+        off[:, 2] = wrap_angle(off[:, 2])
+        slope, aim = (roots @ moves).reshape(-1, 3), (roots @ off[..., None]).ravel()
+        shift = np.linalg.solve(slope.T @ slope + 1e-9 * np.eye(3), slope.T @ aim)
+        turn += shift[2]
+    return np.column_stack((turned + shift[:2], ours[:, 2] + turn))
+
+
+def pieces(times_s: np.ndarray, piece_s: float) -> list[np.ndarray]:
+    """Indices of the poses of each piece; those with too few are left out."""
+    number = (times_s / piece_s).astype(int)
+    found = [np.flatnonzero(number == n) for n in np.unique(number)]
+    return [part for part in found if len(part) >= 8]
+
+
+def fit_motion(drives: Sequence[Told], eye: bool, tries: int = 12) -> Motion:
+    """The motors after drives; ``eye``: whether it is the robot's own that told the poses."""
+    free = np.arange(len(USUAL)) if eye else np.arange(len(NAMES))
+
+    def residuals(values: np.ndarray) -> np.ndarray:
+        return _left_over(drives, values[None])[0]
+
+    def slopes(values: np.ndarray) -> np.ndarray:
+        moved = values + np.diag(_SMALL)[free]
+        rows = _left_over(drives, np.concatenate((values[None], moved)))
+        jacobian = np.zeros((rows.shape[1], len(values)))
+        jacobian[:, free] = ((rows[1:] - rows[0]) / _SMALL[free, None]).T
+        return jacobian
+
+    found = least_squares(
+        residuals, USUAL, slopes, (LOW - 1e-9, HIGH), loss="soft_l1", x_scale=SPREAD, max_nfev=tries
+    )
+    jacobian = found.jac[:, free]
+    left = found.fun[: -len(USUAL)]
+    worse = max(1.0, float(np.median(np.abs(left)) / 0.6745)) if len(left) else 1.0
+    sd = SPREAD.copy()
+    sd[free] = worse * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    return Motion(found.x, np.minimum(sd, SPREAD))
+
+
+def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
+    """(P, R) residuals of P guesses (P, 9), in standard deviations; the beliefs come last."""
+    rows = []
+    for drive in drives:
+        for track, guess in zip(reckoned(drive.commands, values), values, strict=True):
+            at = at_times(track, drive.times_s, guess[5])
+            ours = eye_of(at, guess[len(NAMES) :])
+            off = []
+            for part in pieces(drive.times_s, drive.piece_s):
+                told, roots = drive.poses[part], drive.roots[part]
+                missed = told - laid(ours[part], told, roots)
+                missed[:, 2] = wrap_angle(missed[:, 2])
+                off.append((roots @ missed[..., None]).ravel())
+            rows.append(np.concatenate([np.zeros(0), *off]))
+    each = np.array(rows).reshape(len(drives), len(values), -1)
+    return np.concatenate((*each, (values - USUAL) / SPREAD), axis=1)
+
+
+def smoothed(drive: Told, motion: Motion) -> np.ndarray:
+    """(K + 1, 3) where the robot was at each `PHYSICS_DT_S`: its wheels' way, laid over the poses.
+
+    At each moment the way is laid over the poses of the time around it. Nothing is late any more.
+    """
+    track = reckoned(drive.commands, motion.values[None])[0]
+    late_s, times_s = motion.values[NAMES.index("delay_s")], drive.times_s
+    ours = at_times(track, times_s, late_s)
+    grid_s = np.arange(0, len(track) + 5, 6) * PHYSICS_DT_S
+    here = at_times(track, grid_s, late_s)
+    poses = np.zeros((len(grid_s), 3))
+    for k, now_s in enumerate(grid_s):
+        near = np.argsort(np.abs(times_s - now_s))[: round(drive.piece_s * 10)]
+        weights = np.exp(-0.5 * ((times_s[near] - now_s) / (drive.piece_s / 4)) ** 2) + 1e-6
+        roots = np.concatenate((drive.roots[near] * weights[:, None, None], np.zeros((1, 3, 3))))
+        both = np.concatenate((ours[near], here[k : k + 1]))
+        poses[k] = laid(both, np.concatenate((drive.poses[near], here[k : k + 1])), roots)[-1]
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return at_times(poses, np.arange(len(track)) / 6 * PHYSICS_DT_S)

@@ -1,0 +1,116 @@
+"""Recordings as arrays: commands, pictures, and what told the robot where it was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot.errors import ConfigError
+from robot.navigation.road_map import RoadMap, load_map
+from robot.recording import topics
+from robot.recording.drive_file import picture
+from robot.recording.reader import entries, read_about, turn_of
+from robot.recording.turn import Turn
+from sim_pybullet.motors import PHYSICS_DT_S
+
+LEAST_S = 20.0  # that a drive must last
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """One drive. Times [s] are of the robot's clock, from the first turn on.
+
+    ``commands`` are rim speeds (K, 2) [m/s] as sent, at each `PHYSICS_DT_S`. Pictures (F) are the
+    fresh ones, at the turns that saw them first. ``overhead`` rows are when the pose was captured,
+    x, y, heading; ``fused`` likewise where the robot believed to be.
+    """
+
+    map_name: str
+    commands: np.ndarray  # (K, 2)
+    times_s: np.ndarray  # (F,)
+    images: np.ndarray  # (F, 120, 160, 3) uint8 RGB
+    overhead: np.ndarray  # (M, 4)
+    fused: np.ndarray  # (T, 4)
+    skipped: float  # share of the turns that saw the picture before once more
+    turns: tuple[Turn, ...]  # of each picture
+
+    @property
+    def told(self) -> np.ndarray:
+        """(M, 4) the poses to begin with: overhead ones, else the believed ones."""
+        return self.overhead if len(self.overhead) else self.fused
+
+    @property
+    def road_map(self) -> RoadMap:
+        """Where it was driven."""
+        return load_map(self.map_name)
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasted."""
+        return len(self.commands) * PHYSICS_DT_S
+
+
+def read_recordings(paths: Sequence[Path]) -> list[Recorded]:
+    """Each file as a drive.
+
+    ConfigError: no recording, too short a drive, or one without a map or any pose.
+    """
+    return [_read(path) for path in paths]
+
+
+def _read(path: Path) -> Recorded:
+    turns: list[Turn] = []
+    frames: dict[int, Any] = {}
+    overhead: list[list[float]] = []
+    fused: list[list[float]] = []
+    for entry in entries(path, topics.CAMERA, topics.TURN, topics.OVERHEAD, topics.POSE):
+        if entry.topic == topics.CAMERA.name:
+            frames[entry.number] = entry
+        elif entry.topic == topics.TURN.name:
+            turns.append(turn_of(path, entry))
+        elif entry.topic == topics.POSE.name:
+            fused.append([turns[-1].time_s, *_place(entry.message())])
+        elif turns[-1].pose_age_s is not None and (message := entry.message())["heading_known"]:
+            overhead.append([turns[-1].time_s - turns[-1].pose_age_s, *_place(message)])
+    map_name = read_about(path).get("map", "")
+    seconds = turns[-1].time_s - turns[0].time_s if turns else 0.0
+    if seconds < LEAST_S or not map_name or not (overhead or fused):
+        raise ConfigError(
+            f"{path}: expected {LEAST_S:g} s and more of driving on a map, with poses, got "
+            f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
+        )
+    begin_s = turns[0].time_s
+    fresh = [t for b, t in zip([None, *turns], turns, strict=False) if b is None or _new(b, t)]
+    fresh = [t for t in fresh if t.frame in frames]
+    images = [picture(topics.image_bytes(frames[t.frame or 0].message())) for t in fresh]
+    begun = np.array((begin_s, 0.0, 0.0, 0.0))
+    return Recorded(
+        map_name,
+        _commands(turns),
+        np.array([t.time_s - begin_s for t in fresh]),
+        np.array(images),
+        np.array(overhead).reshape(-1, 4) - begun,
+        np.array(fused).reshape(-1, 4) - begun,
+        1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns)),
+        tuple(fresh),
+    )
+
+
+def _new(before: Turn, turn: Turn) -> bool:
+    return turn.frame is not None and turn.frame != before.frame
+
+
+def _commands(turns: Sequence[Turn]) -> np.ndarray:
+    times_s = np.array([t.time_s for t in turns]) - turns[0].time_s
+    grid_s = (np.arange(round(times_s[-1] / PHYSICS_DT_S) + 1) + 0.5) * PHYSICS_DT_S
+    held = np.searchsorted(times_s, grid_s, "right") - 1
+    return np.array([t.wheels for t in turns])[held]
+
+
+def _place(message: dict[str, Any]) -> tuple[float, float, float]:
+    at, turned = message["pose"]["position"], message["pose"]["orientation"]
+    return at["x"], at["y"], 2.0 * float(np.arctan2(turned["z"], turned["w"]))

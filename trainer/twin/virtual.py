@@ -1,0 +1,105 @@
+"""A virtual robot driven by a virtual person, and recorded as a real one is."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from robot.contract import CONTROL_DT_S, DRIVE, MAX_WHEEL_MPS, ImageSpec
+from robot.geometry import Pose, Twist
+from robot.link.messages import PoseMessage
+from robot.navigation.road_map import load_map
+from robot.recording import topics
+from robot.recording.drive_file import DriveFile, png
+from robot.recording.turn import Turn
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.look import ARENA_POSE, Look
+from sim_pybullet.sensing.pose_error import PoseError
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.vehicle import pursuit
+
+BEGAN_S = 1_000.0  # by the robot's clock
+STANDS_S = 2.0  # before it drives off
+_ENDLESS_LAPS = 1e6
+
+
+def record_drive(
+    look: Look, map_name: str, seconds: float, seed: int, path: Path, reverse: float = 0.0
+) -> Path:
+    """Drive along both lanes of a ring of road in the batched world, and record it.
+
+    The person sees where the robot is; the recording's overhead poses have the arena's errors.
+
+    Args:
+        look: of the robot and the floor.
+        map_name: of a ring.
+        seconds: of driving.
+        seed: of everything random.
+        path: of the recording, .mcap.
+        reverse: share of the decisions that are steered to the wrong side: a bad teacher.
+    """
+    task = LaneKeeping([load_map(map_name)], 1, "both", _ENDLESS_LAPS)
+    world = BatchWorld(task, [look], ImageSpec(), seed)
+    rng, told = np.random.default_rng((seed, 1)), PoseError(1)
+    told.reset(0, ARENA_POSE, rng)
+    file = DriveFile(path, {"map": map_name, "robot": "virtual"})
+    image, person, frame = world.reset().image, Person(rng), 1
+    for k in range(round(seconds / CONTROL_DT_S)):
+        now_s = BEGAN_S + k * CONTROL_DT_S
+        wheels = person.wheels(world, k * CONTROL_DT_S, bool(rng.random() < reverse))
+        arrived = told.observe(world.poses, now_s, rng)
+        age_s = now_s - float(arrived.captured_s[0])
+        _write(file, (k, frame), now_s, image[0], wheels, arrived.poses[0], age_s)
+        shares = np.clip(np.array([wheels]) / MAX_WHEEL_MPS, -1.0, 1.0)
+        before, image = image, world.step(shares).observation.image
+        frame += not np.array_equal(before, image)
+    file.close()
+    world.close()
+    return path
+
+
+class Person:
+    """Follows the lane briskly: brakes, stops and drives off, weaves and corrects by jerks."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._phases = rng.uniform(0.0, 2.0 * math.pi, 4)
+
+    def wheels(self, world: BatchWorld, time_s: float, wrong: bool) -> tuple[float, float]:
+        """Rim speeds [m/s] of the only robot; ``wrong``: steered to the other side."""
+        if time_s < STANDS_S:
+            return 0.0, 0.0
+        a, b, c, d = np.sin(np.array((0.9, 0.37, 1.9, 3.1)) * time_s + self._phases)
+        speed_mps = 0.0 if b > 0.97 else 0.3 if a > 0.3 else 0.24 if a > -0.5 else 0.17
+        task, poses = world.task, world.poses
+        bend_pm = float(pursuit(task.paths, poses, task.course.arc_m + 0.16)[0])
+        weave = 1.4 * np.sign(c) + 0.8 * np.sign(d)
+        turn = speed_mps * (np.clip(bend_pm, -9.0, 9.0) + weave)
+        left, right = DRIVE.wheels(Twist(speed_mps, -turn if wrong else turn))
+        most = max(1.0, abs(left) / MAX_WHEEL_MPS, abs(right) / MAX_WHEEL_MPS)
+        return left / most, right / most
+
+
+def _write(
+    file: DriveFile,
+    numbers: tuple[int, int],
+    now_s: float,
+    image: np.ndarray,
+    wheels: tuple[float, float],
+    pose: np.ndarray,
+    age_s: float,
+) -> None:
+    seen, (k, frame) = not np.isnan(pose[0]), numbers
+    turn = Turn(
+        *(k, now_s, 0.01, 0.0, "MANUAL", "", "", wheels),
+        frame=frame,
+        frame_time_s=now_s,
+        pose_age_s=age_s if seen else None,
+    )
+    file.add(topics.CAMERA, now_s, topics.image_message(now_s, png(image), "png"), frame)
+    file.add(topics.TURN, now_s, turn.plain(), k)
+    if seen:
+        x_m, y_m, heading_rad = Pose(*pose.tolist())
+        message = PoseMessage("virtual", x_m, y_m, heading_rad, 1.0, now_s)
+        file.add(topics.OVERHEAD, now_s, topics.overhead_message(now_s, message), k)
