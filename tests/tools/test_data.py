@@ -15,6 +15,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
+from robot.recording.pieces import read_pieces
 from robot.recording.samples import read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
@@ -168,6 +169,47 @@ def test_a_conversion_that_is_killed_leaves_nothing_and_the_next_completes_it(
     assert len(list((tub / "images").iterdir())) == 300
     assert sorted(path.name for path in tmp_path.iterdir()) == ["own", "tub"]
     assert len(list(read_samples(drive))) == 300
+
+
+HUNDRED = """
+import random, sys
+from pathlib import Path
+from robot.recording.pieces import Piece, mark
+from tests.robot.recording.killed import kill_at
+from tools.data.donkeycar import to_tub
+folder, rng = Path(sys.argv[1]), random.Random(0)
+def work(number):
+    if number % 2:
+        to_tub([folder / "a.mcap"], folder / f"tub{number}")
+    else:
+        mark(folder / f"{number}.mcap", [Piece(1.0, 2.0, "bad")])
+kill_at([rng.uniform(0.0, 0.5) for _ in range(100)], work)
+"""
+
+
+@pytest.mark.slow
+def test_killed_at_a_hundred_moments_conversions_and_marks_lose_nothing(tmp_path: Path) -> None:
+    drive = recorded(tmp_path, "a", 60)
+    data = drive.read_bytes()
+    for number in range(0, 100, 2):
+        (tmp_path / f"{number}.mcap").write_bytes(data)
+    subprocess.run([sys.executable, "-c", HUNDRED, str(tmp_path)], check=True)
+    whole = list(read_samples(drive))
+    done = 0
+    for number in range(100):
+        if number % 2 == 0:
+            done += bool(read_pieces(tmp_path / f"{number}.mcap"))
+            assert list(read_samples(tmp_path / f"{number}.mcap")) == whole
+            continue
+        tub = tmp_path / f"tub{number}"
+        done += tub.exists()
+        if not tub.exists():
+            to_tub([drive], tub)
+        assert len(list((tub / "images").iterdir())) == 60
+        assert len((tub / "catalog_0.catalog").read_text().splitlines()) == 60
+    assert 0 < done < 100, "some were killed before their end, some after"
+    assert drive.read_bytes() == data
+    assert not list(tmp_path.glob(".tub*"))
 
 
 def test_a_folder_appears_only_when_it_is_whole(tmp_path: Path) -> None:
