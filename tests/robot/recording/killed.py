@@ -6,13 +6,14 @@ turn in ``FOLDER/N.txt`` before it hands it to the recorder.
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import signal
 import sys
 import time
 from pathlib import Path
-from typing import Callable, List
+from typing import Callable, Dict, List
 
 from robot.config import RecordingConfig
 from robot.recording.recorder import Recorder
@@ -20,7 +21,7 @@ from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot
 
 AT_ONCE = 4
-LONGEST_S = 4.0
+LONGEST_S = 3.0
 
 
 def drive(folder: Path) -> None:
@@ -39,23 +40,29 @@ def drive(folder: Path) -> None:
             time.sleep(robot.clock.now_s - began_s)
 
 
-def kill_at(moments_s: List[float], work: Callable[[int], None]) -> None:
-    """Fork a process a moment, several at once, and kill each that long after it began [s]."""
+def kill_at(
+    moments_s: List[float],
+    work: Callable[[int], None],
+    begun: Callable[[int], bool] = lambda number: True,
+) -> None:
+    """Fork a process a moment, several at once, and kill each that long after it has begun [s]."""
     waiting = list(enumerate(moments_s))
-    running: List[tuple] = []
+    running: Dict[int, int] = {}
+    ends_s: Dict[int, float] = {}
     while waiting or running:
         while waiting and len(running) < AT_ONCE:
-            number, moment_s = waiting.pop()
-            child = os.fork()
-            if not child:
+            number, _ = waiting.pop()
+            running[number] = os.fork()
+            if not running[number]:
                 work(number)
                 os._exit(0)
-            running.append((time.monotonic() + moment_s, child))
-        due = [one for one in running if time.monotonic() >= one[0]]
-        for one in due:
-            os.kill(one[1], signal.SIGKILL)
-            os.waitpid(one[1], 0)
-            running.remove(one)
+        for number, child in list(running.items()):
+            if number not in ends_s and begun(number):
+                ends_s[number] = time.monotonic() + moments_s[number]
+            if time.monotonic() >= ends_s.get(number, math.inf):
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+                del running[number]
         time.sleep(0.002)
 
 
@@ -63,6 +70,7 @@ if __name__ == "__main__":
     place, count = Path(sys.argv[1]), int(sys.argv[2])
     rng = random.Random(count)
     kill_at(
-        [rng.uniform(0.5, LONGEST_S) for _ in range(count)],
+        [rng.uniform(0.0, LONGEST_S) for _ in range(count)],
         lambda number: drive(place / str(number)),
+        lambda number: bool((place / str(number) / "turns.txt").exists()),
     )

@@ -20,12 +20,8 @@ def test_a_killed_recording_loses_its_last_second_at_most(tmp_path: Path, count:
     lost = []
     for number in range(count):
         notes, drives = tmp_path / str(number) / "turns.txt", tmp_path / str(number) / "drives"
-        turns = [line.split() for line in notes.read_text().splitlines()] if notes.exists() else []
-        if not turns:
-            continue  # killed before its first turn
+        times_s = [float(line.split()[1]) for line in notes.read_text().splitlines()] or [0.0]
         found = [turn for path in recover_folder(drives) for turn, _ in read_turns(path)]
         assert [turn.number for turn in found] == list(range(1, len(found) + 1)), "none between"
-        last_s = found[-1].time_s if found else float(turns[0][1])
-        lost.append(float(turns[-1][1]) - last_s)
-    assert len(lost) > 0.7 * count
+        lost.append(times_s[-1] - (found[-1].time_s if found else times_s[0]))
     assert max(lost) <= SECOND, sorted(lost)[-5:]
