@@ -176,7 +176,7 @@ class BatchWorld:
             truncated=judged.truncated & active,
             success=judged.success & active,
         )
-        course = self.task.course
+        course, collided = self.task.course, collided | self.task.met
         if self._guidance is not None:
             self._guidance.update(poses, self._episodes.rng("pose"))
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)

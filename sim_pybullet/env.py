@@ -44,6 +44,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
     (`sim_pybullet.drive_metrics.DriveMetrics`).
 
+    Traffic: Discrete(7), the five, slow and stop, `sim_pybullet.tasks.traffic`; pictures are
+    (H, W, 9), the last three frames.
+
     Track racing: Discrete(9), `sim_pybullet.racing.racing_cars.RACING_ACTIONS`; pictures are (H, W,
     12), the last four frames.
 
@@ -169,7 +172,7 @@ def make_world(
         image: the picture of the policy.
         world_seed: of the painted worlds; episodes follow the seed of ``reset``.
         pool_size: how many worlds are painted of each map.
-        choices: ``lane``, ``style``, ``laps`` or ``start_spread``, as of
+        choices: ``lane``, ``style``, ``laps``, ``scenario`` or ``start_spread``, as of
             `sim_pybullet.tasks.spec.Choices`.
 
     Raises:

@@ -117,9 +117,15 @@ class LaneGraph:
             for x, y, heading in (self.node_poses[start], self.node_poses[goal])
         ]
         raise PlanError(
-            f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn; "
-            "start in the other direction or choose a destination on a lane ahead"
+            f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn"
+            f"{self._why()}; start in the other direction or choose a destination on a lane ahead"
         )
+
+    def _why(self) -> str:
+        """Where lanes are closed, for a message."""
+        control = [self.lanes[lane].control_points_m for lane in sorted(self.closed)[:3]]
+        middles = [bezier_points(points, np.array([0.5]))[0] for points in control]
+        return "".join(f", a lane is closed at ({x:.2f}, {y:.2f}) m" for x, y in middles)
 
 
 def plan_route(graph: LaneGraph, start: Pose, goal_m: Tuple[float, float]) -> Route:
@@ -128,7 +134,7 @@ def plan_route(graph: LaneGraph, start: Pose, goal_m: Tuple[float, float]) -> Ro
     Where lanes overlap, as at the entry of a junction, all of them are tried; a robot that has
     begun to turn there goes on as it is turned, unless no way leads on. A goal behind the robot is
     reached by driving round, since U-turns are not planned. PlanError where start or goal is not on
-    the road, or the goal cannot be reached.
+    the road or on a closed lane, or the goal cannot be reached.
     """
     starts = _lanes_under(graph, start.x_m, start.y_m, "start", start.heading_rad)
     goals = _lanes_under(graph, goal_m[0], goal_m[1], "goal")
@@ -177,6 +183,12 @@ def _lanes_under(
         )
     distance_m = np.where(allowed, near.distance_m, math.inf)
     lanes = np.flatnonzero(distance_m <= distance_m.min() + _OVERLAP_M)
+    lanes = lanes[~np.isin(lanes, list(graph.closed))]
+    if not len(lanes):
+        raise PlanError(
+            f"{road_map.name}: expected the {what} on an open lane, got ({x_m:.2f}, {y_m:.2f}) m, "
+            "where something stands in the lane"
+        )
     angles = np.nan_to_num(angles[lanes])
     as_turned = angles <= angles.min() + _TURNED_RAD
     found = zip(lanes.tolist(), near.t[lanes].tolist(), as_turned.tolist())

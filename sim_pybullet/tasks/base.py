@@ -66,7 +66,8 @@ class Task(ABC):
     ``half_widths_m`` (M,) are the distances from the path at which a robot leaves its lane;
     ``start_spread`` multiplies how far from the path and how askew an episode may begin, for
     training: good drivers hardly ever see the edge of the lane; there they learn to return.
-    ``paths`` are those to follow now, ``course`` where the robots are on them.
+    ``paths`` are those to follow now, ``course`` where the robots are on them; ``met`` (N,) bool,
+    who has met somebody without touching a body.
     """
 
     guided = False  # whether the policy gets path_input beside the picture
@@ -89,6 +90,7 @@ class Task(ABC):
         self.road_maps = tuple(road_maps)
         self.paths = PathBatch([path] * n_robots)
         self.course = Course(*np.zeros((len(Course._fields), n_robots)))
+        self.met = np.zeros(n_robots, dtype=bool)
         self._half_widths_m, self._spread = half_widths_m, start_spread
         self._lengths_m = np.zeros(n_robots)  # of the robots' paths
         self._maps = np.zeros(n_robots, dtype=int)

@@ -11,6 +11,7 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.scenery.footprints import blocked
 from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
@@ -24,6 +25,7 @@ from sim_pybullet.vehicle import WheeledRobots
 
 LANES = ("outer", "inner", "both")
 LAPS = 2.0
+_CLEAR_M = 0.3  # nobody begins nearer to what stands in the lane
 _PRACTICE_LAPS = 0.5  # more places, looks and bends for as many decisions
 
 
@@ -56,6 +58,7 @@ class LaneKeeping(Task):
             raise ConfigError(f"lane: expected outer, inner or both, got {lane!r}")
         sides = ("outer", "inner") if lane == "both" else (lane,)
         self._loops = [[lane_loop(m, outer=side == "outer") for side in sides] for m in road_maps]
+        self._blocked_m = [blocked(road_map).points_m for road_map in road_maps]
         half_lanes_m = np.array([HALF_LANE_TILES * m.tile_size_m for m in road_maps])
         vehicle = WheeledRobots(n_robots)
         super().__init__(
@@ -66,7 +69,11 @@ class LaneKeeping(Task):
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:
         loops = self._loops[road_map]
         loop = loops[int(rng.integers(len(loops))) if turn is None else turn % len(loops)]
-        return loop, rng.uniform(0.0, loop.length_m)
+        while True:
+            arc_m = rng.uniform(0.0, loop.length_m)
+            away_m = self._blocked_m[road_map] - loop.pose_at(arc_m)[:2]
+            if (np.hypot(*away_m.T) > _CLEAR_M).all():
+                return loop, arc_m
 
     def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
         loops = self._loops[0]

@@ -14,6 +14,7 @@ from robot.geometry import wrap_angle
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.scenery.footprints import blocked
 from sim_pybullet.tasks.base import Mission
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import TaskSpec, register
@@ -34,7 +35,7 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
     A path begins where the lane before the manoeuvre begins and ends where the lane behind it ends;
     of several such lanes the straightest counts. MapError if the map has neither.
     """
-    graph = LaneGraph(road_map)
+    graph = LaneGraph(road_map, blocked(road_map).lanes)
     into: list[list[int]] = [[] for _ in range(graph.nodes)]
     out: list[list[int]] = [[] for _ in range(graph.nodes)]
     for lane, (start, end) in enumerate(graph.lane_nodes):
@@ -46,6 +47,8 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
         if name is not None and into[start] and out[end]:
             straightest = partial(min, key=lambda near: abs(_turn_rad(graph, near)))
             lanes = (straightest(into[start]), lane, straightest(out[end]))
+            if graph.closed.intersection(lanes):
+                continue
             path = Path.from_beziers([graph.lanes[each].control_points_m for each in lanes])
             found.append(Manoeuvre(name, path))
     if not found:

@@ -13,6 +13,7 @@ from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.scenery.footprints import blocked
 from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
@@ -83,15 +84,17 @@ class Navigation(Task):
 
 
 class RandomRoutes:
-    """Random starts and destinations on one map, with the path between them."""
+    """Random starts and destinations on one map, with the path between them, round what stands in
+    a lane."""
 
     def __init__(self, road_map: RoadMap) -> None:
-        self._graph = LaneGraph(road_map)
+        self._graph = LaneGraph(road_map, blocked(road_map).lanes)
         self._shortest_m = SHORTEST_TILES * road_map.tile_size_m
         # Tiles are equally likely, not lanes: a crossing has twelve of them, a straight road two.
         tiles = [(lane.tile_row, lane.tile_column) for lane in self._graph.lanes]
         lanes_of = Counter(tiles)
         shares = np.array([1.0 / lanes_of[tile] for tile in tiles])
+        shares[list(self._graph.closed)] = 0.0  # nobody begins or ends beside a thing
         self._likely = np.cumsum(shares / shares.sum())
 
     def draw(self, rng: np.random.Generator, begin: Pose | None = None) -> Path:

@@ -33,8 +33,8 @@ class Choices:
     lane: str | None = None  # of a ring of road
     style: str | None = None  # of driving
     laps: float | None = None  # of an episode
-    scenario: str | None = None  # of road users: a file or a shipped name
     start_spread: float = 1.0  # above 1 in practice: begin farther off, in shorter episodes
+    scenario: str | None = None  # of road users: a file or a shipped name
 
 
 @dataclass(frozen=True)

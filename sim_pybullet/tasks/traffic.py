@@ -175,6 +175,7 @@ class Traffic(Task):
         self._poses = poses.copy()
         course, _ = self._follow(poses)
         hit, at_fault = self._meet(poses, collided)
+        self.met = hit > 0
         self._seen = None
         seen = self._look(poses)
         free_m, closing_mps = (
@@ -192,7 +193,7 @@ class Traffic(Task):
         )
         facts = np.stack((tiles, hit, at_fault, free_m, closing_mps, self._least_ttc_s))
         late = self._steps * CONTROL_DT_S >= EPISODE_S - 1e-9
-        failed = (hit > 0) | off
+        failed = self.met | off
         judged = self._judged(terms, facts, (failed, np.zeros_like(late), late))
         return judged._replace(success=judged.truncated & (tiles >= FEWEST_TILES))
 
@@ -240,10 +241,8 @@ register(
         make=partial(_make, kind=Traffic, usual="mixed"),
         actions=TRAFFIC_ACTIONS,
         scenarios=True,
-        environments={
-            "Traffic-v0": {},
-            "TrafficPedestrians-v0": {"scenario": "lfp"},
-        },
+        presets={"fast": {"learn": {"buffer": 20_000}}},  # 29 kB a stack of pictures, kept twice
+        environments={"Traffic-v0": {}},
     )
 )
 register(

@@ -13,7 +13,8 @@ HEIGHT_M = 0.135
 GAP_M = 0.1  # left to whatever a car stands behind, beside the distance at which they meet
 LINE_S = 0.6  # a car nears the place where it will stand within about so long
 _FASTER_MPS2, _SLOWER_MPS2 = 0.4, 1.2
-_WEAVE_M, _WEAVE_EVERY_M = 0.015, 0.25  # to each side of the middle of the lane, and per radian
+_WEAVE_M, _WEAVE_EVERY_M = 0.008, 0.25  # to each side, and way per radian
+_RIGHT_M = 0.015  # of the middle: in bends two lanes come within 0.18 m of each other
 _MISTAKES = 32  # drawn when an episode begins
 _MISTAKE_S = 1.0
 
@@ -76,12 +77,13 @@ class Drivers:
         self.velocities = (self.poses - before)[..., :2] / CONTROL_DT_S
 
     def _now(self) -> np.ndarray:
-        """(G, C, 3) on their paths, weaving a little."""
+        """(G, C, 3) on their paths, to the right of the middle and weaving a little."""
         where = self.arc_m.reshape(-1, 1)
         x, y = np.moveaxis(self._paths.points_at(where)[:, 0].reshape(*self.arc_m.shape, 2), -1, 0)
         heading = self._paths.headings_at(where).reshape(self.arc_m.shape)
         phase = self.arc_m / _WEAVE_EVERY_M + self._weave_rad
-        left_m, askew = _WEAVE_M * np.sin(phase), _WEAVE_M / _WEAVE_EVERY_M * np.cos(phase)
+        left_m = _WEAVE_M * np.sin(phase) - _RIGHT_M
+        askew = _WEAVE_M / _WEAVE_EVERY_M * np.cos(phase)
         poses = np.stack(
             (x - left_m * np.sin(heading), y + left_m * np.cos(heading), heading + askew), axis=-1
         )

@@ -1,0 +1,75 @@
+"""What a map puts on a lane closes it, for routes and for starts."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robot.errors import PlanError
+from robot.navigation.planner import LaneGraph, plan_route, route_between
+from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
+from sim_pybullet.scenery.footprints import blocked
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.navigation import RandomRoutes
+
+TILE_M = 0.585
+
+
+def with_barrier(name: str, lane: int) -> tuple[RoadMap, np.ndarray]:
+    """A shipped map with a barrier in the middle of a lane, and where that is."""
+    bare = load_map(name)
+    at = bare.lanes[lane].control_points_m.mean(axis=0)
+    return with_thing(bare, at), at
+
+
+def with_thing(bare: RoadMap, at: np.ndarray) -> RoadMap:
+    rows = [[f"{t.kind}/{t.orientation}" for t in row] for row in bare.tiles]
+    place = [float(at[0] / TILE_M), float(bare.rows - at[1] / TILE_M)]
+    thing: dict[str, Any] = {"kind": "barrier", "pos": place, "height": 0.08}
+    return read_map({"tile_size": TILE_M, "tiles": rows, "objects": [thing]}, bare.name)
+
+
+def test_things_beside_the_road_close_no_lane() -> None:
+    for name in shipped_maps():
+        assert not blocked(load_map(name)).lanes, name
+
+
+def test_a_route_leads_round_a_barrier_and_a_destination_behind_it_is_refused() -> None:
+    bare = load_map("town")
+    path = RandomRoutes(bare).draw(np.random.default_rng(3))
+    start, goal = path.pose_at(0.0), path.pose_at(path.length_m)
+    free = plan_route(LaneGraph(bare), start, goal[:2])
+    across = free.lanes[len(free.lanes) // 2]
+    closed_map, at = with_barrier("town", across)
+    closed = blocked(closed_map)
+    assert across in closed.lanes
+    graph = LaneGraph(closed_map, closed.lanes)
+    route = plan_route(graph, start, goal[:2])
+    assert not closed.lanes.intersection(route.lanes)
+    assert route.cost >= free.cost
+    with pytest.raises(PlanError, match=rf"got \({at[0]:.2f}, {at[1]:.2f}\) m, where something"):
+        plan_route(graph, start, (float(at[0]), float(at[1])))
+
+
+def test_where_there_is_no_way_the_place_is_told() -> None:
+    ring, at = with_barrier("loop", 4)
+    graph = LaneGraph(ring, blocked(ring).lanes)
+    begin, end = graph.lane_nodes[4]
+    before = next(k for k, nodes in enumerate(graph.lane_nodes) if nodes[1] == begin)
+    behind = next(k for k, nodes in enumerate(graph.lane_nodes) if nodes[0] == end)
+    with pytest.raises(PlanError, match=rf"closed at \({at[0]:.2f}, {at[1]:.2f}\) m"):
+        route_between(graph, before, 0.5, behind, 0.5)
+    assert route_between(graph, behind, 0.5, before, 0.5).cost > 5.0
+
+
+def test_nobody_begins_beside_a_thing() -> None:
+    ring, at = with_barrier("loop", 4)
+    task, rng = LaneKeeping([ring], 1, "both"), np.random.default_rng(0)
+    for _ in range(200):
+        (pose,), _ = task.reset(np.array([0]), rng)
+        assert np.hypot(*(pose[:2] - at)) > 0.25
+    town, at = with_barrier("town", 10)
+    routes = RandomRoutes(town)
+    for _ in range(30):
+        away = np.hypot(*(routes.draw(rng).points_m - at).T)
+        assert away.min() > 0.05
