@@ -72,7 +72,7 @@ def drive(
     spec = find_task("traffic_junctions" if driver.guided else "traffic")
     task = spec.build(road_maps, robots, Choices(scenario=challenge))
     numbers = [group * seed + k for seed in seeds for k in range(group)]
-    world = BatchWorld(task, looks, None, _FIRST_WORLD, numbers=numbers)
+    world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers)
     try:
         yield from _episodes(driver, world, {m.name: LaneRules(m) for m in road_maps})
     finally:

@@ -6,15 +6,18 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.contract import MAX_WHEEL_MPS
+from robot.contract import MAX_WHEEL_MPS, ImageSpec
 from sim_pybullet.batch import BatchWorld, Observation
 from trainer.judging.evaluate import DrivingPolicy, _choose
+
+_SMALL = ImageSpec(40, 30)  # for films: who does not look needs no more
 
 
 class Driver(Protocol):
     """Who drives all robots of a world."""
 
     guided: bool  # whether it gets a path
+    image: ImageSpec  # what is drawn for it
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
@@ -23,7 +26,7 @@ class Driver(Protocol):
 class Standing:
     """Never moves."""
 
-    guided = False
+    guided, image = False, _SMALL
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
         """See `Driver`."""
@@ -33,7 +36,7 @@ class Standing:
 class Expert:
     """Knows where everybody is."""
 
-    guided = False
+    guided, image = False, _SMALL
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
         """See `Driver`."""
@@ -45,7 +48,7 @@ class Pilot:
 
     def __init__(self, policy: DrivingPolicy) -> None:
         self._policy = policy
-        self.guided = policy.contract.path_points > 0
+        self.guided, self.image = policy.contract.path_points > 0, ImageSpec()
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """See `Driver`."""
