@@ -77,7 +77,7 @@ class Traveller(NamedTuple):
 
     pose: Pose
     speed_mps: float
-    line_m: Optional[float]  # from its nose to the next red line
+    line_m: Optional[float] = None  # from its nose to the next red line
     turn: Turn = Turn.UNKNOWN  # at the junction that it comes to
     claims: bool = False
 

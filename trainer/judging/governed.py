@@ -133,9 +133,11 @@ class Governed(Pilot):
         if road_map.name not in self._views:
             self._views[road_map.name] = LaneView(road_map)
         line_m = self._views[road_map.name].line_ahead_m(robot.pose) - NOSE_M
-        known = line_m if math.isfinite(line_m) else None
+        speed_mps = math.hypot(*robot.velocity_mps)
+        if line_m > AHEAD_M[-1]:
+            return Traveller(robot.pose, speed_mps)
         turn = turn_ahead(road_map, robot.pose, lane_m)
-        return Traveller(robot.pose, math.hypot(*robot.velocity_mps), known, turn, robot.claims)
+        return Traveller(robot.pose, speed_mps, line_m, turn, robot.claims)
 
 
 def _others(bodies: Bodies, group: int, place: int) -> list[Other]:

@@ -1,0 +1,75 @@
+"""Under the rules of the road a driver who sees nobody hits nobody, and everybody gets on."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robot.contract import MAX_WHEEL_MPS
+from robot.navigation.road_map import load_map
+from sim_pybullet.batch import BatchWorld
+from sim_pybullet.randomise import load_look_sampler
+from sim_pybullet.tasks import traffic
+from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
+from trainer.judging.challenge import Episode, drive
+from trainer.judging.drivers import Driver, Expert, Pilot
+from trainer.judging.governed import Governed
+
+
+class Heedless(Expert):
+    """Keeps to the middle of its lane at full speed, whatever is there."""
+
+    def choose(self, world: BatchWorld, seen: Any) -> np.ndarray:
+        task = world.task
+        return ACTION_TABLE[expert_actions(task.paths, world.poses, task.course.arc_m)] / (
+            MAX_WHEEL_MPS
+        )
+
+
+@pytest.fixture
+def under_rules(monkeypatch: pytest.MonkeyPatch) -> Driver:
+    monkeypatch.setattr(Pilot, "choose", Heedless.choose)
+    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0))
+    driver = Governed(policy)
+    driver.image = Heedless.image
+    return driver
+
+
+def driven(driver: Driver, challenge: str, where: str, episodes: int) -> list[Episode]:
+    seeds = range(70, 70 + episodes)
+    looks = load_look_sampler("nominal")
+    return [each for each, _ in drive(driver, challenge, [load_map(where)], looks, seeds)]
+
+
+def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
+    under_rules: Driver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(traffic, "EPISODE_S", 10.0)
+    told = driven(under_rules, "lfvi", "town", 1)
+    assert [each.end for each in told] == ["time"] * 8
+    assert sum(each.lines_run for each in told) == 0
+    assert min(each.tiles for each in told) > 0.5
+    assert sum(each.lines_run for each in driven(Heedless(), "lfvi", "town", 1)) > 0
+
+
+@pytest.mark.slow
+def test_it_stands_before_ducks_and_behind_cars(
+    under_rules: Driver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(traffic, "EPISODE_S", 10.0)
+    for challenge in ("lfp", "lfv"):
+        told = driven(under_rules, challenge, "loop", 4)
+        assert not any(each.at_fault for each in told)
+        assert sum(each.tiles for each in told) > 8.0
+    assert any(each.at_fault for each in driven(Heedless(), "lfv", "loop", 4))
+
+
+@pytest.mark.slow
+def test_a_minute_of_traffic_without_a_collision(under_rules: Driver) -> None:
+    for challenge, where in (("lfp", "loop"), ("lfv", "loop"), ("lfvi", "town")):
+        told = driven(under_rules, challenge, where, 8)
+        assert not any(each.at_fault for each in told), challenge
+        assert np.mean([each.success for each in told]) > 0.9
