@@ -10,12 +10,13 @@ from __future__ import annotations
 import heapq
 import math
 from dataclasses import dataclass
-from typing import AbstractSet, Dict, List, Optional, Tuple, Union
+from typing import Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, wrap_angle
+from robot.navigation.closed_lanes import blocked
 from robot.navigation.lanes import border_point
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
@@ -41,24 +42,22 @@ class Route:
 class LaneGraph:
     """The lanes of a road map as a directed graph; MapError where it has no road.
 
-    ``closed`` names lanes, by index, that nobody can drive through.
-
     Attributes:
         lanes: as in ``road_map.lanes``.
-        closed: as given.
+        closed: lanes, by index, in which something stands that the map names.
         lane_nodes: for every lane the nodes where it begins and ends.
         edges: for every node the lanes that leave it: (node at the end, lane).
         node_poses: (nodes, 3) x [m], y [m], heading [rad].
     """
 
-    def __init__(self, road_map: RoadMap, closed: AbstractSet[int] = frozenset()) -> None:
+    def __init__(self, road_map: RoadMap) -> None:
         if not road_map.lanes:
             raise MapError(
                 f"{road_map.name}: expected a map with road, got none; "
                 "add tiles such as straight/E and curve_left/N"
             )
         self.road_map = road_map
-        self.lanes, self.closed = road_map.lanes, frozenset(closed)
+        self.lanes, self.closed = road_map.lanes, blocked(road_map).lanes
         numbers: Dict[Tuple[int, int], int] = {}
 
         def node(point_m: np.ndarray) -> int:
@@ -70,7 +69,7 @@ class LaneGraph:
         self.edges: List[List[Tuple[int, int]]] = [[] for _ in range(self.nodes)]
         self.node_poses = np.zeros((self.nodes, 3))
         for lane, (points, (start, end)) in enumerate(zip(control, self.lane_nodes)):
-            if lane not in closed:
+            if lane not in self.closed:
                 self.edges[start].append((end, lane))
             for place, point, along in (
                 (end, points[3], points[3] - points[2]),

@@ -26,8 +26,8 @@ _KEYS = ("tiles", "tile_size", "objects", "start_tile", "start_pose", "version")
 class RoadMap:
     """A grid of tiles. ``compat`` maps keep the simulator's oddities.
 
-    ``objects`` is what the file says of things beside the road, as it stands there: only pictures
-    show them (`sim_pybullet.scenery.map_objects`).
+    ``objects`` is what the file says of things on and beside the road, as it stands there; see
+    `robot.navigation.map_objects`.
     """
 
     name: str

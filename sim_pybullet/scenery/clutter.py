@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents
+from robot.navigation.map_objects import MapObject
+from robot.navigation.object_kinds import colours, kinds
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import ClutterLook, Rgb
 from sim_pybullet.scene import Solid
-from sim_pybullet.scenery.map_objects import MapObject
-from sim_pybullet.scenery.object_parts import colours, kinds
 
 _MARGIN_M = 1.2  # how far beyond the map things stand
 _BOX_M = ((0.1, 0.1, 0.08), (0.7, 0.7, 0.8))  # smallest and largest length, width, height

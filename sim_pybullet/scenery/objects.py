@@ -9,6 +9,7 @@ import numpy as np
 
 from robot.errors import MapError
 from robot.geometry import bezier_points, bezier_tangents
+from robot.navigation.map_objects import objects_of
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
@@ -16,7 +17,7 @@ from sim_pybullet.racing.track import Track, centre_line
 from sim_pybullet.racing.track_ground import paint_track, track_walls
 from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids, roadside
-from sim_pybullet.scenery.map_objects import object_solids, objects_of
+from sim_pybullet.scenery.object_solids import object_solids
 
 Place = RoadMap | Track  # what there is to drive on
 _centre_line = lru_cache(8)(centre_line)

@@ -9,9 +9,9 @@ import numpy as np
 
 from robot.errors import ConfigError
 from robot.geometry import Pose
+from robot.navigation.closed_lanes import blocked
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.scenery.footprints import blocked
 from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,

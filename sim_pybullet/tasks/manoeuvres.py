@@ -14,7 +14,6 @@ from robot.geometry import wrap_angle
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.scenery.footprints import blocked
 from sim_pybullet.tasks.base import Mission
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import TaskSpec, register
@@ -35,7 +34,7 @@ def manoeuvres(road_map: RoadMap) -> tuple[Manoeuvre, ...]:
     A path begins where the lane before the manoeuvre begins and ends where the lane behind it ends;
     of several such lanes the straightest counts. MapError if the map has neither.
     """
-    graph = LaneGraph(road_map, blocked(road_map).lanes)
+    graph = LaneGraph(road_map)
     into: list[list[int]] = [[] for _ in range(graph.nodes)]
     out: list[list[int]] = [[] for _ in range(graph.nodes)]
     for lane, (start, end) in enumerate(graph.lane_nodes):

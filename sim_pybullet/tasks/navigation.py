@@ -13,7 +13,6 @@ from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.scenery.footprints import blocked
 from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
@@ -88,7 +87,7 @@ class RandomRoutes:
     a lane."""
 
     def __init__(self, road_map: RoadMap) -> None:
-        self._graph = LaneGraph(road_map, blocked(road_map).lanes)
+        self._graph = LaneGraph(road_map)
         self._shortest_m = SHORTEST_TILES * road_map.tile_size_m
         # Tiles are equally likely, not lanes: a crossing has twelve of them, a straight road two.
         tiles = [(lane.tile_row, lane.tile_column) for lane in self._graph.lanes]

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.geometry import wrap_angle
+from robot.navigation.closed_lanes import HALF_ROBOT_M
+from robot.navigation.map_objects import MapObject
 from robot.navigation.path_batch import PathBatch
 from sim_pybullet.scene import Mover
-from sim_pybullet.scenery.footprints import HALF_ROBOT_M
-from sim_pybullet.scenery.map_objects import MapObject, object_solids
+from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
 from sim_pybullet.traffic.ahead import AHEAD_M, DUCK_M, NOTHING, ROBOT_M, STEP_M, look_ahead
 from sim_pybullet.traffic.drivers import Drivers

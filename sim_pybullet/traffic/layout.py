@@ -9,8 +9,8 @@ import numpy as np
 
 from robot.errors import MapError
 from robot.geometry import Pose
+from robot.navigation.map_objects import MapObject
 from robot.navigation.path import Path
-from sim_pybullet.scenery.map_objects import MapObject
 from sim_pybullet.traffic.scenario import Scenario
 from sim_pybullet.traffic.streets import Streets
 

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robot.errors import MapError
+from robot.navigation.closed_lanes import blocked, footprint
+from robot.navigation.map_objects import MapObject, objects_of
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
 from robot.navigation.tiles import STEPS
-from sim_pybullet.scenery.footprints import blocked, footprint
-from sim_pybullet.scenery.map_objects import MapObject, objects_of
 from sim_pybullet.traffic.tours import tours
 
 MOVING = ("duckie", "duckiebot")  # kinds that move where a map says `static: false`
@@ -53,12 +53,8 @@ class Streets:
             replace(road_map, objects=_still(road_map, each))
             for road_map, each in zip(road_maps, objects, strict=True)
         )
-        in_the_way = [blocked(road_map) for road_map in road_maps]
-        self.blocked_m = [each.points_m for each in in_the_way]
-        self.tours = [
-            tours(LaneGraph(m, each.lanes), np.random.default_rng(0))
-            for m, each in zip(road_maps, in_the_way, strict=True)
-        ]
+        self.blocked_m = [blocked(road_map).points_m for road_map in road_maps]
+        self.tours = [tours(LaneGraph(m), np.random.default_rng(0)) for m in road_maps]
         self.places = [_places(*each) for each in zip(road_maps, self.tours, objects, strict=True)]
         self.tile_m = np.array([road_map.tile_size_m for road_map in road_maps])
         rows = max(road_map.rows for road_map in road_maps)

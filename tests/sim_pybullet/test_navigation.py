@@ -13,8 +13,10 @@ from robot.navigation.path import Path
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation, RandomRoutes
 from sim_pybullet.tasks.spec import Choices, find_task
+from tests.robot.navigation.test_closed_lanes import with_barrier
 from tests.sim_pybullet.flat_camera import PoseCamera
 
 ARENA = load_map("arena")
@@ -231,3 +233,16 @@ def test_what_navigation_is_to_others() -> None:
     assert (built.n_robots, built._spread) == (3, 2.0)
     with pytest.raises(ConfigError, match="laps: expected none for the task navigation"):
         spec.build([ARENA], 1, Choices(laps=1.0))
+
+
+def test_nobody_begins_beside_a_thing() -> None:
+    ring, at = with_barrier("loop", 4)
+    task, rng = LaneKeeping([ring], 1, "both"), np.random.default_rng(0)
+    for _ in range(200):
+        (pose,), _ = task.reset(np.array([0]), rng)
+        assert np.hypot(*(pose[:2] - at)) > 0.25
+    town, at = with_barrier("town", 10)
+    routes = RandomRoutes(town)
+    for _ in range(30):
+        away = np.hypot(*(routes.draw(rng).points_m - at).T)
+        assert away.min() > 0.05

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from robot.navigation.lanes import Lane
+from robot.navigation.map_objects import objects_of
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.scenery.map_objects import objects_of
 
 
 def draw_map(road_map: RoadMap) -> dict[str, Any]:

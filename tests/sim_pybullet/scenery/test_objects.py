@@ -11,13 +11,14 @@ from robot.contract import ImageSpec
 from robot.errors import MapError
 from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig
+from robot.navigation.map_objects import MapObject, objects_of
+from robot.navigation.object_kinds import kinds
 from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene, Solid
-from sim_pybullet.scenery.map_objects import MapObject, object_solids, objects_of
-from sim_pybullet.scenery.object_parts import kinds
+from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.scenery.objects import build_scene
 
 IMAGE = ImageSpec(160, 120)

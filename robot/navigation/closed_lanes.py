@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import FrozenSet, List, NamedTuple, Set, Tuple
 
 import numpy as np
 
+from robot.geometry import Pose
+from robot.navigation.map_objects import MapObject, objects_of
+from robot.navigation.object_kinds import Part, kinds
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.scene import Solid
-from sim_pybullet.scenery.map_objects import MapObject, object_solids, objects_of
 
 HALF_ROBOT_M = 0.09  # what a robot needs to each side of the middle of its lane
 _SPACING_M = 0.05
@@ -19,13 +20,13 @@ class Blocked(NamedTuple):
     """What is in the way on a map."""
 
     points_m: np.ndarray  # (K, 2) of things, in the lanes
-    lanes: frozenset[int]  # indices into the map's lanes
+    lanes: FrozenSet[int]  # indices into the map's lanes
 
 
 def blocked(road_map: RoadMap) -> Blocked:
     """What its objects that stand there in every episode leave no room beside."""
-    points: list[tuple[float, float]] = []
-    lanes: set[int] = set()
+    points: List[Tuple[float, float]] = []
+    lanes: Set[int] = set()
     things = [o for o in objects_of(road_map) if o.static and not o.optional]
     for thing in things if road_map.lanes else []:
         outline = footprint(thing)
@@ -42,19 +43,18 @@ def blocked(road_map: RoadMap) -> Blocked:
 
 def footprint(thing: MapObject) -> np.ndarray:
     """(K, 2) points in the world, every 5 cm of what a robot can run into."""
-    hard = [_points(solid) for solid in object_solids(thing) if solid.collides]
-    return np.concatenate(hard) if hard else np.zeros((0, 2))
+    place = Pose(thing.x_m, thing.y_m, thing.heading_rad)
+    hard = [_points(part, thing.height_m) for part in kinds()[thing.kind].parts if part.collides]
+    return place.to_world(np.concatenate([np.zeros((0, 2)), *hard]))
 
 
-def _points(solid: Solid) -> np.ndarray:
-    length, width = solid.size_m[0], solid.size_m[0 if solid.shape == "cylinder" else 1]
-    steps = [max(2, math.ceil(side / _SPACING_M) + 1) for side in (length, width)]
+def _points(part: Part, height_m: float) -> np.ndarray:
+    length, width = part.size[0], part.size[0 if part.shape == "cylinder" else 1]
+    steps = [max(2, math.ceil(side * height_m / _SPACING_M) + 1) for side in (length, width)]
     x, y = np.meshgrid(
         np.linspace(-length / 2, length / 2, steps[0]), np.linspace(-width / 2, width / 2, steps[1])
     )
-    if solid.shape == "cylinder":
+    if part.shape == "cylinder":
         inside = np.maximum(np.hypot(x, y) / (length / 2), 1.0)
         x, y = x / inside, y / inside
-    c, s = math.cos(solid.heading_rad), math.sin(solid.heading_rad)
-    world = (solid.x_m + c * x - s * y, solid.y_m + s * x + c * y)
-    return np.stack(world, axis=-1).reshape(-1, 2)
+    return height_m * np.stack((x + part.forward, y + part.left), axis=-1).reshape(-1, 2)

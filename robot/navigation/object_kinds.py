@@ -1,16 +1,16 @@
-"""What objects of a map are made of, as ``assets/objects.yaml`` says."""
+"""What objects of a map are made of, as ``objects.yaml`` says."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Dict, Literal, Tuple
 
 from robot.typed_config import from_plain, read_yaml
-from sim_pybullet.look import Rgb
 
-_FILE = Path(__file__).parents[1] / "assets" / "objects.yaml"
+_FILE = Path(__file__).parent / "objects.yaml"
+Rgb = Tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Part:
     """One solid of an object, lengths in units of the object's height."""
 
     rgb: Rgb
-    size: tuple[float, float, float]
+    size: Tuple[float, float, float]
     forward: float = 0.0
     left: float = 0.0
     base: float = 0.0
@@ -33,25 +33,26 @@ class Kind:
 
     height_m: float  # natural
     class_name: str = "OBJECT"  # of `sim_pybullet.classes.SemanticClass`
-    parts: tuple[Part, ...] = ()
+    parts: Tuple[Part, ...] = ()
 
 
 @lru_cache(maxsize=1)
-def colours() -> dict[str, Rgb]:
+def colours() -> Dict[str, Rgb]:
     """The colours that a map may give an object, by name."""
     return {name: (r, g, b) for name, (r, g, b) in read_yaml(_FILE)["colours"].items()}
 
 
 @lru_cache(maxsize=1)
-def kinds() -> dict[str, Kind]:
+def kinds() -> Dict[str, Kind]:
     """What maps call objects, the signs by their faces."""
     data = read_yaml(_FILE)
     plain = {name: (kind, "") for name, kind in data["kinds"].items()}
-    plain |= {f"sign_{name}": (data["sign"], face) for name, face in data["sign_faces"].items()}
+    for name, face in data["sign_faces"].items():
+        plain[f"sign_{name}"] = (data["sign"], face)
     return {name: _read_kind(kind, face) for name, (kind, face) in plain.items()}
 
 
-def _read_kind(data: dict[str, Any], face: str) -> Kind:
+def _read_kind(data: Dict[str, Any], face: str) -> Kind:
     named = {**colours(), "face": colours().get(face)}
     parts = [
         {**part, "rgb": named.get(str(part["rgb"]), part["rgb"])} for part in data.get("parts", [])

@@ -1,29 +1,24 @@
-"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file.
-
-The robot knows its map without them.
-"""
+"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
 from robot.errors import MapError, nearest
 from robot.geometry import Pose, wrap_angle
+from robot.navigation.object_kinds import kinds
 from robot.navigation.road_map import RoadMap, number, numbers, refuse_misspelt_keys
-from sim_pybullet.classes import SemanticClass
-from sim_pybullet.scene import Solid
-from sim_pybullet.scenery.object_parts import colours, kinds
 
 _FORMS = ("pos", "pose", "place", "attach")
 _KEYS = (*_FORMS, "kind", "rotate", "height", "scale", "static", "optional", "color", "tag")
 # How far a sign stands from the corner of its tile, along the kerb and away from it [m]; the slots
 # count counter-clockwise round the corner (duckietown-world's map format).
 _ALONG_M, _AWAY_M = 0.09, 0.035
-_SLOTS_M: tuple[tuple[float, float], ...] = (
+_SLOTS_M: Tuple[Tuple[float, float], ...] = (
     (_ALONG_M, _AWAY_M), (_AWAY_M, _ALONG_M), (-_AWAY_M, _ALONG_M), (-_ALONG_M, _AWAY_M),
     (-_ALONG_M, -_AWAY_M), (-_AWAY_M, -_ALONG_M), (_AWAY_M, -_ALONG_M), (_ALONG_M, -_AWAY_M),
 )  # fmt: skip
@@ -44,10 +39,10 @@ class MapObject:
     height_m: float
     static: bool = True
     optional: bool = False
-    color: str | None = None
+    color: Optional[str] = None
 
 
-def objects_of(road_map: RoadMap) -> tuple[MapObject, ...]:
+def objects_of(road_map: RoadMap) -> Tuple[MapObject, ...]:
     """The objects of a map, whose file lists them, names them one by one, or has none.
 
     ``compat`` maps place them where gym-duckietown 6.1.34 does: ``pos`` shifted by rows - columns
@@ -62,31 +57,6 @@ def objects_of(road_map: RoadMap) -> tuple[MapObject, ...]:
     if not isinstance(entries, dict):
         raise MapError(f"{where}: expected objects as a mapping or a list, got {entries!r}")
     return tuple(_read_object(str(n), e, road_map, f"{where}: {n}") for n, e in entries.items())
-
-
-def object_solids(item: MapObject) -> tuple[Solid, ...]:
-    """The solids that one object of a map is made of; none for marks on the floor."""
-    if item.kind not in kinds():
-        raise MapError(
-            f"object {item.name}: unknown kind {item.kind!r}; {nearest(item.kind, kinds())}"
-        )
-    kind = kinds()[item.kind]
-    scale = item.height_m
-    c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
-    return tuple(
-        Solid(
-            shape=part.shape,
-            x_m=item.x_m + scale * (c * part.forward - s * part.left),
-            y_m=item.y_m + scale * (s * part.forward + c * part.left),
-            heading_rad=item.heading_rad,
-            size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
-            rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
-            kind=SemanticClass[kind.class_name],
-            base_m=scale * part.base,
-            collides=part.collides,
-        )
-        for part in kind.parts
-    )
 
 
 def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
@@ -111,7 +81,7 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
     )
 
 
-def _place(entry: dict[str, Any], grid: RoadMap, where: str) -> Pose:
+def _place(entry: Dict[str, Any], grid: RoadMap, where: str) -> Pose:
     forms = [form for form in _FORMS if form in entry]
     if not forms or (len(forms) > 1 and forms != ["pose", "attach"]):
         raise MapError(
@@ -148,7 +118,7 @@ def _slot_of(data: Any, rotate_rad: float, grid: RoadMap, where: str) -> Pose:
     return Pose(column * grid.tile_size_m + dx_m, row_north * grid.tile_size_m + dy_m, rotate_rad)
 
 
-def _tile_of(data: Any, grid: RoadMap, where: str) -> tuple[int, int]:
+def _tile_of(data: Any, grid: RoadMap, where: str) -> Tuple[int, int]:
     """(column, rows north of the south row); the line beyond the last tile has corners too."""
     if not isinstance(data, dict):
         raise MapError(f"{where}: expected a mapping with tile: [column, row], got {data!r}")
@@ -176,7 +146,7 @@ def _transform(data: Any, where: str) -> Pose:
     return Pose(x_m, y_m, number(content.get("theta", 0.0), f"{where}: theta"))
 
 
-def _height(kind: str, entry: dict[str, Any], where: str) -> float:
+def _height(kind: str, entry: Dict[str, Any], where: str) -> float:
     if "height" in entry and "scale" in entry:
         raise MapError(f"{where}: expected height or scale, got both; remove one of them")
     if "height" in entry:
@@ -188,7 +158,7 @@ def _height(kind: str, entry: dict[str, Any], where: str) -> float:
     return height_m
 
 
-def _flag(entry: dict[str, Any], key: str, default: bool, where: str) -> bool:
+def _flag(entry: Dict[str, Any], key: str, default: bool, where: str) -> bool:
     if not isinstance(value := entry.get(key, default), bool):
         raise MapError(f"{where}: {key}: expected true or false, got {value!r}")
     return value

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import MapError
+from robot.navigation.map_objects import objects_of
 from robot.navigation.road_map import RoadMap, load_map, read_map
-from sim_pybullet.scenery.map_objects import objects_of
 
 
 @pytest.fixture(scope="session")
@@ -41,7 +41,7 @@ def test_objects_equal_the_reference_in_compat(data_dir: Path, oracle: dict[str,
         road_map = oracle_map(data_dir, name)
         solid = [thing for thing in objects_of(road_map) if thing.kind != "floor_tag"]
         assert [thing.kind for thing in solid] == [o["kind"] for o in expected["objects"]]
-        for thing, other in zip(solid, expected["objects"], strict=True):
+        for thing, other in zip(solid, expected["objects"]):
             position = sim_to_world(other["pos"], road_map)
             np.testing.assert_allclose((thing.x_m, thing.y_m), position, atol=1e-6)
             turned = math.degrees(thing.heading_rad) - other["angle_deg"]
