@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from robot.recording.samples import read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 from tools.data.lerobot import from_dataset, to_dataset
+from trainer.mp4 import write_mp4
+
+WHEELS = ["left_mps", "right_mps"]
 
 
 def test_there_and_back_is_the_same_drive(tmp_path: Path) -> None:
@@ -32,17 +36,29 @@ def test_there_and_back_is_the_same_drive(tmp_path: Path) -> None:
         assert np.allclose(gaps, 0.1, atol=1e-3)
 
 
-def test_what_is_no_dataset_of_wheels_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"expected a LeRobot dataset v3\.0"):
+def test_what_is_no_whole_dataset_of_wheels_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"expected a whole LeRobot dataset v3\.0"):
         from_dataset(tmp_path, tmp_path / "out")
-    meta = tmp_path / "meta"
-    meta.mkdir()
-    (meta / "info.json").write_text(
-        '{"codebase_version": "v3.0", "fps": 10, "features": {"action": {"names": ["arm"]}}}'
-    )
-    with pytest.raises(ConfigError, match="left_mps"):
-        from_dataset(tmp_path, tmp_path / "out")
+    info = tmp_path / "meta/info.json"
+    info.parent.mkdir()
+    for version, names, says in (("v2.1", WHEELS, "version v2.1"), ("v3.0", ["arm"], "left_mps")):
+        features = {"action": {"names": names, "dtype": "float32"}}
+        told = {"codebase_version": version, "fps": 10, "features": features}
+        info.write_text(json.dumps(told))
+        with pytest.raises(ConfigError, match=says):
+            from_dataset(tmp_path, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["meta"]
+
+
+def test_a_video_that_ends_too_early_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    dataset = tmp_path / "dataset"
+    to_dataset([recorded(tmp_path / "own", "a")], dataset, "drive")
+    (film,) = dataset.rglob("*.mp4")
+    write_mp4(film, [np.zeros((120, 160, 3), np.uint8)] * 29, 10.0)
+    with pytest.raises(ConfigError, match="expected a whole"):
+        from_dataset(dataset, tmp_path / "back")
+    assert not (tmp_path / "back").exists()
 
 
 def test_without_pyarrow_the_extra_is_named(

@@ -22,9 +22,9 @@ from tools.data.drives import appearing, write_drive
 from trainer.mp4 import Mp4
 
 VIDEO = "observation.images.front"
-FILE = "chunk-{:03d}/file-{:03d}"
-DATA, EPISODES = "data/{}.parquet", "meta/episodes/{}.parquet"
-VIDEOS = f"videos/{VIDEO}/{{}}.mp4"
+DATA, EPISODES = (f"{of}/chunk-000/file-000.parquet" for of in ("data", "meta/episodes"))
+FILM = f"videos/{VIDEO}/chunk-000/file-000.mp4"
+CHUNKS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 QUALITY = 9.5  # of 10
 KEYS_EVERY = 5  # pictures: a training jumps about in the video
 WHEELS = ["left_mps", "right_mps"]
@@ -46,11 +46,11 @@ def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
     fps, shape = _rate(episodes), picture(episodes[0][0].picture).shape
     columns = _columns(episodes, fps)
     with appearing(dataset) as folder:
-        for place in (DATA, EPISODES, VIDEOS):
-            (folder / place.format(_first())).parent.mkdir(parents=True)
-        levels = _write_video(folder / VIDEOS.format(_first()), episodes, fps, shape)
-        parquet.write_table(_table(columns), folder / DATA.format(_first()))
-        parquet.write_table(_episode_table(episodes, fps, task), folder / EPISODES.format(_first()))
+        for place in (DATA, EPISODES, FILM):
+            (folder / place).parent.mkdir(parents=True)
+        levels = _write_video(folder / FILM, episodes, fps, shape)
+        parquet.write_table(_table(columns), folder / DATA)
+        parquet.write_table(_episode_table(episodes, fps, task), folder / EPISODES)
         parquet.write_table(_task_table(task), folder / "meta/tasks.parquet")
         stats: dict[str, Any] = {name: _stats(column) for name, column in columns.items()}
         stats[VIDEO] = {name: np.reshape(v, (-1, 1, 1)).tolist() for name, v in levels.items()}
@@ -64,34 +64,33 @@ def to_dataset(drives: Sequence[Path], dataset: Path, task: str) -> int:
 def from_dataset(dataset: Path, out: Path) -> list[Path]:
     """Write a dataset's episodes as recordings; of its cameras the first.
 
-    ConfigError: no dataset of version 3, or actions that are not two wheels' speeds.
+    ConfigError: no whole dataset of version 3, or actions that are not two wheels' speeds.
     """
-    info = _read_info(dataset)
-    features, fps = info["features"], float(info["fps"])
-    if features.get("action", {}).get("names") != WHEELS:
-        told = features.get("action", {}).get("names")
-        raise ConfigError(f"{dataset}: expected actions {WHEELS}, got {told}")
-    camera = next((k for k, told in features.items() if told["dtype"] == "video"), None)
-    if camera is None:
-        raise ConfigError(f"{dataset}: expected a camera's video, found none")
-    rows = _rows(dataset, "data")
-    names, films = [], _Films()
-    with appearing(out) as folder:
-        for episode in _rows(dataset, "meta/episodes"):
-            place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
-            film = dataset / info["video_path"].format(video_key=camera, **place)
-            first = round(episode[f"videos/{camera}/from_timestamp"] * fps)
-            images = films.take(film, first, episode["length"])
-            span = slice(episode["dataset_from_index"], episode["dataset_to_index"])
-            samples = _samples(rows[span], images)
-            name = f"{dataset.name}-{episode['episode_index']:03d}"
-            robot = str(info.get("robot_type") or "lerobot")
-            names.append(write_drive(folder, name, robot, samples).name)
+    try:
+        info = json.loads((dataset / "meta/info.json").read_text(encoding="utf-8"))
+        if not info["codebase_version"].startswith("v3."):
+            raise ValueError(f"version {info['codebase_version']}")
+        if info["features"]["action"]["names"] != WHEELS:
+            raise ValueError(f"actions {info['features']['action']['names']}, not {WHEELS}")
+        with appearing(out) as folder:
+            names = [path.name for path in _write_drives(dataset, info, folder)]
+    except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError) as error:
+        told = f"{dataset}: expected a whole LeRobot dataset v3.0 of two wheels, got: {error}"
+        raise error if isinstance(error, ConfigError) else ConfigError(told) from error
     return [out / name for name in names]
 
 
-def _first() -> str:
-    return FILE.format(0, 0)
+def _write_drives(dataset: Path, info: dict[str, Any], folder: Path) -> Iterator[Path]:
+    [camera, *_] = (name for name, told in info["features"].items() if told["dtype"] == "video")
+    rows, films, fps = _rows(dataset, "data"), _Films(), float(info["fps"])
+    for episode in _rows(dataset, "meta/episodes"):
+        place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
+        film = dataset / info["video_path"].format(video_key=camera, **place)
+        first = round(episode[f"videos/{camera}/from_timestamp"] * fps)
+        images = films.take(film, first, episode["length"])
+        span = slice(episode["dataset_from_index"], episode["dataset_to_index"])
+        name, robot = f"{dataset.name}-{episode['episode_index']:03d}", info.get("robot_type")
+        yield write_drive(folder, name, robot or "lerobot", _samples(rows[span], images))
 
 
 def _rate(episodes: Sequence[Sequence[Sample]]) -> int:
@@ -125,12 +124,9 @@ def _columns(episodes: Sequence[Sequence[Sample]], fps: int) -> dict[str, np.nda
 def _table(columns: dict[str, np.ndarray]) -> Any:
     import pyarrow as pa
 
-    def column(values: np.ndarray) -> Any:
-        flat = pa.array(values.ravel())
-        wide = values.shape[1]
-        return flat if wide == 1 else pa.FixedSizeListArray.from_arrays(flat, wide)
-
-    return pa.table({name: column(values) for name, values in columns.items()})
+    flat = {name: pa.array(values.ravel()) for name, values in columns.items()}
+    pairs = [name for name, values in columns.items() if values.shape[1] == 2]
+    return pa.table(flat | {n: pa.FixedSizeListArray.from_arrays(flat[n], 2) for n in pairs})
 
 
 def _episode_table(episodes: Sequence[Sequence[Sample]], fps: int, task: str) -> Any:
@@ -200,18 +196,16 @@ def _info(
     video = {"fps": fps, "height": shape[0], "width": shape[1], "channels": 3, "codec": "h264"}
     video |= {"pix_fmt": "yuv420p", "is_depth_map": False}
     features: dict[str, Any] = {
-        VIDEO: {
-            "dtype": "video",
-            "shape": list(shape),
-            "names": ["height", "width", "channels"],
-            "info": {f"video.{name}": value for name, value in video.items()},
+        name: {
+            "dtype": str(values.dtype),
+            "shape": [values.shape[1]],
+            "names": WHEELS if values.shape[1] == 2 else None,
         }
+        for name, values in columns.items()
     }
-    for name, values in columns.items():
-        names = WHEELS if values.shape[1] == 2 else None
-        kind = {"dtype": str(values.dtype), "shape": [values.shape[1]], "names": names}
-        features[name] = kind
-    chunks = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+    names = ["height", "width", "channels"]
+    features[VIDEO] = {"dtype": "video", "shape": list(shape), "names": names}
+    features[VIDEO]["info"] = {f"video.{name}": value for name, value in video.items()}
     return {
         "codebase_version": "v3.0",
         "robot_type": "duckpilot",
@@ -223,20 +217,10 @@ def _info(
         "video_files_size_in_mb": 200,
         "fps": fps,
         "splits": {"train": f"0:{episodes}"},
-        "data_path": DATA.format(chunks),
-        "video_path": f"videos/{{video_key}}/{chunks}.mp4",
+        "data_path": f"data/{CHUNKS}.parquet",
+        "video_path": f"videos/{{video_key}}/{CHUNKS}.mp4",
         "features": features,
     }
-
-
-def _read_info(dataset: Path) -> dict[str, Any]:
-    try:
-        info = dict(json.loads((dataset / "meta/info.json").read_text(encoding="utf-8")))
-        if not str(info["codebase_version"]).startswith("v3."):
-            raise ValueError(f"version {info['codebase_version']}")
-        return info
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{dataset}: expected a LeRobot dataset v3.0, got: {error}") from error
 
 
 def _rows(dataset: Path, folder: str) -> list[dict[str, Any]]:
@@ -271,6 +255,6 @@ def _frames(path: Path) -> Iterator[np.ndarray]:
 
 
 def _samples(rows: Sequence[dict[str, Any]], images: Iterator[np.ndarray]) -> Iterator[Sample]:
-    for row, image in zip(rows, images, strict=False):
+    for row, image in zip(rows, images, strict=True):
         driver = "policy" if row.get("intervention") is False else "person"
         yield Sample(row["timestamp"], png(image), WheelSpeeds(*row["action"]), driver)
