@@ -85,3 +85,30 @@ def test_a_hang_up_that_nohup_wants_ignored_stays_ignored() -> None:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def test_a_gamepad_is_an_operator_beside_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    operators: List[Any] = []
+
+    class Ended:
+        def run(self, ending: Any) -> None:
+            assert not ending()
+
+    @contextmanager
+    def made_up(_: Any, heard: Any, __: Any) -> Iterator[Any]:
+        operators.extend(heard)
+        yield Ended()
+
+    (tmp_path / "robot.yaml").write_text("model: lane.onnx\n")
+    monkeypatch.setattr(drive, "open_robot", made_up)
+    monkeypatch.setattr(drive, "on_ending", lambda _: None)
+    monkeypatch.setattr("sys.stdin", open(os.devnull))  # noqa: SIM115
+    words = ["drive", "--config", str(tmp_path / "robot.yaml")]
+    assert main(words) == 0
+    assert len(operators) == 1
+    assert main([*words, "--gamepad", str(tmp_path / "js0")]) == 0
+    pad = operators[2]
+    pad.serve(lambda *_: None)
+    assert pad.age_s() == float("inf"), "it is not there: nobody may drive"
