@@ -9,6 +9,8 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
 from robot.errors import ConfigError
+from robot.geometry import Pose
+from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.motors import MotorModel
 from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
@@ -140,6 +142,10 @@ class Traffic(Task):
         tours = self.streets.tours[road_map]
         path = tours[int(rng.integers(len(tours)))]
         return path, float(rng.uniform(0.0, path.length_m))
+
+    def _path_from(self, pose: Pose, rng: np.random.Generator) -> Path:  # noqa: ARG002
+        tours = self.streets.tours[0]
+        return min(tours, key=lambda tour: abs(tour.project(pose.x_m, pose.y_m).offset_m))
 
     def think(self, poses: np.ndarray) -> None:
         """Other road users decide."""

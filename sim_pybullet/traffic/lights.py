@@ -13,7 +13,7 @@ from sim_pybullet.scene import Mover, Solid
 
 PERIOD_S = (4.0, 7.0)  # of which each light draws its own; 5 s where nothing is drawn
 _RED, _GREEN, _DARK = (255.0, 60.0, 50.0), (60.0, 255.0, 110.0), (20.0, 20.0, 20.0)
-_HALF_M = (0.062, 0.044)  # from the middle of the head to its faces ahead and aside, and
+_HALF_M = (0.035, 0.036)  # from the middle of the head to its faces ahead and aside, and
 _RED_M, _GREEN_M, _LAMP_M = 0.32, 0.22, 0.045  # heights of lamps, as of a light of 0.366 m
 
 

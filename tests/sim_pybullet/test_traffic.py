@@ -110,6 +110,16 @@ def test_off_the_tiles_of_road_it_ends() -> None:
     assert task.step(np.array([[-0.05, 0.5, 0.0]]), np.zeros(1, dtype=bool)).terminated[0]
 
 
+def test_it_begins_where_it_is_told_to_and_nobody_else_does() -> None:
+    task = traffic(2, robots_npcs=("n1", "n2", "n3"))
+    poses = np.array([path.pose_at(1.0) for path in task.streets.tours[0]])
+    starts = task.reset_at(np.arange(2), poses, np.random.default_rng(0))
+    np.testing.assert_array_equal(starts.poses, poses)
+    assert (np.abs(task.course.offset_m) < 0.01).all()
+    away = task.crowd.drivers.poses[..., :2] - poses[:, None, :2]
+    assert (np.hypot(away[..., 0], away[..., 1]) > 0.45).all()
+
+
 def test_an_episode_is_the_same_whichever_others_are_driven() -> None:
     ends = []
     for numbers, robots in ((range(4), 4), (range(2, 4), 2)):
