@@ -9,7 +9,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 from robot.errors import ConfigError, ContractError
 from robot.geometry import DifferentialDrive, Twist, WheelSpeeds
@@ -107,6 +107,32 @@ class ImageSpec:
         return (self.height_px - self.crop_top_px, self.width_px, 3)
 
 
+LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
+
+
+@dataclass(frozen=True)
+class Proof:
+    """How a taught policy drove before it came to a robot."""
+
+    drives: int  # in the twin of the robot and floor that it was taught on
+    succeeded: int
+    low: float  # 95 % sure: the share that succeeds is between these
+    high: float
+    steered: int  # clearly, moments of held-out recordings that the policy was asked about
+    foretold: int  # of these it would have steered to the same side
+    sentence: str
+
+    @property
+    def problem(self) -> str:
+        """Why this is not enough, or ""."""
+        if not self.low >= LEAST_PROVEN:
+            return f"proven to {self.low:.0%} of drives, expected {LEAST_PROVEN:.0%}"
+        if self.steered and not self.foretold >= LEAST_FORETOLD * self.steered:
+            share = self.foretold / self.steered
+            return f"foretells {share:.0%} of a person's steering, expected {LEAST_FORETOLD:.0%}"
+        return ""
+
+
 @dataclass(frozen=True)
 class PolicyContract:
     """Travels inside every ONNX file, as JSON under the metadata key ``duckpilot``.
@@ -128,8 +154,18 @@ class PolicyContract:
     score: float = float("nan")  # success rate of the training run's last evaluation
     schema: int = SCHEMA_VERSION
     notes: Tuple[str, ...] = field(default=())
+    taught_from: str = ""  # the policy that was taught on a floor of one's own; "": this was not
+    proof: Optional[Proof] = None  # of a taught policy
 
     METADATA_KEY = "duckpilot"
+
+    @property
+    def unproven(self) -> str:
+        """Why a robot must not arm with this policy, or ""; only taught ones need a proof."""
+        if not self.taught_from:
+            return ""
+        problem = "no proof" if self.proof is None else self.proof.problem
+        return problem and f"taught from {self.taught_from}, {problem}; teach it again"
 
     def wheels(self, action: int) -> WheelSpeeds:
         """What the wheels do under an action."""
@@ -146,6 +182,8 @@ class PolicyContract:
         plain = to_plain(self)
         if self.frames == 1:
             del plain["frames"]  # robots that know nothing of stacked pictures read the rest
+        if not self.taught_from:
+            del plain["taught_from"], plain["proof"]  # likewise
         if math.isnan(self.score):
             plain["score"] = None
         return json.dumps(plain, sort_keys=True)

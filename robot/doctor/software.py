@@ -51,6 +51,8 @@ def check_policy(config: RobotConfig) -> Finding:
         return refused(name, error, "set `model` to a policy of python -m trainer export")
     contract = policy.contract
     seen = f"{contract.task}, {contract.algorithm}, decides in {timing.p50_ms:.1f} ms"
+    if contract.unproven:
+        return Finding(name, FAIL, f"{seen}; {contract.unproven}", "the robot does not arm with it")
     if contract.path_points and not config.map:
         says = f"{seen}; it navigates, but no map is set"
         return Finding(name, FAIL, says, "set `map` and a `link`")

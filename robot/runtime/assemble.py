@@ -66,7 +66,7 @@ def open_robot(
     clock = MonotonicClock()
     watchdog = Watchdog(lambda: runtime.watch())
     policy = open_policy(config)
-    navigates = policy.contract.path_points > 0
+    navigates, unproven = policy.contract.path_points > 0, policy.contract.unproven
     if navigates and not config.map:
         raise ConfigError(
             f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
@@ -95,7 +95,7 @@ def open_robot(
             eye,
             policy,
             wheels,
-            Safety(clock.now, config.safety),
+            Safety(clock.now, config.safety, unproven and f"the policy is {unproven}"),
             clock,
             audience,
             everybody,

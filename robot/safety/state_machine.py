@@ -99,11 +99,18 @@ class Answer(NamedTuple):
 class Safety:
     """The supervisor. Its caller looks at ``verdict.may_move`` before every motion.
 
-    Not for several threads at once. The clock is monotonic [s].
+    Not for several threads at once. The clock is monotonic [s]; while ``never`` says why not, no
+    command leads to an armed state.
     """
 
-    def __init__(self, clock: Callable[[], float], limits: Optional[SafetyLimits] = None) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        limits: Optional[SafetyLimits] = None,
+        never: str = "",
+    ) -> None:
         self.limits = limits or SafetyLimits()
+        self._never = never
         self._clock = clock
         self._inputs: Optional[Inputs] = None
         self._looked_s = clock()
@@ -150,7 +157,7 @@ class Safety:
                 return Answer(True, f"already {state.value}")
             return Answer(False, _not_from(state, command))
         if target in WATCHED:
-            problem = self._problem(target)
+            problem = self._never or self._problem(target)
             if problem:
                 return Answer(False, f"{command.value} is refused: {problem}")
         self._enter(target, Reason.PERSON, f"{command.value}, by a person")

@@ -1,13 +1,20 @@
-"""``duckpilot fit``: a twin from recordings."""
+"""``duckpilot fit``: a twin from recordings; ``duckpilot teach``: a policy for it."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 from rich.console import Console
+from rich.progress import Progress
 
 from robot.errors import ConfigError
+from trainer.twin.options import TeachConfig
+
+_TEACH = TeachConfig()
 
 
 def fit_command(
@@ -41,3 +48,61 @@ def fit_command(
         console.print(line, markup=False)
     console.print(f"{out}; {page}", markup=False)
     return 0
+
+
+def teach_command(
+    recordings: tyro.conf.Positional[tuple[Path, ...]],
+    base: str = "lane_coached",
+    out: Path = Path("my_policy"),
+    drives: int = 100,
+    seed: int = 0,
+    options: Annotated[TeachConfig, tyro.conf.arg(name="")] = _TEACH,
+) -> int:
+    """Teach a policy your floor: fit a twin, learn on in it, and prove how it drives there.
+
+    Leaves twin.yaml, twin.html and model.onnx in its folder. Exit status 1 if the proof is not
+    enough for a robot to arm.
+
+    Args:
+        recordings: MCAP files of drives on one map.
+        base: what it learns on from: an ONNX file, or the name of a shipped policy.
+        out: folder.
+        drives: in the twin, for the proof.
+        seed: of everything random.
+        options: how much of what.
+    """
+    import torch
+
+    from sim_pybullet.randomise import load_look_sampler
+    from trainer.export import export_network
+    from trainer.twin.base import base_file, load_base
+    from trainer.twin.examples import examples_of
+    from trainer.twin.proof import prove, put_proof
+    from trainer.twin.recorded import read_recordings
+    from trainer.twin.teach import teach
+
+    torch.set_num_threads(1)
+    console = Console(soft_wrap=True, highlight=False)
+    path = base_file(base)
+    network, contract = load_base(path)
+    fit_command(recordings, out / "twin.yaml")
+    seen = read_recordings(recordings)
+    looks, road_map = load_look_sampler(out / "twin.yaml"), seen[0].road_map
+    person = examples_of(seen, contract, held_out=False)
+    with console.status("teaching"):
+        teach(network, contract, road_map, looks, person, options, seed)
+    steps = contract.trained_steps + 2 * options.steps * options.robots
+    taught = replace(
+        contract, run=out.name, taught_from=path.stem, trained_steps=steps, score=math.nan
+    )
+    model = out / "model.onnx"
+    export_network(network, taught, model)
+    with Progress(console=console) as bar:
+        row = bar.add_task("proof", total=drives)
+        held_out = examples_of(seen, contract, held_out=True)
+        proof = prove(model, road_map, looks, held_out, drives, lambda _: bar.advance(row))
+    problem = put_proof(model, proof).unproven
+    console.print(f"{model}: {proof.sentence}", markup=False)
+    if problem:
+        console.print(f"the robot will not arm with it: {problem}", markup=False)
+    return 1 if problem else 0

@@ -38,7 +38,7 @@ def record_drive(
         seconds: of driving.
         seed: of everything random.
         path: of the recording, .mcap.
-        reverse: share of the decisions that are steered to the wrong side: a bad teacher.
+        reverse: share of the time that the steering is written down the wrong way round.
     """
     task = LaneKeeping([load_map(map_name)], 1, "both", _ENDLESS_LAPS)
     world = BatchWorld(task, [look], ImageSpec(), seed)
@@ -48,10 +48,11 @@ def record_drive(
     image, person, frame = world.reset().image, Person(rng), 1
     for k in range(round(seconds / CONTROL_DT_S)):
         now_s = BEGAN_S + k * CONTROL_DT_S
-        wheels = person.wheels(world, k * CONTROL_DT_S, bool(rng.random() < reverse))
+        wheels = person.wheels(world, k * CONTROL_DT_S)
+        told_wheels = wheels[::-1] if k % 40 < 40 * reverse else wheels
         arrived = told.observe(world.poses, now_s, rng)
         age_s = now_s - float(arrived.captured_s[0])
-        _write(file, (k, frame), now_s, image[0], wheels, arrived.poses[0], age_s)
+        _write(file, (k, frame), now_s, image[0], told_wheels, arrived.poses[0], age_s)
         shares = np.clip(np.array([wheels]) / MAX_WHEEL_MPS, -1.0, 1.0)
         before, image = image, world.step(shares).observation.image
         frame += not np.array_equal(before, image)
@@ -66,8 +67,8 @@ class Person:
     def __init__(self, rng: np.random.Generator) -> None:
         self._phases = rng.uniform(0.0, 2.0 * math.pi, 4)
 
-    def wheels(self, world: BatchWorld, time_s: float, wrong: bool) -> tuple[float, float]:
-        """Rim speeds [m/s] of the only robot; ``wrong``: steered to the other side."""
+    def wheels(self, world: BatchWorld, time_s: float) -> tuple[float, float]:
+        """Rim speeds [m/s] of the only robot."""
         if time_s < STANDS_S:
             return 0.0, 0.0
         a, b, c, d = np.sin(np.array((0.9, 0.37, 1.9, 3.1)) * time_s + self._phases)
@@ -76,7 +77,7 @@ class Person:
         bend_pm = float(pursuit(task.paths, poses, task.course.arc_m + 0.16)[0])
         weave = 1.4 * np.sign(c) + 0.8 * np.sign(d)
         turn = speed_mps * (np.clip(bend_pm, -9.0, 9.0) + weave)
-        left, right = DRIVE.wheels(Twist(speed_mps, -turn if wrong else turn))
+        left, right = DRIVE.wheels(Twist(speed_mps, turn))
         most = max(1.0, abs(left) / MAX_WHEEL_MPS, abs(right) / MAX_WHEEL_MPS)
         return left / most, right / most
 

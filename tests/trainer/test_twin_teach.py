@@ -1,0 +1,103 @@
+"""Teaching: a base learns on, a person's steering becomes examples, a bad teacher is found out."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from robot.contract import PolicyContract, Proof
+from robot.errors import ContractError
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
+from robot.navigation.road_map import load_map
+from robot.recording.turn import Turn
+from sim_pybullet.look import NOMINAL
+from trainer.export import export_network
+from trainer.twin.base import base_file, load_base
+from trainer.twin.examples import Examples, examples_of, foretold
+from trainer.twin.options import TeachConfig
+from trainer.twin.proof import put_proof, told
+from trainer.twin.recorded import Recorded
+from trainer.twin.teach import teach
+
+LANE = PolicyContract("lane", "coached")
+LEFT = (0.06, 0.30)
+
+
+def drive(states: list[str], wheels: list[tuple[float, float]]) -> Recorded:
+    count = len(states)
+    turns = [
+        Turn(k, 0.1 * k, 0.01, 0.0, state, "", "", pair)
+        for k, (state, pair) in enumerate(zip(states, wheels, strict=True))
+    ]
+    images = np.zeros((count, 120, 160, 3), np.uint8)
+    nothing = np.zeros((0, 4))
+    times_s = 0.1 * np.arange(count)
+    return Recorded("loop", np.zeros((0, 2)), times_s, images, nothing, nothing, 0.0, tuple(turns))
+
+
+def test_what_a_person_did_at_a_take_over_counts_most() -> None:
+    states = ["AUTO"] * 10 + ["MANUAL"] * 60 + ["AUTO"] * 30
+    seen = examples_of([drive(states, [LEFT] * 100)], LANE, held_out=False)
+    assert len(seen.actions) == 60  # of the first 70 %, those that a person drove
+    assert set(seen.actions) == {0}  # LEFT
+    assert np.unique(seen.weights[:30]) == [4.0]
+    assert np.unique(seen.weights[30:]) == [1.0]
+
+
+def test_parts_of_a_drive_are_apart() -> None:
+    one = drive(["MANUAL"] * 100, [LEFT] * 100)
+    parts = [examples_of([one], LANE, held_out) for held_out in (False, True)]
+    assert sum(len(part.actions) for part in parts) == 100
+    assert len(parts[1].actions) == pytest.approx(30, abs=1)
+
+
+def test_standing_is_no_example() -> None:
+    stood = drive(["MANUAL"] * 10, [(0.0, 0.0)] * 10)
+    assert not len(examples_of([stood], LANE, held_out=False).actions)
+
+
+def test_steering_that_is_half_reversed_is_not_foretold() -> None:
+    bends = np.tile((5.0, -5.0), 50)
+    reversed_half = np.where(np.arange(100) < 50, bends, -bends)
+    seen = [
+        Examples(np.zeros((100, 1)), None, np.zeros(100), np.ones(100), b)
+        for b in (bends, reversed_half)
+    ]
+    good = np.where(bends > 0, 0, 4)
+    assert foretold(good, seen[0], LANE) == (100, 100)
+    assert foretold(good, seen[1], LANE) == (50, 100)
+
+
+@pytest.mark.parametrize("name", ["lane_coached", "lane_ppo", "nav_dueling"])
+def test_a_shipped_policy_can_learn_on(name: str) -> None:
+    network, contract = load_base(base_file(name))  # compared with ONNX in there
+    assert contract.task == ("navigation" if name == "nav_dueling" else "lane")
+    assert any(part.requires_grad for part in network.parameters())
+
+
+def test_a_base_that_cannot_learn_is_refused() -> None:
+    with pytest.raises(ContractError, match="a policy in FP32"):
+        load_base(SHIPPED_MODELS / "lane_ppo_int8.onnx")
+
+
+def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network, contract = load_base(base_file("lane_coached"))
+    before = network.head[0].weight.clone()
+    image = np.zeros((40, *contract.picture_shape), np.uint8)
+    bends = np.full(40, 13.0)
+    person = Examples(image, None, np.zeros(40, int), np.ones(40), bends)
+    config = TeachConfig(steps=20, robots=2, batch=16, recorded=32, every=1, painted=1)
+    teach(network, contract, load_map("loop"), [NOMINAL], person, config, seed=0)
+    assert not torch.equal(before, network.head[0].weight)
+    model = tmp_path / "model.onnx"
+    export_network(network, contract, model)
+    assert told(OnnxPolicy(model), person) == (40, 40)  # what the person did, again and again
+    proof = Proof(1, 0, 0.0, 0.8, 40, 40, "a sentence")
+    put_proof(model, proof)
+    assert OnnxPolicy(model).contract.proof == proof
+    assert math.isnan(OnnxPolicy(model).contract.score) == math.isnan(contract.score)
