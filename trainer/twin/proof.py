@@ -58,16 +58,11 @@ def told(policy: OnnxPolicy, seen: Examples) -> tuple[int, int]:
     return foretold(np.array(chosen), seen, policy.contract)
 
 
-def put_contract(model: Path, contract: PolicyContract) -> None:
-    """Give a policy's file this contract."""
+def put_proof(model: Path, proof: Proof) -> PolicyContract:
+    """Put a proof into a taught policy's file; its contract then."""
+    contract = replace(OnnxPolicy(model).contract, proof=proof)
     network = onnx.load(str(model))
     onnx.helper.set_model_props(network, {contract.METADATA_KEY: contract.to_json()})
     with atomically(model) as temporary:
         onnx.save(network, str(temporary))
-
-
-def put_proof(model: Path, proof: Proof) -> PolicyContract:
-    """Put a proof into a policy's file; its contract then."""
-    contract = replace(OnnxPolicy(model).contract, proof=proof)
-    put_contract(model, contract)
     return contract
