@@ -76,7 +76,7 @@ class Broken:
     """A rule that fails."""
 
     def after(self, road: Road) -> "Tuple[Broken, Cap]":
-        raise ContractError(f"no rule for {road.line_m}")
+        raise ContractError(f"no rule for {road.ahead.line_m}")
 
 
 def test_a_rule_that_fails_stops_the_robot() -> None:
