@@ -65,11 +65,3 @@ def test_it_stands_before_ducks_and_behind_cars(
         assert not any(each.at_fault for each in told)
         assert sum(each.tiles for each in told) > 8.0
     assert any(each.at_fault for each in driven(Heedless(), "lfv", "loop", 4))
-
-
-@pytest.mark.slow
-def test_a_minute_of_traffic_without_a_collision(under_rules: Driver) -> None:
-    for challenge, where, episodes in (("lfp", "loop", 6), ("lfv", "loop", 6), ("lfvi", "town", 1)):
-        told = driven(under_rules, challenge, where, episodes)
-        assert not any(each.at_fault for each in told), challenge
-        assert np.mean([each.success for each in told]) > 0.9
