@@ -101,7 +101,8 @@ def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None
     units = {name: unit for name, (_, unit) in MEASURES.items()}
     every = [verdict.figures for verdict in verdicts]
     for name in every[0]:
-        cells = [f"{e[name].value:.2f} ({e[name].low:.2f} to {e[name].high:.2f})" for e in every]
+        told = ([round(figure, 2) + 0.0 for figure in each[name]] for each in every)  # no -0.00
+        cells = [f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in told]
         table.add_row(f"{name} [{units[name]}]" if name in units else name, *cells)
     ends = [", ".join(f"{k} {n}" for k, n in v.ends.items()) or "none" for v in verdicts]
     table.add_row("infractions", *ends)
