@@ -97,16 +97,17 @@ def doubts(look: str, count: int, maps: tuple[str, ...], seed: int) -> Doubts:
     checks = [WayCheck() for _ in range(count)]
     worst = np.zeros((count, 2))
     bound, before, driven = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool), 0
+    begun = before.copy()  # who arrived halts, and may be sent on
     for turn in blind_drives(look, count, maps, seed):
         for begins in np.flatnonzero(turn.driving & ~before):
             checks[begins].reset()
-        before = turn.driving
+        before, begun = turn.driving, begun | turn.driving
         for robot, check in enumerate(checks):
             check.stepped(turn.time_s, Pose(*turn.odometry[robot]))
             seen = turn.overhead.poses[robot]
             if np.isfinite(seen[0]):
                 check.see(float(turn.overhead.captured_s[robot]), Pose(*seen))
-            if turn.driving[robot]:
+            if begun[robot]:
                 worst[robot] = np.maximum(worst[robot], check.doubt[:2])
         bound |= turn.at_bound & turn.driving
         driven += int(turn.driving.sum())
