@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
@@ -27,40 +26,24 @@ _RINGS = ("judging/rings",)
 MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
 BARE = "bare"
 DRIVERS: dict[str, Callable[[], Driver]] = {"expert": Expert, "stand": Standing}
-Name = Literal["lf", "lfp", "lfv", "lfvi"]
 
 
-def judge_command(
+def judge(
     model: str,
-    challenge: Name = "lf",
-    against: str | None = None,
-    episodes: int = 100,
-    seed: int = 1000,
-    look: str = "nominal",
-    map: tuple[str, ...] = (),
-    json: Path | None = None,
-    out: Path | None = None,
+    challenge: str,
+    against: str | None,
+    episodes: int,
+    seed: int,
+    look: str,
+    maps: tuple[str, ...],
+    json: Path | None,
+    out: Path | None,
 ) -> int:
-    """Drive a challenge of the AI Driving Olympics, and tell its measures.
-
-    Args:
-        model: a policy, .onnx, under the rules of the road; or expert, who knows the truth; or
-            stand, who never moves.
-        challenge: lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours
-            with junctions.
-        against: another driver, on the same episodes; bare is the policy without rules.
-        episodes: how many, of a minute each.
-        seed: of the first episode; the next ones have the next seeds.
-        look: a YAML file with a look or a distribution of looks, or a shipped name.
-        map: map files, or shipped names or folders; else the rings kept for judging, with
-            junctions town.
-        json: write the figures there.
-        out: a folder for a page with films of the worst episodes.
-    """
+    """`trainer.commands.judge_command`, which asks for it."""
     names = [model] if against is None else [model, against]
     drivers = [_driver(name, model) for name in names]
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
-    road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
+    road_maps = [load_map(name) for name in maps_named(maps or MAPS[challenge])]
     looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
     console, worst = Console(soft_wrap=True), Worst()
     verdicts: list[Verdict] = []
