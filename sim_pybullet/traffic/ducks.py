@@ -8,6 +8,7 @@ from robot.contract import CONTROL_DT_S
 
 HEIGHT_M = 0.08
 _WAITS = 32  # drawn when an episode begins, and then again from the first
+_PATIENCE_S = 2.0  # so long it stands in front of a robot, then it goes back
 _LOOK_M, _SPACE_M = 0.12, 0.2  # a duck does not walk on while a robot is so near to there
 
 
@@ -23,6 +24,7 @@ class Ducks:
         self.poses = np.full((groups, count, 3), np.nan)
         self.velocities = np.zeros((groups, count, 2))
         self._way_m, self._speed_mps, self._gone_m, self._left_s = np.zeros((4, groups, count))
+        self._blocked_s = np.zeros((groups, count))
         self._waits_s = np.zeros((groups, count, _WAITS))
         self._turn = np.zeros((groups, count), dtype=int)
 
@@ -41,7 +43,8 @@ class Ducks:
         self._speed_mps[group] = rng.uniform(*speed_mps, self._speed_mps.shape[1])
         self._waits_s[group] = rng.uniform(*wait_s, self._waits_s.shape[1:])
         self._left_s[group] = self._waits_s[group, :, 0]
-        self._gone_m[group], self._turn[group], self.velocities[group] = 0.0, 0, 0.0
+        self._gone_m[group] = self._blocked_s[group] = 0.0
+        self._turn[group], self.velocities[group] = 0, 0.0
 
     def step(self, robots: np.ndarray) -> None:
         """One decision on, among robots (G, R, 2) [m]."""
@@ -59,8 +62,11 @@ class Ducks:
         self.velocities = (step_m / CONTROL_DT_S)[..., None] * ahead
         self._gone_m += step_m
         over = going & (self._gone_m >= self._way_m - 1e-9)
-        self.poses[..., 2] = np.where(over, heading + np.pi, heading)
-        self._gone_m[over] = 0.0
+        self._blocked_s = np.where(walking & ~going, self._blocked_s + CONTROL_DT_S, 0.0)
+        back = self._blocked_s > _PATIENCE_S
+        self._blocked_s[back] = 0.0
+        self.poses[..., 2] = np.where(over | back, heading + np.pi, heading)
+        self._gone_m = np.where(over, 0.0, np.where(back, self._way_m - self._gone_m, self._gone_m))
         self._turn[over] = (self._turn[over] + 1) % _WAITS
         waits_s = np.take_along_axis(self._waits_s, self._turn[..., None], axis=-1)[..., 0]
         self._left_s[over] = waits_s[over]

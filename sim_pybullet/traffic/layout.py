@@ -74,7 +74,7 @@ class Layout:
         left_m = -_EDGE_TILES * tile_m if walks else rng.uniform(*how.duckie_y_bounds)
         aside = np.stack((-np.sin(places.heading_rad), np.cos(places.heading_rad)), axis=1)
         xy_m = places.xy_m + left_m * aside
-        fit = places.free & (places.straight | (not walks))
+        fit = places.free & places.straight  # in a junction it would stand in somebody's way
         fit &= self._apart(xy_m, self._ducks, how.duckie_min_dist_from_other_duckie)
         fit &= self._apart(xy_m, self._cars, how.duckie_min_dist_from_robot)
         path, arc_m = self._draw(fit, "ducks")

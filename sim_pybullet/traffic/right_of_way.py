@@ -14,6 +14,7 @@ STOP_M = 0.17  # where a car stands: the red line and a few centimetres before i
 STAND_S = 0.5
 _STANDS_MPS = 0.03
 _EXIT_M = 0.7  # must be free behind the line, so that nobody stands in a junction
+_TIGHT_M = 0.35  # is enough for who has been patient, or a queue all round a block never moves
 _PATIENCE_S = 6.0  # who has the way and does not go loses it
 
 
@@ -67,7 +68,9 @@ class RightOfWay:
         if holder == car:
             return True
         line_m, free_m = approach.line_m[group, car], approach.free_m[group, car]
-        ready = self._stood_s[group, car] >= STAND_S and free_m > line_m + _EXIT_M
+        stood_s = self._stood_s[group, car]
+        exit_m = _EXIT_M if stood_s < _PATIENCE_S else _TIGHT_M
+        ready = stood_s >= STAND_S and free_m > line_m + exit_m
         taken = holder >= 0 or (approach.inside[group] == junction).any()
         if taken or not ready or approach.red[group, car]:
             return False
