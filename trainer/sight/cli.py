@@ -25,17 +25,17 @@ SEERS = tuple(
 class SightRun:
     """``config.yaml`` of a run."""
 
-    files: int = 40
+    files: int = 60
     """Of some 4,000 pictures each, to learn from."""
     steps: int = 16_000
     """Of learning."""
     batch: int = 128
     """Pictures in a step."""
-    look: str = "randomised"
-    """A look to learn in."""
+    look: tuple[str, ...] = ("randomised", "wide")
+    """Looks, or folders of looks, to learn in; files of pictures take turns."""
     seed: int = 0
     """Of everything random."""
-    choosing_files: int = 3
+    choosing_files: int = 4
     """Of pictures by which uncertainties are scaled."""
 
 

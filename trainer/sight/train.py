@@ -47,7 +47,8 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     Raises:
         ConfigError: another run lies in ``out``, or the look is kept for judging.
     """
-    refuse_judging_look(run.look)
+    for look in run.look:
+        refuse_judging_look(look)
     if take_up(SightRun, out, True, lambda: run) != run:
         raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
     maps = division().maps
@@ -70,7 +71,12 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
 
 
 def gathered(
-    folder: Path, names: Sequence[str], look: str, files: int, seed: int, console: Console
+    folder: Path,
+    names: Sequence[str],
+    looks: Sequence[str],
+    files: int,
+    seed: int,
+    console: Console,
 ) -> Pictures:
     """Pictures of robots on these maps, from files that are there or are made now."""
     maps = [load_map(name) for name in names]
@@ -80,7 +86,7 @@ def gathered(
     for number in track(range(files), f"{folder.name} pictures", console=console):
         path = folder / f"{number:03d}.npz"
         if not path.exists():
-            save(pictures_of(maps, look, seed * 1_000 + number), path)
+            save(pictures_of(maps, looks[number % len(looks)], seed * 1_000 + number), path)
         found.append(load(path))
     return joined(found)
 

@@ -159,7 +159,7 @@ def test_a_judgement_of_the_map_itself_is_perfect(
 def test_a_run_that_was_cut_off_goes_on_and_another_is_refused(tmp_path: Path) -> None:
     from trainer.sight import train
 
-    run = SightRun(files=1, steps=4, batch=8, look="nominal", choosing_files=1)
+    run = SightRun(files=1, steps=4, batch=8, look=("nominal",), choosing_files=1)
     out, small = tmp_path / "run", pytest.MonkeyPatch()
     small.setattr(train, "DECISIONS", 3)
     try:
