@@ -223,6 +223,6 @@ def test_the_limits_by_default() -> None:
     limits = SafetyLimits()
     told: List[float] = [limits.frame_age_s, limits.loop_age_s, limits.pose_age_s]
     told += [limits.link_age_s, limits.manual_age_s, limits.blind_s, limits.still_s]
-    assert told == [0.2, 0.2, 1.0, 1.0, 0.5, 0.5, 1.3]
+    assert told == [0.2, 0.2, 1.0, 1.0, 0.3, 0.5, 1.3]
     assert limits.frozen_frames == 5
     assert round(limits.max_wheel_mps, 4) == 0.3459

@@ -139,8 +139,9 @@ def test_what_an_evaluation_says() -> None:
 class Chooser:
     """A policy that notes what it sees, and chooses 3."""
 
-    def __init__(self, actions: Any = ((0.3, 0.3), (0.1, 0.2))) -> None:
-        self.contract = SimpleNamespace(image=ImageSpec(80, 60, 20), actions=actions)
+    def __init__(self, actions: Any = ((0.3, 0.3), (0.1, 0.2)), frames: int = 2) -> None:
+        image = ImageSpec(80, 60, 20)
+        self.contract = SimpleNamespace(image=image, actions=actions, frames=frames)
         self.seen: list[tuple[np.ndarray, np.ndarray | None]] = []
 
     def act(self, pictures: np.ndarray, path: np.ndarray | None) -> np.ndarray:
@@ -167,6 +168,16 @@ def test_a_policy_sees_its_own_robots_stack_and_path_or_zeros(zero: str | None) 
     else:
         _choose(policy, Observation(images, None), 1, zero)
         assert policy.seen[-1][1] is None
+
+
+def test_a_policy_that_knows_fewer_pictures_sees_the_newest() -> None:
+    images = np.zeros((1, 120, 160, 6), np.uint8)
+    images[..., 3:] = 90
+    policy: Any = Chooser(frames=1)
+    _choose(policy, Observation(images, None), 0, None)
+    ((pictures, _),) = policy.seen
+    assert pictures.shape == (1, 40, 80, 3)
+    assert (pictures == 90).all()
 
 
 def test_a_policy_with_a_table_of_its_own_says_speeds() -> None:
