@@ -114,6 +114,7 @@ def main(words: list[str]) -> None:
         os.environ.update(ONE_THREAD)
         for case in words[2:] or CASES:
             config = measured(*CASES[case])
+            config = replace(config, steps=4 * config.steps)  # until many episodes have ended
             one, many = (decisions_per_s(replace(config, workers=n)) for n in (1, int(words[1])))
             print(f"{case} {one:.0f} and {many:.0f} decisions/s: {many / one:.2f}", flush=True)
         return
