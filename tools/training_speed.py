@@ -113,8 +113,8 @@ def main(words: list[str]) -> None:
     if words[:1] == ["--processes"]:
         os.environ.update(ONE_THREAD)
         for case in words[2:] or CASES:
-            config = measured(*CASES[case])
-            config = replace(config, steps=4 * config.steps)  # until many episodes have ended
+            short = measured(*CASES[case])
+            config = replace(short, steps=4 * short.steps)  # many episodes end
             one, many = (decisions_per_s(replace(config, workers=n)) for n in (1, int(words[1])))
             print(f"{case} {one:.0f} and {many:.0f} decisions/s: {many / one:.2f}", flush=True)
         return
