@@ -30,7 +30,7 @@ _SIDES = "ENWS"  # by quarter turns from east
 _WAYS = {"ALR": "cross", "AL": "left", "AR": "right", "LR": "tee"}
 
 
-class RoadAhead(NamedTuple):
+class LaneAhead(NamedTuple):
     """The road as a robot at a pose should see it; what bends to the left is positive."""
 
     offset_m: float  # of the robot to the left of its lane
@@ -59,7 +59,7 @@ class LaneView:
         self._index = LaneIndex(lanes)
         self._chains = [self._follow(lane, begins) for lane in lanes]
 
-    def at(self, x_m: float, y_m: float, heading_rad: float) -> Optional[RoadAhead]:
+    def at(self, x_m: float, y_m: float, heading_rad: float) -> Optional[LaneAhead]:
         """The road before a pose; None beside it, or where none leads within 90 degrees."""
         tile = self._map.tile_at(x_m, y_m)
         if tile is None or not tile.is_road:
@@ -76,7 +76,7 @@ class LaneView:
         steps = near.t[i] * (_POINTS - 1)
         arc_m = float(np.interp(steps, np.arange(_POINTS), chain.arcs_m[:_POINTS]))
         line_m, ahead_m = chain.line_m - arc_m, arc_m + AHEAD_M
-        return RoadAhead(
+        return LaneAhead(
             float(near.offset_m[i]),
             float(turned[i]),
             float(near.heading_rad[i]),
@@ -95,7 +95,7 @@ class LaneView:
             return math.inf
         return road.line_m
 
-    def _crossing(self, tile: Tile, x_m: float, y_m: float, heading_rad: float) -> RoadAhead:
+    def _crossing(self, tile: Tile, x_m: float, y_m: float, heading_rad: float) -> LaneAhead:
         size_m = self._map.tile_size_m
         quarter = round(heading_rad / (0.5 * math.pi)) % 4
         along_rad = float(wrap_angle(quarter * 0.5 * math.pi))
@@ -108,7 +108,7 @@ class LaneView:
         turned_rad = float(wrap_angle(heading_rad - along_rad))
         line_m = rest_m if kind else math.inf
         here = offset_m, turned_rad, along_rad
-        return RoadAhead(*here, 0.0, math.nan, 0.0, line_m, kind, True)
+        return LaneAhead(*here, 0.0, math.nan, 0.0, line_m, kind, True)
 
     def _beyond(self, tile: Tile, quarter: int) -> int:
         """The kind of the junction that lies next to a tile on one side; 0 for none."""

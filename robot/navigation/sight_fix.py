@@ -14,7 +14,7 @@ import numpy as np
 
 from robot.geometry import wrap_angle
 from robot.navigation.fusion import SEEN, PoseFusion
-from robot.navigation.lane_view import LaneView, RoadAhead
+from robot.navigation.lane_view import LaneAhead, LaneView
 from robot.vision.sight import Seen
 
 USUAL_DELAY_S = 0.05  # of a picture, from the light to the robot
@@ -93,7 +93,7 @@ class SightFix:
                 noise[i] = _WIDER * (seen.deviations[i, 3] ** 2 + _LEAST[3] ** 2)
         return innovation, design, noise
 
-    def _roads(self, asked: np.ndarray, poses: np.ndarray) -> Sequence[Tuple[int, RoadAhead]]:
+    def _roads(self, asked: np.ndarray, poses: np.ndarray) -> Sequence[Tuple[int, LaneAhead]]:
         """The roads before those who are asked, where the map has one."""
         found = []
         for i in np.flatnonzero(asked & np.isfinite(poses[:, 0])).tolist():
@@ -104,7 +104,7 @@ class SightFix:
         return found
 
 
-def _directions(road: RoadAhead) -> Tuple[np.ndarray, np.ndarray]:
+def _directions(road: LaneAhead) -> Tuple[np.ndarray, np.ndarray]:
     """Along the lane, and to its left."""
     c, s = math.cos(road.along_rad), math.sin(road.along_rad)
     return np.array((c, s)), np.array((-s, c))

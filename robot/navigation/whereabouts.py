@@ -15,7 +15,7 @@ import numpy as np
 
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.fusion import FusionConfig, PoseFusion
-from robot.navigation.lane_view import LaneView, RoadAhead
+from robot.navigation.lane_view import LaneAhead, LaneView
 from robot.navigation.road_map import RoadMap
 from robot.navigation.sight_fix import ROAD, SightFix
 from robot.vision.sight import Seen
@@ -132,7 +132,7 @@ class Whereabouts:
         return (Place(Pose(*poses[best].tolist()), (beside_m, beside_m, turned_rad / 2.0)),)
 
 
-def _likely(seen: Seen, road: Optional[RoadAhead], along_sd_m: float) -> float:
+def _likely(seen: Seen, road: Optional[LaneAhead], along_sd_m: float) -> float:
     """Logarithm of how likely a picture is where the map shows this road."""
     if road is None:
         return -_NO_ROAD

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robot.navigation.lane_view import AHEAD_M, KINDS, LaneView, RoadAhead
+from robot.navigation.lane_view import AHEAD_M, KINDS, LaneAhead, LaneView
 from robot.navigation.road_map import RoadMap, read_map
 
 TILE = 0.6
@@ -22,7 +22,7 @@ CROSS = map_of(
 EASTWARDS_M = 1.5 * TILE - 0.2 * TILE  # the right-hand lane of the middle row
 
 
-def seen(road_map: RoadMap, x_m: float, y_m: float, heading_rad: float) -> RoadAhead:
+def seen(road_map: RoadMap, x_m: float, y_m: float, heading_rad: float) -> LaneAhead:
     road = LaneView(road_map).at(x_m, y_m, heading_rad)
     assert road is not None
     return road

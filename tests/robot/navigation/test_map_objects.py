@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,13 @@ from hypothesis import strategies as st
 
 from robot.errors import MapError
 from robot.navigation.map_objects import objects_of
-from robot.navigation.road_map import RoadMap, load_map, read_map
+from robot.navigation.road_map import load_map, read_map
+from tests.robot.navigation.oracle import oracle_map, oracle_maps, sim_to_world
 
 
 @pytest.fixture(scope="session")
 def oracle(data_dir: Path) -> dict[str, Any]:
-    return json.loads((data_dir / "oracle" / "map_geometry.json").read_text())["maps"]
-
-
-def sim_to_world(points: Any, road_map: RoadMap) -> np.ndarray:
-    """The simulator's (..., 3) x, up, z (south) as our (..., 2) x, y."""
-    array = np.array(points)
-    return np.stack((array[..., 0], road_map.height_m - array[..., 2]), axis=-1)
-
-
-def oracle_map(data_dir: Path, name: str) -> RoadMap:
-    return load_map(data_dir / "maps" / "duckietown" / f"{name}.yaml", compat=True)
+    return oracle_maps(data_dir)
 
 
 GOOD: dict[str, Any] = {"tiles": [["straight/E", "floor"]], "tile_size": 0.585}

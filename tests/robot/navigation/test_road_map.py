@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections import defaultdict
 from pathlib import Path
 from typing import Any, Dict
@@ -14,25 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import MapError
-from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
+from robot.navigation.road_map import load_map, read_map, shipped_maps
 from robot.navigation.tiles import FLOOR_KINDS, ORIENTATIONS, ROAD_SIDES, STEPS, parse_tile
+from tests.robot.navigation.oracle import oracle_map, oracle_maps, sim_to_world
 
 OPPOSITE = {"S": "N", "N": "S", "E": "W", "W": "E"}
 
 
 @pytest.fixture(scope="session")
 def oracle(data_dir: Path) -> dict[str, Any]:
-    return json.loads((data_dir / "oracle" / "map_geometry.json").read_text())["maps"]
-
-
-def sim_to_world(points: Any, road_map: RoadMap) -> np.ndarray:
-    """The simulator's (..., 3) x, up, z (south) as our (..., 2) x, y."""
-    array = np.array(points)
-    return np.stack((array[..., 0], road_map.height_m - array[..., 2]), axis=-1)
-
-
-def oracle_map(data_dir: Path, name: str) -> RoadMap:
-    return load_map(data_dir / "maps" / "duckietown" / f"{name}.yaml", compat=True)
+    return oracle_maps(data_dir)
 
 
 def test_lanes_equal_the_reference(data_dir: Path, oracle: dict[str, Any]) -> None:
