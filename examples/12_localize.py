@@ -29,7 +29,7 @@ sheets = [s for one in (ann, bob) for s in robot_sheets(one, poses[one.robot])]
 image = camera.render(sheets, rng)
 
 calibration = known_calibration(camera, (ann, bob), (arena.width_m, arena.height_m))
-found = locate_frame(image, calibration)  # yours: load_calibration("arena.yaml")
+found = locate_frame(image, calibration)  # yours: load_yaml(Calibration, "arena.yaml")
 for one in found:
     true = poses[one.robot]
     error_mm = 1000.0 * math.hypot(one.x_m - true.x_m, one.y_m - true.y_m)

@@ -10,8 +10,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from localizer_node import calibrate_command
-from localizer_node.calibration import load_calibration
+from localizer_node import calibrate
+from localizer_node.calibration import Calibration
 from localizer_node.detect import Detection
 from localizer_node.draw import annotated
 from localizer_node.node import Localizer, Publish, locate_frame
@@ -53,14 +53,15 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     locate.add_argument("--picture", type=Path, metavar="PNG", help="draw what was found")
     locate.set_defaults(command=locate_command)
-    calibrate = actions.add_parser("calibrate", help="make the calibration of an arena")
-    calibrate_command.add_arguments(calibrate)
+    calibrate.add_arguments(
+        actions.add_parser("calibrate", help="make the calibration of an arena")
+    )
     return parser
 
 
 def run_command(arguments: argparse.Namespace) -> None:
     """Follow the robots until the source ends; publish their poses, or print them as JSON lines."""
-    calibration = load_calibration(arguments.calibration)
+    calibration = load_yaml(Calibration, arguments.calibration)
     frames = open_source(arguments.source, calibration.lens, arguments.fps)
     with ExitStack() as open_links:
         publish: Publish = _print_lines
@@ -98,7 +99,7 @@ def locate_command(arguments: argparse.Namespace) -> None:
     json_file = None if arguments.json in (None, STDOUT) else Path(arguments.json)
     expect_writable(json_file, arguments.picture, inputs=[arguments.image, arguments.calibration])
     image = read_picture(arguments.image)
-    calibration = load_calibration(arguments.calibration)
+    calibration = load_yaml(Calibration, arguments.calibration)
     found = locate_frame(image, calibration)
     if arguments.picture:
         write_png(arguments.picture, annotated(image, calibration, found))

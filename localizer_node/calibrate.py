@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from localizer_node.calibration import Board, Calibration, Marker
-from localizer_node.rectify import Rectifier, map_outline
+from localizer_node.calibration import (
+    Calibration,
+    Marker,
+    map_corners,
+    map_outline,
+    save_calibration,
+)
+from localizer_node.draw import annotated
 from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
+from robot.camera.files import read_picture
+from robot.command_line import number, pair
 from robot.errors import ConfigError
-from robot.lens import Lens
+from robot.lens import MODELS, Lens
+from robot.navigation.road_map import load_map
+from robot.output import expect_writable, write_png
+from robot.typed_config import load_yaml
 
+DISTORTION_POINTS = 8  # from so many points on, the lens' first coefficient is fitted too
 MAX_RESIDUAL_MM = 8.0
-ENOUGH_SPARE = 4
+ENOUGH_SPARE = 4  # equations beyond the unknowns: with fewer, a wrong lens leaves no residual
 MAX_PARALLAX_ERROR_MM = 10.0
 ROI_MARGIN_M = 0.08
 
@@ -28,6 +42,20 @@ class KnownPoint:
     v_px: float
     x_m: float
     y_m: float
+
+
+@dataclass(frozen=True)
+class PointsFile:
+    """What a person writes for ``--points``."""
+
+    points: Tuple[KnownPoint, ...]
+
+
+@dataclass(frozen=True)
+class RobotsFile:
+    """What a person writes for ``--robots``."""
+
+    robots: Tuple[Marker, ...]
 
 
 class Report(NamedTuple):
@@ -47,13 +75,8 @@ def corner_points(
             "expected four --corner U,V (south-west, south-east, north-east, north-west), "
             f"got {len(pixels)}"
         )
-    corners = map_corners(map_size_m)
-    return [KnownPoint(u, v, float(x), float(y)) for (u, v), (x, y) in zip(pixels, corners)]
-
-
-def map_corners(map_size_m: Tuple[float, float]) -> np.ndarray:
-    """(4, 2) [m]: south-west, south-east, north-east, north-west."""
-    return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * np.array(map_size_m)
+    corners = map_corners(map_size_m).tolist()
+    return [KnownPoint(*pixel, *corner) for pixel, corner in zip(pixels, corners)]
 
 
 def guess_lens(model: str, width_px: int, height_px: int) -> Lens:
@@ -87,7 +110,7 @@ def calibrate(
     _check_points(pixels, floor_m, lens)
     fit = fit_camera(pixels, floor_m, lens, freedom)
     rough = replace(_calibration_of(fit, map_size_m), robots=robots)
-    errors = np.linalg.norm(Rectifier(rough).to_floor(pixels) - floor_m, axis=1) * 1000.0
+    errors = np.linalg.norm(rough.to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
     if residual > max_residual_mm:
         worst = int(np.argmax(errors))
@@ -96,10 +119,9 @@ def calibrate(
             f"{residual:.1f} mm; the worst is point {worst + 1} with {errors[worst]:.1f} mm: check "
             "its pixel and its place, then the map's size and the lens model (fisheye or pinhole)"
         )
-    parallax = _parallax_sigma_mm(fit, map_size_m, [m.board for m in robots])
-    roi = _roi(rough, max([0.0, *(m.board.height_m for m in robots)]))
-    calibration = replace(rough, residual_mm=residual, roi_px=roi)
-    # Equations beyond the unknowns: with few, a wrong lens leaves no residual either.
+    tallest_m = max([0.0, *(m.board.height_m for m in robots)])
+    parallax = _parallax_sigma_mm(fit, map_size_m, tallest_m)
+    calibration = replace(rough, residual_mm=residual, roi_px=_roi(rough, tallest_m))
     checked = 2 * len(points) - freedom.unknowns >= ENOUGH_SPARE
     return Report(calibration, parallax, checked)
 
@@ -132,12 +154,9 @@ def _almost_collinear(points: np.ndarray) -> bool:
     return any(spread[1] <= 0.03 * max(spread[0], 1e-12) for spread in spreads)
 
 
-def _parallax_sigma_mm(
-    fit: CameraFit, map_size_m: Tuple[float, float], boards: Sequence[Board]
-) -> float:
+def _parallax_sigma_mm(fit: CameraFit, map_size_m: Tuple[float, float], tallest_m: float) -> float:
     reach = np.linalg.norm(map_corners(map_size_m) - fit.position_m[:2], axis=1).max()
-    tallest = max([board.height_m for board in boards], default=0.0)
-    sigma_mm = float(1000.0 * reach * tallest * fit.height_sigma_m / fit.position_m[2] ** 2)
+    sigma_mm = float(1000.0 * reach * tallest_m * fit.height_sigma_m / fit.position_m[2] ** 2)
     if sigma_mm > MAX_PARALLAX_ERROR_MM:
         raise ConfigError(
             f"calibration: the camera's height comes out as {fit.position_m[2]:.2f} m +- "
@@ -154,16 +173,10 @@ def _calibration_of(fit: CameraFit, map_size_m: Tuple[float, float]) -> Calibrat
     c, s = math.cos(turn), math.sin(turn)
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ fit.ray_from_floor
     homography = np.linalg.inv(turned)
-    homography = homography / homography[2, 2]
-    x, y, height = (float(v) for v in fit.position_m)
-    return Calibration(
-        lens=fit.lens,
-        homography=tuple(float(v) for v in homography.ravel()),
-        camera_m=(x, y, height),
-        rotation_rad=turn,
-        map_size_m=map_size_m,
-        robots=(),
-    )
+    rows = (homography / homography[2, 2]).ravel().tolist()
+    x, y, height = fit.position_m.tolist()
+    place = (x, y, height)
+    return Calibration(fit.lens, tuple(rows), place, turn, map_size_m=map_size_m, robots=())
 
 
 def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float], ...]:
@@ -173,9 +186,80 @@ def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float]
     outline = map_outline(calibration.map_size_m)
     middle = np.array(calibration.map_size_m) / 2.0
     outline = middle + (outline - middle) * (1.0 + ROI_MARGIN_M / middle)
-    rectifier = Rectifier(calibration)
-    both = np.concatenate([rectifier.to_pixels(outline, h) for h in (0.0, height_m)])
+    both = np.concatenate([calibration.to_pixels(outline, h) for h in (0.0, height_m)])
     lens = calibration.lens
     inside = np.clip(both, (0.0, 0.0), (lens.width_px - 1.0, lens.height_px - 1.0))
     hull = cv2.convexHull(np.round(inside).astype(np.int32)).reshape(-1, 2)
     return tuple((float(u), float(v)) for u, v in hull)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of ``calibrate``."""
+    parser.add_argument("--out", type=Path, required=True, help="the calibration file to write")
+    parser.add_argument("--image", type=Path, required=True, help="a picture of the camera")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the map's edge into it")
+    parser.add_argument("--points", help="YAML of known points (see docs/localizer.md)")
+    parser.add_argument(
+        "--corner",
+        type=pair("U,V such as 208.5,644"),
+        action="append",
+        default=[],
+        metavar="U,V",
+        help="pixel of a map corner, four times: south-west, south-east, north-east, north-west",
+    )
+    parser.add_argument("--lens", default="fisheye", help=f"{', '.join(MODELS)}, or a lens file")
+    parser.add_argument(
+        "--height", type=number(0.1, 20.0), help="of the camera above the floor, measured [m]"
+    )
+    parser.add_argument("--map", default="arena", help="road map whose floor this is")
+    parser.add_argument("--robots", help="YAML with `robots:`, a list of markers")
+    parser.set_defaults(command=make)
+
+
+def make(arguments: argparse.Namespace) -> None:
+    """Calibrate, write the file, and say how good it is.
+
+    ConfigError: whatever is wrong with points, lens, colours or result.
+    """
+    named = (arguments.points, arguments.robots, arguments.lens, arguments.map)
+    inputs = [arguments.image, *(Path(name) for name in named if name)]
+    expect_writable(arguments.out, arguments.picture, inputs=inputs)
+    image = read_picture(arguments.image)
+    size = (image.shape[1], image.shape[0])
+    road_map = load_map(arguments.map)
+    map_size_m = (road_map.width_m, road_map.height_m)
+    if arguments.points:
+        points = list(load_yaml(PointsFile, arguments.points).points)
+    else:
+        points = corner_points(arguments.corner, map_size_m)
+    lens, known = _lens(arguments.lens, *size)
+    distortion = int(not known and lens.model != "pinhole" and len(points) >= DISTORTION_POINTS)
+    freedom = Freedom(not known, distortion, arguments.height)
+    robots = load_yaml(RobotsFile, arguments.robots).robots if arguments.robots else (Marker(),)
+    report = calibrate(points, lens, freedom, map_size_m, robots)
+    save_calibration(report.calibration, arguments.out)
+    if arguments.picture:
+        write_png(arguments.picture, annotated(image, report.calibration, ()))
+    _tell(report, arguments.out)
+
+
+def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
+    """The lens to start from, and whether it is known already."""
+    if name in MODELS or not Path(name).is_file():
+        return guess_lens(name, width_px, height_px), False
+    lens = load_yaml(Lens, name)
+    if lens.width_px * height_px != lens.height_px * width_px:
+        raise ConfigError(
+            f"{name}: lens of a {lens.width_px}x{lens.height_px} picture; expected the same shape "
+            f"as {width_px}x{height_px}"
+        )
+    return lens.scaled(width_px, height_px), True
+
+
+def _tell(report: Report, out: Path) -> None:
+    x, y, height = report.calibration.camera_m
+    print(f"{out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
+    print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
+    print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")
+    if not report.checked:
+        print("so few points fit almost any lens: add the map's middle and edges to check it")

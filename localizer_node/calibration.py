@@ -1,18 +1,22 @@
-"""``Calibration``: all that turns a pixel of the overhead camera into a place on the floor.
+"""``Calibration``: turns a pixel of the overhead camera into a place on the floor, and back.
 
 Pixels are (u, v) of the raw picture, u right, v down, (0, 0) the centre of the top-left pixel.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Dict, Tuple, Union
+from typing import Dict, Tuple
+
+import numpy as np
 
 from robot.errors import ConfigError, nearest
 from robot.lens import Lens
 from robot.output import write_text
-from robot.typed_config import load_yaml, to_plain
+from robot.typed_config import to_plain
 
 KINDS = ("two_colour", "tag", "plain")
 Point = Tuple[float, float]
@@ -103,7 +107,8 @@ class Calibration:
 
     The chain from pixel to floor: region of interest -> ``lens`` (undistort) -> turn by
     ``rotation_rad`` (about the optical axis, clockwise in the picture, so that north is up) ->
-    ``homography`` -> floor [m]. ``camera_m`` corrects for the height of a marker (rectify.py).
+    ``homography`` -> floor [m]. ``camera_m`` corrects for the height of a marker: seen from H, a
+    point at height h looks displaced by r h / (H - h) outward from the camera's foot point.
     """
 
     lens: Lens
@@ -155,17 +160,79 @@ class Calibration:
                 return colour
         raise ConfigError(f"colour {name!r}: {nearest(name, [c.name for c in self.colours])}")
 
+    @cached_property
+    def _floor_from_ray(self) -> np.ndarray:
+        c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        floor_from_ray = np.array(self.homography).reshape(3, 3) @ turn
+        # Known up to a factor; with this sign the third coordinate is positive below the horizon.
+        return floor_from_ray * (-1.0 if floor_from_ray[2, 2] < 0.0 else 1.0)
 
-def load_calibration(path: Union[str, Path]) -> Calibration:
-    """Read what ``save_calibration`` wrote.
+    @cached_property
+    def _ray_from_floor(self) -> np.ndarray:
+        return np.linalg.inv(self._floor_from_ray)
 
-    ConfigError: absent, not YAML, or not a calibration, naming the key.
-    """
-    return load_yaml(Calibration, path)
+    def to_floor(self, pixels: np.ndarray, height_m: float = 0.0) -> np.ndarray:
+        """Where (..., 2) [m] stands what is seen at pixels (..., 2), ``height_m`` above the floor.
+
+        NaN where the pixel shows no floor.
+        """
+        rays = self.lens.unproject(pixels)
+        plane = rays @ self._floor_from_ray.T
+        front = (rays[..., 2] > 1e-6) & (plane[..., 2] > 1e-9)
+        floor = plane[..., :2] / np.where(front, plane[..., 2], np.nan)[..., None]
+        foot_m, above_m = np.array(self.camera_m[:2]), self.camera_m[2]
+        return foot_m + (floor - foot_m) * ((above_m - height_m) / above_m)
+
+    def to_pixels(self, points_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
+        """Where floor points (..., 2), raised to ``height_m``, appear in the raw picture."""
+        foot_m, above_m = np.array(self.camera_m[:2]), self.camera_m[2]
+        stretch = above_m / (above_m - height_m)
+        floor = foot_m + (np.asarray(points_m, dtype=float) - foot_m) * stretch
+        rays = np.concatenate((floor, np.ones((*floor.shape[:-1], 1))), axis=-1)
+        return self.lens.project(rays @ self._ray_from_floor.T)
+
+    def linearised(
+        self, pixels: np.ndarray, height_m: float = 0.0
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """``to_floor`` (..., 2) and its derivative (..., 2, 2) [m/px]: rows x, y, columns u, v."""
+        pixels = np.asarray(pixels, dtype=float)
+        steps = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+        floor = self.to_floor(pixels[..., None, :] + steps, height_m)
+        along_u = floor[..., 1, :] - floor[..., 2, :]
+        along_v = floor[..., 3, :] - floor[..., 4, :]
+        return floor[..., 0, :], np.stack((along_u, along_v), axis=-1)
+
+    def on_map(self, points_m: np.ndarray, margin_m: float = 0.0) -> np.ndarray:
+        """Whether floor points (..., 2) lie on the map or within ``margin_m`` of it."""
+        points, size = np.asarray(points_m), np.array(self.map_size_m)
+        return np.all((points >= -margin_m) & (points <= size + margin_m), axis=-1)
+
+    def roi_rect(self) -> Tuple[int, int, int, int]:
+        """The slice of the picture around the region of interest: u0, v0, and u1, v1 outside."""
+        size = (self.lens.width_px, self.lens.height_px)
+        if not self.roi_px:
+            return (0, 0, *size)
+        corners = np.array(self.roi_px)
+        low = np.maximum(np.floor(corners.min(axis=0)), 0)
+        high = np.minimum(np.ceil(corners.max(axis=0)) + 1, size)
+        return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-def save_calibration(calibration: Calibration, path: Union[str, Path]) -> None:
-    """Write YAML, whole or not at all."""
+def save_calibration(calibration: Calibration, path: Path) -> None:
+    """Write YAML, whole or not at all; ``robot.typed_config.load_yaml`` reads it."""
     import yaml
 
-    write_text(Path(path), yaml.safe_dump(to_plain(calibration), sort_keys=False))
+    write_text(path, yaml.safe_dump(to_plain(calibration), sort_keys=False))
+
+
+def map_corners(map_size_m: Point) -> np.ndarray:
+    """(4, 2) [m]: south-west, south-east, north-east, north-west."""
+    return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * np.array(map_size_m)
+
+
+def map_outline(map_size_m: Point, points_per_side: int = 12) -> np.ndarray:
+    """The map's edge as a closed ring of points (4 * points_per_side, 2) [m]."""
+    t = np.linspace(0.0, 1.0, points_per_side, endpoint=False)[:, None]
+    corners = map_corners(map_size_m)
+    return np.concatenate([a + (b - a) * t for a, b in zip(corners, np.roll(corners, -1, axis=0))])

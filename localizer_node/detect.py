@@ -13,7 +13,6 @@ import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
 from localizer_node.colour import Blob, blobs, mask_of, to_hsv
-from localizer_node.rectify import Rectifier
 from localizer_node.tags import Tag, TagReader
 
 SIZE_TOLERANCE = 0.4  # relative, of each side
@@ -79,7 +78,6 @@ class Detector:
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
-        self.rectifier = Rectifier(calibration)
         self._markers = calibration.robots
         self._two_colour = [m for m in self._markers if m.kind == "two_colour"]
         self._plain = [m for m in self._markers if m.kind == "plain"]
@@ -95,8 +93,8 @@ class Detector:
         """Least and greatest scale on the map, at the boards' height."""
         size = np.array(self.calibration.map_size_m)
         grid = np.stack(np.meshgrid((0.02, 0.5, 0.98), (0.02, 0.5, 0.98)), axis=-1).reshape(-1, 2)
-        pixels = self.rectifier.to_pixels(grid * size, self._board_height_m)
-        inverse = np.linalg.inv(self.rectifier.linearised(pixels, self._board_height_m)[1])
+        pixels = self.calibration.to_pixels(grid * size, self._board_height_m)
+        inverse = np.linalg.inv(self.calibration.linearised(pixels, self._board_height_m)[1])
         scales = np.linalg.svd(inverse, compute_uv=False)
         return float(np.nanmin(scales)), float(np.nanmax(scales))
 
@@ -104,7 +102,7 @@ class Detector:
         """The robots in an RGB picture (H, W, 3), inside the region of interest."""
         if not self._markers:
             return ()
-        u0, v0, u1, v1 = self.rectifier.roi_rect()
+        u0, v0, u1, v1 = self.calibration.roi_rect()
         crop, corner_px = image[v0:v1, u0:u1], np.array((u0, v0))
         hsv = to_hsv(crop)
         rears = self._parts(blobs(crop, mask_of(hsv, self._blue), self._least_px(0)), corner_px)
@@ -127,7 +125,7 @@ class Detector:
         if not found:
             return []
         centres = np.array([b.centre_px for b in found]) + corner_px
-        places, jacobians = self.rectifier.linearised(centres, self._board_height_m)
+        places, jacobians = self.calibration.linearised(centres, self._board_height_m)
         return [measured(b, p, j, c) for b, p, j, c in zip(found, places, jacobians, centres)]
 
     def _at_height(self, part: Part, marker: Marker) -> np.ndarray:
@@ -190,7 +188,7 @@ class Detector:
 
     def _tag(self, marker: Marker, tag: Tag, offset_px: np.ndarray) -> Optional[Detection]:
         pixels = tag.corners_px + offset_px
-        corners = self.rectifier.to_floor(pixels, marker.board.height_m)
+        corners = self.calibration.to_floor(pixels, marker.board.height_m)
         sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         errors = sides / marker.board.tag_m - 1.0
         if tag.number != marker.tag or not np.all(np.abs(errors) < TAG_TOLERANCE):
@@ -203,7 +201,7 @@ class Detector:
     def _inside(self, detection: Detection) -> bool:
         import cv2
 
-        if not self.rectifier.on_map(np.array((detection.x_m, detection.y_m)), MAP_MARGIN_M):
+        if not self.calibration.on_map(np.array((detection.x_m, detection.y_m)), MAP_MARGIN_M):
             return False
         if not len(self._roi):
             return True

@@ -7,9 +7,8 @@ from typing import Iterable, Tuple
 
 import numpy as np
 
-from localizer_node.calibration import Calibration
+from localizer_node.calibration import Calibration, map_outline
 from localizer_node.detect import Detection
-from localizer_node.rectify import Rectifier, map_outline
 
 Rgb = Tuple[int, int, int]
 OUTLINE_RGB: Rgb = (250, 210, 60)
@@ -24,23 +23,22 @@ def annotated(
     import cv2
 
     picture = image.copy()
-    rectifier = Rectifier(calibration)
-    edge = np.round(rectifier.to_pixels(map_outline(calibration.map_size_m))).astype(np.int32)
+    edge = np.round(calibration.to_pixels(map_outline(calibration.map_size_m))).astype(np.int32)
     cv2.polylines(picture, [edge.reshape(-1, 1, 2)], True, OUTLINE_RGB, 1, cv2.LINE_AA)
     heights = {m.robot: m.board.height_m for m in calibration.robots}
     for found in detections:
-        _draw(picture, rectifier, found, heights.get(found.robot, 0.0))
+        _draw(picture, calibration, found, heights.get(found.robot, 0.0))
     return picture
 
 
-def _draw(picture: np.ndarray, rectifier: Rectifier, found: Detection, height_m: float) -> None:
+def _draw(picture: np.ndarray, calibration: Calibration, found: Detection, height_m: float) -> None:
     import cv2
 
     start = (round(found.u_px), round(found.v_px))
     cv2.circle(picture, start, 4, FOUND_RGB, 2, cv2.LINE_AA)
     if found.heading_rad is not None:
         ahead = np.array([math.cos(found.heading_rad), math.sin(found.heading_rad)])
-        tip = rectifier.to_pixels(np.array([found.x_m, found.y_m]) + ARROW_M * ahead, height_m)
+        tip = calibration.to_pixels(np.array([found.x_m, found.y_m]) + ARROW_M * ahead, height_m)
         end = (round(float(tip[0])), round(float(tip[1])))
         cv2.arrowedLine(picture, start, end, FOUND_RGB, 2, cv2.LINE_AA, tipLength=0.25)
     degrees = "?" if found.heading_rad is None else f"{math.degrees(found.heading_rad):.0f}"

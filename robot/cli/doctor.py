@@ -6,17 +6,60 @@ Nothing moves and nothing is written to any device. Exit status 1 when something
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
-from typing import Iterator, List, Optional
+from typing import Iterator, List, NamedTuple, Optional, Tuple
 
-from robot.config import CameraConfig, RobotConfig
-from robot.doctor import FAIL, OK, WARN, Finding
-from robot.doctor.devices import check_camera, check_disk, check_hat, check_heat, check_mount
-from robot.doctor.machine import Machine
-from robot.doctor.software import check_link, check_map, check_policy, check_python
-from robot.errors import ConfigError
+from robot.computer.clock import MonotonicClock
+from robot.computer.machine import Machine
+from robot.config import CameraConfig, RecordingConfig, RobotConfig
+from robot.contract import CONTROL_DT_S
+from robot.errors import ConfigError, DuckpilotError, HardwareError
+from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
 from robot.hat.config import HatConfig
+from robot.hat.pca9685 import Pca9685
+from robot.inference.policy import time_decisions
+from robot.lens import Mount
+from robot.link.config import LinkConfig
+from robot.link.keys import load_keys
+from robot.navigation.road_map import load_map
+from robot.runtime.assemble import open_policy
 from robot.typed_config import load_yaml
+
+OK = "OK"
+WARN = "WARN"  # the robot drives, but a person should know
+FAIL = "FAIL"  # the robot cannot drive so
+
+OLDEST_PYTHON = (3, 8)
+PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "PyYAML", "smbus2", "pyzmq", "mcap")
+DECISIONS = 30
+SHARE = 0.5  # of the time between two decisions that one may take
+WATCH_S = 2.0
+DARK = 8.0  # mean of a picture through a covered lens, of 255
+# What policies are trained to bear is randomised about the nominal mount by a little more.
+PITCH_TOLERANCE_RAD = math.radians(3.0)
+HEIGHT_TOLERANCE_M = 0.015
+MB = 1e6
+LEAST_MB, ROOM_MB = 200.0, 500.0  # that a system needs; for some hours of recording
+WARM_C, HOT_C = 75.0, 90.0  # a Nano throttles from 97 on, and switches off at 103
+NO_PICTURES = "plug the camera again; CSI: restart nvargus-daemon"
+
+Ill = Tuple[bool, str, str, str]  # whether it is so, its level, what it is, what to do
+
+
+class Finding(NamedTuple):
+    """One line of the report: what was looked at, how bad it is, what it is, and what to do."""
+
+    name: str
+    level: str
+    says: str
+    remedy: str = ""
+
+    @property
+    def line(self) -> str:
+        """For a person."""
+        text = f"{self.level:4s}  {self.name:14s}{self.says}"
+        return f"{text}\n{'':20s}-> {self.remedy}" if self.remedy else text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
 def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
     """Each finding as soon as it is known."""
-    yield from check_python(machine)
+    yield from _python(machine)
     config: Optional[RobotConfig] = None
     if config_path is None:
         yield Finding("config", WARN, "none given: defaults are looked at", "--config FILE")
@@ -49,12 +92,202 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
             remedy = "mend the file; docs/runtime.md describes it"
             yield Finding("config", FAIL, str(error), remedy)
     camera = config.camera if config else CameraConfig()
-    yield check_hat(machine, config.hat if config else HatConfig())
-    yield check_camera(machine, camera)
-    yield check_mount(camera.mount)
+    yield _hat(machine, config.hat if config else HatConfig())
+    yield _camera(machine, camera)
+    yield _mount(camera.mount)
     if config is not None:
-        yield check_policy(config)
-        yield check_map(config)
-        yield from check_link(machine, config)
-    yield check_disk(machine, config.recording if config else None)
-    yield check_heat(machine)
+        yield _policy(config)
+        yield _map(config.map)
+        yield from _link(machine, config)
+    yield _disk(machine, config.recording if config else None)
+    yield _heat(machine)
+
+
+def _judged(name: str, seen: str, *ills: Ill) -> Finding:
+    """The first of the ills that is so, told behind what was seen; else all is well."""
+    for is_so, level, more, remedy in ills:
+        if is_so:
+            return Finding(name, level, seen + more, remedy)
+    return Finding(name, OK, seen)
+
+
+def _refused(name: str, error: Exception, remedy: str) -> Finding:
+    """A failure as an error tells it: what it is, and behind the semicolon what to do."""
+    says, _, told = str(error).partition("; ")
+    return Finding(name, FAIL, says, told or remedy)
+
+
+def _python(machine: Machine) -> Iterator[Finding]:
+    version = f"{'.'.join(map(str, machine.python))} on {machine.processor}"
+    remedy = "install 3.8 or newer; Ubuntu 18.04: apt python3.8"
+    yield _judged("Python", version, (machine.python < OLDEST_PYTHON, FAIL, "", remedy))
+    found = {name: machine.package(name) for name in PACKAGES}
+    absent = " ".join(name for name, got in found.items() if got is None)
+    onnx = str(found["onnxruntime"])
+    if absent:
+        remedy = f"python -m pip install {absent}"
+        yield Finding("packages", FAIL, f"{absent}: not installed", remedy)
+    elif machine.processor == "aarch64" and onnx.startswith("1.21."):
+        says = f"onnxruntime {onnx} dies with SIGILL on the Nano's processor"
+        yield Finding("packages", FAIL, says, "python -m pip install onnxruntime==1.19.2")
+    else:
+        yield Finding("packages", OK, ", ".join(f"{name} {got}" for name, got in found.items()))
+
+
+def _hat(machine: Machine, config: HatConfig) -> Finding:
+    """Whether the HAT answers where the configuration says, or where else it does."""
+    name, buses = "motor HAT", machine.buses()
+    if not buses:
+        remedy = "on a Jetson pins 3 and 5 are one; elsewhere load the module i2c-dev"
+        return Finding(name, FAIL, "this computer has no I2C bus (/dev/i2c-*)", remedy)
+    found: List[Tuple[int, int]] = []
+    problem: Optional[HardwareError] = None
+    for number in dict.fromkeys((config.bus, *(bus for bus in USUAL_BUSES if bus in buses))):
+        try:
+            opened = machine.open_bus(number)
+            for address in dict.fromkeys((*config.addresses, *USUAL_ADDRESSES)):
+                if Pca9685.find(opened, address, MonotonicClock()) is not None:
+                    found.append((number, address))
+        except HardwareError as error:
+            problem = problem or error
+    for bus, address in found:
+        if bus == config.bus and address in config.addresses:
+            return Finding(name, OK, f"PCA9685 at 0x{address:02X} on /dev/i2c-{bus}")
+    if found:
+        bus, address = found[0]
+        says = f"not on bus {config.bus} where hat.bus says, but at 0x{address:02X} on bus {bus}"
+        remedy = f"set in the configuration: hat: {{bus: {bus}, addresses: [0x{address:02X}]}}"
+        return Finding(name, FAIL, says, remedy)
+    if problem is not None:
+        return _refused(name, problem, "see docs/wiring.md")
+    says = f"nobody answers at {', '.join(f'0x{a:02X}' for a in config.addresses)}"
+    remedy = "check the HAT's seat, its 3.3 V, the address jumpers, and `i2cdetect -y -r"
+    return Finding(name, FAIL, says, f"{remedy} {config.bus}`; docs/wiring.md")
+
+
+def _camera(machine: Machine, config: CameraConfig) -> Finding:
+    """Whether pictures come, fast enough, and ever new ones."""
+    try:
+        look = machine.watch(config, WATCH_S)
+    except HardwareError as error:
+        return _refused("camera", error, "check plug and ribbon; CSI: restart nvargus-daemon")
+    needed_hz = 1.0 / CONTROL_DT_S
+    slow, frozen = look.rate_hz < needed_hz, look.repeats == look.pictures - 1
+    decides = f"; the robot decides {needed_hz:g} times a second"
+    slower = look.rate_hz < 0.8 * config.fps
+    return _judged(
+        "camera",
+        f"{look.size_px[0]}x{look.size_px[1]}, {look.rate_hz:.1f} pictures a second",
+        (slow, FAIL, decides, "raise camera.fps; give a USB camera more light"),
+        (frozen, FAIL, ", but all of them the same bytes: it is frozen", NO_PICTURES),
+        (look.brightness < DARK, WARN, ", all but black", "take the cap off, make light"),
+        (slower, WARN, f" instead of {config.fps}", "more light, or a lower camera.fps"),
+    )
+
+
+def _mount(mount: Mount) -> Finding:
+    """Whether the camera looks as the policies expect."""
+    name, nominal = "camera mount", Mount()
+    if mount == nominal:
+        says = "not measured: the nominal mount is assumed"
+        return Finding(name, WARN, says, "python -m robot calibrate camera")
+    tilt_rad = mount.pitch_rad - nominal.pitch_rad
+    lift_m = mount.height_m - nominal.height_m
+    off = abs(tilt_rad) > PITCH_TOLERANCE_RAD or abs(lift_m) > HEIGHT_TOLERANCE_M
+    trained = f"{math.degrees(nominal.pitch_rad):.1f}° and {1e3 * nominal.height_m:.0f} mm"
+    tilt = f"tilt it {'up' if tilt_rad > 0.0 else 'down'} by {abs(math.degrees(tilt_rad)):.1f}°"
+    lift = f"{'lower' if lift_m > 0.0 else 'raise'} it by {abs(1e3 * lift_m):.0f} mm"
+    return _judged(
+        name,
+        f"{math.degrees(mount.pitch_rad):.1f}° down, {1e3 * mount.height_m:.0f} mm high",
+        (off, WARN, f"; trained for about {trained}", f"{tilt}, {lift}, then calibrate again"),
+    )
+
+
+def _policy(config: RobotConfig) -> Finding:
+    """Whether the policy (with its translator) loads and decides fast enough on this computer."""
+    try:
+        policy = open_policy(config)
+        timing = time_decisions(policy, DECISIONS)
+    except DuckpilotError as error:
+        return _refused("policy", error, "set `model` to a policy of python -m trainer export")
+    contract = policy.contract
+    lost = contract.path_points > 0 and not config.map
+    slow = f", of {1e3 * CONTROL_DT_S:.0f} ms between two decisions"
+    is_slow = timing.p50_ms > 1e3 * CONTROL_DT_S * SHARE
+    return _judged(
+        "policy",
+        f"{contract.task}, {contract.algorithm}, decides in {timing.p50_ms:.1f} ms",
+        (bool(contract.unproven), FAIL, f"; {contract.unproven}", "the robot does not arm with it"),
+        (lost, FAIL, "; it navigates, but no map is set", "set `map` and a `link`"),
+        (is_slow, FAIL, slow, "use the INT8 file or a smaller policy"),
+    )
+
+
+def _map(name: str) -> Finding:
+    if not name:
+        return Finding("map", OK, "none: the robot keeps its lane")
+    try:
+        road_map = load_map(name)
+    except DuckpilotError as error:
+        return Finding("map", FAIL, str(error), "mend `map`: a file, or the name of a shipped map")
+    return Finding("map", OK, f"{name}, {road_map.width_m:.2f} x {road_map.height_m:.2f} m")
+
+
+def _link(machine: Machine, config: RobotConfig) -> Iterator[Finding]:
+    """Keys, and whether the localizer answers."""
+    link = config.link
+    if link is None:
+        yield Finding("link", OK, "none: the robot is driven from its own terminal")
+        return
+    yield _keys(link)
+    if config.map:
+        place = f"at {link.localizer_host}:{link.base_port}"
+        problem = machine.connects(link.localizer_host, link.base_port)
+        says = f"does not answer {place}: {problem}" if problem else f"answers {place}"
+        remedy = f"is it running? ping {link.localizer_host}; mend link.localizer_host"
+        yield _judged("localizer", says, (bool(problem), WARN, "", remedy))
+
+
+def _keys(link: LinkConfig) -> Finding:
+    try:
+        keys = load_keys(link.keys)
+    except (ConfigError, OSError) as error:
+        return _refused("keys", error, "docs/links.md tells how keys are made and copied")
+    return _judged(
+        "keys",
+        f"{link.keys}, mode 600; allowed: {', '.join(sorted(keys.peers)) or 'nobody'}",
+        (keys.role != "robot", FAIL, "; another machine's folder", "copy the folder robot/"),
+        (not keys.peers, FAIL, "", "copy the peers' keys to its folder allowed/"),
+    )
+
+
+def _disk(machine: Machine, recording: Optional[RecordingConfig]) -> Finding:
+    """Whether there is room, and for recordings, where there are any."""
+    place = Path(recording.folder if recording else ".").resolve()
+    while not place.exists():
+        place = place.parent
+    free_mb = machine.free_bytes(place) / MB
+    least_mb = max(LEAST_MB, recording.keep_free_mb if recording else 0.0)
+    remedy = "delete old recordings, or none can be made"
+    return _judged(
+        "disk",
+        f"{free_mb / 1e3:.1f} GB free at {place}",
+        (free_mb < least_mb, FAIL, "", remedy),
+        (free_mb < least_mb + ROOM_MB, WARN, "", remedy),
+    )
+
+
+def _heat(machine: Machine) -> Finding:
+    """The warmest thermometer."""
+    readings = machine.temperatures_c()
+    if not readings:
+        return Finding("temperature", OK, "this computer tells none")
+    name, celsius = max(readings.items(), key=lambda item: item[1])
+    remedy = "give the heat sink air or a fan"
+    return _judged(
+        "temperature",
+        f"{celsius:.0f} °C ({name})",
+        (celsius >= HOT_C, FAIL, "", remedy),
+        (celsius >= WARM_C, WARN, "", remedy),
+    )

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from localizer_node.calibrate import KnownPoint, calibrate, corner_points, guess_lens, map_corners
-from localizer_node.calibration import Board, Marker
-from localizer_node.rectify import Rectifier, map_outline
+from localizer_node.calibrate import KnownPoint, calibrate, corner_points, guess_lens
+from localizer_node.calibration import Board, Marker, map_corners, map_outline
 from robot.bringup.camera_place import Freedom
 from robot.errors import ConfigError
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, PINHOLE, SIDE_PX, Rig, grid
@@ -21,7 +20,7 @@ tilts = st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
 def board_error_mm(report, rig, height_m=0.12):
     """RMS error of boards all over the map, seen by the true camera."""
     places = grid(6, margin_m=0.1)
-    found = Rectifier(report.calibration).to_floor(rig.see(places, height_m), height_m)
+    found = report.calibration.to_floor(rig.see(places, height_m), height_m)
     return 1000.0 * float(np.sqrt(np.mean(np.sum((found - places) ** 2, axis=1))))
 
 
@@ -84,7 +83,7 @@ def test_the_region_of_interest_holds_the_map_and_the_boards_on_it():
     rig = Rig(yaw_rad=math.pi / 2.0, position_m=(1.1, 1.3, 3.2))
     tall = (Marker(board=Board(height_m=0.25)),)
     calibration = calibrate(rig.known(CORNERS), FISHEYE, Freedom(), MAP_M, tall).calibration
-    u0, v0, u1, v1 = Rectifier(calibration).roi_rect()
+    u0, v0, u1, v1 = calibration.roi_rect()
     for height_m in (0.0, 0.25):
         pixels = rig.see(grid(8), height_m)
         assert np.all((pixels > (u0, v0)) & (pixels < (u1 - 1, v1 - 1)))

@@ -8,10 +8,10 @@ from localizer_node.calibration import (
     Calibration,
     Colour,
     Marker,
-    load_calibration,
     save_calibration,
 )
 from robot.errors import ConfigError
+from robot.typed_config import load_yaml
 from tests.localizer_node.rigs import LENSES, Rig
 
 
@@ -25,7 +25,7 @@ def test_a_file_gives_back_what_was_written(lens, tmp_path):
         residual_mm=1.5,
     )
     save_calibration(written, tmp_path / "arena.yaml")
-    assert load_calibration(tmp_path / "arena.yaml") == written
+    assert load_yaml(Calibration, tmp_path / "arena.yaml") == written
     assert [p.name for p in tmp_path.iterdir()] == ["arena.yaml"]
 
 
@@ -34,7 +34,7 @@ def test_a_file_with_an_unknown_key_names_the_nearest(tmp_path):
     save_calibration(Rig().calibration(), path)
     path.write_text(path.read_text().replace("homography:", "homographie:"))
     with pytest.raises(ConfigError, match="did you mean 'homography'"):
-        load_calibration(path)
+        load_yaml(Calibration, path)
 
 
 @pytest.mark.parametrize(

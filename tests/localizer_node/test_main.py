@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from localizer_node.__main__ import main
-from localizer_node.calibrate import map_corners
-from localizer_node.calibration import Marker, load_calibration, save_calibration
+from localizer_node.calibration import Calibration, Marker, map_corners, save_calibration
+from robot.typed_config import load_yaml
 from tests.localizer_node.rigs import FISHEYE, MAP_M, Rig, grid
 
 RIG = Rig(FISHEYE, yaw_rad=0.2)
@@ -59,7 +59,7 @@ def test_calibrate_by_corners_then_locate(arena, capsys):
     more = ["--height", "2.5", "--out", str(out), "--picture", str(drawn)]
     assert main(["calibrate", *image, *corners, *more]) == 0
     assert "so few points fit almost any lens" in capsys.readouterr().out
-    assert load_calibration(out).residual_mm < 8.0
+    assert load_yaml(Calibration, out).residual_mm < 8.0
     assert cv2.imread(str(drawn)).shape[:2] == (1280, 1280)
     assert main(["locate", *image, "--calibration", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -79,7 +79,7 @@ def test_calibrate_by_a_file_of_points_with_a_lens_and_robots(arena, capsys):
     files = [f"--{k}={arena / k}.yaml" for k in ("points", "robots", "lens")]
     image = ["--image", str(arena / "arena.png")]
     assert main(["calibrate", *files, *image, "--out", str(arena / "new.yaml")]) == 0
-    made = load_calibration(arena / "new.yaml")
+    made = load_yaml(Calibration, arena / "new.yaml")
     assert made.robots == (Marker("seven", "tag", tag=7),)
     assert made.lens == lens
     assert np.allclose(made.camera_m, RIG.position_m, atol=1e-3)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from localizer_node.rectify import Rectifier, map_outline
+from localizer_node.calibration import map_outline
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, Rig, grid
 
 yaws = st.floats(-math.pi, math.pi)
@@ -25,7 +25,7 @@ rigs = st.builds(
 def test_pixels_agree_with_euclid_at_every_height(rig, height_m):
     places = grid(5, margin_m=0.2)
     pixels = rig.see(places, height_m)
-    rectifier = Rectifier(rig.calibration())
+    rectifier = rig.calibration()
     seen = np.isfinite(pixels).all(axis=1)
     assert seen.sum() > 20
     assert np.allclose(rectifier.to_pixels(places, height_m)[seen], pixels[seen], atol=1e-6)
@@ -39,7 +39,7 @@ def test_a_raised_point_is_displaced_outward_by_r_h_over_H_minus_h(h, r, azimuth
     foot, big_h = np.array(rig.position_m[:2]), rig.position_m[2]
     outward = np.array([math.cos(azimuth), math.sin(azimuth)])
     pixel = rig.see(foot + r * outward, h)
-    on_floor = Rectifier(rig.calibration()).to_floor(pixel)
+    on_floor = rig.calibration().to_floor(pixel)
     assert np.allclose(on_floor - (foot + r * outward), outward * r * h / (big_h - h), atol=1e-5)
 
 
@@ -54,12 +54,12 @@ def test_turning_the_picture_moves_no_robot(rotation_rad):
     turned = np.array(straight.homography).reshape(3, 3) @ back * -2.5
     calibration = replace(straight, rotation_rad=rotation_rad, homography=tuple(turned.ravel()))
     pixels = rig.see(grid(), 0.1)
-    expected = Rectifier(straight).to_floor(pixels, 0.1)
-    assert np.allclose(Rectifier(calibration).to_floor(pixels, 0.1), expected, atol=1e-9)
+    expected = straight.to_floor(pixels, 0.1)
+    assert np.allclose(calibration.to_floor(pixels, 0.1), expected, atol=1e-9)
 
 
 def test_linearised_is_the_derivative():
-    rectifier = Rectifier(Rig(tilt_rad=(0.08, 0.03)).calibration())
+    rectifier = Rig(tilt_rad=(0.08, 0.03)).calibration()
     pixels = np.array([[300.0, 200.0], [900.0, 600.0]])
     places, slope = rectifier.linearised(pixels, 0.12)
     step = np.array([1.5, -2.0])
@@ -69,19 +69,19 @@ def test_linearised_is_the_derivative():
 def test_a_pixel_that_shows_no_floor_gives_nan():
     rig = Rig(replace(FISHEYE, fx_px=500.0, fy_px=500.0), tilt_rad=(0.9, 0.0))
     top_and_bottom = np.array([[640.0, 0.0], [640.0, 1279.0]])
-    shown = np.isfinite(Rectifier(rig.calibration()).to_floor(top_and_bottom)).all(axis=1)
+    shown = np.isfinite(rig.calibration().to_floor(top_and_bottom)).all(axis=1)
     assert shown.sum() == 1
 
 
 def test_the_region_of_interest_bounds_the_search():
     calibration = Rig().calibration()
-    assert Rectifier(calibration).roi_rect() == (0, 0, 1280, 1280)
+    assert calibration.roi_rect() == (0, 0, 1280, 1280)
     bounded = replace(calibration, roi_px=((100.5, 50.0), (1400.0, 60.0), (640.0, 600.2)))
-    assert Rectifier(bounded).roi_rect() == (100, 50, 1280, 602)
+    assert bounded.roi_rect() == (100, 50, 1280, 602)
 
 
 def test_on_map():
-    rectifier = Rectifier(Rig().calibration())
+    rectifier = Rig().calibration()
     outside = np.array([[-0.04, 1.0], [2.3, 1.0], [1.0, 1.0]])
     assert rectifier.on_map(outside).tolist() == [False, False, True]
     assert rectifier.on_map(outside, 0.05).tolist() == [True, False, True]

@@ -10,10 +10,9 @@ from typing import Callable, Dict, List, Optional, Tuple
 import pytest
 
 from robot.cli import main
-from robot.cli.doctor import examine
+from robot.cli.doctor import FAIL, OK, WARN, Finding, examine
+from robot.computer.machine import CameraLook, Machine
 from robot.config import CameraConfig
-from robot.doctor import FAIL, OK, WARN, Finding
-from robot.doctor.machine import CameraLook, Machine
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
 from robot.link.keys import keygen

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from localizer_node.calibration import Marker
-from localizer_node.rectify import Rectifier
 from robot.geometry import Pose
 from sim_pybullet.overhead import (
     Hanging,
@@ -41,7 +40,7 @@ def test_pixels_and_places_are_inverse(bare):
 
 
 def test_its_known_calibration_is_the_camera(bare):
-    rectifier = Rectifier(known_calibration(bare, (), (2.2, 2.64)))
+    rectifier = known_calibration(bare, (), (2.2, 2.64))
     places = np.array([[0.1, 0.1, 0.12], [2.0, 2.5, 0.12], [1.1, 1.3, 0.12]])
     assert np.allclose(rectifier.to_pixels(places[:, :2], 0.12), bare.to_pixels(places), atol=1e-6)
 

@@ -10,9 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 from localizer_node.calibrate import KnownPoint, calibrate, guess_lens
-from localizer_node.calibration import Board, Calibration, Marker
+from localizer_node.calibration import Board, Calibration, Marker, map_outline
 from localizer_node.node import Localizer
-from localizer_node.rectify import map_outline
 from robot.bringup.camera_place import Freedom
 from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.geometry import Pose
