@@ -96,7 +96,7 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
     yield _camera(machine, camera)
     yield _mount(camera.mount)
     if config is not None:
-        yield _policy(config)
+        yield check_policy(config)
         yield _map(config.map)
         yield from _link(machine, config)
     yield _disk(machine, config.recording if config else None)
@@ -204,7 +204,7 @@ def _mount(mount: Mount) -> Finding:
     )
 
 
-def _policy(config: RobotConfig) -> Finding:
+def check_policy(config: RobotConfig) -> Finding:
     """Whether the policy (with its translator) loads and decides fast enough on this computer."""
     try:
         policy = open_policy(config)

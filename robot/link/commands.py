@@ -7,41 +7,30 @@ is always taken.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Optional, Tuple
 
 from robot.errors import ContractError
-from robot.link.messages import FAR_M, MAX_TIME_S, UNSENT
-from robot.link.wire import (
-    Message,
-    require_name,
-    require_number,
-    require_one_of,
-    require_text,
-)
+from robot.link.messages import FAR_M, UNSENT
+from robot.link.wire import NAME, TIME_S, Checked, Message, number, one_of, text
 
 ALWAYS_TAKEN = ("beat", "stop", "disarm")
 WITH_MISSION = ("plan", "mission", "place")
 KINDS = (*ALWAYS_TAKEN, "arm", "clear", *WITH_MISSION, "manual")
 MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
 REASON_LIMIT_BYTES = 400
-FAST_MPS = 1.0  # the robot's own limits are below
+RIM_MPS = number(-1.0, 1.0)  # the robot's own limits are below
 
 
 @dataclass(frozen=True)
-class Mission:
+class Mission(Checked):
     """Drive to ``destination`` [m], world frame.
 
     With ``start`` only when the robot is there: whoever says it has put the robot there.
     """
 
-    destination: Tuple[float, float]
-    start: Optional[Tuple[float, float]] = None
-
-    def __post_init__(self) -> None:
-        for what, point in (("start", self.start), ("destination", self.destination)):
-            for value in point or ():
-                require_number(f"mission {what} [m]", value, -FAR_M, FAR_M)
+    destination: Tuple[float, float] = field(metadata=number(-FAR_M, FAR_M))
+    start: Optional[Tuple[float, float]] = field(default=None, metadata=number(-FAR_M, FAR_M))
 
 
 @dataclass(frozen=True)
@@ -55,24 +44,18 @@ class Command(Message):
     ``wheels`` (left, right) [m/s] (None: stand) for the robot's ``SafetyLimits.manual_age_s``.
     """
 
-    id: str
-    session: str  # of the sender
-    kind: str
+    id: str = field(metadata=NAME)
+    session: str = field(metadata=NAME)  # of the sender
+    kind: str = field(metadata=one_of(KINDS))
     mission: Optional[Mission] = None
-    wheels: Optional[Tuple[float, float]] = None
-    robot_session: str = UNSENT  # echo of the robot's newest ack
-    robot_time_s: float = 0.0
+    wheels: Optional[Tuple[float, float]] = field(default=None, metadata=RIM_MPS)
+    robot_session: str = field(default=UNSENT, metadata=NAME)  # echo of the robot's newest ack
+    robot_time_s: float = field(default=0.0, metadata=TIME_S)
 
     KIND: ClassVar[str] = "command"
 
     def __post_init__(self) -> None:
-        require_name("command id", self.id)
-        require_name("command session", self.session)
-        require_one_of("command kind", self.kind, KINDS)
-        for speed in self.wheels or ():
-            require_number("command wheels [m/s]", speed, -FAST_MPS, FAST_MPS)
-        require_name("command robot_session", self.robot_session)
-        require_number("command robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)
+        super().__post_init__()
         if (self.mission is not None) != (self.kind in WITH_MISSION):
             raise ContractError(
                 f"command {self.kind}: expected a mission with kind plan, mission or place, and "
@@ -88,16 +71,10 @@ class Command(Message):
 class Ack(Message):
     """The robot's answer to the command ``id``; its clock is what the next command echoes."""
 
-    id: str
+    id: str = field(metadata=NAME)
     accepted: bool
-    reason: str = ""  # why not
-    robot_session: str = UNSENT
-    robot_time_s: float = 0.0
+    reason: str = field(default="", metadata=text(REASON_LIMIT_BYTES))  # why not
+    robot_session: str = field(default=UNSENT, metadata=NAME)
+    robot_time_s: float = field(default=0.0, metadata=TIME_S)
 
     KIND: ClassVar[str] = "ack"
-
-    def __post_init__(self) -> None:
-        require_name("ack id", self.id)
-        require_text("ack reason", self.reason, REASON_LIMIT_BYTES)
-        require_name("ack robot_session", self.robot_session)
-        require_number("ack robot_time_s", self.robot_time_s, 0.0, MAX_TIME_S)

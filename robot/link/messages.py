@@ -10,54 +10,42 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Optional, Tuple
 
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.link.wire import (
-    MAX_COUNT,
+    COUNT,
+    NAME,
     SCHEMA,
+    TIME_S,
+    Checked,
     Message,
-    require_length,
-    require_name,
-    require_number,
+    entries,
+    number,
     require_size,
 )
 
 FAR_M = 1000.0  # no arena is larger
-MAX_TIME_S = 1e10
+HALF_TURN_RAD = math.pi + 1e-6
 MAX_SIDE_PX = 4096
 MAX_ROBOTS = 16
 UNSENT = "unsent"  # the session of a message that no publisher has stamped
 
 
-def require_stamp(session: str, sequence: int, t_sent_s: float) -> None:
-    """Refuse an impossible session, sequence or sending time."""
-    require_name("session", session)
-    require_number("sequence", sequence, 0, MAX_COUNT)
-    require_number("t_sent_s", t_sent_s, 0.0, MAX_TIME_S)
-
-
 @dataclass(frozen=True)
-class Sighting:
+class Sighting(Checked):
     """One robot in a picture of the overhead camera: world frame [m], [rad].
 
     ``heading_rad`` is None when only a position was seen.
     """
 
-    robot: str
-    x_m: float
-    y_m: float
-    heading_rad: Optional[float]
-    confidence: float  # 0 to 1
-
-    def __post_init__(self) -> None:
-        require_name("pose robot", self.robot)
-        require_number("pose x_m", self.x_m, -FAR_M, FAR_M)
-        require_number("pose y_m", self.y_m, -FAR_M, FAR_M)
-        require_number("pose heading_rad", self.heading_rad, -math.pi - 1e-6, math.pi + 1e-6)
-        require_number("pose confidence", self.confidence, 0.0, 1.0)
+    robot: str = field(metadata=NAME)
+    x_m: float = field(metadata=number(-FAR_M, FAR_M))
+    y_m: float = field(metadata=number(-FAR_M, FAR_M))
+    heading_rad: Optional[float] = field(metadata=number(-HALF_TURN_RAD, HALF_TURN_RAD))
+    confidence: float = field(metadata=number(0.0, 1.0))
 
     @property
     def pose(self) -> Optional[Pose]:
@@ -83,18 +71,13 @@ class PosesMessage(Message):
     may push out another's.
     """
 
-    robots: Tuple[Sighting, ...]
-    t_capture_s: float  # the sender's monotonic clock
-    session: str = UNSENT
-    sequence: int = 0
-    t_sent_s: float = 0.0
+    robots: Tuple[Sighting, ...] = field(metadata=entries(MAX_ROBOTS))
+    t_capture_s: float = field(metadata=TIME_S)  # the sender's monotonic clock
+    session: str = field(default=UNSENT, metadata=NAME)
+    sequence: int = field(default=0, metadata=COUNT)
+    t_sent_s: float = field(default=0.0, metadata=TIME_S)
 
     KIND: ClassVar[str] = "pose"
-
-    def __post_init__(self) -> None:
-        require_length("pose robots", self.robots, MAX_ROBOTS)
-        require_number("pose t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
-        require_stamp(self.session, self.sequence, self.t_sent_s)
 
     def of(self, robot: str) -> Optional[PoseMessage]:
         """The pose of this robot; None where it was not seen."""
@@ -111,12 +94,12 @@ class FrameMessage(Message):
     """One camera picture as JPEG, behind a small binary header (big-endian)."""
 
     jpeg: bytes
-    width_px: int
-    height_px: int
-    t_capture_s: float  # the sender's monotonic clock
-    session: str = UNSENT
-    sequence: int = 0
-    t_sent_s: float = 0.0
+    width_px: int = field(metadata=number(1, MAX_SIDE_PX))
+    height_px: int = field(metadata=number(1, MAX_SIDE_PX))
+    t_capture_s: float = field(metadata=TIME_S)  # the sender's monotonic clock
+    session: str = field(default=UNSENT, metadata=NAME)
+    sequence: int = field(default=0, metadata=COUNT)
+    t_sent_s: float = field(default=0.0, metadata=TIME_S)
 
     KIND: ClassVar[str] = "frame"
     LIMIT_BYTES: ClassVar[int] = 65536
@@ -124,13 +107,10 @@ class FrameMessage(Message):
     MAGIC: ClassVar[bytes] = b"DPFR"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (self.jpeg.startswith(b"\xff\xd8") and self.jpeg.endswith(b"\xff\xd9")):
             raise ContractError(f"frame: expected JPEG bytes, got {self.jpeg[:8]!r}…")
         require_size("frame", self.jpeg, self.LIMIT_BYTES - self.HEADER.size)
-        require_number("frame width_px", self.width_px, 1, MAX_SIDE_PX)
-        require_number("frame height_px", self.height_px, 1, MAX_SIDE_PX)
-        require_number("frame t_capture_s", self.t_capture_s, 0.0, MAX_TIME_S)
-        require_stamp(self.session, self.sequence, self.t_sent_s)
 
     def to_bytes(self) -> bytes:
         """Header and JPEG in one part."""

@@ -3,160 +3,109 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Optional, Tuple
 
 import numpy as np
 
 from robot.contract import FIVE_ACTIONS, MOST_ACTIONS, ActionTable
-from robot.errors import ContractError
-from robot.link.messages import FAR_M, UNSENT, require_stamp
-from robot.link.wire import (
-    Message,
-    require_length,
-    require_name,
-    require_number,
-    require_one_of,
-    require_text,
-)
+from robot.link.messages import FAR_M, HALF_TURN_RAD, UNSENT
+from robot.link.wire import COUNT, NAME, TIME_S, Checked, Message, entries, number, one_of, text
 
 STATES = ("DISARMED", "READY", "AUTO", "MANUAL", "HOLD", "FAULT")
 PHASES = ("driving", "arrived", "failed", "stopped")
 SOURCES = ("overhead", "sight", "wheels")
 LEVELS = ("ok", "warn", "bad")
 TEXT_LIMIT_BYTES = 160
-MAX_PATH_POINTS = 96
-MAX_ENTRIES = 8
-MAX_AGE_S = 1e6
+MAX_PATH_POINTS, MAX_ENTRIES = 96, 8
 BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
-BIG = 1e9
-FAST_MPS = 100.0  # no robot's wheel is faster
 
 XY = Tuple[float, float]
+LABEL, TEXT, TITLE = text(24), text(TEXT_LIMIT_BYTES), text(64)
+PLACE_M, AGE_S, SIZE = number(-FAR_M, FAR_M), number(0.0, 1e6), number(-1e9, 1e9)
+RIM_MPS = number(-100.0, 100.0)  # no robot's wheel is faster
 
 
 @dataclass(frozen=True)
-class InputAge:
+class InputAge(Checked):
     """How old the newest of one input is; None when none ever came."""
 
-    name: str  # camera, pose, monitor, ...
-    age_s: Optional[float]
-    limit_s: float  # older than this and the robot stops
-
-    def __post_init__(self) -> None:
-        require_text("input name", self.name, 24)
-        require_number("input age_s", self.age_s, 0.0, MAX_AGE_S)
-        require_number("input limit_s", self.limit_s, 0.0, MAX_AGE_S)
+    name: str = field(metadata=LABEL)  # camera, pose, monitor, ...
+    age_s: Optional[float] = field(metadata=AGE_S)
+    limit_s: float = field(metadata=AGE_S)  # older than this and the robot stops
 
 
 @dataclass(frozen=True)
-class Reading:
+class Reading(Checked):
     """One health figure, judged by the robot: a temperature, free disk, bus errors."""
 
-    name: str
-    value: float
-    unit: str = ""
-    level: str = "ok"  # one of LEVELS
-
-    def __post_init__(self) -> None:
-        require_text("reading name", self.name, 24)
-        require_number("reading value", self.value, -BIG, BIG)
-        require_text("reading unit", self.unit, 8)
-        require_one_of("reading level", self.level, LEVELS)
+    name: str = field(metadata=LABEL)
+    value: float = field(metadata=SIZE)
+    unit: str = field(default="", metadata=text(8))
+    level: str = field(default="ok", metadata=one_of(LEVELS))
 
 
 @dataclass(frozen=True)
-class MissionStatus:
+class MissionStatus(Checked):
     """How the mission stands: progress 0 to 1, what is left [m], offset from the path [m]."""
 
-    id: str
-    destination: XY  # world frame [m]
-    phase: str = "driving"  # one of PHASES
-    progress: float = 0.0
-    remaining_m: float = 0.0
-    offset_m: float = 0.0  # left of the path is positive
-    reason: str = ""
-
-    def __post_init__(self) -> None:
-        require_name("mission id", self.id)
-        _require_xy("mission destination", self.destination)
-        require_one_of("mission phase", self.phase, PHASES)
-        require_number("mission progress", self.progress, 0.0, 1.0)
-        require_number("mission remaining_m", self.remaining_m, 0.0, BIG)
-        require_number("mission offset_m", self.offset_m, -FAR_M, FAR_M)
-        require_text("mission reason", self.reason, TEXT_LIMIT_BYTES)
+    id: str = field(metadata=NAME)
+    destination: XY = field(metadata=PLACE_M)  # world frame [m]
+    phase: str = field(default="driving", metadata=one_of(PHASES))
+    progress: float = field(default=0.0, metadata=number(0.0, 1.0))
+    remaining_m: float = field(default=0.0, metadata=number(0.0, 1e9))
+    offset_m: float = field(default=0.0, metadata=PLACE_M)  # left of the path is positive
+    reason: str = field(default="", metadata=TEXT)
 
 
 @dataclass(frozen=True)
-class Belief:
+class Belief(Checked):
     """An ellipse that holds the robot with 95 %, its heading likewise, and what tells them."""
 
-    long_m: float  # half axes
-    short_m: float
-    along_rad: float  # direction of the longer, in the world
-    turned_rad: float
-    source: str  # one of SOURCES
-
-    def __post_init__(self) -> None:
-        for what, value in vars(self).items():
-            if what != "source":
-                require_number(f"belief {what}", value, -FAR_M, FAR_M)
-        require_one_of("belief source", self.source, SOURCES)
+    long_m: float = field(metadata=PLACE_M)  # half axes
+    short_m: float = field(metadata=PLACE_M)
+    along_rad: float = field(metadata=PLACE_M)  # direction of the longer, in the world
+    turned_rad: float = field(metadata=PLACE_M)
+    source: str = field(metadata=one_of(SOURCES))
 
 
 @dataclass(frozen=True)
 class Telemetry(Message):
     """The robot's report. ``pose`` is the fused estimate: x [m], y [m], heading [rad]."""
 
-    robot: str
-    state: str  # one of STATES
-    reason: str = ""
+    robot: str = field(metadata=NAME)
+    state: str = field(metadata=one_of(STATES))
+    reason: str = field(default="", metadata=TEXT)
     action: Optional[int] = None  # one of ``actions``; None when standing
-    values: Tuple[float, ...] = ()  # the policy's output, one an action
-    pose: Optional[Tuple[float, float, float]] = None
-    path: Tuple[XY, ...] = ()  # the planned way, world frame [m]; see ``thin_path``
+    values: Tuple[float, ...] = field(default=(), metadata={**SIZE, **entries(MOST_ACTIONS)})
+    pose: Optional[Tuple[float, float, float]] = field(default=None, metadata=PLACE_M)
+    # The planned way, world frame [m]; see ``thin_path``.
+    path: Tuple[XY, ...] = field(default=(), metadata={**PLACE_M, **entries(MAX_PATH_POINTS)})
     mission: Optional[MissionStatus] = None
-    inputs: Tuple[InputAge, ...] = ()
-    health: Tuple[Reading, ...] = ()
-    wheels: Optional[Tuple[float, float]] = None  # as told to the motors (left, right) [m/s]
-    fps: float = 0.0  # decisions a second
-    lag_s: float = 0.0  # from capture to wheels
-    model: str = ""
-    map: str = ""
+    inputs: Tuple[InputAge, ...] = field(default=(), metadata=entries(MAX_ENTRIES))
+    health: Tuple[Reading, ...] = field(default=(), metadata=entries(MAX_ENTRIES))
+    # As told to the motors (left, right) [m/s].
+    wheels: Optional[Tuple[float, float]] = field(default=None, metadata=RIM_MPS)
+    fps: float = field(default=0.0, metadata=number(0.0, 1e4))  # decisions a second
+    lag_s: float = field(default=0.0, metadata=AGE_S)  # from capture to wheels
+    model: str = field(default="", metadata=TITLE)
+    map: str = field(default="", metadata=TITLE)
     belief: Optional[Belief] = None  # of a robot with sight
-    actions: ActionTable = FIVE_ACTIONS  # of the policy: left and right rim speed [m/s]
-    session: str = UNSENT
-    sequence: int = 0
-    t_sent_s: float = 0.0
+    # Of the policy: left and right rim speed [m/s].
+    actions: ActionTable = field(
+        default=FIVE_ACTIONS, metadata={**RIM_MPS, **entries(MOST_ACTIONS)}
+    )
+    session: str = field(default=UNSENT, metadata=NAME)
+    sequence: int = field(default=0, metadata=COUNT)
+    t_sent_s: float = field(default=0.0, metadata=TIME_S)
 
     KIND: ClassVar[str] = "telemetry"
 
     def __post_init__(self) -> None:
-        require_name("telemetry robot", self.robot)
-        require_one_of("telemetry state", self.state, STATES)
-        require_text("telemetry reason", self.reason, TEXT_LIMIT_BYTES)
-        require_text("telemetry model", self.model, 64)
-        require_text("telemetry map", self.map, 64)
-        require_number("telemetry action", self.action, 0, len(self.actions) - 1)
-        require_length("telemetry values", self.values, MOST_ACTIONS)
-        for value in self.values:
-            require_number("telemetry values", value, -BIG, BIG)
-        require_length("telemetry actions", self.actions, MOST_ACTIONS)
-        for speed in (speed for wheels in self.actions for speed in wheels):
-            require_number("telemetry actions", speed, -FAST_MPS, FAST_MPS)
+        super().__post_init__()
+        number(0, len(self.actions) - 1)["number"]("Telemetry.action", self.action)
         if self.pose is not None:
-            _require_xy("telemetry pose", self.pose[:2])
-            require_number("telemetry heading", self.pose[2], -math.pi - 1e-6, math.pi + 1e-6)
-        require_length("telemetry path", self.path, MAX_PATH_POINTS)
-        for point in self.path:
-            _require_xy("telemetry path", point)
-        require_length("telemetry inputs", self.inputs, MAX_ENTRIES)
-        require_length("telemetry health", self.health, MAX_ENTRIES)
-        for speed in self.wheels or ():
-            require_number("telemetry wheels", speed, -FAST_MPS, FAST_MPS)
-        require_number("telemetry fps", self.fps, 0.0, 1e4)
-        require_number("telemetry lag_s", self.lag_s, 0.0, MAX_AGE_S)
-        require_stamp(self.session, self.sequence, self.t_sent_s)
+            number(-HALF_TURN_RAD, HALF_TURN_RAD)["number"]("Telemetry.pose", self.pose[2])
 
 
 def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
@@ -179,10 +128,3 @@ def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
 def told_age(age_s: float) -> Optional[float]:
     """An age [s] as a message takes it: None for what never came."""
     return max(0.0, age_s) if math.isfinite(age_s) else None
-
-
-def _require_xy(what: str, point: Tuple[float, ...]) -> None:
-    if len(point) != 2:
-        raise ContractError(f"{what}: expected x and y, got {len(point)} numbers")
-    for value in point:
-        require_number(what, value, -FAR_M, FAR_M)

@@ -10,7 +10,7 @@ import dataclasses
 import json
 import numbers
 import re
-from typing import Any, ClassVar, Dict, List, Optional, Sequence, Tuple, Type, TypeVar
+from typing import Any, Callable, ClassVar, Dict, List, Sequence, Tuple, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError, nearest
 from robot.typed_config import from_plain
@@ -23,7 +23,16 @@ M = TypeVar("M", bound="Message")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
 
 
-class Message:
+class Checked:
+    """A dataclass whose fields' metadata say what they may hold: ``NAME``, ``number`` and so on."""
+
+    def __post_init__(self) -> None:
+        for each in dataclasses.fields(self):  # type: ignore[arg-type]
+            for check in each.metadata.values():
+                check(f"{type(self).__name__}.{each.name}", getattr(self, each.name))
+
+
+class Message(Checked):
     """A frozen dataclass that is one JSON part; ``KIND`` is its name on the wire."""
 
     KIND: ClassVar[str]
@@ -64,45 +73,73 @@ def require_size(what: str, data: bytes, limit_bytes: int) -> None:
         raise ContractError(f"{what}: expected at most {limit_bytes} bytes, got {len(data)}")
 
 
-def require_number(what: str, value: Optional[float], low: float, high: float) -> None:
-    """Refuse a number outside [low, high], which no NaN is in; None passes."""
-    if value is not None and not low <= value <= high:
-        raise ContractError(f"{what}: expected a number in [{low:g}, {high:g}], got {value!r:.40}")
+Check = Callable[[str, Any], None]  # of what is checked, as errors name it, and of its value
 
 
-def require_name(what: str, value: str) -> None:
-    """Refuse what is not a short identifier of letters, digits, '.', '_' and '-'."""
+def number(low: float, high: float) -> Dict[str, Check]:
+    """A number in [low, high], which no NaN is in, or None; or a list of such, or of lists."""
+
+    def check(what: str, value: Any) -> None:
+        if isinstance(value, tuple):
+            for each in value:
+                check(what, each)
+        elif value is not None and not low <= value <= high:
+            raise ContractError(
+                f"{what}: expected a number in [{low:g}, {high:g}], got {value!r:.40}"
+            )
+
+    return {"number": check}
+
+
+def entries(most: int) -> Dict[str, Check]:
+    """At most so many entries."""
+
+    def check(what: str, value: Tuple[Any, ...]) -> None:
+        if len(value) > most:
+            raise ContractError(f"{what}: expected at most {most} entries, got {len(value)}")
+
+    return {"entries": check}
+
+
+def text(limit_bytes: int) -> Dict[str, Check]:
+    """Printable text that is not too long, without control characters or lone surrogates."""
+
+    def check(what: str, value: str) -> None:
+        size = len(value.encode("utf-8", "replace"))
+        if size > limit_bytes or not all(c.isprintable() for c in value):
+            raise ContractError(
+                f"{what}: expected at most {limit_bytes} bytes of printable text, got "
+                f"{_short(value)}"
+            )
+
+    return {"text": check}
+
+
+def one_of(valid: Sequence[str]) -> Dict[str, Check]:
+    """A word of the list."""
+
+    def check(what: str, value: str) -> None:
+        if value not in valid:
+            raise ContractError(f"{what}: unknown {_short(value)}; {nearest(value[:40], valid)}")
+
+    return {"one_of": check}
+
+
+def _require_name(what: str, value: str) -> None:
     if not _NAME.fullmatch(value):
         raise ContractError(
             f"{what}: expected 1 to 32 letters, digits, '.', '_' or '-', got {_short(value)}"
         )
 
 
-def require_text(what: str, value: str, limit_bytes: int) -> None:
-    """Refuse text that is too long or has control characters or lone surrogates."""
-    size = len(value.encode("utf-8", "replace"))
-    if size > limit_bytes or not all(c.isprintable() for c in value):
-        raise ContractError(
-            f"{what}: expected at most {limit_bytes} bytes of printable text, got {_short(value)}"
-        )
+NAME: Dict[str, Check] = {"name": _require_name}
+COUNT, TIME_S = number(0, MAX_COUNT), number(0.0, 1e10)
 
 
 def tidy_text(text: str, limit_bytes: int) -> str:
     """The same text on one line, printable and cut to ``limit_bytes``: what a message takes."""
     line = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
     return line.encode("utf-8")[:limit_bytes].decode("utf-8", "ignore")
-
-
-def require_one_of(what: str, value: str, valid: Sequence[str]) -> None:
-    """Refuse a word outside the list."""
-    if value not in valid:
-        raise ContractError(f"{what}: unknown {_short(value)}; {nearest(value[:40], valid)}")
-
-
-def require_length(what: str, values: Sequence[Any], limit: int) -> None:
-    """Refuse a list with more than ``limit`` entries."""
-    if len(values) > limit:
-        raise ContractError(f"{what}: expected at most {limit} entries, got {len(values)}")
 
 
 def plain(value: Any) -> Any:

@@ -18,7 +18,7 @@ from robot.link.keys import load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.sockets import Link, Publisher, Subscriber, new_session
 from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry, thin_path
-from robot.link.wire import plain, require_length, require_size, tidy_text
+from robot.link.wire import entries, plain, require_size, tidy_text
 from tests.robot.link.conftest import free_base_port
 from tests.robot.link.fakes import FakeClock, FakeLink
 
@@ -144,7 +144,7 @@ def test_a_field_has_its_range(make: Make, field: str, good: Any, bad: Any) -> N
         (lambda v: Mission((0.0, 0.0), (v, 0.0)), 1000.0, 1000.1),
         (lambda v: Mission((0.0, 0.0), (0.0, v)), -1000.0, math.nan),
         (lambda v: require_size("x", v, 4), b"1234", b"12345"),
-        (lambda v: require_length("x", v, 4), "1234", "12345"),
+        (lambda v: entries(4)["entries"]("x", v), "1234", "12345"),
         (
             lambda v: frame(jpeg=b"\xff\xd8" + bytes(v) + b"\xff\xd9"),
             65536 - 66 - 4,

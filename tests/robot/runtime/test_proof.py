@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 
+from robot.cli.doctor import FAIL, OK, check_policy
 from robot.config import RobotConfig
 from robot.contract import PolicyContract, Proof
-from robot.doctor import FAIL, OK
-from robot.doctor.software import check_policy
 from robot.geometry import Pose
 from robot.runtime.assemble import open_robot
 from robot.safety.gates import Inputs
