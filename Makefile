@@ -41,7 +41,7 @@ test38: $(STAMP)  ## the robot's tests on Python 3.8 with the Jetson Nano's whee
 	@bash tools/test38.sh
 
 package: $(STAMP)  ## wheel and sdist, installed outside the repository and used
-	$(PY) -m tools.try_package
+	$(PY) -m tests.package
 
 demo: $(STAMP)  ## train a lane-keeping policy, export it, drive it through virtual hardware: runs/demo/
 	$(PY) -m tools.demo --out runs/demo

@@ -21,7 +21,6 @@ from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
 from tools.lane_places import on_lane
-from tools.training_speed import CASES, in_checkout
 
 ROBOTS = 64
 SMALL = ImageSpec(80, 60, crop_top_px=20)
@@ -98,12 +97,6 @@ def step_figures() -> dict[str, float]:
     }
 
 
-def training_figures() -> dict[str, Any]:
-    """What whole trainings make of a second of processor time."""
-    here = Path(__file__).parents[1]
-    return {case: asdict(in_checkout(case, here)) for case in CASES}
-
-
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
     from robot.inference.policy import OnnxPolicy, time_decisions
@@ -147,7 +140,6 @@ def measure(model: Path) -> dict[str, Any]:
     parts: dict[str, Callable[[], Any]] = {
         "camera": camera_figures,
         "step": step_figures,
-        "training": training_figures,
         "inference": lambda: inference_figures(model),
         "robot": lambda: robot_figures(model),
         "hat": hat_figures,

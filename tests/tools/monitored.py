@@ -5,7 +5,7 @@ import time
 
 from robot.link.config import LinkConfig
 from robot.navigation.road_map import load_map
-from tools.monitor.demo_robot import DemoRobot
+from tests.tools.demo_robot import DemoRobot
 
 
 class RobotThread:
@@ -28,7 +28,7 @@ class RobotThread:
         self._thread.join(5.0)
 
     def _run(self) -> None:
-        self.robot = DemoRobot(load_map("loop"), self._config, sees=False)
+        self.robot = DemoRobot(load_map("loop"), self._config)
         self._ready.set()
         while not self._closing.is_set():
             self.robot.turn()

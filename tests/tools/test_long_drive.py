@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tools.loop.pursuit import write_pursuit
+from tests.tools.pursuit import write_pursuit
 
 
 def test_neither_threads_nor_files_grow_while_the_others_come_and_go(tmp_path: Path) -> None:

@@ -12,12 +12,12 @@ import pytest
 
 from robot.recording.reader import entries, read_turns
 from robot.recording.topics import OVERHEAD
+from tests.tools.pursuit import write_pursuit
 from tools.faults.meet import every_case
 from tools.faults.stage import Stage
 from tools.loop.__main__ import main
 from tools.loop.bench import BenchOptions
 from tools.loop.missions import Driver
-from tools.loop.pursuit import write_pursuit
 
 pytestmark = pytest.mark.slow
 

@@ -30,6 +30,7 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tests.sim_pybullet.lane_pose import lane_pose
+from tests.tools.pursuit import write_pursuit
 from tools.free_ports import free_ports
 from tools.loop.bench import Bench
 from tools.loop.devices import BusServer, Listener
@@ -37,7 +38,6 @@ from tools.loop.hands import aim
 from tools.loop.missions import Driver, distance_m
 from tools.loop.picture_server import PictureServer
 from tools.loop.proxy import Proxy
-from tools.loop.pursuit import write_pursuit
 from tools.loop.shared_time import SharedTime
 
 

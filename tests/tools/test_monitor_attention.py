@@ -41,7 +41,6 @@ def test_the_newest_picture_is_explained() -> None:
     assert grid.max() == 255
     assert grid[:3].max() == 0  # the policy does not see the top third
     assert until(lambda: thread.offer(nothing) is None and thread.newest is None)
-    thread.close()
 
 
 def test_the_robot_sends_none_and_the_page_gets_one(tmp_path: Path) -> None:

@@ -34,10 +34,10 @@ class Programs:
         config = folder / "link.yaml"
         config.write_text(json.dumps({"plaintext": True, "base_port": base_port}))
         self.map = road_map
-        robot = ["demo_robot", "--base-port", str(base_port), "--map", road_map, "--no-camera"]
-        self.robot = self._start(*robot)
+        robot = ["--base-port", str(base_port), "--map", road_map]
+        self.robot = self._start("tests.tools.demo_robot", *robot)
         page = ["--port", str(free_base_port()), "--map", road_map, "--drives", str(folder / "d")]
-        self.monitor = self._start("", "--link", str(config), *page)
+        self.monitor = self._start("tools.monitor", "--link", str(config), *page)
         assert self.monitor.stdout is not None
         found = re.search(r"http://\S+", self.monitor.stdout.readline())
         assert found is not None
@@ -49,8 +49,7 @@ class Programs:
             process.wait(5.0)
 
     def _start(self, module: str, *arguments: str) -> subprocess.Popen[str]:
-        name = f"tools.monitor.{module}" if module else "tools.monitor"
-        command = [sys.executable, "-m", name, *arguments]
+        command = [sys.executable, "-m", module, *arguments]
         return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 

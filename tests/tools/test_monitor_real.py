@@ -10,9 +10,9 @@ import pytest
 
 from robot.recording.replay import replay
 from tests.tools.browser import Browser, find_chromium
+from tests.tools.pursuit import write_pursuit
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
-from tools.loop.pursuit import write_pursuit
 
 CHROMIUM = find_chromium()
 pytestmark = [

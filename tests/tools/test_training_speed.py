@@ -1,6 +1,6 @@
 import pytest
 
-from tools.training_speed import training_speed
+from tests.tools.training_speed import training_speed
 
 
 def test_a_training_tells_where_its_time_goes() -> None:

@@ -16,7 +16,6 @@ from tools.faults.case import AGE_S, HOLD, HOLD_OR_FAULT, Act, Case, change
 from tools.faults.hardware import RELEASED_S, coils_off
 from tools.faults.stage import Stage
 from tools.loop.operator import Operator
-from tools.loop.pursuit import write_pursuit
 
 SLOW_S = 0.35
 LOSS_S = 1.0
@@ -52,14 +51,16 @@ def _damaged(folder: Path, good: Path) -> Path:
     return folder / "damaged.onnx"
 
 
+def _seven_points(folder: Path, good: Path) -> Path:
+    contract = b'"path_points": 10', b'"path_points":  7'
+    (folder / "other.onnx").write_bytes(good.read_bytes().replace(*contract))
+    return folder / "other.onnx"
+
+
 MODEL = (
     _refused("missing", "no such file", lambda folder, _: folder / "none.onnx", "none.onnx"),
     _refused("damaged", "bytes overwritten", _damaged, "onnx"),
-    _refused(
-        *("wrong contract", "seven path points"),
-        lambda folder, _: write_pursuit(folder / "other.onnx", points=7),
-        "path",
-    ),
+    _refused("wrong contract", "seven path points", _seven_points, "path points, got 7"),
     Case(
         *("NaN", "it answers NaN", lambda stage: stage.shared.set("nan", 1.0), 0.1, "finite"),
         heal=lambda stage: stage.shared.set("nan", 0.0),

@@ -60,6 +60,7 @@ class BenchOptions:
     record: bool = False  # the robot's drives
     recordings: Path | None = None  # where; else in the bench's folder
     sight: Path | None = None  # by which the robot knows where it is, too
+    page: tuple[str, ...] = ()  # options of the monitor
 
 
 class Process:
@@ -261,7 +262,8 @@ class Bench:
     def _program(self, name: str) -> list[str]:
         places = {"folder": self.folder, "overhead": self.town.overhead.path, "fps": OVERHEAD_FPS}
         places |= {"port": self.page_port, "map": self.options.map}
-        return [word.format(**places) for word in PROGRAMS[name].split()]
+        words = [word.format(**places) for word in PROGRAMS[name].split()]
+        return [*words, *self.options.page] if name == "monitor" else words
 
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""

@@ -12,6 +12,7 @@ from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import (
+    Hanging,
     OverheadCamera,
     board_rgb,
     known_calibration,
@@ -44,8 +45,8 @@ class VirtualTown:
         self._fields = self.hat.fields_rad
         self._board = board_rgb(self._marker)
         ground = self.world.scene.ground
-        self._above = OverheadCamera(ground)
         size_m = (road_map.width_m, road_map.height_m)
+        self._above = OverheadCamera(ground, _over(*size_m))
         self.calibration: Calibration = known_calibration(self._above, (self._marker,), size_m)
         self.bus_server = BusServer(folder / "i2c", self.bus, self._note_step)
         self.camera = PictureServer(folder / "camera", self.world.see, lambda: time.woken("robot"))
@@ -85,3 +86,9 @@ class VirtualTown:
         for service in (self.bus_server, self.camera, self.overhead):
             service.close()
         self.world.close()
+
+
+def _over(width_m: float, height_m: float) -> Hanging:
+    """As above the arena; over a larger map in its middle, so high that all of it is seen."""
+    high_m = max(width_m, 0.45 * height_m)
+    return Hanging() if high_m < 2.5 else Hanging((0.5 * width_m, 0.5 * height_m, high_m))

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import os
 import secrets
 import signal
 import socket
-import subprocess
 import sys
-from contextlib import ExitStack
-from importlib.util import find_spec
 from pathlib import Path
 
 from robot.command_line import OneLineParser, answer, whole
 from robot.errors import ConfigError
-from robot.link.config import BOUND_BY, LinkConfig
+from robot.link.config import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder
 from robot.typed_config import load_yaml
 from tools.monitor.access import LOOPBACK_NAMES
 
 PORT = 8600
-DEMO_MODEL = "nav_dueling.onnx"
 WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15
 WS_QUEUE = 8
-LAST_PORT = 65_530  # the demonstration's links take the four after it
+LAST_PORT = 65_535
 PROGRAM = "python -m tools.monitor"
 
 
@@ -39,40 +34,36 @@ def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
     parser.add_argument("--model", type=Path, help="the robot's policy: shows where it looks")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--link", type=Path, help="YAML with keys, robot_host, localizer_host")
-    source.add_argument("--demo", action="store_true", help="a simulated robot, no hardware")
+    source.add_argument("--demo", action="store_true", help="a robot on virtual hardware")
     arguments = parser.parse_args(argv)
 
     def work() -> None:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-        with ExitStack() as stack:
-            serve(arguments, stack)
+        serve(arguments)
 
     return answer("monitor", work)
 
 
-def serve(arguments: argparse.Namespace, stack: ExitStack) -> None:
-    """Run the server; processes begun for it end with ``stack``.
+def serve(arguments: argparse.Namespace) -> None:
+    """Run the server until interrupted.
 
     ConfigError: wrong input, or no free port, before an address to open is told.
     """
     import uvicorn
 
-    from robot.inference.policy import SHIPPED_MODELS
     from tools.monitor.app import create_app
     from tools.monitor.monitor import Monitor
 
     road_map = load_map(arguments.map)
     expect_folder(arguments.drives)
-    listening = stack.enter_context(_listening(arguments.host, arguments.port))
+    listening = _listening(arguments.host, arguments.port)
     if arguments.demo:
-        for stream in range(len(BOUND_BY)):
-            _listening("127.0.0.1", arguments.port + 1 + stream).close()
-        config = LinkConfig(plaintext=True, base_port=arguments.port + 1)
-        _demo_robot(arguments.map, config.base_port, stack)
-        if find_spec("torch"):  # without the extra 'trainer' no attention is shown
-            arguments.model = arguments.model or SHIPPED_MODELS / DEMO_MODEL
-    else:
-        config = load_yaml(LinkConfig, arguments.link)
+        from tools.monitor.demo import show
+
+        listening.close()
+        show(arguments)
+        return
+    config = load_yaml(LinkConfig, arguments.link)
     token = secrets.token_urlsafe(16)
     monitor = Monitor(config, arguments.drives, arguments.model)
     app = create_app(monitor, road_map, token, arguments.host)
@@ -96,13 +87,6 @@ def _listening(host: str, port: int) -> socket.socket:
             f"--host {host} --port {port}: expected an address of this computer and a free port, "
             f"got: {told}"
         ) from error
-
-
-def _demo_robot(road_map: str, base_port: int, stack: ExitStack) -> None:
-    words = ["--base-port", str(base_port), "--map", road_map, "--parent", str(os.getpid())]
-    process = subprocess.Popen([sys.executable, "-m", "tools.monitor.demo_robot", *words])
-    stack.callback(process.wait, 5.0)
-    stack.callback(process.terminate)
 
 
 if __name__ == "__main__":

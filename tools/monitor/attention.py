@@ -6,7 +6,7 @@ The robot never computes it: its four cores have the camera, the motors and the 
 from __future__ import annotations
 
 import base64
-from concurrent.futures import Future, ThreadPoolExecutor
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,7 +44,7 @@ class Explained(Telemetry):
 
 
 class AttentionThread:
-    """Explains the newest picture when it has done with another; ``close`` it.
+    """Explains the newest picture when it has done with another.
 
     ConfigError: the extra ``trainer`` is not installed. ContractError: the model is no policy of
     ours.
@@ -59,18 +59,14 @@ class AttentionThread:
                 "installed; pip install 'duckpilot[trainer]', or leave --model out"
             ) from error
         self._explainer = Explainer(model)
-        self._pool = ThreadPoolExecutor(1, "attention")
-        self._working: Future[None] | None = None
+        self._working: threading.Thread | None = None
         self.newest: Attention | None = None  # of the last picture; None where it cannot be read
 
     def offer(self, frame: FrameMessage) -> None:
         """Explain this picture, unless another is being explained; returns at once."""
-        if self._working is None or self._working.done():
-            self._working = self._pool.submit(self._explain, frame)
-
-    def close(self) -> None:
-        """Explain no more."""
-        self._pool.shutdown(wait=False)
+        if self._working is None or not self._working.is_alive():
+            self._working = threading.Thread(target=self._explain, args=(frame,), daemon=True)
+            self._working.start()
 
     def _explain(self, frame: FrameMessage) -> None:
         found = None

@@ -146,8 +146,6 @@ class Monitor:
 
     def close(self) -> None:
         """Complete the recording and close the links."""
-        if self._attention is not None:
-            self._attention.close()
         self._record(DriveRecorder.close)
         self._link.close()
 

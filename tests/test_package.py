@@ -2,7 +2,7 @@
 
 import pytest
 
-from tools.try_package import asked_for
+from tests.package import asked_for
 
 
 def test_extras_and_what_they_ask_for_are_followed() -> None:

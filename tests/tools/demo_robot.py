@@ -1,9 +1,7 @@
-"""A robot, its camera and its localizer, simulated, on real links: the page cannot tell.
+"""A robot, blind but exact, and its localizer on real links: the page cannot tell.
 
-The loop, its rules, missions and reports are the robot's own, its policy a shipped one; blind, it
-steers for a point ahead. Run by
-``python -m tools.monitor --demo``, or by itself:
-``python -m tools.monitor.demo_robot --base-port 5570 --map town``. It ends with who started it.
+The loop, its rules, missions and reports are the robot's own. By itself:
+``python -m tests.tools.demo_robot --base-port 5570 --map town``. It ends with who started it.
 """
 
 from __future__ import annotations
@@ -15,27 +13,35 @@ import time
 
 import numpy as np
 
+from robot.camera.source import Frame
 from robot.computer.clock import MonotonicClock
 from robot.computer.health import Health
-from robot.contract import CONTROL_DT_S
-from robot.geometry import Pose
-from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
+from robot.contract import (
+    ACTION_TWISTS,
+    CONTROL_DT_S,
+    DRIVE,
+    PATH_ANGLE_LIMIT_RAD,
+    PATH_POINTS,
+    ImageSpec,
+    PolicyContract,
+)
+from robot.geometry import Pose, WheelSpeeds
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.config import LinkConfig
-from robot.link.messages import FrameMessage, PosesMessage, Sighting
+from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Publisher
 from robot.link.telemetry import Telemetry
+from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.road_map import RoadMap, load_map
-from robot.parts import Policy
 from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator
 from robot.runtime.reports import Reporter
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Safety, State
+from robot.safety.wheel_limits import STILL
 from tools.lane_places import on_straight_lane
-from tools.monitor.__main__ import DEMO_MODEL
-from tools.monitor.demo_parts import DemoCamera, ExactMotors, PurePursuit
 
 NAME = "duck"
 POSE_NOISE_M = 0.004
@@ -43,27 +49,87 @@ POSE_NOISE_M = 0.004
 LIMITS = SafetyLimits(loop_age_s=2.0, frame_age_s=2.0)
 
 
+LONGEST_S = 0.2  # of one move: a process that stalled must not leap
+POINT = 2  # of the path input: 14 cm ahead
+POINT_M = FIRST_POINT_M + POINT * POINT_SPACING_M
+CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])
+
+
+class PurePursuit:
+    """A ``Policy`` that steers for a point ahead on its path (Coulter 1992), and never looks."""
+
+    contract = PolicyContract("navigation", "pursuit", ImageSpec(), PATH_POINTS)
+
+    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
+        """(N, actions), for paths (N, PATH_POINTS)."""
+        assert path is not None  # the contract asks for one
+        wanted = 2.0 * PATH_ANGLE_LIMIT_RAD * path[:, POINT] / POINT_M
+        return np.asarray(-np.abs(CURVATURES - wanted[:, None]))
+
+
+class ExactMotors:
+    """``Motors`` whose ``pose`` is where the robot is."""
+
+    def __init__(self, pose: Pose) -> None:
+        self._pose, self._wheels, self._at_s = pose, STILL, time.monotonic()
+
+    @property
+    def pose(self) -> Pose:
+        """Now."""
+        before_s, self._at_s = self._at_s, time.monotonic()
+        dt_s = min(self._at_s - before_s, LONGEST_S)
+        twist = DRIVE.twist(self._wheels)
+        self._pose = self._pose.moved(twist.forward_mps * dt_s, twist.turn_radps * dt_s)
+        return self._pose
+
+    def set_wheels(self, wheels: WheelSpeeds) -> None:
+        """At once."""
+        self._pose, self._wheels = self.pose, wheels
+
+    def stop(self) -> None:
+        """At once."""
+        self.set_wheels(STILL)
+
+    def release(self) -> None:
+        """As ``stop``."""
+        self.stop()
+
+    def mend(self) -> None:
+        """Nothing breaks."""
+
+
+class BlindCamera:
+    """Blotches, which nobody is shown."""
+
+    def __init__(self) -> None:
+        self._rng, self._sequence = np.random.default_rng(0), 0
+
+    def read(self) -> Frame:
+        self._sequence += 1
+        picture = self._rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
+        return Frame(picture, self._sequence, time.monotonic())
+
+
 class DemoRobot:
     """Call ``turn`` ten times a second, from one thread."""
 
-    def __init__(self, road_map: RoadMap, config: LinkConfig, sees: bool = True) -> None:
+    def __init__(self, road_map: RoadMap, config: LinkConfig) -> None:
         self._motors = ExactMotors(on_straight_lane(road_map, 1.0 / 3.0))
         self._rng = np.random.default_rng(0)
         self._link = config.open()
         self._poses: Publisher[PosesMessage] = config.publisher(self._link, PosesMessage)
         self._seen: PosesMessage | None = None
-        camera, clock = DemoCamera(road_map, self._motors, sees), MonotonicClock()
+        clock = MonotonicClock()
         navigator = MissionNavigator(road_map, lambda: self._seen, lambda: self._motors.pose, NAME)
         about = Telemetry(NAME, State.DISARMED.value, model="demonstration", map=road_map.name)
         reporter = Reporter(
             config.publisher(self._link, Telemetry).send,
-            config.publisher(self._link, FrameMessage).send if camera.sees else None,
+            None,
             *(about, LIMITS, navigator, Health(time.monotonic).readings),
         )
         self.safety = Safety(clock.now, LIMITS)
-        policy: Policy = OnnxPolicy(SHIPPED_MODELS / DEMO_MODEL) if camera.sees else PurePursuit()
         self.runtime = Runtime(
-            *(camera, policy, self._motors, self.safety, clock),
+            *(BlindCamera(), PurePursuit(), self._motors, self.safety, clock),
             subscribers=(navigator, reporter),
             operators=(RemoteOperator(config.command_server(self._link), navigator),),
             navigator=navigator,
@@ -92,11 +158,10 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="A demonstration robot on plain loopback links.")
     parser.add_argument("--base-port", type=int, default=LinkConfig.base_port)
     parser.add_argument("--map", default="town")
-    parser.add_argument("--no-camera", action="store_true")
     parser.add_argument("--parent", type=int, default=os.getppid(), help="ends with this process")
     arguments = parser.parse_args(argv)
     config = LinkConfig(plaintext=True, base_port=arguments.base_port)
-    robot = DemoRobot(load_map(arguments.map), config, not arguments.no_camera)
+    robot = DemoRobot(load_map(arguments.map), config)
     rate = RateKeeper(CONTROL_DT_S, MonotonicClock())
     with contextlib.closing(robot), contextlib.suppress(KeyboardInterrupt):
         while os.getppid() == arguments.parent:

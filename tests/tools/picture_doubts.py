@@ -1,6 +1,6 @@
 """How often the robot doubts the pictures of honest simulated drives: every doubt is a false one.
 
-python -m tools.picture_doubts --model robot/models/nav_ppo.onnx --look reality --missions 200
+python -m tests.tools.picture_doubts --model robot/models/nav_ppo.onnx --look reality --missions 200
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def measure(options: argparse.Namespace) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit status 0, or 2 for wrong input."""
-    parser = OneLineParser(prog="python -m tools.picture_doubts", description=__doc__)
+    parser = OneLineParser(prog="python -m tests.tools.picture_doubts", description=__doc__)
     parser.add_argument("--model", type=Path, required=True, help="ONNX policy that drives")
     parser.add_argument("--map", nargs="+", default=["arena", "town"])
     parser.add_argument("--look", default="randomised")

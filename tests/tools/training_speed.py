@@ -1,8 +1,8 @@
 """How many decisions a training makes per second of processor time, and where the time goes.
 
-``python -m tools.training_speed --beside CHECKOUT`` measures this tree and another one in turn and
-prints their ratios: on a busy machine only these mean anything. ``--processes 2`` compares so many
-processes of one training with one, by the clock: on a quiet machine only.
+``python -m tests.tools.training_speed --beside CHECKOUT`` measures this tree and another one, in
+turn, and prints their ratios: on a busy machine only these mean anything. ``--processes 2``
+compares so many processes of one training with one, by the clock: on a quiet machine only.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def main(words: list[str]) -> None:
     if words[:1] != ["--beside"]:
         print(json.dumps(asdict(training_speed(*CASES[words[0]]))))
         return
-    ours, theirs = Path(__file__).parents[1], Path(words[1]).resolve()
+    ours, theirs = Path(__file__).parents[2], Path(words[1]).resolve()
     for case in words[2:] or CASES:
         pairs = [(in_checkout(case, theirs), in_checkout(case, ours)) for _ in range(2)]
         ratios = [new.decisions_per_cpu_s / old.decisions_per_cpu_s for old, new in pairs]

@@ -47,14 +47,15 @@ CALLS: dict[str, tuple[tuple[str, int, str], ...]] = {
         ("loop --laps 0.02 --model {model} --json laps.json", 0, "laps"),
         ("monitor --demo", 2, "pip install 'duckpilot[monitor]'"),
     ),
-    "monitor": (),  # served, see `serve`
+    "monitor": (("monitor --demo", 2, "pip install 'duckpilot[trainer"),),
+    "trainer,monitor": (),  # served, see `serve`
     "trainer,scale": (("train --ray auto --out runs", 2, "running cluster"),),
 }
 
 
 def main() -> int:
     """Exit status 0 when every command did what it has to."""
-    return answer("try_package", work)
+    return answer("package", work)
 
 
 def work() -> None:
@@ -66,7 +67,7 @@ def work() -> None:
         for extras, calls in CALLS.items():
             python = clean_environment(place / (extras or "robot"), wheel, extras)
             use(python, calls)
-            if extras == "monitor":
+            if extras == "trainer,monitor":
                 serve(python)
         found = run("bash", "tools/python38.sh", check=False).strip()
         use(installed_by_pip(place / "pip", wheel, found or sys.executable), CALLS[""])
@@ -172,7 +173,7 @@ def use(python: Path, calls: tuple[tuple[str, int, str], ...]) -> None:
 
 def serve(python: Path) -> None:
     """The monitor's page, its files and its simulated robot come from the wheel."""
-    here, port = python.parent.parent / "used", free_ports(6)
+    here, port = python.parent.parent / "used", free_ports(1)
     server = subprocess.Popen(
         [str(python.with_name("duckpilot")), "monitor", "--demo", "--port", str(port)],
         cwd=here,

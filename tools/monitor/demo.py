@@ -1,0 +1,38 @@
+"""``--demo``: the page on the loop bench, in lock-step, as fast as the wall clock where it can."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+from robot.inference.policy import SHIPPED_MODELS
+from tools.lane_places import on_straight_lane
+from tools.loop.bench import PROGRAMS, Bench, BenchOptions
+
+MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
+TURN_S = 0.02
+PATIENCE_S = 60.0
+
+
+def show(arguments: argparse.Namespace) -> None:
+    """Let the virtual world live as long as the page's program does."""
+    page = ["--host", arguments.host, "--port", str(arguments.port)]
+    page += ["--drives", str(arguments.drives), "--model", str(arguments.model or MODEL)]
+    options = BenchOptions(MODEL, arguments.map, page=tuple(page))
+    with tempfile.TemporaryDirectory(prefix="duckpilot-demo-") as folder:
+        bench = Bench(options, Path(folder))
+        bench.town.world.place(on_straight_lane(bench.road_map, 1.0 / 3.0))
+        try:
+            monitor = bench.start("monitor")
+            bench.until(lambda: "?token=" in monitor.said(), PATIENCE_S, "an address", TURN_S)
+            print(monitor.said().strip(), flush=True)
+            for name in PROGRAMS.keys() - {"monitor"}:
+                bench.start(name)
+            while monitor.alive:
+                began_s = time.monotonic()
+                bench.time.run_until(bench.now_s + TURN_S)
+                time.sleep(max(0.0, began_s + TURN_S - time.monotonic()))
+        finally:
+            bench.close()
