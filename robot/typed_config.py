@@ -46,14 +46,12 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
                 f"{label}: unknown key {_told(key)}; {nearest(str(key)[:80], fields)}"
             )
         values[key] = _convert(hints[key], item, f"{label}.{key}")
-    missing = [f.name for f in fields.values() if f.name not in values and _is_required(f)]
+    unset = dataclasses.MISSING
+    needed = [f.name for f in fields.values() if f.default is unset is f.default_factory]
+    missing = [name for name in needed if name not in values]
     if missing:
         raise ConfigError(f"{label}: missing {', '.join(missing)}")
     return kind(**values)
-
-
-def _is_required(field: Any) -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def load_yaml(kind: Type[T], path: Union[str, Path]) -> T:
@@ -71,27 +69,19 @@ def read_yaml(path: Union[str, Path]) -> Any:
     try:
         if Path(path).stat().st_size > MOST_YAML_BYTES:
             raise ConfigError(f"{path}: expected a YAML file of at most {MOST_YAML_BYTES} bytes")
-        text = Path(path).read_text(encoding="utf-8")
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+    except ConfigError:
+        raise
     except OSError as error:
-        raise ConfigError(
-            f"{path}: expected a readable YAML file, got: {error.strerror}"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: expected a YAML file in UTF-8, got: {error}") from error
-    try:
-        return yaml.safe_load(text) or {}
+        told = f"{path}: expected a readable YAML file, got: {error.strerror}"
+        raise ConfigError(told) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: 2026-99-99
-        told = " ".join(str(error).split())
-        raise ConfigError(f"{path}: expected YAML, got: {told}") from error
+        raise ConfigError(f"{path}: expected YAML, got: {' '.join(str(error).split())}") from error
 
 
-def _told(value: Any) -> str:
-    """Short, whatever it is: a few lines of YAML with aliases may stand for gigabytes."""
-    return _REPR.repr(value)
-
-
-_REPR = reprlib.Repr()
-_REPR.maxstring = _REPR.maxother = 80
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = 80
+_told = _short.repr  # whatever it is: a few lines of YAML with aliases may stand for gigabytes
 
 
 @functools.lru_cache(maxsize=None)
@@ -101,56 +91,47 @@ def _type_hints(kind: type) -> Dict[str, Any]:
 
 
 def _convert(kind: Any, value: Any, label: str) -> Any:
-    origin = typing.get_origin(kind)
+    origin, members = typing.get_origin(kind), typing.get_args(kind)
     if origin is Union or type(kind).__name__ == "UnionType":  # the latter: A | B, Python 3.10
-        return _convert_union(kind, value, label)
+        return _convert_union(members, value, label)
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return from_plain(kind, value, label)
     if origin in (tuple, list):
-        return _convert_sequence(kind, value, label)
-    if kind is Any:
-        return value
+        every = origin is list or members[1:] == (Ellipsis,)
+        return _convert_sequence(members[0] if every else members, value, label)
     if origin is typing.Literal:
-        if value not in typing.get_args(kind):
-            valid = nearest(str(value)[:80], typing.get_args(kind))
+        if value not in members:
+            valid = nearest(str(value)[:80], members)
             raise ConfigError(f"{label}: unknown {_told(value)}; {valid}")
         return value
-    return _convert_scalar(kind, value, label)
+    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    plain = kind in (int, bool, str) and isinstance(value, kind)
+    if kind is Any or (plain and isinstance(value, bool) == (kind is bool)):
+        return value
+    name = getattr(kind, "__name__", str(kind))
+    raise ConfigError(f"{label}: expected {name}, got {_told(value)} ({type(value).__name__})")
 
 
-def _convert_union(kind: Any, value: Any, label: str) -> Any:
-    members = typing.get_args(kind)
+def _convert_union(members: Tuple[Any, ...], value: Any, label: str) -> Any:
     if value is None and type(None) in members:
         return None
     problems = []
     for member in members:
-        if member is type(None):
-            continue
-        try:
-            return _convert(member, value, label)
-        except ConfigError as error:
-            problems.append(str(error))
+        if member is not type(None):
+            try:
+                return _convert(member, value, label)
+            except ConfigError as error:
+                problems.append(str(error))
     raise ConfigError("; or ".join(problems))
 
 
-def _convert_sequence(kind: Any, value: Any, label: str) -> Tuple[Any, ...]:
+def _convert_sequence(members: Any, value: Any, label: str) -> Tuple[Any, ...]:
+    """``members`` is a tuple of as many kinds, or the kind of all."""
     if not isinstance(value, (list, tuple)):
         raise ConfigError(f"{label}: expected a list, got {_told(value)}")
-    members = typing.get_args(kind)
-    if (len(members) == 2 and members[1] is Ellipsis) or typing.get_origin(kind) is list:
-        return tuple(_convert(members[0], v, f"{label}[{i}]") for i, v in enumerate(value))
-    if len(members) != len(value):
+    kinds = members if isinstance(members, tuple) else (members,) * len(value)
+    if len(kinds) != len(value):
         got = f"{len(value)}: {_told(value)}"
-        raise ConfigError(f"{label}: expected {len(members)} values, got {got}")
-    return tuple(_convert(m, v, f"{label}[{i}]") for i, (m, v) in enumerate(zip(members, value)))
-
-
-def _convert_scalar(kind: Any, value: Any, label: str) -> Any:
-    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
-        return float(value)
-    if kind is int and isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if kind in (bool, str) and isinstance(value, kind):
-        return value
-    name = getattr(kind, "__name__", str(kind))
-    raise ConfigError(f"{label}: expected {name}, got {_told(value)} ({type(value).__name__})")
+        raise ConfigError(f"{label}: expected {len(kinds)} values, got {got}")
+    return tuple(_convert(k, v, f"{label}[{i}]") for i, (k, v) in enumerate(zip(kinds, value)))

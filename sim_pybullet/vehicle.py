@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from robot.contract import ACTION_TWISTS, ACTION_WHEELS, MAX_WHEEL_MPS, ActionTable
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import PathBatch
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import MotorModel
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from robot.contract import PATH_ANGLE_LIMIT_RAD, PATH_POINTS
 from robot.geometry import Pose
-from robot.navigation.path import Path
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import Path, PathBatch
 
 POINT_SPACING_M = 0.04  # along the path; ten of them reach a little farther than one tile's corner
 FIRST_POINT_M = 0.06  # ahead of the robot: nearer ones swing wildly with the smallest offset

@@ -16,7 +16,7 @@ import time
 from collections import deque
 from datetime import datetime
 from pathlib import Path
-from typing import Callable, Deque, Optional, Tuple
+from typing import Any, Callable, Deque, Optional, Tuple
 
 from robot.computer.clock import Alarm
 from robot.computer.threads import Worker
@@ -38,100 +38,21 @@ from robot.safety.state_machine import State
 FLUSH_S = 0.5  # what a power cut can take
 MB = 1e6
 FULL = (errno.ENOSPC, errno.EDQUOT)
-
-logger = logging.getLogger(__name__)
-
-
-class DriveWriter:
-    """For one thread. A drive that could not be recorded does not hinder the next."""
-
-    def __init__(
-        self, config: RecordingConfig, subject: Subject, wall: Callable[[], float]
-    ) -> None:
-        self.problem = ""  # why the newest drive is not recorded
-        self.written_mb = 0.0  # of the newest drive
-        self._config, self._subject, self._wall = config, subject, wall
-        self._folder = Path(config.folder)
-        self._log: Optional[DriveLog] = None
-        self._flushed_s = 0.0
-
-    def begin(self, time_s: float) -> None:
-        """A drive begins; ``time_s`` [s] is now by the robot's clock."""
-        self.problem, self.written_mb = "", 0.0
-        wall_s = self._wall()
-        began = datetime.fromtimestamp(wall_s).astimezone().isoformat(timespec="seconds")
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            self._require_room()
-            file = DriveFile(self._free_path(wall_s), {**self._subject.about, "began": began})
-            self._log = DriveLog(file, wall_s - time_s, self._subject.models)
-        except OSError as error:
-            self._give_up(error)
-            return
-        self._flushed_s = time.monotonic()
-
-    def write(self, heard: Heard) -> None:
-        """Add a turn to the drive."""
-        log = self._log
-        if log is None:
-            return
-        try:
-            log.write(heard)
-            if time.monotonic() - self._flushed_s >= FLUSH_S:
-                self.written_mb = log.file.flush() / MB
-                self._require_room()
-                self._flushed_s = time.monotonic()
-        except OSError as error:
-            self._give_up(error)
-
-    def end(self, dropped: int) -> None:
-        """The drive is over; ``dropped`` turns never came here."""
-        log, self._log = self._log, None
-        if log is None:
-            return
-        try:
-            log.file.note(END, {"dropped": str(dropped), "phase": log.phase})
-            self.written_mb = log.file.close() / MB
-        except OSError as error:
-            log.file.abandon()
-            self._give_up(error)
-
-    def _give_up(self, error: OSError) -> None:
-        self.problem = "disk full" if error.errno in FULL else (error.strerror or str(error))
-        logger.error("this drive is not recorded any further: %s", error)
-        if self._log is not None:
-            self._log.file.abandon()
-            self._log = None
-
-    def _require_room(self) -> None:
-        free_mb = shutil.disk_usage(self._folder).free / MB
-        if free_mb < self._config.keep_free_mb:
-            raise OSError(
-                errno.ENOSPC,
-                f"expected {self._config.keep_free_mb:.0f} MB to stay free, {free_mb:.0f} MB are; "
-                f"move recordings away from {self._folder}",
-            )
-
-    def _free_path(self, wall_s: float) -> Path:
-        """A name that no recording has: a robot's clock may well have stood still."""
-        stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._subject.about['robot']}"
-        names = (stem if not number else f"{stem}-{number}" for number in itertools.count())
-        paths = (self._folder / f"{name}{SUFFIX}" for name in names)
-        return next(p for p in paths if not (p.exists() or p.with_suffix(UNFINISHED).exists()))
-
-
 QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two
 TAIL_S = 2.0  # after the robot has come to rest
 LONGEST_S = 600.0  # then the next file: the index of an open file grows
 WAIT_S = 0.25
 ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
 
+logger = logging.getLogger(__name__)
+
 
 class Recorder(Worker):
     """A ``Subscriber`` in a ``with`` block: one file from arming until two seconds after rest.
 
-    Leaving the block writes what is queued and completes the file. ``wall`` is the time of day
-    [s since 1970], looked at once a file.
+    Leaving the block writes what is queued and completes the file. A drive that could not be
+    recorded does not hinder the next. ``wall`` is the time of day [s since 1970], looked at once a
+    file.
     """
 
     def __init__(
@@ -139,13 +60,15 @@ class Recorder(Worker):
     ) -> None:
         super().__init__("recorder")
         self.dropped = 0  # turns that the queue had no room for
+        self._config, self._subject, self._wall = config, subject, wall
         self._folder = Path(config.folder)
-        self._subject = subject
-        self._writer = DriveWriter(config, subject, wall)
         self._lock, self._news = threading.Lock(), Alarm()
         self._waiting: Deque[Tuple[int, Heard]] = deque()
         self._part = 0  # counts the files
         self._began_s = self._until_s = -math.inf
+        self._log: Optional[DriveLog] = None  # the thread's, as what follows
+        self._problem = ""  # why the newest drive is not recorded
+        self._written_mb = self._flushed_s = 0.0  # of the newest drive
 
     def on_tick(self, tick: Tick) -> None:
         """Hand over this turn; returns at once.
@@ -171,9 +94,8 @@ class Recorder(Worker):
 
     def reading(self) -> Reading:
         """For the robot's health: the size of the newest file, or why there is none."""
-        problem, written_mb = self._writer.problem, round(self._writer.written_mb, 1)
-        if not problem and not self.alive:
-            problem = "no thread"
+        written_mb = round(self._written_mb, 1)
+        problem = self._problem or ("" if self.alive else "no thread")
         if problem:
             return Reading(f"not recording: {problem}"[:24], written_mb, "MB", "bad")
         if self.dropped:
@@ -190,15 +112,15 @@ class Recorder(Worker):
             item, ending = self._next()
             silent_s = 0.0 if item is not None else silent_s + WAIT_S
             if silent_s >= TAIL_S or (item is not None and item[0] != part) or ending:
-                self._writer.end(self.dropped)
+                self._try(self._end)
             if ending:
                 return
             if item is None:
                 continue
             if item[0] != part:
                 part = item[0]
-                self._writer.begin(item[1].tick.time_s)
-            self._writer.write(item[1])
+                self._try(self._begin, item[1].tick.time_s)
+            self._try(self._write, item[1])
 
     def _next(self) -> Tuple[Optional[Tuple[int, Heard]], bool]:
         """The turn that waits longest, if one comes soon; and whether it is all over."""
@@ -209,6 +131,60 @@ class Recorder(Worker):
             if self._waiting:
                 return self._waiting.popleft(), False
             return None, self._ending.is_set()
+
+    def _begin(self, time_s: float) -> None:
+        """A drive begins; ``time_s`` [s] is now by the robot's clock."""
+        self._problem, self._written_mb = "", 0.0
+        wall_s = self._wall()
+        began = datetime.fromtimestamp(wall_s).astimezone().isoformat(timespec="seconds")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._require_room()
+        file = DriveFile(self._free_path(wall_s), {**self._subject.about, "began": began})
+        self._log = DriveLog(file, wall_s - time_s, self._subject.models)
+        self._flushed_s = time.monotonic()
+
+    def _write(self, heard: Heard) -> None:
+        if self._log is None:
+            return
+        self._log.write(heard)
+        if time.monotonic() - self._flushed_s >= FLUSH_S:
+            self._written_mb = self._log.file.flush() / MB
+            self._require_room()
+            self._flushed_s = time.monotonic()
+
+    def _end(self) -> None:
+        if self._log is None:
+            return
+        self._log.file.note(END, {"dropped": str(self.dropped), "phase": self._log.phase})
+        self._written_mb = self._log.file.close() / MB
+        self._log = None
+
+    def _try(self, step: Callable[..., None], *arguments: Any) -> None:
+        """Do a step of the recording; what the disk does not take ends it."""
+        try:
+            step(*arguments)
+        except OSError as error:
+            self._problem = "disk full" if error.errno in FULL else (error.strerror or str(error))
+            logger.error("this drive is not recorded any further: %s", error)
+            if self._log is not None:
+                self._log.file.abandon()
+                self._log = None
+
+    def _require_room(self) -> None:
+        free_mb = shutil.disk_usage(self._folder).free / MB
+        if free_mb < self._config.keep_free_mb:
+            raise OSError(
+                errno.ENOSPC,
+                f"expected {self._config.keep_free_mb:.0f} MB to stay free, {free_mb:.0f} MB are; "
+                f"move recordings away from {self._folder}",
+            )
+
+    def _free_path(self, wall_s: float) -> Path:
+        """A name that no recording has: a robot's clock may well have stood still."""
+        stem = f"{datetime.fromtimestamp(wall_s):%Y%m%d-%H%M%S}-{self._subject.about['robot']}"
+        names = (stem if not number else f"{stem}-{number}" for number in itertools.count())
+        paths = (self._folder / f"{name}{SUFFIX}" for name in names)
+        return next(p for p in paths if not (p.exists() or p.with_suffix(UNFINISHED).exists()))
 
     def _recover(self) -> None:
         try:

@@ -31,45 +31,38 @@ class Topic(NamedTuple):
     schema: Json
 
 
-def _schema(shape: Any) -> Json:
-    """The JSON schema of a shape: types by name, dicts that are always full."""
-    if isinstance(shape, dict):
-        properties = {name: _schema(kind) for name, kind in shape.items()}
-        return {"type": "object", "properties": properties, "required": list(shape)}
-    if shape == "base64":
-        return {"type": "string", "contentEncoding": "base64"}
-    return {"type": shape}
-
-
-def _schema_of(kind: Any) -> Json:
-    """The JSON schema of a type that our dataclasses have."""
+def _schema(kind: Any) -> Json:
+    """The JSON schema of a type that our dataclasses have, or of a dict of types, always full."""
     origin, members = typing.get_origin(kind), typing.get_args(kind)
+    if isinstance(kind, dict):
+        properties = {name: _schema(each) for name, each in kind.items()}
+        return {"type": "object", "properties": properties, "required": list(kind)}
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
-        properties = {f.name: _schema_of(hints[f.name]) for f in dataclasses.fields(kind)}
+        properties = {f.name: _schema(hints[f.name]) for f in dataclasses.fields(kind)}
         return {"type": "object", "properties": properties}
     if origin is Union:
-        return _schema_of(next(member for member in members if member is not type(None)))
+        return _schema(next(member for member in members if member is not type(None)))
     if origin is tuple:
-        return {"type": "array", "items": _schema_of(members[0])}
-    names = {float: "number", int: "integer", bool: "boolean", str: "string"}
-    return {"type": names[kind]}
+        return {"type": "array", "items": _schema(members[0])}
+    if kind is bytes:
+        return {"type": "string", "contentEncoding": "base64"}
+    return {"type": {float: "number", int: "integer", bool: "boolean", str: "string"}[kind]}
 
 
-_XYZ = dict.fromkeys("xyz", "number")
-_POSE = {"position": _XYZ, "orientation": {**_XYZ, "w": "number"}}
-_HEAD = {"timestamp": {"sec": "integer", "nsec": "integer"}, "frame_id": "string"}
-_PLACE = {**_HEAD, "pose": _POSE}
-_SEEN = {**_PLACE, "heading_known": "boolean", "confidence": "number"}
+_XYZ = dict.fromkeys("xyz", float)
+_HEAD = {"timestamp": {"sec": int, "nsec": int}, "frame_id": str}
+_PLACE = {**_HEAD, "pose": {"position": _XYZ, "orientation": {**_XYZ, "w": float}}}
+_SEEN = {**_PLACE, "heading_known": bool, "confidence": float}
 
 CAMERA = Topic(
-    "/camera", "foxglove.CompressedImage", _schema({**_HEAD, "data": "base64", "format": "string"})
+    "/camera", "foxglove.CompressedImage", _schema({**_HEAD, "data": bytes, "format": str})
 )
 POSE = Topic("/pose", "foxglove.PoseInFrame", _schema(_PLACE))
 OVERHEAD = Topic("/overhead", "foxglove.PoseInFrame", _schema(_SEEN))
 ODOMETRY = Topic("/odometry", "foxglove.PoseInFrame", _schema(_PLACE))
-TURN = Topic("/turn", "duckpilot.Turn", _schema_of(Turn))
-TELEMETRY = Topic("/telemetry", "duckpilot.Telemetry", _schema_of(Telemetry))
+TURN = Topic("/turn", "duckpilot.Turn", _schema(Turn))
+TELEMETRY = Topic("/telemetry", "duckpilot.Telemetry", _schema(Telemetry))
 
 
 def image_message(time_s: float, data: bytes, kind: str) -> Json:

@@ -81,8 +81,11 @@ class Turn:
     @classmethod
     def of(cls, tick: Tick) -> Turn:
         """What a tick tells."""
-        values, guidance, inputs = tick.values, tick.guidance, tick.inputs
-        finite = values is not None and bool(np.isfinite(values).all())
+        values, inputs, frame, drive = tick.values, tick.inputs, tick.frame, tick.drive
+        if values is not None and not np.isfinite(values).all():
+            values = None
+        path = None if tick.guidance is None else tick.guidance.path
+        cap = Cap() if drive is None else drive.cap
         return cls(
             number=tick.number,
             time_s=tick.time_s,
@@ -91,42 +94,20 @@ class Turn:
             state=tick.verdict.state.value,
             reason=tick.verdict.reason.value,
             sentence=tick.verdict.sentence,
-            wheels=_pair(tick.wheels),
-            frame=None if tick.frame is None else tick.frame.sequence,
-            frame_time_s=None if tick.frame is None else tick.frame.time_s,
-            path=None if guidance is None else _numbers(guidance.path),
-            values=_numbers(values) if finite else None,
-            margin=_margin(values) if finite and values is not None else None,
+            wheels=tick.wheels,
+            frame=None if frame is None else frame.sequence,
+            frame_time_s=None if frame is None else frame.time_s,
+            path=None if path is None else tuple(path.tolist()),
+            values=None if values is None else tuple(values.tolist()),
+            margin=None if values is None else float(np.diff(np.sort(values)[-2:])[0]),
             action=tick.action,
-            driven=_driven(tick.drive),
-            **_governed(tick.drive),
+            driven=None if drive is None else Driven(drive.wanted, drive.before, drive.dt_s),
+            most_mps=cap.most_mps if cap.reason else None,
+            governed=cap.reason or None,
             frame_age_s=_age(inputs.frame_age_s),
             pose_age_s=_age(inputs.pose_age_s),
             operator_age_s=_age(inputs.link_age_s),
         )
-
-
-def _driven(drive: Optional[Drive]) -> Optional[Driven]:
-    return None if drive is None else Driven(_pair(drive.wanted), _pair(drive.before), drive.dt_s)
-
-
-def _governed(drive: Optional[Drive]) -> Dict[str, Any]:
-    if drive is None or not drive.cap.reason:
-        return {}
-    return {"most_mps": drive.cap.most_mps, "governed": drive.cap.reason}
-
-
-def _pair(wheels: WheelSpeeds) -> Tuple[float, float]:
-    return (float(wheels.left_mps), float(wheels.right_mps))
-
-
-def _numbers(values: Optional[np.ndarray]) -> Optional[Numbers]:
-    return None if values is None else tuple(float(value) for value in values)
-
-
-def _margin(values: np.ndarray) -> float:
-    second, best = np.sort(values)[-2:]
-    return float(best - second)
 
 
 def _age(age_s: Optional[float]) -> Optional[float]:

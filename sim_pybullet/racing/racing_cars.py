@@ -11,7 +11,7 @@ import numpy as np
 
 from robot.contract import ActionTable
 from robot.geometry import wrap_angle
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import PathBatch
 from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S

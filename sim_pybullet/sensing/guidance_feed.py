@@ -12,7 +12,7 @@ from robot.inference.preprocess import preprocess_batch
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.guidance import path_inputs
 from robot.navigation.lane_view import LaneView
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import PathBatch
 from robot.navigation.road_map import RoadMap
 from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import OnnxSight
@@ -78,7 +78,7 @@ class GuidanceFeed:
         """These robots (M,) begin an episode where they have stood long enough to know it.
 
         ``looks`` and ``rngs`` are theirs; ``poses`` (N, 3) are true, and ``hints`` (N,) say where
-        all robots are on their paths, see `robot.navigation.path_batch.PathBatch.index_at`.
+        all robots are on their paths, see `robot.navigation.path.PathBatch.index_at`.
         """
         for i, look, rng in zip(robots.tolist(), looks, rngs, strict=True):
             exact = replace(look, correlation_s=PoseLook.correlation_s) == PoseLook()

@@ -11,8 +11,7 @@ import numpy as np
 
 from robot.errors import ConfigError
 from robot.geometry import Pose, wrap_angle
-from robot.navigation.path import Path
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import Path, PathBatch
 from sim_pybullet.tasks.following import (
     MAX_HEADING_ERROR_RAD,
     START_HEADING_RAD,

@@ -10,7 +10,7 @@ import numpy as np
 from robot.geometry import wrap_angle
 from robot.navigation.closed_lanes import HALF_ROBOT_M
 from robot.navigation.map_objects import MapObject
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
-from robot.navigation.path import Path
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import Path, PathBatch
 from sim_pybullet.traffic.scenario import Scenario
 
 HEIGHT_M = 0.135

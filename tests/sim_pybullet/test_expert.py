@@ -5,8 +5,7 @@ import pytest
 
 from robot.contract import CONTROL_DT_S, Action
 from robot.geometry import Pose
-from robot.navigation.path import Path, lane_loop
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import Path, PathBatch, lane_loop
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld

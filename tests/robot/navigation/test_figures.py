@@ -12,8 +12,7 @@ from robot.geometry import Pose, bezier_points, bezier_tangents
 from robot.navigation import guidance, navigator
 from robot.navigation.guidance import path_input
 from robot.navigation.lanes import LaneIndex
-from robot.navigation.path import Path, lane_loop
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import Path, PathBatch, lane_loop
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import MapError, PlanError
-from robot.navigation.path import SPACING_M, Path, lane_loop
-from robot.navigation.path_batch import NO_HINT, PathBatch
+from robot.navigation.path import NO_HINT, SPACING_M, Path, PathBatch, lane_loop
 from robot.navigation.road_map import load_map, read_map
 
 LOOP = lane_loop(load_map("loop"))

@@ -15,9 +15,9 @@ import pytest
 
 from robot.config import RecordingConfig
 from robot.errors import ConfigError
-from robot.recording.drive_file import MODEL, UNFINISHED, Heard
+from robot.recording.drive_file import MODEL, UNFINISHED
 from robot.recording.reader import read_about, read_attachment, read_frames, read_turns
-from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, DriveWriter, Recorder
+from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, Recorder
 from robot.recording.turn import Turn
 from robot.safety.state_machine import Command
 from robot.typed_config import from_plain
@@ -87,27 +87,34 @@ def test_a_full_queue_loses_turns_and_holds_nobody_up(tmp_path: Path) -> None:
     assert recorder.reading().level == "bad"
 
 
+def await_level(recorder: Recorder, level: str) -> None:
+    deadline_s = time.monotonic() + 10.0
+    while recorder.reading().level != level:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
 def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path: Path) -> None:
     robot = Robot(tmp_path / "robot")
-    scribe = DriveWriter(RecordingConfig(str(tmp_path / "d"), 0.0), robot.subject(), time.time)
-    ticks = robot.drive(20)
-    scribe.begin(0.0)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
-    try:
-        for tick in ticks:
-            scribe.write(Heard(tick))
-            time.sleep(0.03)
-        assert "large" in scribe.problem
-        scribe.end(0)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    (left,) = (tmp_path / "d").iterdir()
-    assert left.name.endswith(UNFINISHED)
-    list(read_turns(left))  # readable as far as it goes
-    scribe.begin(0.0)  # the next drive tries again
-    assert scribe.problem == ""
-    scribe.end(0)
+    with Recorder(RecordingConfig(str(tmp_path / "d"), 0.0), robot.subject()) as recorder:
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+        try:
+            for tick in robot.drive(20):
+                recorder.on_tick(tick)
+                time.sleep(0.03)
+            await_level(recorder, "bad")
+            assert recorder.reading().name.startswith("not recording: File too")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        (left,) = (tmp_path / "d").iterdir()
+        assert left.name.endswith(UNFINISHED)
+        list(read_turns(left))  # readable as far as it goes
+        robot.turns(60)
+        robot.ask(Command.ARM)  # the next drive tries again
+        recorder.on_tick(robot.turn())
+        await_level(recorder, "ok")
+    assert len(list((tmp_path / "d").iterdir())) == 2
 
 
 def test_room_that_the_system_needs_is_left_alone(tmp_path: Path) -> None:
@@ -116,10 +123,7 @@ def test_room_that_the_system_needs_is_left_alone(tmp_path: Path) -> None:
     with recorder:
         for tick in robot.drive(3):
             recorder.on_tick(tick)
-        deadline_s = time.monotonic() + 10.0
-        while recorder.reading().level != "bad":
-            assert time.monotonic() < deadline_s
-            time.sleep(0.01)
+        await_level(recorder, "bad")
         assert recorder.reading().name == "not recording: disk full"
     assert list((tmp_path / "drives").iterdir()) == []
 

@@ -12,8 +12,7 @@ import pytest
 
 from robot.contract import CONTROL_DT_S
 from robot.navigation import path as paths
-from robot.navigation.path import lane_loop
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import PathBatch, lane_loop
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, shipped_maps
 from robot.typed_config import read_yaml

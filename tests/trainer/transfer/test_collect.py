@@ -6,7 +6,7 @@ import pytest
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.navigation.path_batch import PathBatch
+from robot.navigation.path import PathBatch
 from robot.navigation.road_map import load_map
 from robot.recording.reader import read_frames
 from sim_pybullet.classes import SemanticClass
