@@ -81,22 +81,6 @@ class Sight(NamedTuple):
     wrong: str = ""
 
 
-class Eyes(Protocol):
-    """Doubts the pictures; `robot.vision.plausibility.PictureDoubts` on the robot."""
-
-    def look(
-        self, frame: Optional[Frame], pose: Optional[Pose], wheels: WheelSpeeds, now_s: float
-    ) -> Sight:
-        """What the newest picture tells.
-
-        Args:
-            frame: the newest; None while none has come.
-            pose: where the robot believes to be; None where nothing tells it.
-            wheels: as they turn now [m/s].
-            now_s: of the runtime's clock [s].
-        """
-
-
 class Operator(Protocol):
     """The person's side: hands over what they ask for, and knows how long they were silent."""
 

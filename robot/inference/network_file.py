@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, List, NamedTuple, Sequence, Tuple, Union
 
+import numpy as np
+
 from robot.errors import ContractError
 
 
@@ -68,6 +70,19 @@ def read_metadata(path: Union[str, Path], network: Any, key: str, remedy: str) -
             f"{path}: expected metadata under {key!r}, got keys {sorted(metadata)}; {remedy}"
         )
     return str(metadata[key])
+
+
+def expect_pictures(pictures: np.ndarray, shape: Tuple[int, ...], whose: str) -> np.ndarray:
+    """Pictures (N, H, W, 3 frames) uint8 RGB for a network, contiguous; ContractError for others.
+
+    ``shape`` is (H, W, 3 frames), ``whose`` the network's file.
+    """
+    if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
+        raise ContractError(
+            f"pictures: expected (N, {', '.join(map(str, shape))}) uint8, got {pictures.shape} "
+            f"{pictures.dtype}; make them for {whose} with preprocess(frame, contract.image)"
+        )
+    return np.ascontiguousarray(pictures)
 
 
 def expect_tensors(

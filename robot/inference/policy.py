@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple, Union
+from typing import Any, Dict, Optional, Union
 
 import numpy as np
 
@@ -21,7 +21,13 @@ from robot.contract import (
     PolicyContract,
 )
 from robot.errors import ContractError, DuckpilotError
-from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
+from robot.inference.network_file import (
+    Tensor,
+    expect_pictures,
+    expect_tensors,
+    open_network,
+    read_metadata,
+)
 from robot.inference.preprocess import FRAME_SHAPE, preprocess
 from robot.parts import Policy
 
@@ -41,8 +47,29 @@ class OnnxPolicy:
 
     def __init__(self, path: Union[str, Path], actions: Optional[ActionTable] = None) -> None:
         self.path = Path(path)
-        self.contract, self._session = _open_policy(self.path, actions)
-        self._warm_up()
+        self._session = network = open_network(path, REMEDY)
+        self.contract = contract = _stated(path, network)
+        _check_actions(path, contract.actions, actions)
+        for what, got, valid in (
+            ("seconds between decisions", contract.control_dt_s, (CONTROL_DT_S,)),
+            ("path points", contract.path_points, (0, PATH_POINTS)),
+        ):
+            if got not in valid:
+                expected = " or ".join(map(str, valid))
+                raise ContractError(
+                    f"{path}: expected {expected} {what}, got {got}; train it again with this "
+                    "version"
+                )
+        inputs = [Tensor("image", "tensor(uint8)", (None, *contract.picture_shape))]
+        if contract.path_points:
+            inputs.append(Tensor("path", "tensor(float)", (None, contract.path_points)))
+        outputs = [Tensor("values", "tensor(float)", (None, len(contract.actions)))]
+        expect_tensors(path, network, inputs, outputs, REMEDY)
+        ramp = np.linspace(0, 255, num=int(np.prod(contract.picture_shape)))
+        image = ramp.astype(np.uint8).reshape(contract.picture_shape)
+        for count in (2, 1):  # slow first calls and broken exports show here
+            paths = np.zeros((count, contract.path_points), np.float32)
+            self.values(np.stack([image] * count), paths if paths.size else None)
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """What each action is worth: (N, actions) float32; the best is the greatest.
@@ -54,7 +81,8 @@ class OnnxPolicy:
 
         ContractError: a wrong shape or kind, or the network answered NaN or infinity.
         """
-        feeds = {"image": self._checked_images(images), **self._checked_path(len(images), path)}
+        pictures = expect_pictures(images, self.contract.picture_shape, self.path.name)
+        feeds = {"image": pictures, **self._checked_path(len(images), path)}
         values = self._session.run(["values"], feeds)[0]
         expected = (len(images), len(self.contract.actions))
         if values.shape != expected:
@@ -72,15 +100,6 @@ class OnnxPolicy:
         """The greedy actions (N,) int64; arguments and errors as of ``values``."""
         return self.values(images, path).argmax(axis=1)
 
-    def _checked_images(self, images: np.ndarray) -> np.ndarray:
-        shape = self.contract.picture_shape
-        if images.ndim != 4 or images.shape[1:] != shape or images.dtype != np.uint8:
-            raise ContractError(
-                f"image: expected (N, {', '.join(map(str, shape))}) uint8, got {images.shape} "
-                f"{images.dtype}; make it with preprocess(frame, policy.contract.image)"
-            )
-        return np.ascontiguousarray(images)
-
     def _checked_path(self, count: int, path: Optional[np.ndarray]) -> Dict[str, np.ndarray]:
         points = self.contract.path_points
         if points == 0 and path is None:
@@ -96,14 +115,6 @@ class OnnxPolicy:
             f"{self.path.name} is a {self.contract.task} policy"
         )
 
-    def _warm_up(self) -> None:
-        """Two batch sizes, dark and bright: slow first calls and broken exports show here."""
-        for count in (2, 1):
-            ramp = np.linspace(0, 255, num=int(np.prod(self.contract.picture_shape)))
-            image = ramp.astype(np.uint8).reshape(self.contract.picture_shape)
-            path = np.zeros((count, self.contract.path_points), np.float32)
-            self.values(np.stack([image] * count), path if path.size else None)
-
 
 def read_contract(path: Union[str, Path]) -> PolicyContract:
     """The contract inside a policy file, of any vehicle; ContractError where there is none."""
@@ -116,30 +127,6 @@ def _stated(path: Union[str, Path], network: Any) -> PolicyContract:
         return PolicyContract.from_json(text)
     except DuckpilotError as error:
         raise ContractError(f"{path}: {error}") from error
-
-
-def _open_policy(
-    path: Union[str, Path], actions: Optional[ActionTable] = None
-) -> Tuple[PolicyContract, Any]:
-    """The contract inside a policy file, and the onnxruntime session that keeps it."""
-    network = open_network(path, REMEDY)
-    contract = _stated(path, network)
-    _check_actions(path, contract.actions, actions)
-    for what, got, valid in (
-        ("seconds between decisions", contract.control_dt_s, (CONTROL_DT_S,)),
-        ("path points", contract.path_points, (0, PATH_POINTS)),
-    ):
-        if got not in valid:
-            expected = " or ".join(map(str, valid))
-            raise ContractError(
-                f"{path}: expected {expected} {what}, got {got}; train it again with this version"
-            )
-    inputs = [Tensor("image", "tensor(uint8)", (None, *contract.picture_shape))]
-    if contract.path_points:
-        inputs.append(Tensor("path", "tensor(float)", (None, contract.path_points)))
-    outputs = [Tensor("values", "tensor(float)", (None, len(contract.actions)))]
-    expect_tensors(path, network, inputs, outputs, REMEDY)
-    return contract, network
 
 
 def _check_actions(

@@ -17,7 +17,13 @@ import numpy as np
 
 from robot.contract import ImageSpec, PolicyContract
 from robot.errors import ContractError, DuckpilotError, nearest
-from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
+from robot.inference.network_file import (
+    Tensor,
+    expect_pictures,
+    expect_tensors,
+    open_network,
+    read_metadata,
+)
 from robot.parts import Policy
 from robot.typed_config import from_plain, to_plain
 
@@ -90,16 +96,10 @@ class OnnxTranslator:
 
         ContractError: pictures of another size or kind.
         """
-        shape = self.contract.image.shape
-        if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
-            raise ContractError(
-                f"pictures: expected (N, {shape[0]}, {shape[1]}, 3) uint8, got {pictures.shape} "
-                f"{pictures.dtype}; {self.path.name} was trained for {self.contract.image}"
-            )
+        given = expect_pictures(pictures, self.contract.image.shape, self.path.name)
         if not len(pictures):
             return pictures.copy()
-        feeds = {"image": np.ascontiguousarray(pictures)}
-        return np.asarray(self._network.run(["translation"], feeds)[0])
+        return np.asarray(self._network.run(["translation"], {"image": given})[0])
 
 
 def open_translator(

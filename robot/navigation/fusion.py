@@ -77,6 +77,10 @@ class PoseFusion:
         self.poses = np.full((count, 3), np.nan)
         self.rejected = np.zeros(count, dtype=int)
         self._states = SEEN.stop if config.sight else SEEN.start
+        wheels = (config.forward_scale, config.turn_scale, config.drift_rad_per_m)
+        overhead = (config.position_m, config.position_m, config.heading_rad)
+        self._wheel_variance, self._overhead_variance = np.square(wheels), np.square(overhead)
+        self._seen_variance = np.square((config.seen_offset_m, config.seen_heading_rad))
         # Estimate of calibration, overhead error and that of sight.
         self._beside = np.zeros((count, self._states - 3))
         self._covariance = np.zeros((count, self._states, self._states))
@@ -113,7 +117,7 @@ class PoseFusion:
         """Forget how these robots (boolean mask or indices) drive, not where they are."""
         covariance = self._covariance[robots]
         covariance[:, _CALIBRATION, :] = covariance[:, :, _CALIBRATION] = 0.0
-        covariance[:, _CALIBRATION, _CALIBRATION] = self._wheel_variance
+        covariance[:, _CALIBRATION, _CALIBRATION] = np.diag(self._wheel_variance)
         self._covariance[robots] = covariance
         self._beside[robots, :3] = 0.0
 
@@ -165,18 +169,25 @@ class PoseFusion:
         A row of NaN is a robot without a new pose; a heading alone may be NaN too. Poses that the
         filter cannot believe, or older than its memory, are counted in ``rejected`` and ignored.
         """
-        then = self._odometry_at(captured_s)
-        since = between(then, self._odometry)
+        past, since, beside, covariance = self._then(captured_s)
         fresh = np.isfinite(measured[:, :2]).all(axis=1) & (captured_s > self._measured_s)
         unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= self.config.rejections)
         lost = fresh & unknown & np.isfinite(measured[:, 2])
-        past, beside = uncompose(self.poses, since), self._beside.copy()
-        covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
-        likely = self._correct(past, beside, covariance, measured)
-        believed = fresh & ~lost & likely & np.isfinite(then[:, 0])
+        design = np.zeros((len(past), 3, self._states))  # measured is the pose and its error
+        design[:, range(3), range(3)] = design[:, range(3), range(6, 9)] = 1.0
+        jitter = np.zeros((len(past), 3, 3))
+        jitter[:, range(3), range(3)] = self.config.jitter**2 * self._overhead_variance
+        jitter[np.isnan(measured[:, 2]), 2, 2] = _UNKNOWN_HEADING_RAD**2
+        innovation = measured - past - beside[:, 3:6]
+        innovation[:, 2] = wrap_angle(innovation[:, 2])
+        known = np.isfinite(past[:, 0]) & np.isfinite(since[:, 0])
+        distance = _update(past, beside, covariance, innovation, design, jitter)
+        covariance += covariance.transpose(0, 2, 1).copy()  # keeps rounding from growing
+        covariance *= 0.5
+        self._bound(past, beside, covariance)
+        taken = lost | (fresh & known & (distance < self.config.gate))
         past[lost] = measured[lost]
         self._begin(beside, covariance, lost)
-        taken = believed | lost
         self._take(taken, past, since, beside, covariance)
         self._measured_s[taken] = captured_s[taken]
         self.rejected = np.where(taken, 0, self.rejected + fresh)
@@ -189,22 +200,11 @@ class PoseFusion:
         goes with the state (N, K, S), and its covariance (N, K, K). What is farther off than
         ``gate`` is ignored.
         """
-        then = self._odometry_at(captured_s)
-        since = between(then, self._odometry)
-        past, beside = uncompose(self.poses, since), self._beside.copy()
-        covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
+        past, since, beside, covariance = self._then(captured_s)
         innovation, design, noise = compare(past, since)
         known = np.isfinite(innovation).all(axis=1) & np.isfinite(past).all(axis=1)
-        seen = covariance @ design.transpose(0, 2, 1)
-        inverse = np.linalg.inv(design @ seen + noise)
-        gain = seen @ inverse
-        difference = np.nan_to_num(innovation)
-        correction = np.einsum("nij,nj->ni", gain, difference)
-        past += correction[:, _POSE]
-        beside += correction[:, 3:]
-        covariance -= gain @ seen.transpose(0, 2, 1)
+        distance = _update(past, beside, covariance, innovation, design, noise)
         self._bound(past, beside, covariance)
-        distance = np.einsum("ni,nij,nj->n", difference, inverse, difference)
         taken = known & (distance < self.config.gate)
         self._take(taken, past, since, beside, covariance)
         return np.asarray(taken)
@@ -212,6 +212,13 @@ class PoseFusion:
     def seen_error(self) -> np.ndarray:
         """(N, 2) what sight seems to say wrong: offset [m], heading [rad]."""
         return self._beside[:, 6:8].copy()
+
+    def _then(self, when_s: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Poses at times (N,) and the steps since, what goes with them, and their covariance."""
+        since = between(self._odometry_at(when_s), self._odometry)
+        past = uncompose(self.poses, since)
+        covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
+        return past, since, self._beside.copy(), covariance
 
     def _take(
         self,
@@ -265,29 +272,6 @@ class PoseFusion:
         self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
         self._beside[:, 3:] *= kept[6:]
 
-    def _correct(
-        self, past: np.ndarray, beside: np.ndarray, covariance: np.ndarray, measured: np.ndarray
-    ) -> np.ndarray:
-        """Correct the three estimates in place by measured poses; where these are likely, (N,)."""
-        seen = covariance[:, :, _POSE] + covariance[:, :, _ERROR]  # measured is the sum of both
-        jitter = np.zeros((len(past), 3, 3))
-        jitter[:, range(3), range(3)] = self.config.jitter**2 * self._overhead_variance
-        jitter[np.isnan(measured[:, 2]), 2, 2] = _UNKNOWN_HEADING_RAD**2
-        inverse = np.linalg.inv(seen[:, _POSE] + seen[:, _ERROR] + jitter)
-        innovation = measured - past - beside[:, 3:6]
-        innovation[:, 2] = wrap_angle(innovation[:, 2])
-        innovation = np.nan_to_num(innovation)
-        gain = seen @ inverse
-        correction = np.einsum("nij,nj->ni", gain, innovation)
-        past += correction[:, _POSE]
-        beside += correction[:, 3:]
-        covariance -= gain @ seen.transpose(0, 2, 1)
-        covariance += covariance.transpose(0, 2, 1).copy()  # keeps rounding from growing
-        covariance *= 0.5
-        self._bound(past, beside, covariance)
-        distance = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
-        return np.asarray(np.isfinite(past[:, 0]) & (distance < self.config.gate))
-
     def _bound(self, past: np.ndarray, beside: np.ndarray, covariance: np.ndarray) -> None:
         """Project estimates in place, so that no calibration is beyond its bound."""
         bounds = self.config.bounds
@@ -306,29 +290,14 @@ class PoseFusion:
         What they learned of their wheels led them astray, or to nothing: it begins anew, too.
         """
         error = np.diag(self._overhead_variance)
-        beside[lost] = 0.0
-        first = np.zeros_like(covariance[lost])
-        first[:, _CALIBRATION, _CALIBRATION] = self._wheel_variance
-        first[:, _POSE, _POSE] = error * (1.0 + self.config.jitter**2)
-        first[:, _ERROR, _ERROR] = error
-        first[:, _POSE, _ERROR] = first[:, _ERROR, _POSE] = -error
+        first = np.zeros(covariance.shape[1:])
+        first[_CALIBRATION, _CALIBRATION] = np.diag(self._wheel_variance)
+        first[_POSE, _POSE] = error * (1.0 + self.config.jitter**2)
+        first[_ERROR, _ERROR] = error
+        first[_POSE, _ERROR] = first[_ERROR, _POSE] = -error
         if self.config.sight:
-            first[:, SEEN, SEEN] = np.diag(self._seen_variance)
-        covariance[lost] = first
-
-    @property
-    def _wheel_variance(self) -> np.ndarray:
-        config = self.config
-        return np.diag(np.square((config.forward_scale, config.turn_scale, config.drift_rad_per_m)))
-
-    @property
-    def _seen_variance(self) -> np.ndarray:
-        return np.square((self.config.seen_offset_m, self.config.seen_heading_rad))
-
-    @property
-    def _overhead_variance(self) -> np.ndarray:
-        config = self.config
-        return np.square((config.position_m, config.position_m, config.heading_rad))
+            first[SEEN, SEEN] = np.diag(self._seen_variance)
+        beside[lost], covariance[lost] = 0.0, first
 
     def _odometry_at(self, when_s: np.ndarray) -> np.ndarray:
         """Odometry (N, 3) at times (N,), interpolated; NaN before the history begins."""
@@ -342,3 +311,23 @@ class PoseFusion:
         step = between(before, history[after, robots])
         at = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
         return np.where((when_s >= times[0])[:, None], at, np.nan)
+
+
+def _update(
+    poses: np.ndarray,
+    beside: np.ndarray,
+    covariance: np.ndarray,
+    innovation: np.ndarray,
+    design: np.ndarray,
+    noise: np.ndarray,
+) -> np.ndarray:
+    """Correct estimates in place; the squared Mahalanobis distances (N,) of the innovations."""
+    seen = covariance @ design.transpose(0, 2, 1)
+    inverse = np.linalg.inv(design @ seen + noise)
+    gain = seen @ inverse
+    difference = np.nan_to_num(innovation)
+    correction = np.einsum("nij,nj->ni", gain, difference)
+    poses += correction[:, _POSE]
+    beside += correction[:, 3:]
+    covariance -= gain @ seen.transpose(0, 2, 1)
+    return np.einsum("ni,nij,nj->n", difference, inverse, difference)

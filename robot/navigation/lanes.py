@@ -67,22 +67,15 @@ def tile_lanes(
     if not tile.is_road:
         return ()
     centre = np.array([tile.column + 0.5, rows - tile.row - 0.5])
-    return tuple(
-        Lane(tile.row, tile.column, (points + centre) * tile_size_m)
-        for points in _tile_curves(tile, reference)
-    )
-
-
-def _tile_curves(tile: Tile, reference: bool) -> Tuple[np.ndarray, ...]:
-    if tile.kind == "4way":
-        return tuple(_turned(curve, k) for k in range(4) for curve in _CURVES["4way"])
     kind, turns = tile.kind, tile.quarter_turns
     if kind == "3way_right":
         kind, turns = "3way_left", (turns if reference else turns + 2)
     curves = _CURVES[kind]
     if kind == "curve_right" and reference:
         curves = _REFERENCE_CURVE_RIGHT
-    return tuple(_turned(curve, turns) for curve in curves)
+    every = range(4) if kind == "4way" else (turns,)
+    turned = [_turned(curve, quarters) for quarters in every for curve in curves]
+    return tuple(Lane(tile.row, tile.column, (points + centre) * tile_size_m) for points in turned)
 
 
 def _turned(curve: Curve, quarter_turns: int) -> np.ndarray:

@@ -1,18 +1,27 @@
-"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file."""
+"""Things that stand on a road map: duckies, signs, trees. Read from either style of map file.
+
+What each is made of says ``objects.yaml``; what reaches into a lane closes it.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Tuple
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Dict, FrozenSet, List, Literal, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
 from robot.errors import MapError, nearest
 from robot.geometry import Pose, wrap_angle
-from robot.navigation.object_kinds import kinds
 from robot.navigation.road_map import RoadMap, number, numbers, refuse_misspelt_keys
+from robot.typed_config import from_plain, read_yaml
 
+HALF_ROBOT_M = 0.09  # what a robot needs to each side of the middle of its lane
+_SPACING_M = 0.05
+_FILE = Path(__file__).parent / "objects.yaml"
+Rgb = Tuple[float, float, float]
 _FORMS = ("pos", "pose", "place", "attach")
 _KEYS = (*_FORMS, "kind", "rotate", "height", "scale", "static", "optional", "color", "tag")
 # How far a sign stands from the corner of its tile, along the kerb and away from it [m]; the slots
@@ -22,6 +31,53 @@ _SLOTS_M: Tuple[Tuple[float, float], ...] = (
     (_ALONG_M, _AWAY_M), (_AWAY_M, _ALONG_M), (-_AWAY_M, _ALONG_M), (-_ALONG_M, _AWAY_M),
     (-_ALONG_M, -_AWAY_M), (-_AWAY_M, -_ALONG_M), (_AWAY_M, -_ALONG_M), (_ALONG_M, -_AWAY_M),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Part:
+    """One solid of an object, lengths in units of the object's height."""
+
+    rgb: Rgb
+    size: Tuple[float, float, float]
+    forward: float = 0.0
+    left: float = 0.0
+    base: float = 0.0
+    shape: Literal["box", "cylinder"] = "box"
+    collides: bool = True
+    own_colour: bool = False  # takes the colour that the map gives the object
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of object."""
+
+    height_m: float  # natural
+    class_name: str = "OBJECT"  # of `sim_pybullet.classes.SemanticClass`
+    parts: Tuple[Part, ...] = ()
+
+
+@lru_cache(maxsize=1)
+def colours() -> Dict[str, Rgb]:
+    """The colours that a map may give an object, by name."""
+    return {name: (r, g, b) for name, (r, g, b) in read_yaml(_FILE)["colours"].items()}
+
+
+@lru_cache(maxsize=1)
+def kinds() -> Dict[str, Kind]:
+    """What maps call objects, the signs by their faces."""
+    data = read_yaml(_FILE)
+    plain = {name: (kind, "") for name, kind in data["kinds"].items()}
+    for name, face in data["sign_faces"].items():
+        plain[f"sign_{name}"] = (data["sign"], face)
+    return {name: _read_kind(kind, face) for name, (kind, face) in plain.items()}
+
+
+def _read_kind(data: Dict[str, Any], face: str) -> Kind:
+    named = {**colours(), "face": colours().get(face)}
+    parts = [
+        {**part, "rgb": named.get(str(part["rgb"]), part["rgb"])} for part in data.get("parts", [])
+    ]
+    return from_plain(Kind, {**data, "parts": parts})
 
 
 @dataclass(frozen=True)
@@ -67,18 +123,20 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
     if not isinstance(kind, str) or kind not in kinds():
         raise MapError(f"{where}: unknown kind {kind!r}; {nearest(str(kind), kinds())}")
     x_m, y_m, heading_rad = _place(entry, grid, where)
-    color = entry.get("color")
-    return MapObject(
-        name,
-        kind,
-        x_m,
-        y_m,
-        float(wrap_angle(heading_rad)),
-        _height(kind, entry, where),
-        _flag(entry, "static", True, where),
-        _flag(entry, "optional", False, where),
-        None if color is None else str(color),
-    )
+    if "height" in entry and "scale" in entry:
+        raise MapError(f"{where}: expected height or scale, got both; remove one of them")
+    if "height" in entry:
+        height_m = number(entry["height"], f"{where}: height")
+    else:
+        height_m = kinds()[kind].height_m * number(entry.get("scale", 1.0), f"{where}: scale")
+    if height_m < 0.0 or (height_m == 0.0 and kind != "floor_tag"):
+        raise MapError(f"{where}: expected a height above 0 m, got {height_m}")
+    flags = [entry.get("static", True), entry.get("optional", False)]
+    if not all(isinstance(flag, bool) for flag in flags):
+        raise MapError(f"{where}: static, optional: expected true or false, got {flags}")
+    color = None if entry.get("color") is None else str(entry["color"])
+    heading_rad = float(wrap_angle(heading_rad))
+    return MapObject(name, kind, x_m, y_m, heading_rad, height_m, *flags, color)
 
 
 def _place(entry: Dict[str, Any], grid: RoadMap, where: str) -> Pose:
@@ -146,19 +204,45 @@ def _transform(data: Any, where: str) -> Pose:
     return Pose(x_m, y_m, number(content.get("theta", 0.0), f"{where}: theta"))
 
 
-def _height(kind: str, entry: Dict[str, Any], where: str) -> float:
-    if "height" in entry and "scale" in entry:
-        raise MapError(f"{where}: expected height or scale, got both; remove one of them")
-    if "height" in entry:
-        height_m = number(entry["height"], f"{where}: height")
-    else:
-        height_m = kinds()[kind].height_m * number(entry.get("scale", 1.0), f"{where}: scale")
-    if height_m < 0.0 or (height_m == 0.0 and kind != "floor_tag"):
-        raise MapError(f"{where}: expected a height above 0 m, got {height_m}")
-    return height_m
+class Blocked(NamedTuple):
+    """What is in the way on a map."""
+
+    points_m: np.ndarray  # (K, 2) of things, in the lanes
+    lanes: FrozenSet[int]  # indices into the map's lanes
 
 
-def _flag(entry: Dict[str, Any], key: str, default: bool, where: str) -> bool:
-    if not isinstance(value := entry.get(key, default), bool):
-        raise MapError(f"{where}: {key}: expected true or false, got {value!r}")
-    return value
+def blocked(road_map: RoadMap) -> Blocked:
+    """What its objects that stand there in every episode leave no room beside."""
+    points: List[Tuple[float, float]] = []
+    lanes: Set[int] = set()
+    things = [o for o in objects_of(road_map) if o.static and not o.optional]
+    for thing in things if road_map.lanes else []:
+        outline = footprint(thing)
+        far_m = np.hypot(*(outline - (thing.x_m, thing.y_m)).T).max(initial=0.0) + HALF_ROBOT_M
+        if road_map.lane_index.near(thing.x_m, thing.y_m).distance_m.min() > far_m:
+            continue
+        for x_m, y_m in outline.tolist():
+            near = road_map.lane_index.near(x_m, y_m).distance_m < HALF_ROBOT_M
+            if near.any():
+                points.append((x_m, y_m))
+                lanes.update(np.flatnonzero(near).tolist())
+    return Blocked(np.array(points).reshape(-1, 2), frozenset(lanes))
+
+
+def footprint(thing: MapObject) -> np.ndarray:
+    """(K, 2) points in the world, every 5 cm of what a robot can run into."""
+    place = Pose(thing.x_m, thing.y_m, thing.heading_rad)
+    hard = [_points(part, thing.height_m) for part in kinds()[thing.kind].parts if part.collides]
+    return place.to_world(np.concatenate([np.zeros((0, 2)), *hard]))
+
+
+def _points(part: Part, height_m: float) -> np.ndarray:
+    length, width = part.size[0], part.size[0 if part.shape == "cylinder" else 1]
+    steps = [max(2, math.ceil(side * height_m / _SPACING_M) + 1) for side in (length, width)]
+    x, y = np.meshgrid(
+        np.linspace(-length / 2, length / 2, steps[0]), np.linspace(-width / 2, width / 2, steps[1])
+    )
+    if part.shape == "cylinder":
+        inside = np.maximum(np.hypot(x, y) / (length / 2), 1.0)
+        x, y = x / inside, y / inside
+    return height_m * np.stack((x + part.forward, y + part.left), axis=-1).reshape(-1, 2)

@@ -16,8 +16,8 @@ import numpy as np
 
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, wrap_angle
-from robot.navigation.closed_lanes import blocked
 from robot.navigation.lanes import border_point
+from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
 
@@ -83,18 +83,14 @@ class LaneGraph:
         self._plans: Dict[Tuple[int, int], Tuple[int, ...]] = {}
 
     def plan(self, start: int, goal: int) -> Tuple[int, ...]:
-        """The fewest lanes from node to node, in order; PlanError where none lead there.
+        """The fewest lanes from node to node, in order, by A*; PlanError where none lead there.
 
         Kept, since simulated robots ask for it often.
         """
-        if (start, goal) not in self._plans:
-            self._plans[start, goal] = self._search(start, goal)
-        return self._plans[start, goal]
-
-    def _search(self, start: int, goal: int) -> Tuple[int, ...]:
-        """A*. Each lane leads into a neighbouring tile: a lower bound of what is left is the
-        difference in rows and in columns.
-        """
+        if (start, goal) in self._plans:
+            return self._plans[start, goal]
+        # Each lane leads into a neighbouring tile: what is left is at least the difference in rows
+        # and in columns.
         bounds = np.abs(self._tiles - self._tiles[goal]).sum(axis=1).tolist()
         reached: Dict[int, float] = {start: 0.0}
         came: Dict[int, Tuple[int, int]] = {}
@@ -102,7 +98,12 @@ class LaneGraph:
         while frontier:
             _, minus_spent, node = heapq.heappop(frontier)
             if node == goal:
-                return _trace(came, start, goal)
+                lanes: List[int] = []
+                while node != start:
+                    node, lane = came[node]
+                    lanes.insert(0, lane)
+                self._plans[start, goal] = tuple(lanes)
+                return self._plans[start, goal]
             if -minus_spent > reached[node]:
                 continue
             for after, lane in self.edges[node]:
@@ -115,16 +116,13 @@ class LaneGraph:
             "({:.2f}, {:.2f}) m heading {:.0f} deg".format(x, y, math.degrees(heading))
             for x, y, heading in (self.node_poses[start], self.node_poses[goal])
         ]
-        raise PlanError(
-            f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn"
-            f"{self._why()}; start in the other direction or choose a destination on a lane ahead"
-        )
-
-    def _why(self) -> str:
-        """Where lanes are closed, for a message."""
         control = [self.lanes[lane].control_points_m for lane in sorted(self.closed)[:3]]
         middles = [bezier_points(points, np.array([0.5]))[0] for points in control]
-        return "".join(f", a lane is closed at ({x:.2f}, {y:.2f}) m" for x, y in middles)
+        closed = "".join(f", a lane is closed at ({x:.2f}, {y:.2f}) m" for x, y in middles)
+        raise PlanError(
+            f"{self.road_map.name}: no way from {places[0]} to {places[1]} without a U-turn"
+            f"{closed}; start in the other direction or choose a destination on a lane ahead"
+        )
 
 
 def plan_route(graph: LaneGraph, start: Pose, goal_m: Tuple[float, float]) -> Route:
@@ -226,11 +224,3 @@ def _part(control: np.ndarray, t0: float, t1: float) -> np.ndarray:
             level = (1.0 - t) * level[:-1] + t * level[1:]
         points.append(level[0])
     return np.array(points)
-
-
-def _trace(came: Dict[int, Tuple[int, int]], start: int, goal: int) -> Tuple[int, ...]:
-    lanes = []
-    while goal != start:
-        goal, lane = came[goal]
-        lanes.append(lane)
-    return tuple(reversed(lanes))

@@ -6,7 +6,6 @@ count from the north; the simulator's frame has z pointing south: y = rows * til
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -133,11 +132,8 @@ def _find(source: Union[str, Path]) -> Path:
         return shipped[str(source)]
     path = Path(source)
     if not path.is_file():
-        close = difflib.get_close_matches(path.stem, shipped, n=1)
         raise MapError(
             f"{source}: expected a map file or a shipped map; {nearest(path.stem, shipped)}"
-            if close or not path.suffix
-            else f"{source}: no such map file; shipped maps: {', '.join(shipped)}"
         )
     return path
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
@@ -20,7 +21,12 @@ TEXEL_M = 0.01
 MARGIN_M = 0.5  # around the grid
 YELLOW_TILES, WHITE_TILES = 0.2, -0.232  # beside the middle of a lane, positive to its left
 YELLOW_M, WHITE_M = 0.025, 0.05  # width of the paint
-STOP_TILES = 0.1  # from a junction's border, over which a red line may lie
+_STOPS = {  # where red lines may lie at a junction's sides: west, south, east, north, in tiles
+    "S": (0.0, -0.1, 1.0, 0.1),
+    "N": (0.0, 0.9, 1.0, 1.1),
+    "W": (-0.1, 0.0, 0.1, 1.0),
+    "E": (0.9, 0.0, 1.1, 1.0),
+}
 SOFT_M = 0.015  # standard deviation by which edges are softened: poses and paint are never exact
 _SHIFT = 4  # fractional bits of cv2's coordinates
 
@@ -57,7 +63,7 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
     white, yellow, known = (np.zeros(shape, np.uint8) for _ in range(3))
     size_m = road_map.tile_size_m
     for tile in road_map.road_tiles:
-        _fill(known, _tile_box(tile, road_map), 255)
+        _fill(known, (0.0, 0.0, 1.0, 1.0), tile, road_map, 255)
     for lane in road_map.lanes:
         tile = road_map.tiles[lane.tile_row][lane.tile_column]
         if not tile.is_junction:
@@ -65,8 +71,8 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
         if not tile.is_junction or _has_edge(lane, tile):
             _draw(white, _beside(lane, WHITE_TILES * size_m), WHITE_M)
     for tile in road_map.road_tiles:
-        if tile.is_junction:
-            _forget_stop_lines(known, tile, road_map)
+        for side in tile.road_sides if tile.is_junction else ():
+            _fill(known, _STOPS[side], tile, road_map, 0)
     soft = SOFT_M / TEXEL_M
     lines = [cv2.GaussianBlur(plane, (0, 0), soft) for plane in (white, yellow)]
     return RoadPaint(np.stack((*lines, known), axis=-1).astype(np.float32) / np.float32(255.0))
@@ -101,25 +107,11 @@ def _draw(plane: np.ndarray, points_m: np.ndarray, width_m: float) -> None:
     cv2.polylines(plane, [fixed], False, 255, thick, cv2.LINE_AA, _SHIFT)
 
 
-def _tile_box(tile: Tile, road_map: RoadMap) -> np.ndarray:
-    """South-west and north-east corner (2, 2) of a tile [m]."""
-    south_west = np.array((tile.column, road_map.rows - 1 - tile.row), dtype=float)
-    return np.stack((south_west, south_west + 1.0)) * road_map.tile_size_m
-
-
-def _fill(plane: np.ndarray, box_m: np.ndarray, value: int) -> None:
+def _fill(
+    plane: np.ndarray, box: Tuple[float, ...], tile: Tile, road_map: RoadMap, value: int
+) -> None:
+    """Fill what lies within west, south, east and north, in tiles from a tile's corner."""
+    corner = (tile.column, road_map.rows - 1 - tile.row)
+    box_m = (np.array(box).reshape(2, 2) + corner) * road_map.tile_size_m
     (west, south), (east, north) = np.rint((box_m + MARGIN_M) / TEXEL_M).astype(int)
     plane[south:north, west:east] = value
-
-
-def _forget_stop_lines(known: np.ndarray, tile: Tile, road_map: RoadMap) -> None:
-    (west, south), (east, north) = _tile_box(tile, road_map)
-    deep = STOP_TILES * road_map.tile_size_m
-    strips = {
-        "S": ((west, south - deep), (east, south + deep)),
-        "N": ((west, north - deep), (east, north + deep)),
-        "W": ((west - deep, south), (west + deep, north)),
-        "E": ((east - deep, south), (east + deep, north)),
-    }
-    for side in tile.road_sides:
-        _fill(known, np.array(strips[side]), 0)

@@ -45,11 +45,6 @@ class Tile:
         return len(ROAD_SIDES.get(self.kind, "")) > 2
 
     @property
-    def orientation(self) -> str:
-        """S, E, N or W: the direction of travel the kind's name (left, right) is meant for."""
-        return ORIENTATIONS[self.quarter_turns]
-
-    @property
     def road_sides(self) -> Tuple[str, ...]:
         """The sides (S, E, N, W) at which a road leaves this tile; empty for floor."""
         sides = ROAD_SIDES.get(self.kind, "")

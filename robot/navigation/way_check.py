@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Deque, NamedTuple, Tuple
+from typing import Deque, List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -110,15 +110,10 @@ class WayCheck:
             self.doubt = self._judge()
         return self.doubt
 
-    def _stepped_to(self, when_s: float) -> Pose:
-        steps = np.array(self._steps)
-        after = int(np.clip(np.searchsorted(steps[:, 0], when_s), 0, len(steps) - 1))
-        before = max(after - 1, 0)
-        gap_s = steps[after, 0] - steps[before, 0]
-        share = min(1.0, (when_s - steps[before, 0]) / gap_s) if gap_s > 0.0 else 1.0
-        x_m, y_m = steps[before, 1:3] + share * (steps[after, 1:3] - steps[before, 1:3])
-        turned_rad = float(wrap_angle(steps[after, 3] - steps[before, 3]))
-        return Pose(float(x_m), float(y_m), float(steps[before, 3]) + share * turned_rad)
+    def _stepped_to(self, when_s: float) -> List[float]:
+        times_s, x_m, y_m, heading_rad = np.array(self._steps).T
+        tracks = (x_m, y_m, np.unwrap(heading_rad))
+        return [float(np.interp(when_s, times_s, track)) for track in tracks]
 
     def _forget(self, now_s: float) -> None:
         """Drop ways that grew old, and learn of them how these wheels drive, and poses err."""
@@ -130,18 +125,14 @@ class WayCheck:
             if later >= len(known):
                 break
             seen, led = (complex(way) for way in _ways(begins, rows[later]))
-            if _steady(rows[first : later + 1]):
-                self._learn_scale(seen, led)
+            spread_m2 = 2.0 * self._usual_m2[1] + (FORWARD_SCALE * abs(led)) ** 2
+            likely = abs(seen - led) ** 2 < 9.0 * spread_m2  # outliers tell nothing of the wheels
+            if likely and _steady(rows[first : later + 1]):
+                self._learned += led.conjugate() * seen
+                self._weight_m2 += abs(led) ** 2
             scale, _, _ = self._wheels(self._usual_m2[1])
             self._learn_errors(seen - scale * led, rows[first : first + 2])
         self._rows = rows[first:]
-
-    def _learn_scale(self, seen: complex, led: complex) -> None:
-        """How far these wheels are off; outliers tell nothing of that."""
-        spread_m2 = 2.0 * self._usual_m2[1] + (FORWARD_SCALE * abs(led)) ** 2
-        if abs(seen - led) ** 2 < 9.0 * spread_m2:
-            self._learned += led.conjugate() * seen
-            self._weight_m2 += abs(led) ** 2
 
     def _learn_errors(self, long: complex, next_rows: np.ndarray) -> None:
         """How far poses are from where steps lead: over half a second, and from one to the next.

@@ -11,14 +11,12 @@ import itertools
 import logging
 import math
 import shutil
-import threading
 import time
 from collections import deque
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Callable, Deque, Optional, Tuple
 
-from robot.computer.clock import Alarm
 from robot.computer.threads import Worker
 from robot.config import RecordingConfig
 from robot.link.telemetry import Reading
@@ -41,7 +39,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 QUEUE_TURNS = 50  # five seconds, 3 MB: a card that tidies up takes one or two
 TAIL_S = 2.0  # after the robot has come to rest
 LONGEST_S = 600.0  # then the next file: the index of an open file grows
-WAIT_S = 0.25
+WAIT_S = 0.05
 ARMED = frozenset((State.READY, State.AUTO, State.MANUAL))
 
 logger = logging.getLogger(__name__)
@@ -62,7 +60,6 @@ class Recorder(Worker):
         self.dropped = 0  # turns that the queue had no room for
         self._config, self._subject, self._wall = config, subject, wall
         self._folder = Path(config.folder)
-        self._lock, self._news = threading.Lock(), Alarm()
         self._waiting: Deque[Tuple[int, Heard]] = deque()
         self._part = 0  # counts the files
         self._began_s = self._until_s = -math.inf
@@ -85,12 +82,10 @@ class Recorder(Worker):
         elif resting:
             return
         heard = self._subject.hear(tick)
-        with self._lock:  # held for no longer than it takes to look
-            if len(self._waiting) < QUEUE_TURNS:
-                self._waiting.append((self._part, heard))
-            else:
-                self.dropped += 1
-        self._news.set()
+        if len(self._waiting) < QUEUE_TURNS:
+            self._waiting.append((self._part, heard))
+        else:
+            self.dropped += 1
 
     def reading(self) -> Reading:
         """For the robot's health: the size of the newest file, or why there is none."""
@@ -102,35 +97,29 @@ class Recorder(Worker):
             return Reading("turns not recorded", self.dropped, "", "warn")
         return Reading("recorded", written_mb, "MB")
 
-    def _wake(self) -> None:
-        self._news.set()
-
     def _work(self) -> None:
-        self._recover()
+        try:
+            for path in recover_folder(self._folder):
+                logger.warning("%s had been cut off; what is left of it is whole again", path)
+        except OSError as error:
+            logger.warning("recordings that were cut off stay so: %s", error)
         part, silent_s = 0, 0.0
         while True:
-            item, ending = self._next()
-            silent_s = 0.0 if item is not None else silent_s + WAIT_S
-            if silent_s >= TAIL_S or (item is not None and item[0] != part) or ending:
+            ending = self._ending.is_set()  # before looking: what came before it is written
+            if self._waiting:
+                number, heard = self._waiting.popleft()
+                if number != part:
+                    self._try(self._end)
+                    self._try(self._begin, heard.tick.time_s)
+                self._try(self._write, heard)
+                part, silent_s = number, 0.0
+                continue
+            if ending or silent_s >= TAIL_S:
                 self._try(self._end)
             if ending:
                 return
-            if item is None:
-                continue
-            if item[0] != part:
-                part = item[0]
-                self._try(self._begin, item[1].tick.time_s)
-            self._try(self._write, item[1])
-
-    def _next(self) -> Tuple[Optional[Tuple[int, Heard]], bool]:
-        """The turn that waits longest, if one comes soon; and whether it is all over."""
-        if not self._waiting and not self._ending.is_set():
-            self._news.wait(WAIT_S)
-        self._news.clear()  # before looking: what comes after rings again
-        with self._lock:
-            if self._waiting:
-                return self._waiting.popleft(), False
-            return None, self._ending.is_set()
+            self._ending.wait(WAIT_S)
+            silent_s += WAIT_S
 
     def _begin(self, time_s: float) -> None:
         """A drive begins; ``time_s`` [s] is now by the robot's clock."""
@@ -185,10 +174,3 @@ class Recorder(Worker):
         names = (stem if not number else f"{stem}-{number}" for number in itertools.count())
         paths = (self._folder / f"{name}{SUFFIX}" for name in names)
         return next(p for p in paths if not (p.exists() or p.with_suffix(UNFINISHED).exists()))
-
-    def _recover(self) -> None:
-        try:
-            for path in recover_folder(self._folder):
-                logger.warning("%s had been cut off; what is left of it is whole again", path)
-        except OSError as error:
-            logger.warning("recordings that were cut off stay so: %s", error)

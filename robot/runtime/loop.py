@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from typing import Any, Callable, Iterable, NamedTuple, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Iterable, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
 from robot.parts import (
     WAY_DOUBTS,
-    Eyes,
     Guidance,
     Motors,
     Navigator,
@@ -38,19 +37,10 @@ from robot.safety.governors import Cap, Road, Rule, govern
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
 from robot.safety.wheel_limits import STILL, Drive
+from robot.vision.plausibility import PictureDoubts
 
 T = TypeVar("T")
 logger = logging.getLogger(__name__)
-
-
-class _Seen(NamedTuple):
-    """What a turn saw and decided."""
-
-    link_age_s: Optional[float]
-    frame: Optional[Frame]
-    way: Guidance
-    sight: Sight
-    action: Optional[int]
 
 
 class Runtime:
@@ -81,7 +71,7 @@ class Runtime:
         subscribers: Iterable[Subscriber] = (),
         operators: Iterable[Operator] = (),
         navigator: Optional[Navigator] = None,
-        eyes: Optional[Eyes] = None,
+        eyes: Optional[PictureDoubts] = None,
         rules: Sequence[Rule] = (),
     ) -> None:
         if policy.contract.path_points and navigator is None:
@@ -130,12 +120,16 @@ class Runtime:
         guidance = None
         if self._navigator is not None:
             guidance = self._try(Reason.NAVIGATOR, self._navigator.look, began_s)
-        values = self._try(Reason.POLICY, self._values, frame, guidance)
+        way = guidance or Guidance()
+        image = None if frame is None else frame.image
+        values = self._try(Reason.POLICY, values_of, self._policy, image, way.path)
         action = best_action(values)
-        self._drove = None
-        sight = self._try(Reason.CAMERA, self._see, frame, guidance) or Sight()
-        seen = _Seen(link_age_s, frame, guidance or Guidance(), sight, action)
-        inputs = self._try(Reason.RUNTIME, self._act, seen)
+        self._drove, sight = None, None
+        if self._eyes is not None:
+            seen = (frame, way.pose, self._wheels, self._clock.now())
+            sight = self._try(Reason.CAMERA, self._eyes.look, *seen)
+        told = (link_age_s, frame, way, sight or Sight(), action)
+        inputs = self._try(Reason.RUNTIME, self._act, *told)
         duration_s = self._clock.now() - began_s
         tick = Tick(
             *(self._number, began_s, frame, values, action, self._wheels, self.safety.verdict),
@@ -180,48 +174,41 @@ class Runtime:
                 raise ContractError(f"frame: expected a finite time [s], got {frame.time_s}")
         return frame
 
-    def _see(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[Sight]:
-        if self._eyes is None:
-            return None
-        pose = None if guidance is None else guidance.pose
-        return self._eyes.look(frame, pose, self._wheels, self._clock.now())
-
-    def _values(self, frame: Optional[Frame], guidance: Optional[Guidance]) -> Optional[np.ndarray]:
-        path = None if guidance is None else guidance.path
-        return values_of(self._policy, None if frame is None else frame.image, path)
-
-    def _act(self, seen: _Seen) -> Inputs:
+    def _act(
+        self,
+        link_age_s: Optional[float],
+        frame: Optional[Frame],
+        way: Guidance,
+        sight: Sight,
+        action: Optional[int],
+    ) -> Inputs:
         """Look at the gates, then drive or rest. After this only a subscriber can still fail."""
         with self._guard_motion:
             now_s = self._clock.now()
-            inputs = self._inputs(now_s, seen)
+            navigates = self._policy.contract.path_points > 0
+            no_mission = navigates and way.path is None
+            inputs = Inputs(
+                frame_age_s=math.inf if frame is None else now_s - frame.time_s,
+                frame_repeats=self._count_repeats(frame),
+                blind_s=sight.blind_s,
+                still_s=sight.still_s,
+                picture_wrong=sight.wrong,
+                values_finite=action is not None or no_mission,  # without a path nobody asked it
+                pose_age_s=way.pose_age_s if navigates and way.pose_within is None else None,
+                pose_within=way.pose_within if navigates else None,
+                link_age_s=link_age_s,
+                manual_age_s=None if self._manual is None else now_s - self._manual[1],
+                no_mission=no_mission,
+                **{doubt: getattr(way, doubt) for doubt in WAY_DOUBTS},
+            )
             self.safety.check(inputs)
-            if seen.way.arrived:
+            if way.arrived:
                 self.safety.arrived()
-            wanted, cap = self._wanted(seen.action), self._govern(seen.way, now_s)
+            wanted, cap = self._wanted(action), self._govern(way, now_s)
             if wanted is not None:
                 self._try(Reason.MOTORS, self._drive, wanted, now_s, cap)
             self._rest_unless_moving()
         return inputs
-
-    def _inputs(self, now_s: float, seen: _Seen) -> Inputs:
-        frame, way, sight = seen.frame, seen.way, seen.sight
-        navigates = self._policy.contract.path_points > 0
-        no_mission = navigates and way.path is None
-        return Inputs(
-            frame_age_s=math.inf if frame is None else now_s - frame.time_s,
-            frame_repeats=self._count_repeats(frame),
-            blind_s=sight.blind_s,
-            still_s=sight.still_s,
-            picture_wrong=sight.wrong,
-            values_finite=seen.action is not None or no_mission,  # without a path nobody asked it
-            pose_age_s=way.pose_age_s if navigates and way.pose_within is None else None,
-            pose_within=way.pose_within if navigates else None,
-            link_age_s=seen.link_age_s,
-            manual_age_s=None if self._manual is None else now_s - self._manual[1],
-            no_mission=no_mission,
-            **{doubt: getattr(way, doubt) for doubt in WAY_DOUBTS},
-        )
 
     def _count_repeats(self, frame: Optional[Frame]) -> int:
         """New frames in a row with the bytes of the one before, while the wheels turn.

@@ -57,8 +57,7 @@ def structure(plane: np.ndarray) -> np.ndarray:
     import cv2
 
     coarse = blocks(plane)
-    around = cv2.blur(coarse, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
-    return np.asarray(coarse - around)
+    return np.asarray(coarse - cv2.blur(coarse, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT))
 
 
 def shows_something(before: np.ndarray, now: np.ndarray) -> bool:
@@ -85,7 +84,7 @@ def has_moved(before: np.ndarray, now: np.ndarray) -> bool:
 
 
 class PictureDoubts:
-    """Looks at every new frame once; keeps ``robot.parts.Eyes``. Ages are by the caller's clock.
+    """Looks at every new frame once. Ages are by the caller's clock.
 
     ``road`` tells where the road must lie in a picture; None where nothing does.
     """
@@ -107,7 +106,10 @@ class PictureDoubts:
         wheels: WheelSpeeds,
         now_s: float,
     ) -> Sight:
-        """What the newest frame tells; see ``robot.parts.Eyes``."""
+        """What the newest frame tells; None while none has come.
+
+        ``pose`` is where the robot believes to be, if anything tells it; ``wheels`` turn now [m/s].
+        """
         if frame is not None and frame.sequence != self._sequence:
             self._sequence = frame.sequence
             self._take(grey(frame.image), now_s)

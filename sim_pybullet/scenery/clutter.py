@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents
-from robot.navigation.map_objects import MapObject
-from robot.navigation.object_kinds import colours, kinds
+from robot.navigation.map_objects import MapObject, colours, kinds
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import ClutterLook, Rgb
 from sim_pybullet.scene import Solid

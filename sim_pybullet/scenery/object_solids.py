@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from robot.errors import MapError, nearest
-from robot.navigation.map_objects import MapObject
-from robot.navigation.object_kinds import colours, kinds
+from robot.navigation.map_objects import MapObject, colours, kinds
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.scene import Solid
 

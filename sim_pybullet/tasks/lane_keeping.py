@@ -9,7 +9,7 @@ import numpy as np
 
 from robot.errors import ConfigError
 from robot.geometry import Pose
-from robot.navigation.closed_lanes import blocked
+from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some

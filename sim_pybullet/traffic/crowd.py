@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.geometry import wrap_angle
-from robot.navigation.closed_lanes import HALF_ROBOT_M
-from robot.navigation.map_objects import MapObject
+from robot.navigation.map_objects import HALF_ROBOT_M, MapObject
 from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.object_solids import object_solids

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robot.errors import MapError
-from robot.navigation.closed_lanes import blocked, footprint
-from robot.navigation.map_objects import MapObject, objects_of
+from robot.navigation.map_objects import MapObject, blocked, footprint, objects_of
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap

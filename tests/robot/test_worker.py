@@ -136,7 +136,7 @@ def test_the_death_of_the_recorder_stops_the_motors(
     with Recorder(RecordingConfig(str(tmp_path / "drives"), 0.0), subject) as recorder:
         robot = Driving(subscribers=[recorder])
         robot.drive_off()
-        monkeypatch.setattr(recorder._writer, "write", bomb)
+        monkeypatch.setattr(recorder, "_write", bomb)
         bomb.lit = True
         robot.stops()
         assert robot.safety.verdict.reason is Reason.SUBSCRIBER

@@ -15,8 +15,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.pieces import read_pieces
-from robot.recording.samples import read_samples
+from robot.recording.samples import read_pieces, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 from tools.data.donkeycar import from_tub, to_tub
@@ -174,7 +173,6 @@ def test_a_conversion_that_is_killed_leaves_nothing_and_the_next_completes_it(
 HUNDRED = """
 import random, sys
 from pathlib import Path
-from robot.recording.pieces import Piece, mark
 from tests.robot.recording.killed import kill_at
 from tools.data.donkeycar import to_tub
 folder, rng = Path(sys.argv[1]), random.Random(0)

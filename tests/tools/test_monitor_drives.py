@@ -10,8 +10,7 @@ from robot.errors import ConfigError
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import MissionStatus, Telemetry
 from robot.recording.drive_file import Heard, picture
-from robot.recording.pieces import Piece
-from robot.recording.samples import read_samples
+from robot.recording.samples import Piece, read_samples
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
 from tools.monitor.drives import (

@@ -65,7 +65,7 @@ def work(options: argparse.Namespace) -> None:
     if options.command.startswith("from-"):
         _bring_in(options)
     elif options.command == "cut":
-        from robot.recording.pieces import cut
+        from robot.recording.samples import cut
 
         expect_writable(options.out, inputs=[options.source])
         print(f"{options.out}: {cut(options.source, options.out, options.keep)} messages")

@@ -25,7 +25,7 @@ from robot.errors import ConfigError, ContractError
 from robot.link.commands import Mission
 from robot.link.wire import plain, tidy_text
 from robot.navigation.road_map import RoadMap
-from robot.recording.pieces import Piece
+from robot.recording.samples import Piece
 from tools.monitor.access import AccessGate
 from tools.monitor.drives import (
     list_drives,

@@ -25,8 +25,8 @@ from robot.link.telemetry import Telemetry
 from robot.link.wire import plain
 from robot.recording import topics
 from robot.recording.drive_file import ABOUT, END, SUFFIX, DriveFile
-from robot.recording.pieces import Piece, mark, read_pieces
 from robot.recording.reader import entries, recover_folder
+from robot.recording.samples import Piece, mark, read_pieces
 
 FLUSH_S = 0.5
 PICTURE_AGE_S = 2.0  # an older one is not what the robot saw then

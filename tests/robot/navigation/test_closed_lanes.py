@@ -9,9 +9,10 @@ import pytest
 
 from robot.errors import PlanError
 from robot.geometry import Pose
-from robot.navigation.closed_lanes import blocked
+from robot.navigation.map_objects import blocked
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
+from robot.navigation.tiles import ORIENTATIONS
 
 TILE_M = 0.585
 
@@ -24,7 +25,7 @@ def with_barrier(name: str, lane: int) -> tuple[RoadMap, np.ndarray]:
 
 
 def with_thing(bare: RoadMap, at: np.ndarray) -> RoadMap:
-    rows = [[f"{t.kind}/{t.orientation}" for t in row] for row in bare.tiles]
+    rows = [[f"{t.kind}/{ORIENTATIONS[t.quarter_turns]}" for t in row] for row in bare.tiles]
     place = [float(at[0] / TILE_M), float(bare.rows - at[1] / TILE_M)]
     thing: dict[str, Any] = {"kind": "barrier", "pos": place, "height": 0.08}
     return read_map({"tile_size": TILE_M, "tiles": rows, "objects": [thing]}, bare.name)

@@ -11,8 +11,7 @@ from robot.contract import ImageSpec
 from robot.errors import MapError
 from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig
-from robot.navigation.map_objects import MapObject, objects_of
-from robot.navigation.object_kinds import kinds
+from robot.navigation.map_objects import MapObject, kinds, objects_of
 from robot.navigation.road_map import load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
