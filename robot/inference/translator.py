@@ -24,6 +24,7 @@ from robot.inference.network_file import (
     open_network,
     read_metadata,
 )
+from robot.inference.policy import OnnxPolicy
 from robot.parts import Policy
 from robot.typed_config import from_plain, to_plain
 
@@ -145,3 +146,12 @@ class TranslatingPolicy:
     def act(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """The greedy actions (N,) int64; arguments as of ``values``."""
         return self.values(images, path).argmax(axis=1)
+
+
+def open_policy(path: Union[str, Path], translator: Union[str, Path, None] = None) -> Policy:
+    """A policy, behind a translator from reality if there is one; ContractError as of either."""
+    policy = OnnxPolicy(path)
+    if not translator:
+        return policy
+    found = open_translator(translator, policy.contract.image, "real-to-sim")
+    return TranslatingPolicy(policy, found)

@@ -214,8 +214,21 @@ class PoseFusion:
         return self._beside[:, 6:8].copy()
 
     def _then(self, when_s: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Poses at times (N,) and the steps since, what goes with them, and their covariance."""
-        since = between(self._odometry_at(when_s), self._odometry)
+        """Poses at times (N,) and the steps since, what goes with them, and their covariance.
+
+        NaN before the history begins.
+        """
+        times = np.array(self._times_s)
+        then = self._odometry
+        if len(times) > 1:
+            after = np.clip(np.searchsorted(times, when_s), 1, len(times) - 1)
+            share = (when_s - times[after - 1]) / (times[after] - times[after - 1])
+            history, robots = np.stack(self._history), np.arange(len(when_s))
+            before = history[after - 1, robots]
+            step = between(before, history[after, robots])
+            then = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
+        then = np.where((when_s >= times[0])[:, None], then, np.nan)
+        since = between(then, self._odometry)
         past = uncompose(self.poses, since)
         covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
         return past, since, self._beside.copy(), covariance
@@ -298,19 +311,6 @@ class PoseFusion:
         if self.config.sight:
             first[SEEN, SEEN] = np.diag(self._seen_variance)
         beside[lost], covariance[lost] = 0.0, first
-
-    def _odometry_at(self, when_s: np.ndarray) -> np.ndarray:
-        """Odometry (N, 3) at times (N,), interpolated; NaN before the history begins."""
-        times = np.array(self._times_s)
-        after = np.clip(np.searchsorted(times, when_s), 1, max(len(times) - 1, 1))
-        if len(times) < 2:
-            return np.where((when_s >= times[0])[:, None], self._odometry, np.nan)
-        share = (when_s - times[after - 1]) / (times[after] - times[after - 1])
-        history, robots = np.stack(self._history), np.arange(len(when_s))
-        before = history[after - 1, robots]
-        step = between(before, history[after, robots])
-        at = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
-        return np.where((when_s >= times[0])[:, None], at, np.nan)
 
 
 def _update(

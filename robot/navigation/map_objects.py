@@ -69,15 +69,12 @@ def kinds() -> Dict[str, Kind]:
     plain = {name: (kind, "") for name, kind in data["kinds"].items()}
     for name, face in data["sign_faces"].items():
         plain[f"sign_{name}"] = (data["sign"], face)
-    return {name: _read_kind(kind, face) for name, (kind, face) in plain.items()}
-
-
-def _read_kind(data: Dict[str, Any], face: str) -> Kind:
-    named = {**colours(), "face": colours().get(face)}
-    parts = [
-        {**part, "rgb": named.get(str(part["rgb"]), part["rgb"])} for part in data.get("parts", [])
-    ]
-    return from_plain(Kind, {**data, "parts": parts})
+    found = {}
+    for name, (kind, face) in plain.items():
+        named = {**colours(), "face": colours().get(face)}
+        parts = [{**p, "rgb": named.get(str(p["rgb"]), p["rgb"])} for p in kind.get("parts", [])]
+        found[name] = from_plain(Kind, {**kind, "parts": parts})
+    return found
 
 
 @dataclass(frozen=True)
@@ -136,7 +133,7 @@ def _read_object(name: str, entry: Any, grid: RoadMap, where: str) -> MapObject:
         raise MapError(f"{where}: static, optional: expected true or false, got {flags}")
     color = None if entry.get("color") is None else str(entry["color"])
     heading_rad = float(wrap_angle(heading_rad))
-    return MapObject(name, kind, x_m, y_m, heading_rad, height_m, *flags, color)
+    return MapObject(name, kind, x_m, y_m, heading_rad, height_m, flags[0], flags[1], color)
 
 
 def _place(entry: Dict[str, Any], grid: RoadMap, where: str) -> Pose:

@@ -53,7 +53,16 @@ class Path:
         The points lie on the curves, at most about ``spacing_m`` apart. PlanError without curves,
         or with a gap of more than `MAX_GAP_M` between two of them.
         """
-        control = _chain(curves, closed)
+        if not len(curves):
+            raise PlanError("expected at least one Bezier to make a path of, got none")
+        control = np.array(curves, dtype=float)  # (C, 4, 2)
+        gaps_m = np.hypot(*(np.roll(control[:, 0], -1, axis=0) - control[:, 3]).T)
+        far = np.flatnonzero((gaps_m if closed else gaps_m[:-1]) > MAX_GAP_M)
+        if len(far):
+            raise PlanError(
+                "expected Beziers that follow one another, got a gap of "
+                f"{gaps_m[far[0]]:.3f} m after number {far[0]}; order them along the path"
+            )
         t = np.linspace(0.0, 1.0, _SAMPLES + 1)
         dense = bezier_points(control[:, None], t)
         chords = np.hypot(*np.moveaxis(np.diff(dense, axis=1), -1, 0)).ravel()
@@ -100,21 +109,6 @@ class Path:
     def batch(self) -> PathBatch:
         """This path as a batch of one."""
         return PathBatch((self,))
-
-
-def _chain(curves: Sequence[np.ndarray], closed: bool) -> np.ndarray:
-    """The control points (C, 4, 2) of curves that follow one another."""
-    if not len(curves):
-        raise PlanError("expected at least one Bezier to make a path of, got none")
-    control = np.array(curves, dtype=float)
-    gaps_m = np.hypot(*(np.roll(control[:, 0], -1, axis=0) - control[:, 3]).T)
-    far = np.flatnonzero((gaps_m if closed else gaps_m[:-1]) > MAX_GAP_M)
-    if len(far):
-        raise PlanError(
-            "expected Beziers that follow one another, got a gap of "
-            f"{gaps_m[far[0]]:.3f} m after number {far[0]}; order them along the path"
-        )
-    return control
 
 
 class PathBatch:
@@ -179,7 +173,9 @@ class PathBatch:
             window = self._window(paths[todo], index[todo])
             best, fraction[todo] = self._nearest(xy_m[todo], paths[todo], window)
             index[todo] = window[np.arange(len(todo)), best]
-            todo = todo[self._may_go_on(paths[todo], index[todo], best)]
+            ends = (index[todo] == 0) | (index[todo] == self._counts[paths[todo]] - 1)
+            may_go_on = self._closed[paths[todo]] | ~ends
+            todo = todo[((best == 0) | (best == 2 * _REACH)) & may_go_on]
         return self._positions(xy_m, paths, index, fraction)
 
     def points_at(self, arc_m: np.ndarray) -> np.ndarray:
@@ -236,12 +232,6 @@ class PathBatch:
         delta = delta - along[..., None] * vector
         best = (delta[..., 0] ** 2 + delta[..., 1] ** 2).argmin(axis=1)
         return best, along[np.arange(len(best)), best]
-
-    def _may_go_on(self, paths: np.ndarray, index: np.ndarray, best: np.ndarray) -> np.ndarray:
-        """Where the nearest segment is the window's last one and the path goes on beyond it."""
-        at_edge = (best == 0) | (best == 2 * _REACH)
-        ends = (index == 0) | (index == self._counts[paths] - 1)
-        return at_edge & (self._closed[paths] | ~ends)
 
     def _positions(
         self, xy_m: np.ndarray, paths: np.ndarray, index: np.ndarray, fraction: np.ndarray

@@ -104,7 +104,12 @@ def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
     reference simulator would start (``start_tile``, ``start_pose``) means nothing here. MapError
     for what cannot be read, with row, column and valid choices.
     """
-    path = _find(source)
+    shipped = shipped_maps()
+    path = shipped.get(str(source), Path(source))
+    if not path.is_file():
+        raise MapError(
+            f"{source}: expected a map file or a shipped map; {nearest(path.stem, shipped)}"
+        )
     try:
         data = read_yaml(path)
     except ConfigError as error:
@@ -122,23 +127,7 @@ def read_map(data: Any, name: str, compat: bool = False) -> RoadMap:
     tile_size_m = number(data["tile_size"], f"{name}: tile_size")
     if tile_size_m <= 0.0:
         raise MapError(f"{name}: tile_size: expected a length above 0 m, got {tile_size_m}")
-    tiles = _read_tiles(data.get("tiles"), name)
-    return RoadMap(name, tile_size_m, tiles, data.get("objects"), compat)
-
-
-def _find(source: Union[str, Path]) -> Path:
-    shipped = shipped_maps()
-    if str(source) in shipped:
-        return shipped[str(source)]
-    path = Path(source)
-    if not path.is_file():
-        raise MapError(
-            f"{source}: expected a map file or a shipped map; {nearest(path.stem, shipped)}"
-        )
-    return path
-
-
-def _read_tiles(rows: Any, name: str) -> Tuple[Tuple[Tile, ...], ...]:
+    rows = data.get("tiles")
     if not isinstance(rows, list) or not rows:
         raise MapError(f"{name}: tiles: expected a list of rows of tiles, got {rows!r}")
     for i, row in enumerate(rows):
@@ -148,10 +137,11 @@ def _read_tiles(rows: Any, name: str) -> Tuple[Tuple[Tile, ...], ...]:
             raise MapError(
                 f"{name}: row {i}: expected {len(rows[0])} tiles as in row 0, got {len(row)}"
             )
-    return tuple(
+    tiles = tuple(
         tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
         for i, row in enumerate(rows)
     )
+    return RoadMap(name, tile_size_m, tiles, data.get("objects"), compat)
 
 
 def number(value: Any, where: str) -> float:

@@ -103,7 +103,11 @@ class WayCheck:
             return self.doubt
         row = np.array([captured_s, *seen, *self._stepped_to(captured_s), 0.0, 0.0])
         if len(self._rows):
-            row[_LED_X:] = _led_to(self._rows[-1], row)
+            last = self._rows[-1]  # steps led on from there, in the headings that were seen
+            first, second = last[_SEEN_RAD] - last[_RAD], row[_SEEN_RAD] - row[_RAD]
+            heading_rad = first + 0.5 * wrap_angle(second - first)
+            turned = Pose(last[_LED_X], last[_LED_Y], heading_rad)
+            row[_LED_X:] = turned.to_world(row[_X:_RAD] - last[_X:_RAD])
         self._rows = np.vstack((self._rows, row))
         self._forget(captured_s)
         if len(self._rows) >= 2 * IN_A_ROW:
@@ -161,8 +165,10 @@ class WayCheck:
         if first >= 0:
             seen, led = _ways(near[first], rows[-1])
             stands = bool(abs(seen) < 0.5 * abs(led))
-        changed = _between(_speed_changes(rows))
-        turned = _between(np.exp(1j * rows[:, _SEEN_RAD]))
+        ahead = np.exp(1j * rows[:, _SEEN_RAD])  # a robot that stands has a heading, too
+        speed = np.abs(_velocities(rows))
+        changed = _between(np.cumsum(np.diff(speed, prepend=speed[0]) * ahead))
+        turned = _between(ahead)
         late_m, aside_m = FINE_TIMING_S * changed, FINE_ASIDE_M * turned
         fine, _ = _in_a_row(self._fine(now, then, late_m**2 + aside_m**2))
         return WayDoubt(worst / CONTRADICTION, fine / FINE_CONTRADICTION, stands)
@@ -211,15 +217,6 @@ class WayCheck:
         return np.asarray(FINE_CAUTION * max(1.0, variance_m2 / usual_m2[0]) * usual_m2)
 
 
-def _led_to(last: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Where steps led from ``last`` (2,), in the headings that were seen."""
-    first, second = last[_SEEN_RAD] - last[_RAD], row[_SEEN_RAD] - row[_RAD]
-    turn = first + 0.5 * wrap_angle(second - first)
-    c, s = math.cos(turn), math.sin(turn)
-    x, y = row[_X] - last[_X], row[_Y] - last[_Y]
-    return np.asarray(last[_LED_X:] + np.array([c * x - s * y, s * x + c * y]))
-
-
 def _ways(then: np.ndarray, now: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """The ways seen and led between rows (..., 9), as complex numbers [m]."""
     step = now - then
@@ -234,13 +231,6 @@ def _velocities(rows: np.ndarray) -> np.ndarray:
     _, led = _ways(rows[:-1], rows[1:])
     speeds = led / np.diff(rows[:, _TIME])
     return np.concatenate((speeds[:1], speeds))
-
-
-def _speed_changes(rows: np.ndarray) -> np.ndarray:
-    """(n,) changes of speed up to each row, each along the heading, as complex numbers [m/s]."""
-    speed = np.abs(_velocities(rows))
-    ahead = np.exp(1j * rows[:, _SEEN_RAD])  # a robot that stands has one, too
-    return np.asarray(np.cumsum(np.diff(speed, prepend=speed[0]) * ahead))
 
 
 def _between(values: np.ndarray) -> np.ndarray:

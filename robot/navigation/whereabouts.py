@@ -54,11 +54,8 @@ class Whereabouts:
     """
 
     def __init__(self, road_map: RoadMap, view: LaneView) -> None:
-        self._road_map, self._view = road_map, view
-        self._begin()
-
-    def _begin(self) -> None:
-        poses = _all_over(self._road_map)
+        self._view = view
+        poses = _all_over(road_map)
         self._fusion = PoseFusion(len(poses), FusionConfig(sight=True))
         self._fix = SightFix(self._fusion, [self._view] * len(poses))
         self._fusion.put(np.arange(len(poses)), poses, (_FIRST[0], _FIRST[0], _FIRST[2]))
@@ -167,10 +164,8 @@ def _all_over(road_map: RoadMap) -> np.ndarray:
     found = []
     for lane in road_map.lanes:
         control = lane.control_points_m
-        length_m = float(np.hypot(*(control[3] - control[0])))
-        t = (np.arange(max(1, round(length_m / _APART_M))) + 0.5) / max(
-            1, round(length_m / _APART_M)
-        )
+        count = max(1, round(float(np.hypot(*(control[3] - control[0]))) / _APART_M))
+        t = (np.arange(count) + 0.5) / count
         tangents = bezier_tangents(control, t)
         headings = np.arctan2(tangents[:, 1], tangents[:, 0])
         found.append(np.column_stack((bezier_points(control, t), headings)))

@@ -192,24 +192,21 @@ def _copy(source: Iterator[Any], writer: Any, keeps: Any, notes: Any) -> int:
     from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
     schemas: Dict[int, int] = {}
-    channels: Dict[int, int] = {}
-    names: Dict[int, str] = {}
+    channels: Dict[int, Tuple[int, str]] = {}
     count = 0
     for record in source:
         if isinstance(record, Schema) and record.id not in schemas:
             schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in channels:
-            names[record.id] = record.topic
-            channels[record.id] = writer.register_channel(
-                record.topic, record.message_encoding, schemas.get(record.schema_id, 0)
-            )
+            schema = schemas.get(record.schema_id, 0)
+            number = writer.register_channel(record.topic, record.message_encoding, schema)
+            channels[record.id] = number, record.topic
         elif isinstance(record, Message) and record.channel_id in channels:
-            if not keeps(names[record.channel_id], record.log_time / topics.NS):
-                continue
-            channel = channels[record.channel_id]
-            times = (record.log_time, record.data, record.publish_time, record.sequence)
-            writer.add_message(channel, *times)
-            count += 1
+            number, topic = channels[record.channel_id]
+            if keeps(topic, record.log_time / topics.NS):
+                times = (record.log_time, record.data, record.publish_time, record.sequence)
+                writer.add_message(number, *times)
+                count += 1
         elif isinstance(record, Metadata) and record.name not in notes:
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):

@@ -10,14 +10,14 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional
+from typing import List, NamedTuple, Optional
 
 import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS, PolicyContract, action_name
 from robot.errors import ContractError
-from robot.inference.policy import OnnxPolicy, best_action, values_of
-from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.inference.policy import best_action, values_of
+from robot.inference.translator import open_policy
 from robot.parts import Policy
 from robot.recording.drive_file import MODEL, TRANSLATOR, arithmetic
 from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
@@ -73,23 +73,18 @@ def recorded_policy(path: PathLike) -> Policy:
 
     ContractError: there is none, or one that this onnxruntime cannot load.
     """
-    files: Dict[str, Path] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for name in (MODEL, TRANSLATOR):
-            data = read_attachment(path, name)
+        model, translator = Path(folder) / MODEL, Path(folder) / TRANSLATOR
+        for file in (model, translator):
+            data = read_attachment(path, file.name)
             if data is not None:
-                files[name] = Path(folder) / name
-                files[name].write_bytes(data)
-        if MODEL not in files:
+                file.write_bytes(data)
+        if not model.exists():
             raise ContractError(
                 f"{path}: expected the policy in the recording, found none; is it a monitor's? "
                 "Else name its file with --model"
             )
-        policy = OnnxPolicy(files[MODEL])
-        if TRANSLATOR not in files:
-            return policy
-        translator = open_translator(files[TRANSLATOR], policy.contract.image, "real-to-sim")
-        return TranslatingPolicy(policy, translator)
+        return open_policy(model, translator if translator.exists() else None)
 
 
 def _decision(

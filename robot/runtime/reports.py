@@ -56,12 +56,16 @@ class Reporter:
     def _report(self, tick: Tick) -> Telemetry:
         guidance, navigator = tick.guidance, self._navigator
         pose = guidance.pose if guidance is not None else None
+        governed = "" if tick.drive is None else tick.drive.cap.reason
+        values = tick.values
+        if values is None or not np.isfinite(values).all():
+            values = np.zeros(0)
         return replace(
             self._about,
             state=tick.verdict.state.value,
-            reason=tidy_text(_why(tick), TEXT_LIMIT_BYTES),
+            reason=tidy_text(governed or tick.verdict.sentence, TEXT_LIMIT_BYTES),
             action=self._driven(tick),
-            values=_finite(tick.values),
+            values=tuple(round(float(value), 4) for value in values),
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
             path=navigator.path_points if navigator else (),
             mission=navigator.status if navigator else None,
@@ -90,12 +94,6 @@ class Reporter:
         return 1.0 / self._period_s if self._period_s else 0.0
 
 
-def _why(tick: Tick) -> str:
-    """Why the robot is slow or stands, or is in its state."""
-    governed = "" if tick.drive is None else tick.drive.cap.reason
-    return governed or tick.verdict.sentence
-
-
 def _ages(inputs: Inputs, limits: SafetyLimits) -> Tuple[InputAge, ...]:
     every = (
         ("camera", inputs.frame_age_s, limits.frame_age_s),
@@ -114,9 +112,3 @@ def _jpeg(frame: Frame) -> FrameMessage:
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     data = cv2.imencode(".jpg", frame.image[..., ::-1], quality)[1].tobytes()
     return FrameMessage(data, width, height, max(frame.time_s, 0.0))
-
-
-def _finite(values: Optional[np.ndarray]) -> Tuple[float, ...]:
-    if values is None or not np.isfinite(values).all():
-        return ()
-    return tuple(round(float(value), 4) for value in values)

@@ -159,8 +159,14 @@ def trips(inputs: Inputs, loop_age_s: float, limits: SafetyLimits) -> Iterator[T
     for reason, sentence in _DOUBTS.items():
         if getattr(inputs, reason.value):
             yield Trip(reason, sentence)
-    if inputs.pose_within is not None:
-        yield from _unsure(inputs.pose_within, limits)
+    place_m, turned_rad = inputs.pose_within or (0.0, 0.0)
+    if not (place_m <= limits.pose_within_m and turned_rad <= limits.pose_within_rad):  # nor a NaN
+        yield Trip(
+            Reason.POSE_UNSURE,
+            f"the pose is only known to {100.0 * place_m:.0f} cm and "
+            f"{math.degrees(turned_rad):.0f} degrees, not to {100.0 * limits.pose_within_m:g} cm "
+            f"and {math.degrees(limits.pose_within_rad):.0f} degrees",
+        )
 
 
 def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
@@ -176,17 +182,6 @@ def _picture_trips(inputs: Inputs, limits: SafetyLimits) -> Iterator[Trip]:
     if _old(inputs.still_s, limits.still_s):
         sentence = f"the wheels turn, but for {inputs.still_s:.1f} s the picture has not moved"
         yield Trip(Reason.PICTURE_STILL, f"{sentence}; is the robot held, or the picture?")
-
-
-def _unsure(within: Tuple[float, float], limits: SafetyLimits) -> Iterator[Trip]:
-    place_m, turned_rad = within
-    if not (place_m <= limits.pose_within_m and turned_rad <= limits.pose_within_rad):  # nor a NaN
-        yield Trip(
-            Reason.POSE_UNSURE,
-            f"the pose is only known to {100.0 * place_m:.0f} cm and "
-            f"{math.degrees(turned_rad):.0f} degrees, not to {100.0 * limits.pose_within_m:g} cm "
-            f"and {math.degrees(limits.pose_within_rad):.0f} degrees",
-        )
 
 
 def _old(age_s: float, limit_s: float) -> bool:

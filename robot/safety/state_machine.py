@@ -155,7 +155,9 @@ class Safety:
         if target is None:
             if command in ALWAYS_TAKEN or command.value == state.value.lower():
                 return Answer(True, f"already {state.value}")
-            return Answer(False, _not_from(state, command))
+            possible = ", ".join(sorted(c.value for s, c in TRANSITIONS if s is state))
+            sentence = f"{command.value} is not possible in {state.value}; possible: {possible}"
+            return Answer(False, sentence)
         if target in WATCHED:
             problem = self._never or self._problem(target)
             if problem:
@@ -187,8 +189,3 @@ class Safety:
 
     def _enter(self, state: State, reason: Reason, sentence: str) -> None:
         self.verdict = Verdict(state, reason, sentence, self._clock())
-
-
-def _not_from(state: State, command: Command) -> str:
-    possible = sorted(c.value for s, c in TRANSITIONS if s is state)
-    return f"{command.value} is not possible in {state.value}; possible: {', '.join(possible)}"
