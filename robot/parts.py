@@ -36,9 +36,7 @@ class Motors(Protocol):
 class Policy(Protocol):
     """What decides; `robot.inference.policy.OnnxPolicy` on the robot."""
 
-    @property
-    def contract(self) -> PolicyContract:
-        """What it sees and does."""
+    contract: PolicyContract  # what it sees and does
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """(N, actions) for images (N, H, W, 3) and, when it navigates, paths (N, path_points)."""

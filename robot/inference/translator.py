@@ -15,7 +15,7 @@ from typing import Callable, Optional, Tuple, Union
 
 import numpy as np
 
-from robot.contract import ImageSpec, PolicyContract
+from robot.contract import ImageSpec
 from robot.errors import ContractError, DuckpilotError, nearest
 from robot.inference.network_file import (
     Tensor,
@@ -129,11 +129,7 @@ class TranslatingPolicy:
 
     def __init__(self, policy: Policy, translator: Translator) -> None:
         self._policy, self._translator = policy, translator
-
-    @property
-    def contract(self) -> PolicyContract:
-        """The policy's."""
-        return self._policy.contract
+        self.contract = policy.contract
 
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """(N, actions) for images (N, H, W, 3 F), F stacked frames as they are untranslated."""

@@ -20,6 +20,7 @@ from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.tiles import Tile
 
 Curve = Tuple[Tuple[float, float], ...]
+_LEFT = np.array(((0, 1), (-1, 0)))  # turns points (K, 2) @ it by a quarter, counter-clockwise
 _CHORDS = 48  # per lane, to find the parameter of the nearest point
 
 # Control points in tiles from the tile's centre, x east and y north, for orientation S.
@@ -74,16 +75,8 @@ def tile_lanes(
     if kind == "curve_right" and reference:
         curves = _REFERENCE_CURVE_RIGHT
     every = range(4) if kind == "4way" else (turns,)
-    turned = [_turned(curve, quarters) for quarters in every for curve in curves]
-    return tuple(Lane(tile.row, tile.column, (points + centre) * tile_size_m) for points in turned)
-
-
-def _turned(curve: Curve, quarter_turns: int) -> np.ndarray:
-    """The curve (4, 2) turned counter-clockwise about the tile's centre."""
-    points = np.array(curve)
-    for _ in range(quarter_turns % 4):
-        points = np.stack((-points[:, 1], points[:, 0]), axis=1)
-    return points
+    turned = [np.array(curve) @ np.linalg.matrix_power(_LEFT, k) for k in every for curve in curves]
+    return tuple(Lane(tile.row, tile.column, (curve + centre) * tile_size_m) for curve in turned)
 
 
 def border_point(point_m: np.ndarray, tile_size_m: float) -> Tuple[int, int]:

@@ -67,9 +67,9 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
     for lane in road_map.lanes:
         tile = road_map.tiles[lane.tile_row][lane.tile_column]
         if not tile.is_junction:
-            _draw(yellow, _beside(lane, YELLOW_TILES * size_m), YELLOW_M)
+            _draw(yellow, lane, YELLOW_TILES * size_m, YELLOW_M)
         if not tile.is_junction or _has_edge(lane, tile):
-            _draw(white, _beside(lane, WHITE_TILES * size_m), WHITE_M)
+            _draw(white, lane, WHITE_TILES * size_m, WHITE_M)
     for tile in road_map.road_tiles:
         for side in tile.road_sides if tile.is_junction else ():
             _fill(known, _STOPS[side], tile, road_map, 0)
@@ -78,12 +78,18 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
     return RoadPaint(np.stack((*lines, known), axis=-1).astype(np.float32) / np.float32(255.0))
 
 
-def _beside(lane: Lane, left_m: float) -> np.ndarray:
-    """The curve (24, 2) that runs so far to the left of a lane [m]."""
+def _draw(plane: np.ndarray, lane: Lane, left_m: float, width_m: float) -> None:
+    """A line that runs so far to the left of a lane."""
+    import cv2
+
     points = bezier_points(lane.control_points_m, np.linspace(0.0, 1.0, 24))
     along = np.gradient(points, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    return np.asarray(points + left_m * np.stack((-along[:, 1], along[:, 0]), axis=1))
+    points_m = points + left_m * np.stack((-along[:, 1], along[:, 0]), axis=1)
+    pixels = (points_m + MARGIN_M) / TEXEL_M - 0.5
+    fixed = np.rint(pixels * 2**_SHIFT).astype(np.int32)[:, None]
+    thick = max(1, round(width_m / TEXEL_M))
+    cv2.polylines(plane, [fixed], False, 255, thick, cv2.LINE_AA, _SHIFT)
 
 
 def _has_edge(lane: Lane, tile: Tile) -> bool:
@@ -96,15 +102,6 @@ def _has_edge(lane: Lane, tile: Tile) -> bool:
     # The side to the right of a lane that runs east is the south one.
     quarters = round(heading_rad / (0.5 * math.pi)) % 4
     return ORIENTATIONS[quarters] not in tile.road_sides
-
-
-def _draw(plane: np.ndarray, points_m: np.ndarray, width_m: float) -> None:
-    import cv2
-
-    pixels = (points_m + MARGIN_M) / TEXEL_M - 0.5
-    fixed = np.rint(pixels * 2**_SHIFT).astype(np.int32)[:, None]
-    thick = max(1, round(width_m / TEXEL_M))
-    cv2.polylines(plane, [fixed], False, 255, thick, cv2.LINE_AA, _SHIFT)
 
 
 def _fill(

@@ -17,6 +17,7 @@ from robot.errors import ConfigError, ContractError
 from robot.recording import topics
 from robot.recording.drive_file import ABOUT, MASK, SUFFIX, UNFINISHED, picture
 from robot.recording.turn import Turn
+from robot.typed_config import from_plain
 
 RECORD_LIMIT_BYTES = 1 << 28  # a damaged length must not ask for all memory
 
@@ -123,7 +124,7 @@ def read_turns(path: PathLike) -> Iterator[Tuple[Turn, Optional[np.ndarray]]]:
 def turn_of(path: PathLike, entry: Entry) -> Turn:
     """The turn in a message; ContractError for one of another version, or none."""
     try:
-        return Turn.from_plain(entry.message())
+        return from_plain(Turn, entry.message())
     except (ValueError, TypeError, RecursionError) as error:
         raise ContractError(f"{path}: expected turns of this version, got: {error}") from error
 

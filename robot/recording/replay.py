@@ -90,7 +90,7 @@ def recorded_policy(path: PathLike) -> Policy:
 def _decision(
     result: Replayed, policy: Policy, turn: Turn, image: Optional[np.ndarray]
 ) -> List[str]:
-    if not turn.decided or turn.values is None:
+    if turn.values is None or turn.frame is None:
         return []
     if image is None:
         return ["its frame was not recorded"]

@@ -13,7 +13,7 @@ from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
 from robot.recording import topics
-from robot.recording.reader import Entry, PathLike, copy, entries, read_note
+from robot.recording.reader import PathLike, copy, entries, read_note
 
 MARKS = "marks"  # the metadata record that holds pieces
 KINDS = ("good", "bad")
@@ -99,9 +99,12 @@ def read_samples(path: PathLike) -> Iterator[Sample]:
         own = own or entry.topic == topics.TURN.name
         if own != (entry.topic == topics.TURN.name) or frame is None:
             continue
-        sample = _sample(entry, frame)
-        if sample is not None and kept(pieces, entry.topic, entry.time_s):
-            yield sample
+        told: Any = entry.message()
+        driver, wheels = DRIVERS.get(told.get("state")), told.get("wheels")
+        late = entry.time_s - frame.time_s > LATE_S
+        if driver and wheels and not late and kept(pieces, entry.topic, entry.time_s):
+            image = topics.image_bytes(frame.message())
+            yield Sample(entry.time_s, image, WheelSpeeds(*map(float, wheels)), driver)
 
 
 def runs(samples: Sequence[Sample]) -> List[List[Sample]]:
@@ -120,12 +123,3 @@ def take_overs(samples: Sequence[Sample]) -> int:
     """How often a person began to steer while the policy drove."""
     pairs = ((a.driver, b.driver) for run in runs(samples) for a, b in zip(run, run[1:]))
     return sum(pair == ("policy", "person") for pair in pairs)
-
-
-def _sample(entry: Entry, frame: Entry) -> Optional[Sample]:
-    told: Any = entry.message()
-    driver, wheels = DRIVERS.get(told.get("state")), told.get("wheels")
-    if driver is None or not wheels or entry.time_s - frame.time_s > LATE_S:
-        return None
-    image = topics.image_bytes(frame.message())
-    return Sample(entry.time_s, image, WheelSpeeds(*map(float, wheels)), driver)

@@ -12,7 +12,7 @@ from robot.geometry import WheelSpeeds
 from robot.parts import Tick
 from robot.safety.governors import Cap
 from robot.safety.wheel_limits import Drive
-from robot.typed_config import from_plain, to_plain
+from robot.typed_config import to_plain
 
 Numbers = Tuple[float, ...]
 
@@ -28,10 +28,9 @@ class Driven:
 
 @dataclass(frozen=True)
 class Turn:
-    """One turn. Every number is exact: JSON carries the shortest decimals that read back the same.
+    """One turn, to the last bit of its numbers. Times are of the robot's monotonic clock.
 
-    Times are of the robot's monotonic clock. Ages are None where an input never came or is not
-    used.
+    Ages are None where an input never came or is not used.
     """
 
     number: int
@@ -64,19 +63,9 @@ class Turn:
         wanted, before = WheelSpeeds(*self.driven.wanted), WheelSpeeds(*self.driven.before)
         return Drive(wanted, before, self.driven.dt_s, cap)
 
-    @property
-    def decided(self) -> bool:
-        """Whether the policy answered."""
-        return self.values is not None and self.frame is not None
-
     def plain(self) -> Dict[str, Any]:
         """As JSON has it."""
         return {key: value for key, value in to_plain(self).items() if value is not None}
-
-    @classmethod
-    def from_plain(cls, plain: Dict[str, Any]) -> Turn:
-        """Read ``plain``; ConfigError for anything else."""
-        return from_plain(cls, plain)
 
     @classmethod
     def of(cls, tick: Tick) -> Turn:

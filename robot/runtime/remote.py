@@ -17,19 +17,6 @@ from robot.safety.wheel_limits import STILL
 START_WITHIN_M = 0.15  # a robot's length: as well as a person puts it down
 
 
-def expect_at_start(pose: Optional[Pose], start_m: Optional[Tuple[float, float]]) -> None:
-    """A mission from ``start_m`` [m] is for a robot that is there; PlanError where it is not."""
-    if start_m is None or pose is None:
-        return
-    away_m = math.dist(start_m, (pose.x_m, pose.y_m))
-    if away_m > START_WITHIN_M:
-        raise PlanError(
-            f"expected the robot within {100.0 * START_WITHIN_M:.0f} cm of the mission's start "
-            f"({start_m[0]:.2f}, {start_m[1]:.2f}) m, it is {away_m:.2f} m from there; put it "
-            "there, or choose a destination alone"
-        )
-
-
 class RemoteOperator:
     """Serves the commands of the link; keeps ``robot.parts.Operator``.
 
@@ -58,7 +45,7 @@ class RemoteOperator:
                 navigator.put(Pose(x_m, y_m, math.atan2(to_y_m - y_m, to_x_m - x_m)))
                 return
             navigator.plan(mission.destination)
-            expect_at_start(navigator.pose, mission.start)
+            self._expect_at_start(mission.start)
             if command.kind == "plan":
                 return
             navigator.begin(command.id, mission.destination)
@@ -70,6 +57,18 @@ class RemoteOperator:
             if mission is not None:
                 self._navigates.end("failed", answer.sentence)
             raise ContractError(answer.sentence)
+
+    def _expect_at_start(self, start_m: Optional[Tuple[float, float]]) -> None:
+        pose = self._navigates.pose
+        if start_m is None or pose is None:
+            return
+        away_m = math.dist(start_m, pose[:2])
+        if away_m > START_WITHIN_M:
+            raise PlanError(
+                f"expected the robot within {100.0 * START_WITHIN_M:.0f} cm of the mission's start "
+                f"({start_m[0]:.2f}, {start_m[1]:.2f}) m, it is {away_m:.2f} m from there; put it "
+                "there, or choose a destination alone"
+            )
 
     @property
     def _navigates(self) -> MissionNavigator:

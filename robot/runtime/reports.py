@@ -7,13 +7,12 @@ from typing import Callable, Optional, Tuple
 
 import numpy as np
 
-from robot.camera.source import Frame
 from robot.link.messages import FrameMessage
 from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Reading, Telemetry, told_age
 from robot.link.wire import tidy_text
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Tick
-from robot.safety.gates import Inputs, SafetyLimits
+from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import State
 
 JPEG_QUALITY = 85
@@ -46,16 +45,27 @@ class Reporter:
 
     def on_tick(self, tick: Tick) -> None:
         """Report this turn."""
+        import cv2
+
         self.newest = self._report(tick)
         if self._publish is not None:
             self._publish(self.newest)
         if self._show is not None and tick.frame is not None and tick.frame.sequence != self._shown:
             self._shown = tick.frame.sequence
-            self._show(_jpeg(tick.frame))
+            height, width = tick.frame.image.shape[:2]
+            quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+            jpeg = cv2.imencode(".jpg", tick.frame.image[..., ::-1], quality)[1].tobytes()
+            self._show(FrameMessage(jpeg, width, height, max(tick.frame.time_s, 0.0)))
 
     def _report(self, tick: Tick) -> Telemetry:
         guidance, navigator = tick.guidance, self._navigator
         pose = guidance.pose if guidance is not None else None
+        inputs, limits = tick.inputs, self._limits
+        ages = (
+            ("camera", inputs.frame_age_s, limits.frame_age_s),
+            ("pose", inputs.pose_age_s, limits.pose_age_s),
+            ("operator", inputs.link_age_s, limits.link_age_s),
+        )
         governed = "" if tick.drive is None else tick.drive.cap.reason
         values = tick.values
         if values is None or not np.isfinite(values).all():
@@ -70,7 +80,9 @@ class Reporter:
             path=navigator.path_points if navigator else (),
             mission=navigator.status if navigator else None,
             belief=navigator.belief(tick.time_s) if navigator else None,
-            inputs=_ages(tick.inputs, self._limits),
+            inputs=tuple(
+                InputAge(name, told_age(s), most) for name, s, most in ages if s is not None
+            ),
             health=self._health(),
             wheels=(float(tick.wheels[0]), float(tick.wheels[1])),
             fps=self._rate(tick.time_s),
@@ -92,23 +104,3 @@ class Reporter:
             self._period_s += share * (period_s - self._period_s)
         self._last_s = now_s
         return 1.0 / self._period_s if self._period_s else 0.0
-
-
-def _ages(inputs: Inputs, limits: SafetyLimits) -> Tuple[InputAge, ...]:
-    every = (
-        ("camera", inputs.frame_age_s, limits.frame_age_s),
-        ("pose", inputs.pose_age_s, limits.pose_age_s),
-        ("operator", inputs.link_age_s, limits.link_age_s),
-    )
-    return tuple(
-        InputAge(name, told_age(s), limit_s) for name, s, limit_s in every if s is not None
-    )
-
-
-def _jpeg(frame: Frame) -> FrameMessage:
-    import cv2
-
-    height, width = frame.image.shape[:2]
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    data = cv2.imencode(".jpg", frame.image[..., ::-1], quality)[1].tobytes()
-    return FrameMessage(data, width, height, max(frame.time_s, 0.0))

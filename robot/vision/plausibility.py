@@ -112,18 +112,19 @@ class PictureDoubts:
         """
         if frame is not None and frame.sequence != self._sequence:
             self._sequence = frame.sequence
-            self._take(grey(frame.image), now_s)
+            plane, before = grey(frame.image), self._structure
+            self._structure = structure(plane)
+            if before is not None and shows_something(before, self._structure):
+                self._seen_s = now_s
+            if self._moved is None or has_moved(self._moved, plane):
+                self._moved, self._moved_s = plane, now_s
             if wheels != STILL:
                 self._judge(frame, pose)
-        if wheels == STILL:
-            self._forget(now_s)
+        if wheels == STILL:  # it may see a picture that stands, and may be carried elsewhere
+            self._moved, self._moved_s, self._wrong = None, now_s, ""
+            if self._verdict is not None:
+                self._verdict.forget()
         return Sight(now_s - self._seen_s, now_s - self._moved_s, self._wrong)
-
-    def _forget(self, now_s: float) -> None:
-        """A robot that stands may see a picture that stands, and may be carried elsewhere."""
-        self._moved, self._moved_s, self._wrong = None, now_s, ""
-        if self._verdict is not None:
-            self._verdict.forget()
 
     def _judge(self, frame: Frame, pose: Optional[Pose]) -> None:
         if self._road is None or self._verdict is None or washed_out(frame.image):
@@ -132,10 +133,3 @@ class PictureDoubts:
         if fits is not None:
             seems = self._verdict.add(fits)
             self._wrong = f"the road lies in the picture as if that were {seems}" if seems else ""
-
-    def _take(self, plane: np.ndarray, now_s: float) -> None:
-        before, self._structure = self._structure, structure(plane)
-        if before is not None and shows_something(before, self._structure):
-            self._seen_s = now_s
-        if self._moved is None or has_moved(self._moved, plane):
-            self._moved, self._moved_s = plane, now_s

@@ -16,6 +16,7 @@ from robot.safety.gates import SafetyLimits
 from robot.safety.governors import Cap, Road, Rules
 from robot.safety.state_machine import Command, State
 from robot.safety.wheel_limits import STILL
+from robot.typed_config import from_plain
 from tests.robot.runtime.test_loop import Bench
 
 STRAIGHT = ACTION_WHEELS[Action.STRAIGHT]
@@ -43,7 +44,7 @@ def test_what_held_it_is_told_and_recorded() -> None:
     bench = at_line(0.05)
     bench.turn(3)
     tick = bench.heard.ticks[-1]
-    turn = Turn.from_plain(Turn.of(tick).plain())
+    turn = from_plain(Turn, Turn.of(tick).plain())
     assert (turn.most_mps, turn.governed) == (0.0, "it stands at a stop line")
     assert turn.drive == tick.drive
     assert turn.drive is not None
