@@ -171,7 +171,8 @@ def _calibration_of(fit: CameraFit, map_size_m: Tuple[float, float]) -> Calibrat
     east = fit.rotation[:, 0]
     turn = -math.atan2(east[1], east[0])
     c, s = math.cos(turn), math.sin(turn)
-    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ fit.ray_from_floor
+    ray_from_floor = fit.rotation @ np.column_stack((np.eye(3)[:, :2], -fit.position_m))
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ ray_from_floor
     homography = np.linalg.inv(turned)
     rows = (homography / homography[2, 2]).ravel().tolist()
     x, y, height = fit.position_m.tolist()

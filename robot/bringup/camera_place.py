@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Callable, Optional, Tuple
+from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
@@ -24,11 +24,6 @@ class CameraFit:
     rotation: np.ndarray  # (3, 3): world directions into the camera frame
     position_m: np.ndarray  # (3,)
     height_sigma_m: float  # standard deviation when points are 1 px uncertain; 0 when given
-
-    @property
-    def ray_from_floor(self) -> np.ndarray:
-        """(3, 3): floor points (x, y, 1) [m] to rays of the camera frame."""
-        return self.rotation @ np.column_stack((np.eye(3)[:, :2], -self.position_m))
 
 
 @dataclass(frozen=True)
@@ -60,7 +55,19 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
     world = np.column_stack((floor_m, np.zeros(len(floor_m))))
 
     def camera(p: np.ndarray) -> Tuple[Lens, np.ndarray, np.ndarray]:
-        return _moved(p, start_lens, rotation, position, freedom)
+        import cv2
+
+        turn = cv2.Rodrigues(np.ascontiguousarray(p[:3]))[0] @ rotation
+        place = position.copy()
+        used = 5 if freedom.height_m is not None else 6
+        place[: used - 3] += p[3:used]
+        scale = math.exp(float(np.clip(p[used], -3.0, 3.0))) if freedom.focal else 1.0
+        used += freedom.focal
+        k = list(start_lens.distortion)
+        for i in range(freedom.distortion):
+            k[i] += float(p[used + i])
+        fx, fy = float(start_lens.fx_px * scale), float(start_lens.fy_px * scale)
+        return replace(start_lens, fx_px=fx, fy_px=fy, distortion=tuple(k)), turn, place
 
     def residual(p: np.ndarray) -> np.ndarray:
         a_lens, turn, place = camera(p)
@@ -74,30 +81,12 @@ def fit_camera(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Fre
     return CameraFit(*camera(best), sigma_m)
 
 
-def _moved(
-    p: np.ndarray, lens: Lens, rotation: np.ndarray, position: np.ndarray, freedom: Freedom
-) -> Tuple[Lens, np.ndarray, np.ndarray]:
-    import cv2
-
-    turn = cv2.Rodrigues(np.ascontiguousarray(p[:3]))[0] @ rotation
-    place = position.copy()
-    used = 5 if freedom.height_m is not None else 6
-    place[: used - 3] += p[3:used]
-    scale = math.exp(float(np.clip(p[used], -3.0, 3.0))) if freedom.focal else 1.0
-    used += freedom.focal
-    k = list(lens.distortion)
-    for i in range(freedom.distortion):
-        k[i] += float(p[used + i])
-    fx, fy = float(lens.fx_px * scale), float(lens.fy_px * scale)
-    return replace(lens, fx_px=fx, fy_px=fy, distortion=tuple(k)), turn, place
-
-
 def _start(
     pixels: np.ndarray, floor_m: np.ndarray, lens: Lens, freedom: Freedom
 ) -> Tuple[Lens, np.ndarray, np.ndarray]:
     scales = np.geomspace(0.2, 5.0, 41).tolist() if freedom.focal else [1.0]
     world = np.column_stack((floor_m, np.zeros(len(floor_m))))
-    best: Optional[Tuple[float, Lens, np.ndarray, np.ndarray]] = None
+    starts: List[Tuple[float, Lens, np.ndarray, np.ndarray]] = []
     mirrored = False
     for scale in scales:
         trial = replace(lens, fx_px=lens.fx_px * scale, fy_px=lens.fy_px * scale)
@@ -112,18 +101,19 @@ def _start(
             position = np.array([*position[:2], freedom.height_m])
         error = trial.project((world - position) @ rotation.T) - pixels
         cost = float(np.sum(error**2))
-        if math.isfinite(cost) and (best is None or cost < best[0]):
-            best = (cost, trial, rotation, position)
-    if best is None:
-        raise ConfigError(_MIRRORED if mirrored else _NO_VIEW)
-    return best[1:]
-
-
-_MIRRORED = (
-    "camera: expected the floor seen from above, got it mirrored; two points are swapped, or "
-    "the picture is flipped (corner order: south-west, south-east, north-east, north-west)"
-)
-_NO_VIEW = "camera: none sees the points so; expected pixels inside the lens' field of view"
+        if math.isfinite(cost):
+            starts.append((cost, trial, rotation, position))
+    if mirrored and not starts:
+        raise ConfigError(
+            "camera: expected the floor seen from above, got it mirrored; two points are swapped, "
+            "or the picture is flipped (corner order: south-west, south-east, north-east, "
+            "north-west)"
+        )
+    if not starts:
+        raise ConfigError(
+            "camera: none sees the points so; expected pixels inside the lens' field of view"
+        )
+    return min(starts, key=lambda start: start[0])[1:]
 
 
 def _pose_from_homography(

@@ -85,17 +85,13 @@ def run(options: argparse.Namespace) -> None:
     ended: List[bool] = []
     on_ending(lambda: ended.append(True))
     terminal = Terminal(sys.stdin, _say)
-    notify = notify_socket() or _nobody
+    notify = notify_socket()
     pads = (Gamepad(options.gamepad),) if options.gamepad else ()
     with open_robot(config, (terminal, *pads), (terminal, Heartbeat(notify))) as runtime:
         _say(PROMPT)
         notify("READY=1")
         runtime.run(ending=lambda: terminal.quitting or bool(ended))
         notify("STOPPING=1")
-
-
-def _nobody(_line: str) -> None:
-    """Systemd did not start this program."""
 
 
 def _say(line: str) -> None:

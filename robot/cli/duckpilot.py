@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import importlib
 import sys
-from typing import Any, Dict, List, NamedTuple, Optional
+from importlib.util import find_spec
+from typing import Dict, List, NamedTuple, Optional
 
 from robot import cli
 from robot.command_line import WRONG, answer, one_line
@@ -29,11 +30,11 @@ class Program(NamedTuple):
 
 TOOLS = {
     "demo": "train, export, judge and drive before your eyes, in minutes",
-    "loop": "missions or laps through the whole system on virtual hardware",
-    "faults": "meet every fault on virtual hardware, and see the robot stop",
-    "monitor": "the operator's page in the browser",
+    "loop.__main__": "missions or laps through the whole system on virtual hardware",
+    "faults.__main__": "meet every fault on virtual hardware, and see the robot stop",
+    "monitor.__main__": "the operator's page in the browser",
     "replay": "decide a recorded drive again, and compare",
-    "data": "list, plot, cut and split recorded drives; to and from Donkeycar and LeRobot",
+    "data.__main__": "list, plot, cut and split recorded drives; to and from Donkeycar and LeRobot",
 }
 
 
@@ -48,32 +49,15 @@ def programs() -> Dict[str, Dict[str, Program]]:
     robot = {name: Program("robot.cli", told, False) for name, told in cli.COMMANDS.items()}
     eye = {"localizer": Program("localizer_node.__main__", "find the robots on the floor")}
     found = {"the robot": robot, "the overhead camera": eye}
-    trainer = _trainer()
-    if trainer is None:
+    if sys.version_info < NEWER or find_spec("trainer") is None:
         return found
+    trainer = importlib.import_module("trainer.cli")
     learn = {
         name: Program("trainer.cli", getattr(each, "purpose", trainer.PURPOSES.get(name)), False)
         for name, each in trainer.COMMANDS.items()
     }
-    tools = {
-        name: Program(
-            f"tools.{name}" + ".__main__" * (name in ("loop", "faults", "monitor", "data")), told
-        )
-        for name, told in TOOLS.items()
-    }
+    tools = {name.split(".")[0]: Program(f"tools.{name}", told) for name, told in TOOLS.items()}
     return {"learning": learn, "the whole system": tools, **found}
-
-
-def _trainer() -> Any:
-    """Who knows the trainer's commands; None where it is not installed or cannot run."""
-    if sys.version_info < NEWER:
-        return None
-    try:
-        return importlib.import_module("trainer.cli")
-    except ModuleNotFoundError as error:
-        if error.name not in ("trainer", "trainer.cli"):
-            raise
-        return None
 
 
 def _run(words: List[str]) -> Optional[int]:

@@ -53,7 +53,8 @@ class Alarm:
         self._lock = threading.Lock()
         self._rings = False
         self._read_fd, self._write_fd = os.pipe()
-        weakref.finalize(self, _close, self._read_fd, self._write_fd)
+        for fd in (self._read_fd, self._write_fd):
+            weakref.finalize(self, os.close, fd)
 
     def is_set(self) -> bool:
         """Whether it rings."""
@@ -84,8 +85,3 @@ class Alarm:
             poll.register(self._read_fd, select.POLLIN)
             poll.poll(None if timeout_s is None else math.ceil(1e3 * timeout_s))
         return self._rings
-
-
-def _close(*fds: int) -> None:
-    for fd in fds:
-        os.close(fd)

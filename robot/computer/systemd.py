@@ -18,15 +18,15 @@ PING_S = 0.5  # a quarter of the unit's WatchdogSec
 Send = Callable[[str], None]
 
 
-def notify_socket(environment: Mapping[str, str] = os.environ) -> Optional[Send]:
-    """Sends lines such as ``READY=1`` to systemd; None when it did not start this program.
+def notify_socket(environment: Mapping[str, str] = os.environ) -> Send:
+    """Sends lines such as ``READY=1`` to systemd, or nowhere when it did not start this program.
 
     A line that cannot be delivered is dropped: systemd notices silence by itself, and the robot
     must not stop driving for it.
     """
     address = environment.get("NOTIFY_SOCKET", "")
     if not address:
-        return None
+        return lambda line: None
     if address[0] == "@":  # Linux's abstract names begin with a zero byte
         address = "\0" + address[1:]
     channel = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)

@@ -15,18 +15,16 @@ def test_lines_reach_the_socket_that_systemd_names(tmp_path: Path) -> None:
             listener.settimeout(5.0)
             listener.bind(address)
             send = notify_socket({"NOTIFY_SOCKET": address.replace("\0", "@")})
-            assert send is not None
             send("READY=1")
             assert listener.recv(100) == b"READY=1"
 
 
 def test_without_systemd_there_is_nobody_to_tell() -> None:
-    assert notify_socket({}) is None
+    notify_socket({})("READY=1")
 
 
 def test_a_systemd_that_went_away_stops_no_robot(tmp_path: Path) -> None:
     send = notify_socket({"NOTIFY_SOCKET": str(tmp_path / "gone")})
-    assert send is not None
     send("WATCHDOG=1")
 
 
