@@ -8,13 +8,13 @@ import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from localizer_node import calibrate
 from localizer_node.calibration import Calibration
 from localizer_node.detect import Detection
 from localizer_node.draw import annotated
-from localizer_node.node import Localizer, Publish, locate_frame
+from localizer_node.node import Localizer, locate_frame
 from localizer_node.sources import open_source
 from robot.camera.files import read_picture
 from robot.command_line import OneLineParser, answer, spoken, whole
@@ -24,6 +24,7 @@ from robot.output import expect_writable, write_json, write_png
 from robot.typed_config import load_yaml, to_plain
 
 STDOUT = "-"
+Publish = Callable[[Tuple[Sighting, ...], float], None]  # of poses, and when they were seen [s]
 
 
 def main(argv: Optional[Sequence[str]] = None, prog: str = "python -m localizer_node") -> int:
@@ -67,9 +68,9 @@ def run_command(arguments: argparse.Namespace) -> None:
         publish: Publish = _print_lines
         if arguments.link:
             publish = publisher(load_yaml(LinkConfig, arguments.link), open_links)
-        localizer = Localizer(calibration, publish)
+        localizer = Localizer(calibration)
         for frame in frames:
-            localizer.feed(frame.image, frame.t_capture_s)
+            publish(localizer.feed(frame.image, frame.t_capture_s), frame.t_capture_s)
 
 
 def publisher(config: LinkConfig, stack: ExitStack) -> Publish:

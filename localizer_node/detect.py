@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from localizer_node.calibration import Calibration, Marker
+from localizer_node.calibration import KINDS, Calibration, Marker
 from localizer_node.colour import Blob, blobs, mask_of, to_hsv
 from localizer_node.tags import Tag, TagReader
 
@@ -78,14 +78,10 @@ class Detector:
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
-        self._markers = calibration.robots
-        self._two_colour = [m for m in self._markers if m.kind == "two_colour"]
-        self._plain = [m for m in self._markers if m.kind == "plain"]
-        self._tagged = [m for m in self._markers if m.kind == "tag"]
-        self._reader = TagReader() if self._tagged else None
-        self._blue = calibration.colour(calibration.board_colour)
-        heights = [m.board.height_m for m in self._markers]
-        self._board_height_m = float(np.mean(heights)) if heights else 0.0
+        robots = calibration.robots
+        self._of = {kind: [m for m in robots if m.kind == kind] for kind in KINDS}
+        self._reader = TagReader() if self._of["tag"] else None
+        self._board_height_m = float(np.mean([m.board.height_m for m in robots] or [0.0]))
         self._scales = self._px_per_m()
         self._roi = np.array(calibration.roi_px, dtype=np.float32)
 
@@ -100,26 +96,26 @@ class Detector:
 
     def detect(self, image: np.ndarray) -> Tuple[Detection, ...]:
         """The robots in an RGB picture (H, W, 3), inside the region of interest."""
-        if not self._markers:
+        robots = self.calibration.robots
+        if not robots:
             return ()
         u0, v0, u1, v1 = self.calibration.roi_rect()
         crop, corner_px = image[v0:v1, u0:u1], np.array((u0, v0))
         hsv = to_hsv(crop)
-        rears = self._parts(blobs(crop, mask_of(hsv, self._blue), self._least_px(0)), corner_px)
-        found = [self._bare(marker, rear) for marker in self._plain for rear in rears]
-        for marker in self._two_colour:
-            mask = mask_of(hsv, self.calibration.colour(marker.front))
-            fronts = self._parts(blobs(crop, mask, self._least_px(1)), corner_px)
+
+        def parts(colour: str, areas_m2: Iterable[float]) -> List[Part]:
+            mask = mask_of(hsv, self.calibration.colour(colour))
+            least_px = 0.35 * min(areas_m2) * self._scales[0] ** 2  # a third of the smallest
+            return self._parts(blobs(crop, mask, least_px), corner_px)
+
+        rears = parts(self.calibration.board_colour, (m.blue_m[0] * m.blue_m[1] for m in robots))
+        found = [each for marker in self._of["plain"] for each in self._bare(marker, rears)]
+        for marker in self._of["two_colour"]:
+            boards = [m.board for m in self._of["two_colour"]]
+            fronts = parts(marker.front, (b.front_m * b.width_m for b in boards))
             found += self._pairs(marker, rears, fronts)
         found += self._read_tags(image, rears)
-        return tuple(d for d in found if d is not None and self._inside(d))
-
-    def _least_px(self, part: int) -> float:
-        """A third of the area of the smallest rear (0) or front (1) part."""
-        areas = [m.blue_m[0] * m.blue_m[1] for m in self._markers]
-        if part == 1:
-            areas = [m.board.front_m * m.board.width_m for m in self._two_colour]
-        return 0.35 * min(areas) * self._scales[0] ** 2
+        return tuple(filter(self._inside, found))
 
     def _parts(self, found: Sequence[Blob], corner_px: np.ndarray) -> List[Part]:
         if not found:
@@ -134,43 +130,35 @@ class Detector:
         ratio = (camera[2] - marker.board.height_m) / (camera[2] - self._board_height_m)
         return camera[:2] + (part.centre_m - camera[:2]) * ratio
 
+    def _bare(self, marker: Marker, rears: Sequence[Part]) -> Iterator[Detection]:
+        """Plain boards: places without a heading."""
+        for rear in rears:
+            fit = size_fit(rear, marker.blue_m)
+            if fit > 0.0:
+                x, y = (float(v) for v in self._at_height(rear, marker))
+                yield Detection(marker.robot, marker.kind, x, y, None, fit, *rear.centre_px)
+
     def _pairs(
         self, marker: Marker, rears: Sequence[Part], fronts: Sequence[Part]
-    ) -> List[Optional[Detection]]:
-        found: List[Optional[Detection]] = []
-        for rear in rears:
-            rear_fit = size_fit(rear, marker.blue_m)
-            fits = [_front_fit(marker, rear, front) for front in fronts]
-            best = int(np.argmax(fits)) if fits else 0
-            if fits and rear_fit * fits[best] > 0.0:
-                confidence = math.sqrt(rear_fit * fits[best])
-                found.append(self._two_coloured(marker, rear, fronts[best], confidence))
-        return found
-
-    def _two_coloured(
-        self, marker: Marker, rear: Part, front: Part, confidence: float
-    ) -> Detection:
+    ) -> Iterator[Detection]:
+        """Boards of two colours: each rear with the front that fits best."""
         share = marker.board.front_m / marker.board.length_m
-        back_m, fore_m = self._at_height(rear, marker), self._at_height(front, marker)
-        middle = back_m * (1.0 - share) + fore_m * share
-        heading = math.atan2(*(fore_m - back_m)[::-1])
-        pixel = np.array(rear.centre_px) * (1.0 - share) + np.array(front.centre_px) * share
-        return _placed(marker, middle, heading, confidence, pixel)
-
-    def _bare(self, marker: Marker, rear: Part) -> Optional[Detection]:
-        """A plain board: a place without a heading."""
-        fit = size_fit(rear, marker.blue_m)
-        if fit == 0.0:
-            return None
-        x, y = (float(v) for v in self._at_height(rear, marker))
-        return Detection(marker.robot, marker.kind, x, y, None, fit, *rear.centre_px)
+        for rear in rears if fronts else ():
+            fits = [_front_fit(marker, rear, front) for front in fronts]
+            front, fit = fronts[int(np.argmax(fits))], size_fit(rear, marker.blue_m) * max(fits)
+            if fit > 0.0:
+                back_m, fore_m = self._at_height(rear, marker), self._at_height(front, marker)
+                middle = back_m * (1.0 - share) + fore_m * share
+                heading = math.atan2(*(fore_m - back_m)[::-1])
+                pixel = np.array(rear.centre_px) * (1.0 - share) + np.array(front.centre_px) * share
+                yield _placed(marker, middle, heading, math.sqrt(fit), pixel)
 
     def _read_tags(self, image: np.ndarray, rears: Sequence[Part]) -> List[Detection]:
         """The tags that lie on or beside blue which is large enough to bear one."""
         if self._reader is None:
             return []
-        sides_m = [m.board.tag_m for m in self._tagged]
-        least_m = 0.5 * min(min(m.blue_m) for m in self._tagged)
+        sides_m = [m.board.tag_m for m in self._of["tag"]]
+        least_m = 0.5 * min(min(m.blue_m) for m in self._of["tag"])
         reach = int(1.5 * max(sides_m) * self._scales[1]) + 2
         zoom = int(np.clip(math.ceil(TAG_SIDE_PX / (min(sides_m) * self._scales[0])), 1, 3))
         found: Dict[str, Detection] = {}  # two boards side by side show each tag twice
@@ -180,7 +168,7 @@ class Detector:
             left, top = (max(int(c) - reach, 0) for c in rear.centre_px)
             window = image[top : top + 2 * reach, left : left + 2 * reach]
             for tag in self._reader.read(window, zoom):
-                for marker in self._tagged:
+                for marker in self._of["tag"]:
                     seen = self._tag(marker, tag, np.array((left, top)))
                     if seen is not None:
                         found[marker.robot] = seen

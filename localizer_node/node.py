@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Callable, List, Optional, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from robot.errors import ContractError
 from robot.link.messages import Sighting
 
 logger = logging.getLogger(__name__)
-Publish = Callable[[Tuple[Sighting, ...], float], None]
 REPEAT_BYTES = 32  # two pictures that differ in no more are one; a sensor's noise changes most
 REPEATS_TOLD = 5  # in a row, once
 
@@ -52,17 +51,15 @@ def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]
 class Localizer:
     """Follows the robots from picture to picture.
 
-    ``publish`` is told the poses of every picture, even if there are none, and when it was taken. A
-    picture that repeats the last one says nothing of where the robots are now: it has no poses.
+    A picture that repeats the last one says nothing of where the robots are now: it has no poses.
     """
 
-    def __init__(self, calibration: Calibration, publish: Optional[Publish] = None) -> None:
+    def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         self._repeats = 0  # pictures in a row that repeated the one before
         self._last: Optional[np.ndarray] = None
         self._detector = Detector(calibration)
         self._tracker = Tracker(calibration)
-        self._publish = publish
 
     def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[Sighting, ...]:
         """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
@@ -76,9 +73,6 @@ class Localizer:
         if self._repeats == REPEATS_TOLD:
             logger.warning("the overhead camera repeats its picture; no poses until it goes on")
         self._last = image
-        poses: Tuple[Sighting, ...] = ()
-        if not self._repeats:
-            poses = self._tracker.update(self._detector.detect(image), t_capture_s)
-        if self._publish is not None:
-            self._publish(poses, t_capture_s)
-        return poses
+        if self._repeats:
+            return ()
+        return self._tracker.update(self._detector.detect(image), t_capture_s)

@@ -26,7 +26,7 @@ def notify_socket(environment: Mapping[str, str] = os.environ) -> Send:
     """
     address = environment.get("NOTIFY_SOCKET", "")
     if not address:
-        return lambda line: None
+        return lambda _line: None
     if address[0] == "@":  # Linux's abstract names begin with a zero byte
         address = "\0" + address[1:]
     channel = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
