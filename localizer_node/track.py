@@ -32,12 +32,8 @@ FORGET_S = 1.0  # without being seen
 class RateFilter:
     """Follows ``value`` (N,) and its ``rate``; all coordinates share one covariance (2, 2).
 
-    Args:
-        value: as first measured: places [m], or an angle [rad].
-        sigma: standard deviation of that.
-        rate_sigma: standard deviation of the rate that it may have.
-        acceleration: standard deviation of what changes the rate.
-        is_angle: runs round, in (-pi, pi].
+    Places [m], or an angle [rad] in (-pi, pi]. Standard deviations: of the first measurement, of
+    the rate that it may have, and of what changes the rate.
     """
 
     def __init__(
@@ -75,17 +71,13 @@ class RateFilter:
 class _Track:
     """One robot; its filter follows the middle of the board, which is known without a front."""
 
-    def __init__(self, marker: Marker, detection: Detection) -> None:
-        self.marker = marker
-        middle_m = middle_of(detection, marker)
-        self.floor = RateFilter(middle_m, SIGMA_M, START_MPS, ACCELERATION_MPS2)
+    def __init__(self, marker: Marker, seen: Detection) -> None:
+        self.marker, self.confidence, self.hits, self.unseen_s = marker, seen.confidence, 1, 0.0
+        self.floor = RateFilter(middle_of(seen, marker), SIGMA_M, START_MPS, ACCELERATION_MPS2)
         self.heading: Optional[RateFilter] = None
-        if detection.heading_rad is not None:
-            angle, rates = np.array([detection.heading_rad]), (START_RADPS, ACCELERATION_RADPS2)
-            self.heading = RateFilter(angle, SIGMA_RAD * doubt(detection), *rates, is_angle=True)
-        self.hits = 1
-        self.unseen_s = 0.0
-        self.confidence = detection.confidence
+        if seen.heading_rad is not None:
+            angle, rates = np.array([seen.heading_rad]), (START_RADPS, ACCELERATION_RADPS2)
+            self.heading = RateFilter(angle, SIGMA_RAD * doubt(seen), *rates, is_angle=True)
         self.elsewhere: List[np.ndarray] = []
 
     def predict(self, dt_s: float) -> None:
@@ -101,16 +93,13 @@ class _Track:
         return min(GATE * spread, 0.03 + MAX_SPEED_MPS * (self.unseen_s + 0.05))
 
     def gap_m(self, detection: Detection) -> float:
-        """How far a detection is from where this robot should be."""
         return float(np.linalg.norm(middle_of(detection, self.marker) - self.floor.value))
 
     def update(self, detection: Detection) -> None:
         self.floor.update(middle_of(detection, self.marker), SIGMA_M * doubt(detection))
         if self.heading is not None and detection.heading_rad is not None:
             self.heading.update(np.array([detection.heading_rad]), SIGMA_RAD * doubt(detection))
-        self.hits += 1
-        self.unseen_s = 0.0
-        self.elsewhere = []
+        self.hits, self.unseen_s, self.elsewhere = self.hits + 1, 0.0, []
         self.confidence += 0.3 * (detection.confidence - self.confidence)
 
     def carried_to(self, detection: Detection) -> bool:
@@ -174,12 +163,10 @@ class Tracker:
                 continue
             if robot in self._tracks:
                 self._tracks[robot].update(seen)
-            else:
-                self._tracks[robot] = _Track(marker, seen)
-            if self._tracks[robot].hits >= CONFIRM_HITS:
-                poses.append(self._tracks[robot].pose())
-        for robot in [r for r, track in self._tracks.items() if track.unseen_s > FORGET_S]:
-            del self._tracks[robot]
+            track = self._tracks.setdefault(robot, _Track(marker, seen))
+            if track.hits >= CONFIRM_HITS:
+                poses.append(track.pose())
+        self._tracks = {r: track for r, track in self._tracks.items() if track.unseen_s <= FORGET_S}
         return tuple(poses)
 
     def _chosen(self, robot: str, candidates: List[Detection]) -> Optional[Detection]:
