@@ -17,7 +17,7 @@ from trainer.learners.networks import DrivingFeatures
 from trainer.presets import preset
 from trainer.relit import relit
 from trainer.resumable import fit
-from trainer.transfer.metrics import through
+from trainer.transfer.networks import through
 
 BATCH = 32
 LEARNING_RATE = 1e-3

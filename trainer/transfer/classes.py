@@ -9,27 +9,14 @@ car is). The colours of the last two lie far apart, so that a generated picture 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from sim_pybullet.classes import SemanticClass
-from trainer.config import choose
 
 VOID = 255  # a pixel that nobody labelled: neither trained on nor counted
 
 Rgb = tuple[int, int, int]
-
-
-class RoadClass(IntEnum):
-    """What matters on a robot's road: the values of ``ROAD``."""
-
-    BACKGROUND = 0  # whatever is not the road and does not stand on or beside it
-    ROAD = 1
-    WHITE_LINE = 2
-    YELLOW_LINE = 3
-    RED_LINE = 4
-    OBJECT = 5  # duckies, signs, houses, cones, vehicles
 
 
 @dataclass(frozen=True)
@@ -100,8 +87,3 @@ TRACK = _label_set("track", 2, {
     "wall": (90, 0, 110),
 })  # fmt: skip
 LABEL_SETS = {labels.name: labels for labels in (CAMVID, ROAD, TRACK)}
-
-
-def label_set(name: str) -> LabelSet:
-    """The label set of that name; ConfigError if there is none."""
-    return choose("label set", name, LABEL_SETS)

@@ -16,8 +16,8 @@ from robot.errors import ConfigError
 from trainer.transfer.options import ParseOptions, Sources, ThroughOptions
 
 if TYPE_CHECKING:
+    from trainer.transfer.labelled import Split
     from trainer.transfer.parser import Parser
-    from trainer.transfer.sources import Split
 
 _TRAIN, _NOWHERE = ParseOptions(), Sources()
 
@@ -149,23 +149,24 @@ def parse_train_command(
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
-    from trainer.transfer.classes import label_set
+    from trainer.transfer.classes import LABEL_SETS
+    from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import save_parser, teach
     from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
-    from trainer.transfer.sources import load_sources
 
     def fresh() -> ParseOptions:
         # refused before anything is written
-        load_sources(options.sources, label_set(options.labels), options.size)
+        load_sources(options.sources, LABEL_SETS[options.labels], options.size)
         return options
 
     run, console = take_up(ParseOptions, out, resume, fresh), Console()
-    splits = load_sources(run.sources, label_set(run.labels), run.size)
+    splits = load_sources(run.sources, LABEL_SETS[run.labels], run.size)
     training = [split.training for split in splits]
     parser = teach(run, training, out / "checkpoint.pt", console)
     save_parser(parser, out / "parser.pt")
     held_out = splits[-1].held_out
-    shown = held_out.pick(spread(len(held_out), min(SHEET_ROWS, len(held_out))))
+    count = len(held_out.names)
+    shown = held_out.pick(spread(count, min(SHEET_ROWS, count)))
     found, true = (parser.labels.paint(each) for each in (parser.parse(shown.frames), shown.truth))
     columns = {"frame": shown.frames, "classes found": found, "true classes": true}
     draw_sheet(out / "sheet.png", columns)
@@ -185,8 +186,8 @@ def parse_evaluate_command(
         sources: as of train.
         json: write the figures there.
     """
+    from trainer.transfer.labelled import load_sources
     from trainer.transfer.parser import load_parser
-    from trainer.transfer.sources import load_sources
 
     parser = load_parser(model)
     _report(parser, load_sources(sources, parser.labels, parser.options.size), json, Console())
@@ -227,7 +228,7 @@ def parse_translate_command(
 
 def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console: Console) -> None:
     from trainer.run import write_json
-    from trainer.transfer.scores import score_classes
+    from trainer.transfer.parser import score_classes
 
     scores = []
     for split in splits:

@@ -32,8 +32,6 @@ from sim_pybullet.sensing.sensor import apply_sensor
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, refuse_judging_maps
 
-Tick = Callable[[], None]  # one more frame is done
-
 _BATCH = 32
 _OFFSET_M = 0.04  # standard deviations of where a learning robot is in its lane
 _OFFSET_TRACK = 0.5  # likewise of a race car, in half-widths of the road
@@ -53,8 +51,8 @@ class Source:
     every: int = 1  # of how many pictures one was taken
 
 
-def collect(out: Path, source: Source, tick: Tick) -> int:
-    """Gather frames in a folder that appears when all are there; how many there were.
+def collect(out: Path, source: Source, tick: Callable[[], None]) -> int:
+    """Gather frames in a folder that appears when all are there, ``tick`` by one; how many.
 
     DuckpilotError if ``out`` exists, there are no pictures, or a map or look is none to learn from.
     """
@@ -62,7 +60,10 @@ def collect(out: Path, source: Source, tick: Tick) -> int:
     with _appearing(out, source) as folder:
         for parts in islice(found, source.frames):
             for part, picture in parts.items():
-                _write(folder / part / f"{taken:06d}.png", picture)
+                (folder / part).mkdir(exist_ok=True)
+                bgr = picture[..., ::-1] if picture.ndim == 3 else picture  # or values of a label
+                if not cv2.imwrite(str(folder / part / f"{taken:06d}.png"), bgr):
+                    raise OSError(f"{folder}: cannot be written")
             taken += 1
             tick()
         if not taken:
@@ -142,10 +143,3 @@ def _appearing(out: Path, source: Source) -> Iterator[Path]:
         unfinished.rename(out)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
-
-
-def _write(path: Path, picture: np.ndarray) -> None:
-    """RGB, or the values of a label."""
-    path.parent.mkdir(exist_ok=True)
-    if not cv2.imwrite(str(path), picture[..., ::-1] if picture.ndim == 3 else picture):
-        raise OSError(f"{path}: cannot be written")

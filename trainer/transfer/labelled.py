@@ -1,24 +1,62 @@
-"""Frames and what is to be seen in them: folders of pairs, and annotated photographs."""
+"""Frames and what is to be seen in them: folders of pairs, and photographs that a person drew on.
+
+A file of annotations has a ``size`` [width, height] that its pixels count in, and for each
+photograph by name whether it is held out and its ``shapes``: a class of `ROAD` and a polygon
+[[x, y], ...] or, with a ``width``, a line. Later shapes cover earlier ones; the rest is background.
+The photographs lie elsewhere.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from robot.camera.files import read_picture
-from robot.errors import ConfigError
+from robot.errors import ConfigError, nearest
+from robot.typed_config import load_yaml
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.classes import CAMVID, VOID, LabelSet
-from trainer.transfer.options import is_collection
+from trainer.transfer.classes import CAMVID, ROAD, VOID, LabelSet
+from trainer.transfer.options import Sources, is_collection
 from trainer.transfer.pictures import label_of, pictures_in
+
+SHIPPED = {path.stem: path for path in (Path(__file__).parent / "annotations").glob("*.yaml")}
+HELD_OUT_SHARE = 0.25  # of each sequence: its end, see `ends`
+_VALUES = {**{name: k for k, name in enumerate(ROAD.classes)}, "void": VOID}
+_FRACTION_BITS = 4  # sub-pixels of OpenCV's polygons
 
 
 @dataclass(frozen=True)
-class Labelled:
+class Shape:
+    """One thing on a photograph."""
+
+    kind: str  # a class, or void
+    points: tuple[tuple[float, float], ...]  # x, y [px], continuous: (0, 0) is the top left corner
+    width: float = 0.0  # [px]; of a line; 0 is a filled polygon
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """What a person saw on one photograph."""
+
+    file: str  # its name, without folders
+    held_out: bool
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """A file of them."""
+
+    size: tuple[int, int]  # width, height that the points count in
+    photographs: tuple[Photograph, ...]
+
+
+class Labelled(NamedTuple):
     """Frames and what is to be seen in them."""
 
     labels: LabelSet
@@ -26,14 +64,54 @@ class Labelled:
     frames: np.ndarray  # (N, H, W, 3) uint8 RGB
     truth: np.ndarray  # (N, H, W) uint8, values of the label set or VOID
 
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def pick(self, indices: np.ndarray | Sequence[int]) -> Labelled:
-        """Some of them."""
-        chosen = np.asarray(indices, dtype=int)
-        names = tuple(self.names[i] for i in chosen)
+    def pick(self, chosen: np.ndarray) -> Labelled:
+        """Some of them, by (N,) bool or by indices."""
+        names = tuple(np.array(self.names, object)[chosen])
         return Labelled(self.labels, names, self.frames[chosen], self.truth[chosen])
+
+
+class Split(NamedTuple):
+    """One source of labelled frames."""
+
+    name: str
+    training: Labelled
+    held_out: Labelled
+
+
+def load_sources(sources: Sources, labels: LabelSet, size: tuple[int, int]) -> list[Split]:
+    """The training and held-out frames (height, width) of each source, annotated ones last.
+
+    The last quarter of every sequence of pairs is held out. ConfigError if there is no source.
+    """
+    found = []
+    for folder in sources.pairs:
+        pairs = load_pairs(Path(folder), labels, size)
+        found.append((folder, pairs, ends(pairs.names, HELD_OUT_SHARE)))
+    if sources.annotations:
+        if not sources.photos or labels is not ROAD:
+            raise ConfigError("annotations: expected --photos, and --labels road")
+        drawn = load_annotations(sources.annotations)
+        held = np.array([each.held_out for each in drawn.photographs])
+        found.append((sources.annotations, load_drawn(drawn, Path(sources.photos), size), held))
+    if not found:
+        raise ConfigError("parse: expected --pairs or --annotations with --photos, got none")
+    return [Split(name, data.pick(~held), data.pick(held)) for name, data, held in found]
+
+
+def ends(names: Sequence[str], share: float, fewest: int = 0) -> np.ndarray:
+    """(N,) bool: what is held out, the last ``share`` of every sequence, for neighbours look alike.
+
+    A sequence is what shares the name before the last underscore; names sort by time. At least
+    ``fewest`` are held out of each, where that is not more than half of it.
+    """
+    chosen = np.zeros(len(names), bool)
+    sequences: dict[str, list[int]] = {}
+    for i in sorted(range(len(names)), key=names.__getitem__):
+        sequences.setdefault(names[i].rpartition("_")[0], []).append(i)
+    for members in sequences.values():
+        count = max(round(share * len(members)), min(fewest, len(members) // 2))
+        chosen[members[len(members) - count :]] = True
+    return chosen
 
 
 def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelled:
@@ -49,7 +127,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
             "CamVid's classes; try --labels camvid"
         )
     classes = len(SemanticClass) if simulated else len(CAMVID.classes)
-    frames, truth = np.stack([read_rgb(file, size) for file in files]), []
+    frames, truth = np.stack([_read(file, size) for file in files]), []
     for file in files:
         values = cv2.resize(label_of(file), size[::-1], interpolation=cv2.INTER_NEAREST)
         values = np.where(values < classes, values, VOID).astype(np.uint8)
@@ -57,8 +135,56 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
     return Labelled(labels, tuple(file.stem for file in files), frames, np.stack(truth))
 
 
-def read_rgb(path: Path, size: tuple[int, int]) -> np.ndarray:
-    """A picture (H, W, 3) uint8 RGB, resized by area to (height, width)."""
+def load_annotations(source: str) -> Annotations:
+    """Annotations from a file, or the name of shipped ones; ConfigError if there are none."""
+    path = Path(source) if Path(source).exists() else SHIPPED.get(source)
+    if path is None:
+        said = nearest(source, SHIPPED)
+        raise ConfigError(f"annotations {source!r}: no such file; {said}")
+    return load_yaml(Annotations, path)
+
+
+def load_drawn(annotations: Annotations, photographs: Path, size: tuple[int, int]) -> Labelled:
+    """Photographs resized to (height, width), with the labels drawn on them.
+
+    ConfigError if the folder does not hold one of them, at any depth.
+    """
+    paths = {path.name: path for path in photographs.rglob("*") if path.is_file()}
+    drawn = annotations.photographs
+    for photograph in drawn:
+        if photograph.file not in paths:
+            raise ConfigError(
+                f"{photographs}: expected the annotated photograph {photograph.file}, found none "
+                "of that name; point --photos at the set that was annotated"
+            )
+    frames = np.stack([_read(paths[each.file], size) for each in drawn])
+    truth = np.stack([draw(each, annotations.size, size) for each in drawn])
+    return Labelled(ROAD, tuple(each.file for each in drawn), frames, truth)
+
+
+def draw(photograph: Photograph, drawn_in: tuple[int, int], size: tuple[int, int]) -> np.ndarray:
+    """(H, W) uint8 labels of one photograph, whose shapes count in (width, height) ``drawn_in``.
+
+    ConfigError for a shape of an unknown class.
+    """
+    picture = np.zeros(size, np.uint8)  # background
+    scale = np.array(size[::-1]) / np.array(drawn_in)
+    for shape in photograph.shapes:
+        if shape.kind not in _VALUES:
+            said = nearest(shape.kind, _VALUES)
+            raise ConfigError(f"{photograph.file}: unknown class {shape.kind!r}; {said}")
+        # OpenCV's whole numbers are the middles of pixels
+        points = np.round((np.array(shape.points) * scale - 0.5) * 2**_FRACTION_BITS)
+        value, how = _VALUES[shape.kind], (cv2.LINE_8, _FRACTION_BITS)
+        if shape.width > 0.0:
+            width = max(1, round(shape.width * float(scale.mean())))
+            cv2.polylines(picture, [points.astype(np.int32)], False, value, width, *how)
+        else:
+            cv2.fillPoly(picture, [points.astype(np.int32)], value, *how)
+    return picture
+
+
+def _read(path: Path, size: tuple[int, int]) -> np.ndarray:
     picture = read_picture(path)
     if picture.shape[:2] == size:
         return picture

@@ -1,4 +1,4 @@
-"""The networks: the U-Net of CycleGAN and that of pix2pix, and a critic of patches.
+"""The networks: the U-Nets of CycleGAN and of pix2pix, a critic of patches, and SegNet.
 
 Inside them pictures are (N, 3, H, W) float32 in [-1, 1]. A translator's own pictures are
 (N, H, W, 3) uint8 RGB on both sides, see `PictureTranslator`.
@@ -7,7 +7,9 @@ Inside them pictures are (N, 3, H, W) float32 in [-1, 1]. A translator's own pic
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
@@ -15,6 +17,13 @@ from torch.nn import functional
 _LEAK = 0.1  # slope beyond black and white, so that gradients come back from there
 MOST_WIDENING = 8  # times the first layer's channels, of pix2pix and of critics
 DROPPED = 3  # of pix2pix: innermost enlargements whose dropout is the noise z
+
+# Channels of SegNet's stages, and how many convolutions each has.
+SEGNETS = {
+    "small": ((16, 32, 64, 64), (1, 1, 2, 2)),
+    # VGG16's thirteen convolutions, as the paper has them
+    "paper": ((64, 128, 256, 512, 512), (2, 2, 3, 3, 3)),
+}
 
 
 def as_floats(pictures: torch.Tensor) -> torch.Tensor:
@@ -26,6 +35,18 @@ def as_bytes(pictures: torch.Tensor) -> torch.Tensor:
     """(N, 3, H, W) float32 -> (N, H, W, 3) uint8, cut off at black and white."""
     scaled = ((pictures + 1.0) * 127.5 + 0.5).clamp(0.0, 255.0)
     return scaled.to(torch.uint8).permute(0, 2, 3, 1)
+
+
+@torch.no_grad()
+def through(
+    network: Callable[[torch.Tensor], torch.Tensor],
+    pictures: np.ndarray,
+    device: torch.device | str = "cpu",
+    size: int = 32,
+) -> np.ndarray:
+    """What a network makes of many pictures (N, H, W, 3) uint8, ``size`` of them at once."""
+    parts = [np.ascontiguousarray(pictures[k : k + size]) for k in range(0, len(pictures), size)]
+    return np.concatenate([network(torch.from_numpy(p).to(device)).cpu().numpy() for p in parts])
 
 
 def resized(pictures: torch.Tensor, size: Sequence[int], mode: str = "nearest") -> torch.Tensor:
@@ -173,6 +194,57 @@ def patch_critic(
     return nn.Sequential(*stack, nn.Conv2d(width, 1, 4, 1, 1))
 
 
+class SegNet(nn.Module):
+    """A decoder undoes each pooling of an encoder by its indices.
+
+    Encoder stages are convolution, batch normalisation, ReLU, then 2x2 max pooling that remembers
+    where each maximum was; a decoder stage puts its values back there and convolves again
+    (Badrinarayanan, Kendall, Cipolla 2017).
+    Pictures (N, H, W, 3) with values 0..255 -> logits (N, classes, H, W), any H and W.
+    """
+
+    def __init__(self, classes: int, channels: Sequence[int], convolutions: Sequence[int]) -> None:
+        super().__init__()
+        encoder, decoder = [], []
+        below = 3
+        for width, count in zip(channels, convolutions, strict=True):
+            encoder.append(_stage(below, width, width, count))
+            # the first stage's decoder leaves its width: the classes come after it
+            decoder.append(_stage(width, width, width if below == 3 else below, count))
+            below = width
+        self.encoder = nn.ModuleList(encoder)
+        self.decoder = nn.ModuleList(reversed(decoder))
+        self.pool = nn.MaxPool2d(2, return_indices=True)
+        self.classify = nn.Conv2d(channels[0], classes, 3, padding="same")
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        x = as_floats(pictures)
+        pooled: list[tuple[torch.Tensor, torch.Size]] = []
+        for stage in self.encoder:
+            x = stage(x)
+            size = x.shape
+            x, indices = self.pool(x)
+            pooled.append((indices, size))
+        for stage in self.decoder:
+            indices, size = pooled.pop()
+            x = stage(unpooled(x, indices, size))
+        logits: torch.Tensor = self.classify(x)
+        return logits
+
+
+def unpooled(x: torch.Tensor, indices: torch.Tensor, size: torch.Size) -> torch.Tensor:
+    """Values (N, C, h, w) put back where their maxima were, zeros elsewhere: (N, C, *size[2:]).
+
+    As `torch.nn.MaxUnpool2d`, which ONNX has no operator for.
+    """
+    # with new_zeros and unflatten the exporter would fix the number of pictures
+    count, channels = x.shape[:2]
+    empty = torch.zeros(count, channels, size[2] * size[3], dtype=x.dtype, device=x.device)
+    filled = empty.scatter(2, indices.flatten(2), x.flatten(2))
+    return filled.view(count, channels, size[2], size[3])
+
+
 def _halving(before: int, after: int) -> nn.Sequential:
     convolution = nn.Conv2d(before, after, 4, 2, 1, bias=False)
     return nn.Sequential(nn.LeakyReLU(0.2), convolution, nn.InstanceNorm2d(after, affine=True))
@@ -196,3 +268,11 @@ def _zero(layer: nn.Conv2d) -> nn.Conv2d:
     for parameter in layer.parameters():
         nn.init.zeros_(parameter)
     return layer
+
+
+def _stage(inputs: int, width: int, outputs: int, count: int) -> nn.Sequential:
+    widths, layers = [inputs, *[width] * (count - 1), outputs], list[nn.Module]()
+    for a, b in pairwise(widths):
+        # batch normalisation brings its own offset
+        layers += [nn.Conv2d(a, b, 3, padding="same", bias=False), nn.BatchNorm2d(b), nn.ReLU()]
+    return nn.Sequential(*layers)

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from robot.errors import ConfigError, nearest
-
-NETS = ("paper", "small")  # of SegNet and of pix2pix
+from robot.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -30,15 +28,12 @@ class ParseOptions:
     """How a parser is taught."""
 
     sources: Annotated[Sources, tyro.conf.arg(name="")] = Sources()  # What it learns from.
-    labels: str = "road"  # camvid (11 classes of full-size roads), road (6) or track (7).
-    net: str = "small"  # small or paper.
+    labels: Literal["camvid", "road", "track"] = "road"  # 11 classes of full-size roads, 6, or 7.
+    net: Literal["small", "paper"] = "small"  # Of SegNet.
     size: tuple[int, int] = (120, 160)  # Height and width of what the network sees [px].
     steps: int = 2000  # Updates.
     batch: int = 8  # Frames in an update.
     seed: int = 0  # Of everything random.
-
-    def __post_init__(self) -> None:
-        _known("net", self.net, NETS)
 
 
 @dataclass(frozen=True)
@@ -49,27 +44,22 @@ class ThroughOptions:
     real: str  # A folder of photographs, or a collection of another look that stands for them.
     parser: str = ""  # What labels photographs (python -m trainer parse train --labels road), .pt.
     preset: str = "fast"  # The pictures are those of the policies of this preset.
-    net: str = "small"  # small or paper.
+    net: Literal["small", "paper"] = "small"  # Of pix2pix.
     steps: int = 2000  # Updates of each of the two networks.
     seed: int = 0  # Of everything random.
     task: str = "lane"  # Of the policies whose pictures these are.
-    labels: str = "road"  # road, or track, which tells kerbs, grass, walls and sky apart.
+    labels: Literal["road", "track"] = "road"  # The latter tells kerbs, grass, walls, sky apart.
 
     def __post_init__(self) -> None:
-        _known("net", self.net, NETS)
         if bool(self.parser) == is_collection(Path(self.real)):
             raise ConfigError(
                 f"parser: expected one for photographs and none for a collection, got "
                 f"{self.parser or 'none'} for {self.real}"
             )
-        _known("labels", self.labels, ("road",) if self.parser else ("road", "track"))
+        if self.parser and self.labels != "road":
+            raise ConfigError(f"labels: expected road with a parser, got {self.labels}")
 
 
 def is_collection(folder: Path) -> bool:
     """Whether the simulator's frames and labels lie there (``python -m trainer collect``)."""
     return (folder / "collection.yaml").exists() and (folder / "label").is_dir()
-
-
-def _known(what: str, name: str, valid: tuple[str, ...]) -> None:
-    if name not in valid:
-        raise ConfigError(f"{what}: unknown {name!r}; {nearest(name, valid)}")

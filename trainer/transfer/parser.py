@@ -7,6 +7,7 @@ them drives on is the same in simulation and in reality. It needs the parser whe
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -22,14 +23,11 @@ from robot.typed_config import from_plain, to_plain
 from trainer.export import export_translator
 from trainer.relit import relit
 from trainer.resumable import fit
-from trainer.run import atomically
-from trainer.torch_file import load_torch, reading
-from trainer.transfer.classes import VOID, label_set
+from trainer.torch_file import load_torch, reading, save_torch
+from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet
 from trainer.transfer.labelled import Labelled
-from trainer.transfer.metrics import through
-from trainer.transfer.networks import painted
+from trainer.transfer.networks import SEGNETS, SegNet, painted, through
 from trainer.transfer.options import ParseOptions
-from trainer.transfer.segnet import SEGNETS, SegNet
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
 LEARNING_RATE = 2e-3  # falls to zero along a cosine
@@ -43,7 +41,7 @@ class Parser(nn.Module):
 
     def __init__(self, options: ParseOptions) -> None:
         super().__init__()
-        self.options, self.labels = options, label_set(options.labels)
+        self.options, self.labels = options, LABEL_SETS[options.labels]
         self.network = SegNet(len(self.labels.classes), *SEGNETS[options.net])
         self.register_buffer("colours", torch.tensor(self.labels.colours, dtype=torch.float32))
 
@@ -121,7 +119,7 @@ def draw_batch(
     frames, truth = np.empty((count, *shape, 3), np.uint8), np.empty((count, *shape), np.uint8)
     for out in range(count):
         source = sources[int(rng.integers(len(sources)))]
-        i = int(rng.integers(len(source)))
+        i = int(rng.integers(len(source.frames)))
         sizes = [max(1, round(share * full)) for share in [rng.uniform(*CROPS)] for full in shape]
         starts = [int(rng.integers(full - n + 1)) for full, n in zip(shape, sizes, strict=True)]
         window = tuple(slice(a, a + n) for a, n in zip(starts, sizes, strict=True))
@@ -136,8 +134,7 @@ def draw_batch(
 def save_parser(parser: Parser, path: Path) -> None:
     """Write options and weights, whole or not at all."""
     content = {"options": to_plain(parser.options), "network": parser.network.state_dict()}
-    with atomically(path) as temporary:
-        torch.save(content, temporary)
+    save_torch(path, content)
 
 
 def load_parser(path: Path) -> Parser:
@@ -148,3 +145,47 @@ def load_parser(path: Path) -> Parser:
         parser = Parser(options).eval()
         parser.network.load_state_dict(content["network"])
     return parser
+
+
+@dataclass(frozen=True)
+class ClassScore:
+    """One class on some frames; NaN where the frames hold none of it."""
+
+    name: str
+    pixels: float  # share of the labelled pixels
+    accuracy: float  # share of its pixels that were found
+    iou: float  # intersection over union with the guesses
+
+
+@dataclass(frozen=True)
+class ParsingScore:
+    """A parser on labelled frames."""
+
+    source: str  # of the frames
+    frames: int
+    pixel_accuracy: float
+    class_accuracy: float  # mean over the classes that occur
+    mean_iou: float  # likewise
+    classes: tuple[ClassScore, ...]
+
+
+def score_classes(
+    truth: np.ndarray, guess: np.ndarray, labels: LabelSet, source: str = ""
+) -> ParsingScore:
+    """The scores of guesses (N, H, W) uint8; pixels whose truth is void do not count."""
+    classes, counted = len(labels.classes), truth != VOID
+    pairs = truth[counted].astype(np.int64) * classes + guess[counted]
+    matrix = np.bincount(pairs, minlength=classes**2).reshape(classes, classes).astype(float)
+    hit, there, guessed = np.diag(matrix), matrix.sum(1), matrix.sum(0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        accuracy = np.where(there > 0, hit / there, np.nan)
+        iou = np.where(there > 0, hit / (there + guessed - hit), np.nan)
+    rows = zip(labels.classes, there / matrix.sum(), accuracy, iou, strict=True)
+    return ParsingScore(
+        source,
+        len(truth),
+        float(hit.sum() / matrix.sum()),
+        float(np.nanmean(accuracy)),
+        float(np.nanmean(iou)),
+        tuple(ClassScore(name, float(p), float(a), float(i)) for name, p, a, i in rows),
+    )

@@ -24,10 +24,9 @@ from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
 from trainer.presets import preset
-from trainer.transfer.classes import ROAD, LabelSet, label_set
+from trainer.transfer.classes import LABEL_SETS, ROAD, LabelSet
 from trainer.transfer.labelled import load_pairs
-from trainer.transfer.metrics import through
-from trainer.transfer.networks import as_bytes, as_floats, painted
+from trainer.transfer.networks import as_bytes, as_floats, painted, through
 from trainer.transfer.options import ThroughOptions
 from trainer.transfer.parser import Parser, load_parser
 from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
@@ -41,7 +40,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
 
     ConfigError if the simulator's frames, the photographs or the parser do not fit.
     """
-    image, labels = preset(run.task, "dueling", run.preset).image, label_set(run.labels)
+    image, labels = preset(run.task, "dueling", run.preset).image, LABEL_SETS[run.labels]
     parser = load_parser(Path(run.parser)) if run.parser else None
     if parser is not None and parser.labels is not ROAD:
         raise ConfigError(

@@ -20,10 +20,9 @@ from trainer.export import export_translator
 from trainer.resumable import Loop
 from trainer.transfer.cyclegan import Batch, CycleGan, TranslationConfig
 from trainer.transfer.judge import FEWEST, Judge, Score
-from trainer.transfer.metrics import through
-from trainer.transfer.networks import PictureTranslator, as_floats
+from trainer.transfer.labelled import ends
+from trainer.transfer.networks import PictureTranslator, as_floats, through
 from trainer.transfer.pictures import SHEET_ROWS, Pictures, draw_sheet, load_paint, load_pictures
-from trainer.transfer.sources import ends
 
 JUDGE_EVERY = 125
 HELD_OUT_EVERY = 8  # one picture of so many is not learned from

@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.errors import ConfigError
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet, label_set
-from trainer.transfer.scores import score_classes
+from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet
+from trainer.transfer.parser import score_classes
 
 SETS = pytest.mark.parametrize("labels", LABEL_SETS.values(), ids=str)
 
@@ -26,11 +25,6 @@ def test_a_painted_picture_reads_back_even_when_its_colours_are_a_little_off(
     noise = np.random.default_rng(0).integers(-10, 11, (20, *classes.shape, 3))
     picture = np.clip(labels.paint(classes) + noise, 0, 255).astype(np.uint8)
     assert np.array_equal(labels.read(picture), np.repeat(classes[None], 20, 0))
-
-
-def test_an_unknown_set_is_refused_with_the_nearest() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'camvid'"):
-        label_set("camvit")
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 5)), min_size=1, max_size=60))

@@ -8,22 +8,23 @@ import yaml
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.annotations import (
+from trainer.transfer.classes import CAMVID, ROAD, VOID
+from trainer.transfer.labelled import (
     SHIPPED,
     Annotations,
     Photograph,
     Shape,
     draw,
-    load_annotated,
     load_annotations,
+    load_drawn,
+    load_pairs,
+    load_sources,
 )
-from trainer.transfer.classes import CAMVID, ROAD, VOID, RoadClass
-from trainer.transfer.labelled import load_pairs
 from trainer.transfer.options import Sources
 from trainer.transfer.parser import draw_batch
-from trainer.transfer.sources import load_sources
 
 SIZE = (12, 16)
+CLASS = {name: k for k, name in enumerate(ROAD.classes)}
 
 
 def write_pairs(folder: Path, names: list[str], value: int) -> None:
@@ -51,7 +52,7 @@ def test_a_collection_is_read_as_the_simulator_means_it(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="collection from the simulator"):
         load_pairs(tmp_path, ROAD, SIZE)
     (tmp_path / "collection.yaml").write_text("kind: simulator\n")
-    assert (load_pairs(tmp_path, ROAD, SIZE).truth == RoadClass.OBJECT).all()
+    assert (load_pairs(tmp_path, ROAD, SIZE).truth == CLASS["object"]).all()
 
 
 def test_a_picture_without_its_label_is_refused(tmp_path: Path) -> None:
@@ -71,9 +72,9 @@ def test_shapes_cover_each_other_in_order_at_any_scale() -> None:
     photograph = Photograph("x.jpg", False, (square("road", 2, 30), square("white_line", 10, 20)))
     for scale in (1, 2, 4):
         picture = draw(photograph, (40, 40), (40 * scale, 40 * scale))
-        assert np.mean(picture == RoadClass.WHITE_LINE) == pytest.approx(100 / 1600, abs=0.02)
-        assert np.mean(picture == RoadClass.ROAD) == pytest.approx(684 / 1600, abs=0.04)
-        assert picture[15 * scale, 15 * scale] == RoadClass.WHITE_LINE
+        assert np.mean(picture == CLASS["white_line"]) == pytest.approx(100 / 1600, abs=0.02)
+        assert np.mean(picture == CLASS["road"]) == pytest.approx(684 / 1600, abs=0.04)
+        assert picture[15 * scale, 15 * scale] == CLASS["white_line"]
 
 
 def test_a_line_is_as_wide_as_it_says() -> None:
@@ -94,11 +95,12 @@ def test_annotations_find_their_photographs(tmp_path: Path) -> None:
     (tmp_path / "drawn.yaml").write_text(yaml.safe_dump(to_plain(drawn)))
     assert load_annotations(tmp_path / "drawn.yaml") == drawn
     with pytest.raises(ConfigError, match=r"a\.png"):
-        load_annotated(drawn, tmp_path, SIZE)
+        load_drawn(drawn, tmp_path, SIZE)
     write_pairs(tmp_path, ["a", "b"], 0)
-    training, held_out = load_annotated(drawn, tmp_path / "image", SIZE)
+    asked = Sources((), str(tmp_path / "drawn.yaml"), str(tmp_path / "image"))
+    ((_, training, held_out),) = load_sources(asked, ROAD, SIZE)
     assert (training.names, held_out.names) == (("a.png",), ("b.png",))
-    assert set(np.unique(training.truth)) == {RoadClass.ROAD, VOID}
+    assert set(np.unique(training.truth)) == {CLASS["road"], VOID}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -108,7 +110,7 @@ def test_shipped_annotations_can_be_drawn_and_hold_frames_out(name: str) -> None
     seen = np.zeros(256, bool)
     for photograph in annotations.photographs:
         picture = draw(photograph, annotations.size, (height, width))
-        assert np.mean(picture == RoadClass.ROAD) > 0.05, photograph.file
+        assert np.mean(picture == CLASS["road"]) > 0.05, photograph.file
         seen[np.unique(picture)] = True
     assert seen[: len(ROAD.classes) - 2].all()
     assert {p.held_out for p in annotations.photographs} == {True, False}

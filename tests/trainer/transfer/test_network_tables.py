@@ -11,8 +11,10 @@ from torch import nn
 
 from trainer.transfer.cyclegan import TranslationConfig, translation_preset
 from trainer.transfer.networks import (
+    SEGNETS,
     AtSize,
     Changing,
+    SegNet,
     UNet,
     as_bytes,
     as_floats,
@@ -21,9 +23,9 @@ from trainer.transfer.networks import (
     patch_critic,
     pix2pix_unet,
     resized,
+    unpooled,
 )
 from trainer.transfer.pix2pix import PIX2PIX, Pix2PixConfig
-from trainer.transfer.segnet import SEGNETS, SegNet, unpooled
 
 CONVOLUTIONS = (nn.Conv2d, nn.ConvTranspose2d)
 

@@ -12,10 +12,15 @@ from trainer.cli import main
 from trainer.resumable import Loop
 from trainer.transfer.classes import ROAD
 from trainer.transfer.labelled import Labelled
+from trainer.transfer.networks import SegNet, unpooled
 from trainer.transfer.options import ParseOptions
-from trainer.transfer.parser import class_weights, load_parser, save_parser, teach
-from trainer.transfer.scores import score_classes
-from trainer.transfer.segnet import SegNet, unpooled
+from trainer.transfer.parser import (
+    class_weights,
+    load_parser,
+    save_parser,
+    score_classes,
+    teach,
+)
 
 HEIGHT, WIDTH = 24, 32
 
@@ -114,14 +119,14 @@ def test_the_command_refuses_what_does_not_fit(
     for arguments, message in (
         ([], "expected --pairs or --annotations"),
         (["--pairs", str(tmp_path)], "expected pictures"),
-        (["--labels", "rode"], "did you mean 'road'"),
     ):
         assert main(["parse", "train", "--out", str(out), *arguments]) == 2
         assert message in capsys.readouterr().err
-    with pytest.raises(SystemExit) as ended:
-        main(["parse", "train", "--out", str(out), "--net", "smal"])
-    assert ended.value.code == 2
-    assert "did you mean 'small'" in capsys.readouterr().err
+    for wrong, valid in ((["--net", "smal"], "'small'"), (["--labels", "rode"], "'road'")):
+        with pytest.raises(SystemExit) as ended:
+            main(["parse", "train", "--out", str(out), *wrong])
+        assert ended.value.code == 2
+        assert valid in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -11,7 +11,7 @@ import torch
 from robot.inference.translator import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
-from trainer.transfer.metrics import bright_lines, overlap
+from trainer.transfer.judge import bright_lines, overlap
 from trainer.transfer.pictures import load_paint, load_pictures
 from trainer.transfer.unpaired import onnx_file
 
