@@ -62,7 +62,7 @@ def evaluate_command(
         options: what, where and how often.
         json: write the figures there. With --seeds or --matrix what is its own is added to each
             name; without --json the files are evaluation_*.json beside the models.
-        drives: keep where every robot drove and what the ten worst saw, beside --json, for report.
+        drives: keep where every robot drove and what the worst saw, beside --json, for report.
         many: several at once.
     """
     from trainer.sweeps.jobs import EvaluateJob, evaluate_jobs

@@ -41,9 +41,9 @@ def frames_of(drive: Drive) -> np.ndarray:
 def make_stacks(drive: Drive, frames: np.ndarray, see: See, every: int = 1) -> Stacks:
     """All moments of a drive with a stack's pictures before them; ConfigError if there are none."""
     first = (STACK - 1) * every
-    if len(drive) <= first:
-        raise ConfigError(f"drive: expected more than {first} pictures, got {len(drive)}")
-    last = np.arange(first, len(drive))
+    if len(drive.files) <= first:
+        raise ConfigError(f"drive: expected more than {first} pictures, got {len(drive.files)}")
+    last = np.arange(first, len(drive.files))
     return Stacks(see(frames), last, turns(drive.steering_deg)[last], every)
 
 

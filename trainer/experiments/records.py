@@ -2,9 +2,9 @@
 
 Three layouts are known by what lies in the folder::
 
+    labels.csv                     columns ``file`` and ``angle`` in [-1, 1]
     data.txt                       Sully Chen: ``<file> <degrees>[,<date>]`` a line, steering wheel
     manifest.json, *.catalog       Donkeycar tub, version 2: ``user/angle`` in [-1, 1]
-    labels.csv                     columns ``file`` and ``angle`` in [-1, 1]
 
 Angles are positive to the right in all of them, and here.
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -27,10 +27,10 @@ from robot.errors import ConfigError
 # degrees, so the paper's 10 degrees are a third of full lock.
 FULL_LOCK_DEG = 30.0
 _LEAST_DEG = 3.2  # half a turn in radians: no drive is as straight as that
+_MOST_SHARE = 1.5
 STRAIGHT_DEG = 10.0  # paper B, section 3.1: steering within (-10, 10) is "going straight"
 
-
-_Row = tuple[str, float]  # file, steering [deg]
+_Row = tuple[str, Any, str]  # file, angle, where it says so
 
 
 class Turn(IntEnum):
@@ -49,9 +49,6 @@ class Drive:
     steering_deg: np.ndarray  # (N,) positive to the right
     skipped: int = 0  # broken records of a tub
 
-    def __len__(self) -> int:
-        return len(self.files)
-
 
 def turns(steering_deg: np.ndarray) -> np.ndarray:
     """(N,) steering angles [deg], positive to the right -> (N,) int64 values of `Turn`."""
@@ -64,59 +61,60 @@ def load_drive(folder: Path) -> Drive:
 
     ConfigError for no known layout, a line that cannot be read, or a missing picture.
     """
-    readers: dict[str, Callable[[Path], Iterable[_Row | None]]] = {
-        "labels.csv": _labels_csv,
-        "data.txt": _sully_chen,
-        "manifest.json": _tub,
-    }
+    readers = {"labels.csv": _labels_csv, "data.txt": _sully_chen, "manifest.json": _tub}
     name = next((name for name in readers if (folder / name).exists()), None)
     if name is None:
         raise ConfigError(f"{folder}: expected one of {', '.join(readers)}, found none of them")
-    found = list(readers[name](folder))
+    found = list(readers[name](folder / name))
     rows = [row for row in found if row is not None]
     if not rows:
         raise ConfigError(f"{folder}: expected a recorded drive, got one without a picture")
-    files = _pictures(folder, [file for file, _ in rows])
-    return Drive(files, np.array([angle for _, angle in rows]), len(found) - len(rows))
+    angles = np.array([_number(angle, where) for _, angle, where in rows])
+    farthest = int(np.abs(angles).argmax())
+    most, where = float(abs(angles[farthest])), rows[farthest][2]
+    if name == "data.txt":
+        if 0.0 < most <= _LEAST_DEG:  # of radians, or of shares
+            raise ConfigError(
+                f"{where}: expected degrees of the steering wheel, got no angle beyond {most:.3g}; "
+                "multiply radians by 57.3, and put shares of full lock into labels.csv"
+            )
+    elif most > _MOST_SHARE:
+        raise ConfigError(
+            f"{where}: expected an angle in [-1, 1], got {angles[farthest]}; degrees go in data.txt"
+        )
+    else:
+        angles = FULL_LOCK_DEG * angles
+    return Drive(_pictures(folder, [file for file, *_ in rows]), angles, len(found) - len(rows))
 
 
-def _labels_csv(folder: Path) -> Iterator[_Row]:
-    path = folder / "labels.csv"
+def _labels_csv(path: Path) -> Iterator[_Row]:
     with path.open(newline="", encoding="utf-8", errors="replace") as file:
         for line, row in enumerate(csv.DictReader(file), start=2):
             if not row.get("file") or row.get("angle") is None:
                 raise ConfigError(f"{path}:{line}: expected the columns file and angle, got {row}")
-            yield _scaled(row["file"], row["angle"], f"{path}:{line}")
+            yield row["file"], row["angle"], f"{path}:{line}"
 
 
-def _sully_chen(folder: Path) -> list[_Row]:
-    path, rows = folder / "data.txt", []
+def _sully_chen(path: Path) -> Iterator[_Row]:
     for number, line in enumerate(_lines(path), start=1):
         if line.strip():
             name, _, rest = line.strip().partition(" ")
-            rows.append((name, _number(rest.split(",")[0], f"{path}:{number}")))
-    most = max((abs(angle) for _, angle in rows), default=0.0)
-    if 0.0 < most <= _LEAST_DEG:  # of radians, or of shares
-        raise ConfigError(
-            f"{path}: expected degrees of the steering wheel, got no angle beyond {most:.3g}; "
-            "multiply radians by 57.3, and put shares of full lock into labels.csv"
-        )
-    return rows
+            yield name, rest.split(",")[0], f"{path}:{number}"
 
 
-def _tub(folder: Path) -> Iterator[_Row | None]:
-    lines = [line for line in _lines(folder / "manifest.json") if line.strip("\0 ")]
+def _tub(path: Path) -> Iterator[_Row | None]:
+    """None for a record that is broken."""
+    lines = [line for line in _lines(path) if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
     for name in last.get("paths", ()):  # more may lie there: given up, or macOS's ._ files
-        path = folder / Path(str(name)).name
-        for number, line in enumerate(_lines(path), start=1):
-            record = _record(line)
-            if record is None:
-                yield None
-            elif record.get("_index") not in last.get("deleted_indexes", ()):
-                file, angle = record.get("cam/image_array"), record.get("user/angle")
-                known = isinstance(file, str) and angle is not None
-                yield _scaled(str(file), angle, f"{path}:{number}") if known else None
+        catalog = path.with_name(Path(str(name)).name)
+        for number, line in enumerate(_lines(catalog), start=1):
+            record = _record(line) or {}
+            if "_index" in record and record["_index"] in last.get("deleted_indexes", ()):
+                continue
+            file, angle = record.get("cam/image_array"), record.get("user/angle")
+            known = isinstance(file, str) and angle is not None
+            yield (str(file), angle, f"{catalog}:{number}") if known else None
 
 
 def _lines(path: Path) -> list[str]:
@@ -134,15 +132,6 @@ def _record(text: str) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return record if isinstance(record, dict) else None
-
-
-def _scaled(file: str, angle: Any, where: str) -> _Row:
-    share = _number(angle, where)
-    if abs(share) > 1.5:
-        raise ConfigError(
-            f"{where}: expected an angle in [-1, 1], got {share}; degrees go in data.txt"
-        )
-    return file, FULL_LOCK_DEG * share
 
 
 def _number(text: Any, where: str) -> float:

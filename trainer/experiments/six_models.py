@@ -113,12 +113,10 @@ def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list
 
 def kinds(options: SixModelsOptions) -> list[list[Model]]:
     """The models that differ by their seeds only, together; in the order of the paper's tables."""
-    everyone = models(options)
-    return [
-        [model for model in everyone if model[:2] == first[:2]]
-        for first in everyone
-        if first.seed == 0
-    ]
+    found: dict[tuple[str, str], list[Model]] = {}
+    for model in models(options):
+        found.setdefault(model[:2], []).append(model)
+    return list(found.values())
 
 
 @dataclass(frozen=True)
@@ -167,9 +165,14 @@ def gather(out: Path, options: SixModelsOptions) -> Transfer:
 
 def report(out: Path, options: SixModelsOptions) -> str:
     """Write six_models.json, .md and .png; the table."""
-    transfer = gather(out, options)
+    transfer, panels = gather(out, options), []
     write_json(out / "six_models.json", transfer)
-    draw_transfer_curves(out, options, out / "six_models.png")
+    for kind in kinds(options):
+        runs = [RunFolder(model.run(out, "navigation")) for model in kind]
+        records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
+        title, way = find_algorithm(kind[0].algorithm).title, VARIANTS[kind[0].variant][0]
+        panels.append((f"{title}, transfer by {way}", records))
+    draw_panels(panels, out / "six_models.png")
     head, *rows = table_rows(transfer)
     rule = ["---"] * len(head)
     text = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)) + "\n"
@@ -192,17 +195,6 @@ def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
         ours = _each(row.laps), _each(row.paths), row.verdict
         rows.append((*names, *ours, str(theirs[0]), _each(row.tasks), str(theirs[1])))
     return rows
-
-
-def draw_transfer_curves(out: Path, options: SixModelsOptions, path: Path) -> None:
-    """A panel for each kind of navigator, mean and band over its seeds."""
-    panels = []
-    for kind in kinds(options):
-        runs = [RunFolder(model.run(out, "navigation")) for model in kind]
-        records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
-        title, way = find_algorithm(kind[0].algorithm).title, VARIANTS[kind[0].variant][0]
-        panels.append((f"{title}, transfer by {way}", records))
-    draw_panels(panels, path)
 
 
 def _each(counts: tuple[int, ...]) -> str:

@@ -160,7 +160,9 @@ def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:
 
 def draw_table(table: Table, path: Path) -> None:
     """Bars of each driver's accuracy with every seed's interval, the paper's figures beside."""
-    drivers = _by_driver(table)
+    drivers: dict[str, list[Accuracy]] = {}
+    for row in table.rows:
+        drivers.setdefault(row.driver, []).append(row)
     figure = Figure(figsize=(8.0, 1.2 + 0.42 * len(drivers)), layout="constrained")
     axis = figure.subplots()
     places = np.arange(len(drivers))
@@ -169,22 +171,15 @@ def draw_table(table: Table, path: Path) -> None:
     paper = [PAPER.get(driver, 0.0) for driver in drivers]
     axis.barh(places + 0.17, paper, 0.32, color="lightgrey", label="paper B, other data")
     for place, rows in zip(places, drivers.values(), strict=True):
-        seen = np.array([(row.accuracy, row.low, row.high) for row in rows]).T
-        at = place - 0.17 + 0.08 * (np.arange(len(rows)) - (len(rows) - 1) / 2)
-        axis.hlines(at, seen[1], seen[2], color="black", linewidth=1)
-        axis.plot(seen[0], at, "o", color="black", markersize=3)
+        for k, row in enumerate(rows):
+            at = place - 0.17 + 0.08 * (k - (len(rows) - 1) / 2)
+            axis.plot((row.low, row.high), (at, at), color="black", linewidth=1)
+            axis.plot(row.accuracy, at, "o", color="black", markersize=3)
     axis.set_yticks(places, list(drivers))
     axis.invert_yaxis()
     axis.set(xlim=(0, 1), xlabel=f"share of turns predicted, {table.test_frames} test frames")
     figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize="small")
     save_figure(figure, path)
-
-
-def _by_driver(table: Table) -> dict[str, list[Accuracy]]:
-    drivers: dict[str, list[Accuracy]] = {}
-    for row in table.rows:
-        drivers.setdefault(row.driver, []).append(row)
-    return drivers
 
 
 def as_table(table: Table) -> RichTable:

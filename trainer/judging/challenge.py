@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +14,11 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
+from trainer.judging.drive_log import Film, Rides
 from trainer.judging.drivers import Driver
 from trainer.judging.evaluate import ROBOTS
 from trainer.judging.lane_rules import LaneFigures, LaneRules
 
-FILM_S = 10.0  # kept of each drive, its end
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 SURVIVED = "time"
 
@@ -40,16 +38,6 @@ class Episode(NamedTuple):
     figures: LaneFigures
 
 
-@dataclass
-class _Ride:
-    """An episode that goes on."""
-
-    poses: list[np.ndarray] = field(default_factory=list)
-    frames: deque[np.ndarray] = field(
-        default_factory=lambda: deque(maxlen=round(FILM_S / CONTROL_DT_S))
-    )
-
-
 def robots_of(challenge: str) -> int:
     """How many of ours share a world."""
     return len(load_scenario(challenge).robots_pcs)
@@ -61,7 +49,7 @@ def drive(
     road_maps: Sequence[RoadMap],
     looks: Looks,
     seeds: Sequence[int],
-) -> Iterator[tuple[Episode, Sequence[np.ndarray]]]:
+) -> Iterator[tuple[Episode, Film]]:
     """One episode for each seed, of all robots of ours that share a world, as each ends.
 
     With what the robot saw at its end: frames (H, W, 3) uint8 RGB. Consecutive seeds take the maps
@@ -81,26 +69,23 @@ def drive(
 
 def _episodes(
     driver: Driver, world: BatchWorld, rules: Mapping[str, LaneRules]
-) -> Iterator[tuple[Episode, Sequence[np.ndarray]]]:
+) -> Iterator[tuple[Episode, Film]]:
     seen = world.reset()
-    rides = [_Ride() for _ in range(world.n_robots)]
+    rides = Rides(world)
     while world.active.any():
-        before, numbers, maps = world.poses, world.numbers, world.maps
-        for robot in np.flatnonzero(world.active).tolist():
-            rides[robot].poses.append(before[robot])
-            rides[robot].frames.append(seen.image[robot, ..., -3:].copy())
+        rides.see(seen)
+        numbers, maps = world.numbers, world.maps
         step = world.step(driver.choose(world, seen))
         seen = step.observation
         for robot in step.finished.robots.tolist():
-            ride, rides[robot] = rides[robot], _Ride()
-            road_map = world.task.road_maps[maps[robot]]
-            poses = np.array([*ride.poses, step.poses[robot]])
+            ride, road_map = rides.end(step, robot), world.task.road_maps[maps[robot]]
+            poses = np.array(ride.poses)
             figures = rules[road_map.name].figures(poses, CONTROL_DT_S)
             tiles = figures.driven_lanedir_consec / road_map.tile_size_m
             run = rules[road_map.name].lines_run(poses, CONTROL_DT_S)
             number = int(numbers[robot])
             lane = road_map.name, run, tiles, figures
-            yield _episode(world, step, robot, number, lane), ride.frames
+            yield _episode(world, step, robot, number, lane), tuple(ride.frames)
 
 
 def _episode(

@@ -15,11 +15,12 @@ from robot.output import expect_writable
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import maps_named
 from trainer.judging.challenge import drive, robots_of
+from trainer.judging.drive_log import Worst
 from trainer.judging.drivers import Driver, Expert, Pilot, Standing
 from trainer.judging.evaluate import open_policy
 from trainer.judging.governed import Governed
 from trainer.judging.verdict import MEASURES, Verdict
-from trainer.report.worst import Worst
+from trainer.report.worst import write_worst
 from trainer.run import write_json
 
 _RINGS = ("judging/rings",)
@@ -51,11 +52,12 @@ def judge(
         for name, driver in zip(names, drivers, strict=True):
             title, total = f"{challenge} {Path(name).name}", episodes * robots_of(challenge)
             row, found = bar.add_task(title, total=total), []
-            for episode, frames in drive(driver, challenge, road_maps, looks, seeds):
+            for episode, film in drive(driver, challenge, road_maps, looks, seeds):
                 bar.advance(row)
                 found.append(episode)
                 if not verdicts:
-                    worst.add(episode, frames)
+                    badness = (not episode.success, -episode.tiles, -episode.seed, -episode.robot)
+                    worst.add(badness, episode, film)
             verdicts.append(Verdict(Path(name).name, sorted(found)))
     _tell(console, challenge, verdicts)
     if json is not None:
@@ -65,7 +67,7 @@ def judge(
             told["against"] = verdicts[0].against(verdicts[1])
         write_json(json, told)
     if out is not None:
-        console.print(str(worst.write(out, verdicts[0], challenge)), markup=False)
+        console.print(str(write_worst(out, worst, verdicts[0], challenge)), markup=False)
     return 0
 
 

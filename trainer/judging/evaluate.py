@@ -25,7 +25,7 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task
-from trainer.judging.drive_log import DriveLog, Tracer
+from trainer.judging.drive_log import DriveLog, Rides, end_of
 from trainer.options import EvaluateOptions, task_of
 
 ROBOTS = 20  # at once
@@ -121,10 +121,9 @@ def evaluate(
         return []
     task_of_all = find_task(task).build(road_maps, min(ROBOTS, len(seeds)), Choices(lane))
     world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
-    tracer = None if log is None else Tracer(world, log)
     drives: list[Drive] = []
     try:
-        for drive in _drive(policy, world, zero, tracer):
+        for drive in _drive(policy, world, zero, log):
             drives.append(drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))))
             finished(drives[-1])
     finally:
@@ -194,24 +193,24 @@ def _lane(task: str, lane: str | None, turn: int) -> str | None:
 
 
 def _drive(
-    policy: DrivingPolicy, world: BatchWorld, zero: str | None, tracer: Tracer | None
+    policy: DrivingPolicy, world: BatchWorld, zero: str | None, log: DriveLog | None
 ) -> Iterator[Drive]:
     """The episodes of a world, as each ends."""
     observation = world.reset()
-    speeds = _own_speeds(policy, world)
+    speeds, rides = _own_speeds(policy, world), None if log is None else Rides(world)
     while world.active.any():
-        if tracer is not None:
-            tracer.see(observation)
+        if rides is not None:
+            rides.see(observation)
         numbers, maps, active = world.numbers, world.maps, np.flatnonzero(world.active)
         choices = np.zeros(world.n_robots, dtype=int)
         choices[active] = [_choose(policy, observation, robot, zero) for robot in active.tolist()]
         step = world.step(choices if speeds is None else speeds[choices])
-        if tracer is not None:
-            tracer.end(step, numbers)
         observation, ended = step.observation, step.finished
         for robot, metrics in zip(ended.robots.tolist(), ended.metrics, strict=True):
             facts = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
             failed = bool(step.task.terminated[robot])
+            if rides is not None and log is not None:
+                log.end(int(numbers[robot]), end_of(step, robot), rides.end(step, robot))
             yield Drive(
                 int(numbers[robot]),
                 bool(step.task.success[robot]),

@@ -57,7 +57,7 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
     if tracks and len(roads) < len(maps):
         raise ConfigError(f"drives: expected a task on maps, got {asked.task}: no map to draw on")
     looks = spec.looks(options.look, options.pose_error, options.without)
-    log = DriveLog() if tracks else None
+    log = DriveLog(road_map.tile_size_m for road_map in roads) if tracks else None
     sources = PoseSources(asked.overhead, OnnxSight(asked.sight) if asked.sight else None)
     kept = KeptDrives(None if tracks else out, asked)
     wanted = range(asked.seed, asked.seed + asked.episodes)
@@ -80,8 +80,8 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
     result = summarise(asked, policy, [kept.drives[seed] for seed in wanted], parts)
     if out is not None:
         write_json(out, {**to_plain(result), "inputs": asked.plain()})
-    if log is not None and beside is not None:
-        log.save(beside)
+    if log is not None and out is not None:
+        log.save(out)
     kept.forget()
     _tell(console, result)
     return 0

@@ -1,4 +1,4 @@
-"""Drive maps and film strips of evaluations."""
+"""Drive maps of evaluations."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.tasks.following import HALF_LANE_TILES
-from trainer.judging.drive_log import DONE, STRIP_EVERY, STRIP_FRAMES, Track
+from trainer.judging.drive_log import DONE, Track
 from trainer.report.curves import save_figure
 
 FLOOR_PX_PER_TILE = 64
-STRIP_S = (STRIP_FRAMES - 1) * STRIP_EVERY * CONTROL_DT_S  # from its first frame to its last, about
 PALENESS = 0.6  # of the floor's colours, so that tracks stand out
 DEVIATION = LinearSegmentedColormap.from_list("deviation", ["#1f6fb4", "#f0a030", "#c01020"])
 
@@ -39,17 +38,6 @@ def draw_drives(road_maps: Sequence[RoadMap], tracks: Sequence[Track], path: Pat
     save_figure(figure, path)
 
 
-def draw_strips(tracks: Sequence[Track], maps: Sequence[str], path: Path) -> None:
-    """Write the film strips of tracks, one below the other, each with its story."""
-    figure = Figure(figsize=(11.0, 1.42 * len(tracks)), layout="constrained")
-    for row, track in enumerate(tracks, start=1):
-        axis = figure.add_subplot(len(tracks), 1, row)
-        axis.imshow(_film(track.strip))
-        axis.set_title(tell(track, maps), loc="left", fontsize=8.5)
-        axis.set_axis_off()
-    save_figure(figure, path)
-
-
 def tell(track: Track, maps: Sequence[str]) -> str:
     """One line about an episode."""
     seconds, place = (len(track.poses) - 1) * CONTROL_DT_S, Path(maps[track.map_index]).stem
@@ -57,16 +45,6 @@ def tell(track: Track, maps: Sequence[str]) -> str:
         f"episode {track.seed} on {place}: {track.end} after {seconds:.1f} s, "
         f"at most {100 * track.deviation_m:.1f} cm from its path"
     )
-
-
-def _film(strip: np.ndarray) -> np.ndarray:
-    """Frames (K, H, W, 3) side by side, the last one at the right edge; white where none is."""
-    _, height, width, _ = strip.shape
-    gap, count = 4, STRIP_FRAMES
-    film = np.full((height, count * (width + gap) - gap, 3), 255, np.uint8)
-    for k, frame in enumerate(strip, start=count - len(strip)):
-        film[:, k * (width + gap) : k * (width + gap) + width] = frame
-    return film
 
 
 def _draw_map(axis: Axes, road_map: RoadMap, tracks: Sequence[Track]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,20 +13,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from robot.errors import MapError
 from robot.navigation.road_map import load_map
 from robot.output import write_text
-from sim_pybullet.tasks.following import HALF_LANE_TILES
 from sim_pybullet.tasks.spec import PaperRow, TaskSpec, learned_tasks
 from trainer.algorithms import NAMES
-from trainer.judging.drive_log import WORST, Track
+from trainer.judging.drive_log import FILM_S, Track, film_of
 from trainer.report.curves import draw_panels
-from trainer.report.drives import STRIP_S, draw_drives, draw_strips
-from trainer.report.runs import Run, read_runs
-from trainer.report.tables import (
-    DrivingRow,
-    describe,
-    driving_row,
-    learning_row,
-    summary_card,
-)
+from trainer.report.drives import draw_drives, tell
+from trainer.report.runs import Judgement, Run, read_runs
 
 PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
@@ -38,6 +30,7 @@ DRIVES = (
     "Every episode from above; crosses: where a robot failed. Colour: distance from the path, the "
     "worst on top."
 )
+UNTIL = ("up to its end.", "up to where it was farthest from its path.")  # a failure, or none
 
 
 class Picture(NamedTuple):
@@ -60,17 +53,15 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     """
     missing: list[str] = []
     runs = read_runs(paths, missing)
-    rows = [driving_row(run, judgement) for run in runs for judgement in run.judgements]
     out.mkdir(parents=True, exist_ok=True)
     films = _films(paths, runs, missing)
     curves = [picture for task in learned_tasks() if (picture := _curves(task, runs, out))]
-    drives, worst = _drives(rows, out, missing), _worst(rows, out)
+    drives, worst = _drives(runs, out, missing), _worst(runs)
     write_page(
         "page.html",
         out / PAGE,
         runs=runs,
-        cards=[summary_card(run, rows) for run in runs],
-        tasks=[table for task in learned_tasks() if (table := _table(task, runs, rows))],
+        tasks=[table for task in learned_tasks() if (table := _table(task, runs))],
         pictures={"films": films, "curves": curves, "drives": drives, "worst": worst},
         missing=[*missing, *(line for run in runs for line in _missing(run))],
         live=live,
@@ -90,21 +81,21 @@ def write_page(template: str, path: Path, **what: Any) -> None:
     write_text(path, templates.get_template(template).render(**what))
 
 
-def _table(task: TaskSpec, runs: Sequence[Run], rows: Sequence[DrivingRow]) -> tuple | None:
-    """Title, rows of learning and driving, and whether the paper has figures for any."""
-    learning = [learning_row(run) for run in runs if run.config.task == task.name]
-    driving = [row for row in rows if row.run.config.task == task.name]
-    papers = [row.paper for row in learning] + [row.paper for row in driving]
+def _table(task: TaskSpec, runs: Sequence[Run]) -> tuple | None:
+    """Title, runs, and whether the paper has figures for any."""
+    learning = [run for run in runs if run.config.task == task.name]
+    papers = [run.paper for run in learning]
+    papers += [each.paper for run in learning for each in run.judgements]
     theirs = any(paper != PaperRow() for paper in papers)
-    return (task.title, learning, driving, theirs) if learning else None
+    return (task.title, learning, theirs) if learning else None
 
 
 def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> list[Picture]:
     """Every MP4 in a run's folder, or in a folder that was named."""
     latest = {run.folder.film: f"The latest evaluation of {run.folder.name}" for run in runs}
-    films = []
+    films, worst = [], {picture.path for picture in _worst(runs)}
     for folder in dict.fromkeys([*paths, *(run.folder.path for run in runs)]):
-        for file in sorted(folder.glob("[!.]*.mp4")):
+        for file in sorted({*folder.glob("[!.]*.mp4")} - worst):
             if file.stat().st_size > FILM_BYTES:
                 missing.append(f"{file}: too large for this page; open it beside it")
                 continue
@@ -121,51 +112,42 @@ def _curves(task: TaskSpec, runs: Sequence[Run], out: Path) -> Picture | None:
     if not shown:
         return None
     path = out / f"curves_{task.name}.png"
-    draw_panels([(describe(r), [(r.episodes, r.state.evaluations)]) for r in shown], path)
+    draw_panels([(r.name, [(r.episodes, r.state.evaluations)]) for r in shown], path)
     return Picture(task.title, CURVES, path)
 
 
-def _drives(rows: Sequence[DrivingRow], out: Path, missing: list[str]) -> list[Picture]:
+def _driven(runs: Sequence[Run]) -> Iterator[tuple[Run, Judgement, list[Track]]]:
+    """Evaluations that kept drives."""
+    for run in runs:
+        for each in run.judgements:
+            if each.drives is not None:
+                yield run, each, each.drives
+
+
+def _drives(runs: Sequence[Run], out: Path, missing: list[str]) -> list[Picture]:
     pictures: list[Picture] = []
-    for row in rows:
-        if row.judgement.drives is None:
-            continue
+    for run, each, drives in _driven(runs):
         try:
-            road_maps = [load_map(name) for name in row.judgement.result.inputs.map]
+            road_maps = [load_map(name) for name in each.result.inputs.map]
         except MapError as error:
-            missing.append(f"drive map of {row.name}: {error}")
+            missing.append(f"drive map of {run.name}: {error}")
             continue
         path = out / f"drives_{len(pictures) + 1}.png"
-        draw_drives(road_maps, row.judgement.drives.tracks, path)
-        pictures.append(Picture(row.name, f"{row.where}. {DRIVES}", path))
+        draw_drives(road_maps, drives, path)
+        pictures.append(Picture(run.name, f"{each.where}. {DRIVES}", path))
     return pictures
 
 
-def _worst(rows: Sequence[DrivingRow], out: Path) -> list[Picture]:
+def _worst(runs: Sequence[Run]) -> list[Picture]:
+    """Films of episodes that failed or left their lane."""
     pictures: list[Picture] = []
-    for row in rows:
-        found, drives = row.judgement.result, row.judgement.drives
-        tracks = drives.worst if drives else []
-        worst = [track for track in tracks if _went_wrong(track, found.inputs.map)][:WORST]
-        if not worst or found.inputs.zero:
-            continue
-        path = out / f"worst_{len(pictures) + 1}.png"
-        draw_strips(worst, found.inputs.map, path)
-        failed = len(found.failures)
-        what = f"{failed} of {found.episodes} episodes failed"
-        what += "; the others shown left their lane for a while." if failed < len(worst) else "."
-        seconds = f"The last {STRIP_S:.1f} s before the worst moment, left to right."
-        pictures.append(Picture(row.name, f"{row.where}. {what} {seconds}", path))
+    for run, each, drives in _driven(runs):
+        for track in sorted(drives, key=lambda track: track.badness, reverse=True):
+            film = film_of(each.path, track.seed)
+            if film.exists():
+                told = f"{run.name}, {each.where}. {FILM_S:.0f} s at most, {UNTIL[track.success]}"
+                pictures.append(Picture(tell(track, each.result.inputs.map), told, film))
     return pictures
-
-
-def _went_wrong(track: Track, maps: Sequence[str]) -> bool:
-    """Whether it failed, or was once out of its lane."""
-    try:
-        tile_m = load_map(maps[track.map_index]).tile_size_m
-    except MapError:  # its file is gone
-        return True
-    return not track.success or track.deviation_m > HALF_LANE_TILES * tile_m
 
 
 def _missing(run: Run) -> list[str]:
@@ -178,7 +160,7 @@ def _missing(run: Run) -> list[str]:
         first = "" if model.exists() else "finish its training, then "
         said.append(f"{path}: not evaluated yet: {first}{shlex.join(command)}")
     return said + [
-        f"{each.path}: no drives kept, so no map and no film strips; evaluate again with --drives"
+        f"{each.path}: no drives kept, so no map and no films; evaluate again with --drives"
         for each in run.judgements
         if each.drives is None
     ]

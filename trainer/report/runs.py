@@ -1,4 +1,4 @@
-"""Runs and evaluations, read from run folders."""
+"""Runs and evaluations, read from run folders; how each is told is the template's, `page.html`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from pathlib import Path
 
 from robot.errors import ConfigError
 from robot.typed_config import from_plain
-from sim_pybullet.tasks.spec import TASKS
-from trainer.algorithms import NAMES
+from sim_pybullet.tasks.spec import TASKS, PaperRow, find_task
+from trainer.algorithms import NAMES, find_algorithm
 from trainer.config import RunConfig
-from trainer.judging.drive_log import DriveLog, drives_beside, load_drives
+from trainer.judging.drive_log import Track, drives_beside, load_drives
 from trainer.judging.evaluate import Evaluation
+from trainer.options import EvaluateOptions
 from trainer.report.curves import SKILLED
 from trainer.run import Episode, RunFolder, read_json
 from trainer.training.checkpoint import Evaluated, TrainState, read_state
+
+_NAMED_MAPS = 2  # at most, where there is little room
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +27,9 @@ class Judgement:
 
     path: Path
     result: Evaluation
-    drives: DriveLog | None
+    drives: list[Track] | None
+    where: str  # on which maps, in which looks, with which pose error
+    paper: PaperRow  # under conditions like these
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +43,24 @@ class Run:
     judgements: tuple[Judgement, ...]
 
     @property
+    def name(self) -> str:
+        """Algorithm, preset, seed, and what of maps, look and pose error is not the default."""
+        config = self.config
+        parts = [find_algorithm(config.algorithm).title, config.preset]
+        maps = [Path(name).stem for name in config.maps]
+        parts.append(" + ".join(maps) if len(maps) <= _NAMED_MAPS else f"{len(maps)} maps")
+        if config.look != "nominal":
+            parts.append(Path(config.look).stem)
+        if config.pose_error is not None:
+            parts.append(f"pose error {config.pose_error}")
+        return " · ".join([*parts, f"seed {config.seed}"])
+
+    @property
+    def paper(self) -> PaperRow:
+        """What paper A says of it."""
+        return find_task(self.config.task).paper.get(self.config.algorithm, PaperRow())
+
+    @property
     def steps(self) -> int:
         """Of the training so far."""
         ended = [e.step for e in self.episodes[-1:]]
@@ -47,6 +70,11 @@ class Run:
     def skilled(self) -> Evaluated | None:
         """The first evaluation during training with at least `SKILLED` success."""
         return next((e for e in self.state.evaluations if e.success_rate >= SKILLED), None)
+
+    @property
+    def first(self) -> Judgement | None:
+        """Its first evaluation with all that a policy sees."""
+        return next((each for each in self.judgements if not each.result.inputs.zero), None)
 
 
 def find_runs(paths: Iterable[Path]) -> list[Path]:
@@ -68,11 +96,11 @@ def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
     tasks, runs = list(TASKS), []
     for path in find_runs(paths):
         folder = RunFolder(path)
+        config = folder.load_config()
         state = read_state(folder.checkpoint) if folder.checkpoint.exists() else TrainState()
-        found = (_judgement(file, problems) for file in sorted(path.glob("*.json")))
+        found = (_judgement(file, config, problems) for file in sorted(path.glob("*.json")))
         judgements = tuple(each for each in found if each is not None)
-        config, episodes = folder.load_config(), tuple(folder.episodes())
-        runs.append(Run(folder, config, state, episodes, judgements))
+        runs.append(Run(folder, config, state, tuple(folder.episodes()), judgements))
 
     def order(run: Run) -> tuple[int, int, int]:
         config = run.config
@@ -81,7 +109,7 @@ def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
     return sorted(runs, key=order)
 
 
-def _judgement(file: Path, problems: list[str]) -> Judgement | None:
+def _judgement(file: Path, config: RunConfig, problems: list[str]) -> Judgement | None:
     """None where the file holds something else than an evaluation."""
     try:
         data = read_json(file)
@@ -93,9 +121,28 @@ def _judgement(file: Path, problems: list[str]) -> Judgement | None:
     except ConfigError as error:
         problems.append(str(error))
         return None
-    drives = drives_beside(file)
+    asked, beside, drives = result.inputs, drives_beside(file), None
     try:
-        return Judgement(file, result, load_drives(drives) if drives.exists() else None)
+        drives = load_drives(beside) if beside.exists() else None
     except ConfigError as error:
         problems.append(str(error))
-        return Judgement(file, result, None)
+    # Ours under their conditions: nothing of the paper's is like an input zeroed.
+    like = asked.zero is None and asked.task == config.task
+    papers = find_task(asked.task).paper if like else {}
+    paper = papers.get(config.algorithm, PaperRow())
+    return Judgement(file, result, drives, _where(asked, config.task), paper)
+
+
+def _where(asked: EvaluateOptions, learned: str) -> str:
+    maps = ", ".join(Path(name).stem for name in asked.map)
+    parts = [maps if asked.task == learned else f"{asked.task} on {maps}", Path(asked.look).stem]
+    if find_task(asked.task).path_points:
+        true = asked.pose_error == "none" or (asked.pose_error is None and asked.look == "nominal")
+        parts.append("true pose" if true else f"pose error {asked.pose_error or 'of the look'}")
+    if asked.zero:
+        parts.append(f"{asked.zero} zeroed")
+    if asked.translate:
+        parts.append(f"through {Path(asked.translate).stem}")
+    if (model := Path(asked.model).name) != "model.onnx":
+        parts.append(model)
+    return " · ".join(parts)

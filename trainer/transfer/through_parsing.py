@@ -41,26 +41,21 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
     ConfigError if the simulator's frames, the photographs or the parser do not fit.
     """
     image, labels = preset(run.task, "dueling", run.preset).image, LABEL_SETS[run.labels]
-    parser = load_parser(Path(run.parser)) if run.parser else None
-    if parser is not None and parser.labels is not ROAD:
-        raise ConfigError(
-            f"{run.parser}: expected a parser of labels road, got {parser.labels.name!r}"
-        )
     virtual = _virtual(run.sim, image, labels)
-    if parser is not None:
-        real = _real(Path(run.real), parser, image)
+    if run.parser:
+        real = _real(Path(run.real), load_parser(Path(run.parser)), image)
     else:
         other = _virtual(run.real, image, labels)
         real = Pairs(other.wanted, other.given)
-
-    def taught(name: str, pairs: Pairs) -> nn.Module:
-        model = Pix2Pix(fitted(PIX2PIX[run.net], image), run.seed)
-        return teach_pairs(model, pairs, run.steps, run.seed, out / f"{name}.pt", console)
-
-    to_parsing = taught("virtual_to_parsing", virtual)
-    network = ThroughParsing(to_parsing, taught("parsing_to_real", real), labels)
-    name, path = out.resolve().name, out / "sim_to_real.onnx"
-    notes = ("through parsing",)
+    to_parsing, to_real = (
+        teach_pairs(
+            Pix2Pix(fitted(PIX2PIX[run.net], image), run.seed),
+            *(pairs, run.steps, run.seed, out / f"{name}.pt", console),
+        )
+        for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real))
+    )
+    network, path = ThroughParsing(to_parsing, to_real, labels), out / "sim_to_real.onnx"
+    name, notes = out.resolve().name, ("through parsing",)
     contract = TranslatorContract("pix2pix", DIRECTIONS[0], image, name, run.steps, notes=notes)
     export_translator(network, contract, path)
     chosen = spread(len(virtual.given), SHEET_ROWS)
@@ -85,6 +80,8 @@ def _virtual(collection: str, image: ImageSpec, labels: LabelSet) -> Pairs:
 
 def _real(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
     """What a parser sees in photographs, painted, and the photographs."""
+    if parser.labels is not ROAD:
+        raise ConfigError(f"parser: expected one of labels road, got {parser.labels.name!r}")
     frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
     seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
     whole = [cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen]

@@ -59,12 +59,8 @@ def curve(variant: str, *learned: float) -> Curve:
     return Curve(variant, steps, rewards, learned, tuple(0.5 for _ in learned))
 
 
-def test_claims_follow_the_means() -> None:
-    found = Figure5(
-        OPTIONS,
-        (curve("oracle", 9, 11), curve("translated", 8, 6), curve("dr", 8, 7), curve("none", 1, 2)),
-    )
-    assert found.claims == {"translated": True, "dr": False, "none": True}
+def test_every_driver_has_a_row() -> None:
+    found = Figure5(OPTIONS, tuple(curve(name, 9, 11) for name in VARIANTS))
     assert as_table(found).row_count == 4
 
 

@@ -1,5 +1,7 @@
 import os
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,31 +16,51 @@ from sim_pybullet.tasks.spec import find_task
 from trainer.judging.drive_log import (
     DONE,
     SETTLED,
-    STRIP_FRAMES,
     WORST,
     DriveLog,
-    Tracer,
+    Ride,
+    Rides,
     Track,
+    Worst,
+    drives_beside,
+    end_of,
+    film_of,
     load_drives,
 )
 
+TILE_M = 0.585  # a lane ends 0.111 m from its middle
 
-def track(seed: int, end: str, deviation_m: float, strip: int = 1, steps: int = 30) -> Track:
+
+def track(seed: int, end: str, deviation_m: float, steps: int = 30) -> Track:
     poses = np.full((steps, 3), 1.0, np.float32)
     poses[:, 0] = np.linspace(0.5, 1.5, steps)
     offset_m = np.zeros(steps, np.float32)
     offset_m[-1] = -deviation_m
-    return Track(seed, 0, end, poses, offset_m, np.full((strip, 12, 16, 3), seed % 256, np.uint8))
+    return Track(seed, 0, end, poses, offset_m)
 
 
-@given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.2)), min_size=1, max_size=40))
-def test_the_worst_keep_their_strips(drives: list[tuple[bool, float]]) -> None:
-    log = DriveLog()
-    for seed, (success, deviation_m) in enumerate(drives):
-        log.add(track(seed, DONE if success else "collided", deviation_m))
-    everyone = sorted((t.badness for t in log.tracks), reverse=True)
-    assert len(log.tracks) == len(drives)
-    assert [t.badness for t in log.worst] == everyone[:WORST]
+def ridden(one: Track) -> Ride:
+    ride = Ride(one.map_index)
+    for k, (pose, offset_m) in enumerate(zip(one.poses, one.offset_m.tolist(), strict=True)):
+        ride.add(pose, offset_m, np.full((12, 16, 3), k, np.uint8))
+    return ride
+
+
+def saved(tracks: list[Track], folder: Path) -> Path:
+    log, evaluation = DriveLog([TILE_M]), folder / "evaluation.json"
+    for one in tracks:
+        log.end(one.seed, one.end, ridden(one))
+    log.save(evaluation)
+    return evaluation
+
+
+@given(st.lists(st.integers(-9, 9), min_size=1, max_size=40, unique=True))
+def test_the_worst_are_kept_with_what_was_seen(badness: list[int]) -> None:
+    worst = Worst()
+    for k in badness:
+        worst.add((k > 0, k), f"episode {k}", [np.full((1, 1, 3), k + 9, np.uint8)])
+    kept = [(of[1], what, int(film[0][0, 0, 0]) - 9) for of, what, film in worst.kept]
+    assert kept == [(k, f"episode {k}", k) for k in sorted(badness, reverse=True)[:WORST]]
 
 
 def test_how_a_robot_was_put_down_is_no_deviation() -> None:
@@ -47,27 +69,30 @@ def test_how_a_robot_was_put_down_is_no_deviation() -> None:
     assert start.deviation_m == pytest.approx(0.01)
     short = track(0, "collided", 0.04, steps=3)
     assert short.deviation_m == pytest.approx(0.04)
+    assert short.badness > start.badness
 
 
-def test_drives_come_back_from_their_file(tmp_path: Path) -> None:
-    tracks = [track(k, DONE if k % 2 else "left its path", 0.01 * k, 1 + k % 8) for k in range(13)]
-    log = DriveLog()
-    for one in tracks:
-        log.add(one)
-    log.save(tmp_path / "drives.npz")
-    back = load_drives(tmp_path / "drives.npz")
-    for before, after in zip(log.tracks, back.tracks, strict=True):
-        assert (before.seed, before.end, before.map_index) == (
-            after.seed,
-            after.end,
-            after.map_index,
-        )
+def test_drives_come_back_from_their_file_and_what_went_wrong_is_filmed(tmp_path: Path) -> None:
+    ends = [(DONE, 0.01), ("left its path", 0.05), (DONE, 0.12), ("collided", 0.0), (DONE, 0.1)]
+    tracks = [track(k, end, off_m) for k, (end, off_m) in enumerate(ends)]
+    evaluation = saved(tracks[::-1], tmp_path)
+    back = load_drives(drives_beside(evaluation))
+    for before, after in zip(tracks, back, strict=True):
+        assert before[:3] == after[:3]
         np.testing.assert_array_equal(before.poses, after.poses)
         np.testing.assert_array_equal(before.offset_m, after.offset_m)
-    assert [t.seed for t in back.worst] == [t.seed for t in log.worst]
-    for before, after in zip(log.worst, back.worst, strict=True):
-        np.testing.assert_array_equal(before.strip, after.strip)
-    assert os.listdir(tmp_path) == ["drives.npz"]
+    films = [film_of(evaluation, k).name for k in (1, 2, 3)]
+    assert sorted(os.listdir(tmp_path)) == ["evaluation.npz", *films]
+    saved(tracks[:1], tmp_path)
+    assert os.listdir(tmp_path) == ["evaluation.npz"], "without the films of before"
+
+
+def test_a_film_ends_with_a_failure_or_where_a_robot_was_farthest_off() -> None:
+    offsets = np.zeros(140, np.float32)
+    offsets[3], offsets[33] = 0.5, -0.1  # the first while it still settles
+    ride = ridden(track(5, DONE, 0.0, 140)._replace(offset_m=offsets))
+    assert [int(frame[0, 0, 0]) for frame in ride.farthest] == list(range(34))
+    assert [int(frame[0, 0, 0]) for frame in ride.frames] == list(range(40, 140))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nothing"])
@@ -77,34 +102,50 @@ def test_what_is_no_file_of_drives_is_refused(tmp_path: Path, content: bytes) ->
         load_drives(tmp_path / "a.npz")
 
 
+@pytest.mark.parametrize(
+    ("happened", "end"),
+    [
+        ({"success": True}, DONE),
+        ({"collided": True, "terminated": True}, "collided"),
+        ({}, "out of time"),
+        ({"terminated": True, "turned_rad": -1.8}, "turned away"),
+        ({"terminated": True, "turned_rad": 1.7}, "left its path"),
+    ],
+)
+def test_why_an_episode_ended(happened: dict[str, Any], end: str) -> None:
+    asked = {"success": False, "collided": False, "terminated": False, "turned_rad": 0.0}
+    found = {name: np.array([value]) for name, value in (asked | happened).items()}
+    step: Any = SimpleNamespace(
+        task=SimpleNamespace(success=found["success"], terminated=found["terminated"]),
+        course=SimpleNamespace(heading_error_rad=found["turned_rad"]),
+        collided=found["collided"],
+    )
+    assert end_of(step, 0) == end
+
+
 def test_tracks_are_where_the_robots_were() -> None:
     """Robots that spin on the spot: each ends, and its track is that of the world's own poses."""
     robots, asked = 2, [10, 11, 21]
     task = find_task("lane").build([load_map("loop")], robots)
     world = BatchWorld(task, [NOMINAL], seed=3, numbers=asked)
-    log = DriveLog()
-    tracer = Tracer(world, log)
+    rides, ended = Rides(world), set()
     observation, seen = world.reset(), [[] for _ in range(robots)]
-    expected: dict[int, np.ndarray] = {}
-    frames: dict[int, np.ndarray] = {}
+    pictures: list[list[np.ndarray]] = [[] for _ in range(robots)]
     while world.active.any():
-        for robot in range(robots):
+        for robot in np.flatnonzero(world.active).tolist():
             seen[robot].append(world.poses[robot])
-        tracer.see(observation)
+            pictures[robot].append(observation.image[robot, ..., -3:].copy())
+        rides.see(observation)
         numbers = world.numbers
         step = world.step(np.zeros(robots, dtype=int))
-        tracer.end(step, numbers)
-        for k, robot in enumerate(step.finished.robots.tolist()):
-            seed = int(numbers[robot])
-            expected[seed] = np.array([*seen[robot], step.poses[robot]])
-            frames[seed] = step.finished.observation.image[k]
-            seen[robot] = []
+        for robot in step.finished.robots.tolist():
+            ended.add(int(numbers[robot]))
+            ride = rides.end(step, robot)
+            np.testing.assert_array_equal(ride.poses, [*seen[robot], step.poses[robot]])
+            assert len(ride.offset_m) == len(ride.poses)
+            np.testing.assert_array_equal(np.stack([*ride.frames]), pictures[robot][-100:])
+            assert end_of(step, robot) != DONE
+            seen[robot], pictures[robot] = [], []
         observation = step.observation
     world.close()
-    assert [t.seed for t in log.tracks] == [10, 11, 21]
-    for one in log.tracks:
-        np.testing.assert_allclose(one.poses, expected[one.seed], atol=1e-5)
-        assert len(one.offset_m) == len(one.poses)
-        assert not one.success
-        assert 1 <= len(one.strip) <= STRIP_FRAMES
-        np.testing.assert_array_equal(one.strip[-1], frames[one.seed])
+    assert ended == set(asked)

@@ -20,7 +20,7 @@ from sim_pybullet.batch import Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from trainer.judging import evaluate
 from trainer.judging import judge as module
-from trainer.judging.drive_log import DriveLog, Track, drives_beside
+from trainer.judging.drive_log import drives_beside
 from trainer.judging.evaluate import Drive, Evaluation, OnMap, _choose, _own_speeds
 from trainer.judging.judge import KeptDrives, _tell, answers
 from trainer.options import EvaluateOptions
@@ -226,27 +226,6 @@ def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
     assert [robots for robots, _ in made] == [20, 3]
     assert {told["seed"] for _, told in made} == {1_000_000_007}
     assert [drive.lane for drive in heard[:2]] == ["outer", "inner"], "8 and 7 take turns"
-
-
-def test_a_log_keeps_the_strips_of_the_ten_worst() -> None:
-    log = DriveLog()
-    for seed in range(15):
-        offsets = np.full(30, 0.01 * seed, np.float32)
-        strip = np.zeros((2, 1, 1, 3), np.uint8)
-        log.add(Track(seed, 0, "done", np.zeros((30, 3), np.float32), offsets, strip))
-    assert [track.seed for track in log.worst] == list(range(14, 4, -1))
-    assert drives_beside(Path("a/e.json")) == Path("a/e.npz")
-
-
-def test_the_worst_row_is_after_the_first_twenty() -> None:
-    offsets = np.zeros(40, np.float32)
-    offsets[19], offsets[20], offsets[31] = 0.9, -0.2, 0.3
-    track = Track(0, 0, "done", np.zeros((40, 3)), offsets, np.zeros((0, 1, 1, 3), np.uint8))
-    assert (track.worst, track.deviation_m) == (31, pytest.approx(0.3))
-    assert track.badness == (False, pytest.approx(0.3))
-    short = replace(track, offset_m=offsets[19:21], end="collided")
-    assert (short.worst, short.badness) == (1, (True, pytest.approx(0.2)))
-    assert module.INTERRUPTED == 130
 
 
 @pytest.mark.parametrize(("tracks", "name"), [(False, "model.onnx"), (True, "e.json"), (False, "")])

@@ -11,16 +11,16 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
-from tests.trainer.judging.test_drive_log import track
+from tests.trainer.judging.test_drive_log import saved, track
 from tests.trainer.test_run import episode
 from trainer.cli import main
-from trainer.judging.drive_log import DONE, DriveLog
+from trainer.judging.drive_log import DONE, film_of
 from trainer.judging.evaluate import Evaluation
 from trainer.options import EvaluateOptions
 from trainer.presets import preset
+from trainer.report import runs as module
 from trainer.report.page import write_report
-from trainer.report.runs import Run, find_runs, read_runs
-from trainer.report.tables import DrivingRow, driving_row, learning_row
+from trainer.report.runs import find_runs, read_runs
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState
 
@@ -66,20 +66,20 @@ def test_what_is_missing_is_said_with_its_command(tmp_path: Path) -> None:
 def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) -> None:
     folder = make_run(tmp_path / "a", "dueling", task="navigation")
     path = judge(folder, failures=(8,))
-    log = DriveLog([track(7, DONE, 0.01, strip=3), track(8, "collided", 0.2, strip=8)])
-    log.save(path.with_suffix(".npz"))
+    saved([track(7, DONE, 0.01), track(8, "collided", 0.2)], folder.path)
     folder.film.write_bytes(b"a film")
     (tmp_path / "drive.mp4").write_bytes(b"another")
     out = tmp_path / "out"
     page = page_of([tmp_path], out)
     inside = {base64.b64decode(data) for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", page)}
     beside = {file.name: file.read_bytes() for file in out.glob("*.png")}
-    assert set(beside) == {"curves_navigation.png", "drives_1.png", "worst_1.png"}
-    assert inside == {*beside.values(), b"a film", b"another"}
+    assert set(beside) == {"curves_navigation.png", "drives_1.png"}
+    worst = film_of(path, 8).read_bytes()
+    assert inside == {*beside.values(), b"a film", b"another", worst}
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "96.4 % of 1000" in page
     assert "95.0 % (19 of 20" in page
-    assert "1 of 20 episodes failed" in page
+    assert "episode 8 on arena: collided after 2.9 s, at most 20.0 cm from its path" in page
     assert "The latest evaluation of a" in page
     assert sections(page)[0] == "films"
 
@@ -88,12 +88,13 @@ def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) 
 def test_episodes_are_shown_that_failed_or_left_their_lane(
     tmp_path: Path, farthest_m: float, shown: bool
 ) -> None:
-    path = judge(make_run(tmp_path / "a"))  # on arena: the lane ends 0.111 m from its middle
-    log = DriveLog([track(k, DONE, d, strip=2) for k, d in enumerate((0.01, farthest_m))])
-    log.save(path.with_suffix(".npz"))
+    folder = make_run(tmp_path / "a")
+    judge(folder)  # on arena: the lane ends 0.111 m from its middle
+    saved([track(k, DONE, far_m) for k, far_m in enumerate((0.01, farthest_m))], folder.path)
     page = page_of([tmp_path], tmp_path / "out")
     assert ("worst" in sections(page)) == shown
-    assert ("others shown left their lane" in page) == shown
+    assert ("up to where it was farthest from its path" in page) == shown
+    assert "films" not in sections(page)
 
 
 def sections(page: str) -> list[str]:
@@ -125,7 +126,8 @@ def test_an_ablation_has_its_row_but_nothing_of_the_papers(tmp_path: Path) -> No
     folder = make_run(tmp_path / "a", "dueling", task="navigation")
     judge(folder)
     judge(folder, failures=(8, 9), zero="image")
-    rows = {row.judgement.result.inputs.zero: row for row in driving(tmp_path)}
+    (run,) = read_runs([tmp_path], [])
+    rows = {row.result.inputs.zero: row for row in run.judgements}
     assert rows[None].paper.driving == "96.4 % of 1000"
     assert rows["image"].paper.driving == "–"
     assert rows["image"].where == "arena · nominal · true pose · image zeroed"
@@ -137,27 +139,33 @@ def test_each_run_has_a_row_by_algorithm_and_seed(tmp_path: Path) -> None:
     make_run(tmp_path / "z", "ddqn")
     found = [(run.config.algorithm, run.config.seed) for run in read_runs([tmp_path], [])]
     assert found == [("ddqn", 0), ("ppo", 0), ("ppo", 1)]
-    shares = [(row.name[-6:], row.share) for row in driving(tmp_path)]
+    shares = re.findall(
+        r"(seed \d)</td><td>loop.*?ours\">([\d.]+ %)", page_of([tmp_path], tmp_path)
+    )
     assert shares == [("seed 0", "100.0 %"), ("seed 1", "80.0 %")]
 
 
 @pytest.mark.parametrize(
     ("shares", "told"),
     [
-        ((0.5, 1.0, 0.0), ("200", "20", "–", "300", "100 %")),
-        ((0.9,), ("–", "–", "–", "300", "90 %")),
-        ((), ("–", "–", "–", "300", "–")),
+        ((0.5, 1.0, 0.0), ["200", "20", "–", "624", "100 %"]),
+        ((0.9,), ["–", "–", "–", "624", "90 %"]),
+        ((), ["–", "–", "–", "624", "–"]),
     ],
 )
 def test_learned_is_the_first_good_evaluation(
-    tmp_path: Path, shares: tuple[float, ...], told: tuple[str, ...]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...], told: list[str]
 ) -> None:
     evaluations = [
         Evaluated(100 * (k + 1), 10.0 * (k + 1), share, 1.0, 1.0) for k, share in enumerate(shares)
     ]
-    config, state = preset("lane", "ppo", "debug"), TrainState(evaluations=evaluations)
-    run = Run(RunFolder(tmp_path), config, state, (episode(300),), ())
-    assert learning_row(run)[2:] == told
+    folder = make_run(tmp_path / "a")
+    folder.checkpoint.touch()
+    monkeypatch.setattr(module, "read_state", lambda _: TrainState(evaluations=evaluations))
+    page = page_of([tmp_path], tmp_path / "out")
+    row = re.search(r"<tbody><tr>(.*?)</tr>", page)
+    assert row is not None
+    assert re.findall(r"<td.*?>(.*?)</td>", row[1])[-5:] == told
 
 
 def test_a_broken_evaluation_is_told_and_the_rest_still_shown(tmp_path: Path) -> None:
@@ -182,10 +190,3 @@ def test_a_folder_without_runs_is_refused(
     assert main(["report", str(tmp_path / "none")]) == 2
     assert main(["report"]) == 2
     assert capsys.readouterr().err.count("\n") == 2
-
-
-def driving(path: Path) -> list[DrivingRow]:
-    problems: list[str] = []
-    runs = read_runs([path], problems)
-    assert not problems
-    return [driving_row(run, judgement) for run in runs for judgement in run.judgements]
