@@ -190,10 +190,7 @@ class PolicyContract:
 
     @classmethod
     def from_json(cls, text: str) -> PolicyContract:
-        """Read what ``to_json`` wrote.
-
-        ContractError: not our JSON, or of another schema version.
-        """
+        """Read what ``to_json`` wrote; ContractError for other JSON, or another version's."""
         try:
             plain = json.loads(text)
         except json.JSONDecodeError as error:

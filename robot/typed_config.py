@@ -55,10 +55,7 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
 
 
 def load_yaml(kind: Type[T], path: Union[str, Path]) -> T:
-    """Read one dataclass from a YAML file.
-
-    ConfigError: the file is absent, is not YAML, or does not fit ``kind``.
-    """
+    """One dataclass from a YAML file; ConfigError: it is absent, not YAML, or does not fit."""
     return from_plain(kind, read_yaml(path), where=str(path))
 
 

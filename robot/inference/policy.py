@@ -74,12 +74,9 @@ class OnnxPolicy:
     def values(self, images: np.ndarray, path: Optional[np.ndarray] = None) -> np.ndarray:
         """What each action is worth: (N, actions) float32; the best is the greatest.
 
-        Args:
-            images: (N, H, W, 3 frames) uint8 RGB, as ``preprocess`` makes each for
-                ``contract.image``.
-            path: (N, path_points) float32 in [-1, 1] for a navigating policy, else None.
-
-        ContractError: a wrong shape or kind, or the network answered NaN or infinity.
+        ``images`` are (N, H, W, 3 frames) uint8 RGB, each of ``preprocess``, ``path`` (N,
+        path_points) float32 in [-1, 1] for a navigating policy, else None. ContractError: a wrong
+        shape or kind, or the network answered NaN or infinity.
         """
         pictures = expect_pictures(images, self.contract.picture_shape, self.path.name)
         feeds = {"image": pictures, **self._checked_path(len(images), path)}

@@ -67,9 +67,8 @@ class FusionConfig:
 class PoseFusion:
     """The filter of ``count`` robots. Times come from the caller's one clock.
 
-    Attributes:
-        poses: (N, 3) estimate in the world; NaN until the first overhead pose.
-        rejected: (N,) overhead poses in a row that were too far off to believe.
+    ``poses`` (N, 3) are estimates in the world, NaN until the first overhead pose; ``rejected``
+    (N,) overhead poses in a row were too far off to believe.
     """
 
     def __init__(self, count: int = 1, config: FusionConfig = FusionConfig()) -> None:
@@ -79,8 +78,11 @@ class PoseFusion:
         self._states = SEEN.stop if config.sight else SEEN.start
         wheels = (config.forward_scale, config.turn_scale, config.drift_rad_per_m)
         overhead = (config.position_m, config.position_m, config.heading_rad)
-        self._wheel_variance, self._overhead_variance = np.square(wheels), np.square(overhead)
+        self._overhead_variance = np.square(overhead)
         self._seen_variance = np.square((config.seen_offset_m, config.seen_heading_rad))
+        # Of a robot whose place is known, and its wheels and sight not yet.
+        known = np.concatenate((np.zeros(3), np.square(wheels), np.zeros(3), self._seen_variance))
+        self._first = np.diag(known[: self._states])
         # Estimate of calibration, overhead error and that of sight.
         self._beside = np.zeros((count, self._states - 3))
         self._covariance = np.zeros((count, self._states, self._states))
@@ -96,10 +98,7 @@ class PoseFusion:
         self.rejected[robots] = 0
         self._measured_s[robots] = -math.inf
         self._beside[robots] = 0.0
-        self._covariance[robots] = 0.0
-        if self.config.sight:
-            self._covariance[robots, SEEN, SEEN] = np.diag(self._seen_variance)
-        self.relearn(robots)
+        self._covariance[robots] = self._first
 
     def put(self, robots: np.ndarray, poses: np.ndarray, deviations: Tuple[float, ...]) -> None:
         """Let robots (M,) be at poses (M, 3), by a word with these standard deviations (3,)."""
@@ -116,8 +115,8 @@ class PoseFusion:
     def relearn(self, robots: np.ndarray) -> None:
         """Forget how these robots (boolean mask or indices) drive, not where they are."""
         covariance = self._covariance[robots]
-        covariance[:, _CALIBRATION, :] = covariance[:, :, _CALIBRATION] = 0.0
-        covariance[:, _CALIBRATION, _CALIBRATION] = np.diag(self._wheel_variance)
+        covariance[:, _CALIBRATION, :] = self._first[_CALIBRATION]
+        covariance[:, :, _CALIBRATION] = self._first[:, _CALIBRATION]
         self._covariance[robots] = covariance
         self._beside[robots, :3] = 0.0
 
@@ -186,8 +185,13 @@ class PoseFusion:
         covariance *= 0.5
         self._bound(past, beside, covariance)
         taken = lost | (fresh & known & (distance < self.config.gate))
-        past[lost] = measured[lost]
-        self._begin(beside, covariance, lost)
+        # Who was lost is where it was measured, with that error. What it learned of its wheels led
+        # it astray, or to nothing: it begins anew, too.
+        error = np.diag(self._overhead_variance)
+        begun = self._first.copy()
+        begun[_POSE, _POSE], begun[_ERROR, _ERROR] = error * (1.0 + self.config.jitter**2), error
+        begun[_POSE, _ERROR] = begun[_ERROR, _POSE] = -error
+        past[lost], beside[lost], covariance[lost] = measured[lost], 0.0, begun
         self._take(taken, past, since, beside, covariance)
         self._measured_s[taken] = captured_s[taken]
         self.rejected = np.where(taken, 0, self.rejected + fresh)
@@ -296,21 +300,6 @@ class PoseFusion:
             past -= share[:, _POSE] * excess[:, None]
             beside -= share[:, 3:] * excess[:, None]
         beside[:, :3] = np.clip(beside[:, :3], -np.array(bounds), bounds)
-
-    def _begin(self, beside: np.ndarray, covariance: np.ndarray, lost: np.ndarray) -> None:
-        """Let lost robots be where they were measured: their error is that of the measurement.
-
-        What they learned of their wheels led them astray, or to nothing: it begins anew, too.
-        """
-        error = np.diag(self._overhead_variance)
-        first = np.zeros(covariance.shape[1:])
-        first[_CALIBRATION, _CALIBRATION] = np.diag(self._wheel_variance)
-        first[_POSE, _POSE] = error * (1.0 + self.config.jitter**2)
-        first[_ERROR, _ERROR] = error
-        first[_POSE, _ERROR] = first[_ERROR, _POSE] = -error
-        if self.config.sight:
-            first[SEEN, SEEN] = np.diag(self._seen_variance)
-        beside[lost], covariance[lost] = 0.0, first
 
 
 def _update(

@@ -20,16 +20,10 @@ _AHEAD_M = FIRST_POINT_M + POINT_SPACING_M * np.arange(PATH_POINTS)
 
 
 def path_inputs(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:
-    """The path inputs of N robots.
+    """(N, PATH_POINTS) float32 in [-1, 1], nearest point first; positive is to the left.
 
-    Args:
-        paths: the path of every robot.
-        poses: (N, 3) x [m], y [m], heading [rad] in the world.
-        arc_m: (N,) where each robot is on its path: ``arc_m`` of `PathBatch.project`.
-
-    Returns:
-        (N, PATH_POINTS) float32 in [-1, 1], nearest point first; positive is to the left. Beyond
-        the end of an open path the points go on straight.
+    Of N robots at poses (N, 3), who are on their paths at ``arc_m`` (N,) of `PathBatch.project`.
+    Beyond the end of an open path the points go on straight.
     """
     poses = np.asarray(poses, dtype=float)
     delta = paths.points_at(np.asarray(arc_m)[:, None] + _AHEAD_M) - poses[:, None, :2]

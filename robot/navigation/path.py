@@ -78,11 +78,7 @@ class Path:
         return cls(points, headings, arc_m, closed, length_m)
 
     def project(self, x_m: float, y_m: float, hint: Optional[int] = None) -> PathPosition:
-        """The nearest point of the path to a position in the world.
-
-        ``hint`` is the ``index`` of the last call: the search then follows the path from there, in
-        time that does not depend on its length. Without it the whole path is searched.
-        """
+        """The nearest point to a position in the world; ``hint`` as of `PathBatch.project`."""
         hints = np.array([NO_HINT if hint is None else hint])
         found = self.batch.project(np.array([[x_m, y_m]]), hints)
         return PathPosition(*(column.item() for column in found))
@@ -114,10 +110,8 @@ class Path:
 class PathBatch:
     """N robots on one shared path, or each on a path of its own, padded to the longest.
 
-    Args:
-        paths: P paths.
-        path_of: (N,) the path of every robot. Without it robot i is on path i, and where there is
-            only one path all robots are on it.
+    ``path_of`` (N,) is the path of every robot. Without it robot i is on path i, and where there is
+    only one path all robots are on it.
     """
 
     def __init__(self, paths: Sequence[Path], path_of: Optional[np.ndarray] = None) -> None:
@@ -148,13 +142,11 @@ class PathBatch:
         return self._counts * self._steps_m
 
     def project(self, xy_m: np.ndarray, hint: Optional[np.ndarray] = None) -> PathPosition:
-        """The nearest point of each robot's path to its position.
+        """The nearest point of each robot's path to its position (N, 2) in the world.
 
-        Args:
-            xy_m: (N, 2) positions in the world.
-            hint: (N,) ``index`` of the last call, `NO_HINT` where there is none. With a hint the
-                search follows the path from there, so that a crossing path does not distract it;
-                its time does not depend on the path's length.
+        ``hint`` (N,) is the ``index`` of the last call, `NO_HINT` where there is none. With a hint
+        the search follows the path from there, so that a crossing path does not distract it; its
+        time does not depend on the path's length.
         """
         xy_m = np.asarray(xy_m, dtype=float)
         paths = self._paths(len(xy_m))

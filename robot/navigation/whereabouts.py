@@ -48,9 +48,7 @@ class Place(NamedTuple):
 class Whereabouts:
     """Looks for a robot's place on one map.
 
-    Attributes:
-        places: how many places fit what was seen.
-        junctions: how many the likeliest hypothesis has crossed.
+    ``places`` fit what was seen; ``junctions`` has the likeliest hypothesis crossed.
     """
 
     def __init__(self, road_map: RoadMap, view: LaneView) -> None:

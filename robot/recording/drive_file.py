@@ -160,14 +160,10 @@ def arithmetic() -> Dict[str, str]:
 
 
 class DriveLog:
-    """Writes each turn into a file.
+    """Writes each turn into an open file; OSError from every method, as of `DriveFile`.
 
-    Args:
-        file: an open one.
-        wall_s: what to add to the robot's clock to get the time since 1970 [s].
-        models: files by their names in the recording, which replay the drive.
-
-    OSError: from every method, when the disk does not take it.
+    ``wall_s`` added to the robot's clock is the time since 1970 [s]; ``models`` are the files that
+    replay the drive, by their names in the recording.
     """
 
     def __init__(self, file: DriveFile, wall_s: float, models: Mapping[str, Path]) -> None:

@@ -68,10 +68,7 @@ class Recorder(Worker):
         self._written_mb = self._flushed_s = 0.0  # of the newest drive
 
     def on_tick(self, tick: Tick) -> None:
-        """Hand over this turn; returns at once.
-
-        HardwareError: the thread has died, which no disk can bring about.
-        """
+        """Hand over this turn, at once; HardwareError where the thread died, not by any disk."""
         self.check()
         now_s, resting = tick.time_s, tick.time_s > self._until_s
         if tick.verdict.state in ARMED:

@@ -18,10 +18,7 @@ START_WITHIN_M = 0.15  # a robot's length: as well as a person puts it down
 
 
 class RemoteOperator:
-    """Serves the commands of the link; keeps ``robot.parts.Operator``.
-
-    A robot that keeps its lane has no navigator.
-    """
+    """The link's commands, as an ``Operator``; a robot that keeps its lane has no navigator."""
 
     def __init__(self, server: CommandServer, navigator: Optional[MissionNavigator]) -> None:
         self._server = server
