@@ -36,9 +36,9 @@ class Lens:
     distortion: Tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.model not in MODELS:
+        valid = {"pinhole": (0,), "plumb_bob": (4, 5), "fisheye": (4,)}.get(self.model)
+        if valid is None:
             raise ConfigError(f"lens model: unknown {self.model!r}; {nearest(self.model, MODELS)}")
-        valid = {"pinhole": (0,), "plumb_bob": (4, 5), "fisheye": (4,)}[self.model]
         if len(self.distortion) not in valid:
             raise ConfigError(
                 f"{self.model} lens: expected {valid} coefficients, got {len(self.distortion)}"
@@ -104,30 +104,24 @@ class Lens:
         points = np.asarray(points, dtype=np.float64)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         if self.model == "fisheye":
-            plane = self._distort_fisheye(x, y, z)
+            radius = np.hypot(x, y)
+            theta = np.arctan2(radius, z)
+            k1, k2, k3, k4 = self.distortion
+            t2 = theta * theta
+            theta_d = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+            scale = theta_d / np.where(radius > 1e-12, radius, 1.0)
+            plane = np.stack((x * scale, y * scale), axis=-1)
         else:
-            front = z > 1e-9
-            depth = np.where(front, z, np.nan)
-            plane = self._distort_plumb_bob(x / depth, y / depth)
+            depth = np.where(z > 1e-9, z, np.nan)
+            x, y = x / depth, y / depth
+            k1, k2, p1, p2, k3 = (*self.distortion, *([0.0] * 5))[:5]
+            r2 = x * x + y * y
+            r2 = np.where(r2 <= _fold_radius(self.distortion) ** 2, r2, np.nan)
+            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+            dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+            plane = np.stack((x * radial + dx, y * radial + dy), axis=-1)
         return plane * (self.fx_px, self.fy_px) + (self.cx_px, self.cy_px)
-
-    def _distort_fisheye(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        radius = np.hypot(x, y)
-        theta = np.arctan2(radius, z)
-        k = self.distortion
-        t2 = theta * theta
-        theta_d = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
-        scale = theta_d / np.where(radius > 1e-12, radius, 1.0)
-        return np.stack((x * scale, y * scale), axis=-1)
-
-    def _distort_plumb_bob(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        k1, k2, p1, p2, k3 = (*self.distortion, *([0.0] * 5))[:5]
-        r2 = x * x + y * y
-        r2 = np.where(r2 <= _fold_radius(self.distortion) ** 2, r2, np.nan)
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        return np.stack((x * radial + dx, y * radial + dy), axis=-1)
 
 
 @lru_cache(maxsize=None)

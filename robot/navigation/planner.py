@@ -42,12 +42,9 @@ class Route:
 class LaneGraph:
     """The lanes of a road map as a directed graph; MapError where it has no road.
 
-    Attributes:
-        lanes: as in ``road_map.lanes``.
-        closed: lanes, by index, in which something stands that the map names.
-        lane_nodes: for every lane the nodes where it begins and ends.
-        edges: for every node the lanes that leave it: (node at the end, lane).
-        node_poses: (nodes, 3) x [m], y [m], heading [rad].
+    ``lanes`` are those of the map, ``closed`` those, by index, in which something stands that the
+    map names; ``lane_nodes`` the nodes where each begins and ends. ``edges`` are the lanes that
+    leave each node, (node at the end, lane), ``node_poses`` (nodes, 3) x [m], y [m], heading [rad].
     """
 
     def __init__(self, road_map: RoadMap) -> None:

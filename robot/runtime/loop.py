@@ -46,19 +46,11 @@ logger = logging.getLogger(__name__)
 class Runtime:
     """Puts the parts together; ``step`` is one turn, ``run`` keeps turning on time.
 
-    ``watch`` may be called by one other thread; everything else belongs to one thread.
-
-    Args:
-        camera: gives the newest frame.
-        policy: decides among the actions of the contract.
-        motors: in a ``with`` block of the caller's.
-        safety: boots DISARMED.
-        clock: monotonic; the one that ``safety`` and the camera use.
-        subscribers: told of every turn, in this order.
-        operators: where people's requests come from, each of which counts; ``ask`` is another way.
-        navigator: needed by a policy with a path input; ContractError without.
-        eyes: doubt the pictures; without them nothing does.
-        rules: of the road, for a robot that drives by itself.
+    ``watch`` may be called by one other thread; everything else belongs to one thread, which has
+    the motors in its ``with`` block. Camera, safety and this go by one monotonic clock. Subscribers
+    are told of every turn in this order; of the operators each counts, and ``ask`` is another way.
+    A policy with a path input needs a navigator, ContractError without. Eyes doubt the pictures;
+    the rules of the road are for a robot that drives by itself.
     """
 
     def __init__(
