@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import math
 import os
 import sys
@@ -24,13 +25,7 @@ _EXTRAS = {
     "": "numpy cv2 onnxruntime yaml smbus2 zmq mcap zstandard",
 }
 _EXTRA_OF = {module: extra for extra, modules in _EXTRAS.items() for module in modules.split()}
-_WRONG_PATH = (
-    FileNotFoundError,
-    FileExistsError,
-    NotADirectoryError,
-    IsADirectoryError,
-    PermissionError,
-)
+_WRONG_PATH = (errno.ENOENT, errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
 
 
 def answer(program: str, work: Callable[[], Optional[int]]) -> int:
@@ -41,11 +36,10 @@ def answer(program: str, work: Callable[[], Optional[int]]) -> int:
     """
     try:
         return int(work() or 0)
-    except (DuckpilotError, HardwareError, OSError, ImportError, KeyboardInterrupt) as error:
-        told = _told(error)
-        if told is None:
+    except (Exception, KeyboardInterrupt) as error:
+        line, status = _told(error)
+        if line is None:
             raise
-        line, status = told
         if line:
             print(f"{program}: {one_line(line)}", file=sys.stderr)
         return status
@@ -72,18 +66,18 @@ def tell_of_imports(package: str) -> None:
     program = words[words.index("-m") + 1] if "-m" in words[:-1] else package
 
     def told(kind: Any, error: BaseException, trace: Any) -> None:
-        found = _told(error)
-        if found is None:
+        line, status = _told(error)
+        if line is None:
             sys.__excepthook__(kind, error, trace)
             return
-        print(f"{program}: {one_line(found[0])}", file=sys.stderr)
-        raise SystemExit(found[1])
+        print(f"{program}: {one_line(line)}", file=sys.stderr)
+        raise SystemExit(status)
 
     sys.excepthook = told
 
 
-def _told(error: BaseException) -> Optional[Tuple[str, int]]:
-    """The line and the exit status of what a person can mend; None for anything else."""
+def _told(error: BaseException) -> Tuple[Optional[str], int]:
+    """The line and the exit status of what a person can mend; no line for anything else."""
     if isinstance(error, KeyboardInterrupt):
         return "stopped by Ctrl-C", INTERRUPTED
     if isinstance(error, DuckpilotError):
@@ -96,18 +90,12 @@ def _told(error: BaseException) -> Optional[Tuple[str, int]]:
     if isinstance(error, OSError):  # a path that cannot be written is wrong input, a full disk not
         what = error.strerror or str(error)
         line = what if error.filename is None else f"{error.filename}: {what}"
-        return line, WRONG if isinstance(error, _WRONG_PATH) else FAILED
-    if isinstance(error, ModuleNotFoundError):
-        return _missing(str(error.name))
-    return None
-
-
-def _missing(module: str) -> Optional[Tuple[str, int]]:
-    extra = _EXTRA_OF.get(module.split(".")[0])
-    if extra is None:
-        return None
+        return line, WRONG if error.errno in _WRONG_PATH else FAILED
+    extra = _EXTRA_OF.get(str(getattr(error, "name", "")).split(".")[0])
+    if not isinstance(error, ModuleNotFoundError) or extra is None:
+        return None, FAILED
     package = f"'duckpilot[{extra}]'" if extra else "duckpilot"
-    return f"expected the package {module}, found none; pip install {package} brings it", WRONG
+    return f"expected the package {error.name}, found none; pip install {package} brings it", WRONG
 
 
 class OneLineParser(argparse.ArgumentParser):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import List, Optional, Tuple
 
@@ -53,13 +54,10 @@ SETTLING = 15  # pictures until exposure and white balance have settled
 
 def take_picture(camera: CameraConfig) -> np.ndarray:
     """(480, 640, 3) uint8 RGB of now. HardwareError: the camera does not work."""
-    stream = open_stream(camera, SIZE_PX)
-    try:
+    with closing(open_stream(camera, SIZE_PX)) as stream:
         for _ in range(SETTLING):
             stream.grab()
         return stream.grab()
-    finally:
-        stream.close()
 
 
 def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import closing
 from typing import Callable, NamedTuple, Optional, Protocol
 
 import numpy as np
@@ -121,8 +122,7 @@ class NewestFrame(Worker):
             self.restarts += not self._ending.is_set()
 
     def _play(self) -> None:
-        stream = self._open_stream()
-        try:
+        with closing(self._open_stream()) as stream:
             while not self._ending.is_set():
                 try:
                     image = _frame_of(stream.grab())
@@ -134,8 +134,6 @@ class NewestFrame(Worker):
                 # One assignment: the other thread sees the old frame or the new one.
                 self._frame = Frame(image, sequence, self._clock())
                 self.problem = ""
-        finally:
-            stream.close()
 
     def _complain(self, error: Exception) -> None:
         told = str(error) or type(error).__name__

@@ -40,7 +40,7 @@ def measure_footprint(model: Union[str, Path]) -> Footprint:
     return Footprint(**json.loads(done.stdout))
 
 
-def _import_everything() -> float:
+def _measure_here(model: str) -> Footprint:
     import importlib
     import pkgutil
     import time
@@ -51,24 +51,15 @@ def _import_everything() -> float:
     for module in pkgutil.walk_packages(robot.__path__, "robot."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    return time.perf_counter() - began_s
-
-
-def _peak_mb() -> float:
-    """Greatest resident memory [MB]. Not from getrusage: its peak is inherited from the parent."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    line = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
-    return int(line.split()[1]) / 1024.0
-
-
-def _measure_here(model: str) -> Footprint:
-    import_s = _import_everything()
+    import_s = time.perf_counter() - began_s
     from robot.runtime.dry_run import dry_runtime
 
     runtime = dry_runtime(Path(model))
     for _ in range(TURNS):
         runtime.step()
-    return Footprint(import_s, _peak_mb())
+    # Not from getrusage: its peak is inherited from the parent.
+    status = Path("/proc/self/status").read_text(encoding="ascii").split()
+    return Footprint(import_s, int(status[status.index("VmHWM:") + 1]) / 1024.0)
 
 
 if __name__ == "__main__":

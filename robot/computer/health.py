@@ -45,9 +45,8 @@ def _computer() -> Iterator[Reading]:
         yield Reading("temperature", round(hottest_c, 1), "°C", level)
     disk = shutil.disk_usage("/")
     free_percent = 100.0 * disk.free / disk.total
-    yield Reading(
-        "disk free", round(free_percent), "%", "ok" if free_percent > LOW_DISK_PERCENT else "warn"
-    )
+    level = "ok" if free_percent > LOW_DISK_PERCENT else "warn"
+    yield Reading("disk free", round(free_percent), "%", level)
     free_mb = memory_free_mb()
     if free_mb is not None:
         level = "ok" if free_mb > LOW_MEMORY_MB else "warn"
@@ -67,9 +66,7 @@ def temperatures_c(zones: Path = ZONES) -> Dict[str, float]:
 
 def memory_free_mb(source: Path = MEMORY) -> Optional[float]:
     """Memory that programs can still have [MB]; None where Linux does not tell."""
-    try:
-        lines = source.read_text(encoding="ascii").splitlines()
-    except OSError:
-        return None
-    words = next((line.split() for line in lines if line.startswith("MemAvailable:")), None)
-    return int(words[1]) / 1024.0 if words else None
+    with suppress(OSError, ValueError):  # ValueError: not in the list
+        words = source.read_text(encoding="ascii").split()
+        return int(words[words.index("MemAvailable:") + 1]) / 1024.0
+    return None

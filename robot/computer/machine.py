@@ -9,6 +9,8 @@ import shutil
 import socket
 import sys
 import time
+from contextlib import closing, suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
@@ -45,12 +47,9 @@ class Machine:
 
     def package(self, name: str) -> Optional[str]:
         """Version of an installed package; None without it."""
-        from importlib import metadata
-
-        try:
+        with suppress(metadata.PackageNotFoundError):
             return metadata.version(name)
-        except metadata.PackageNotFoundError:
-            return None
+        return None
 
     def buses(self) -> List[int]:
         """Numbers of the I2C buses."""
@@ -62,16 +61,13 @@ class Machine:
 
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
         """Look through a camera for a while; HardwareError when it ends before."""
-        stream = open_stream(camera, CAPTURE_PX)
-        try:
+        with closing(open_stream(camera, CAPTURE_PX)) as stream:
             picture, count, repeats = stream.grab(), 1, 0
             began_s = now_s = time.monotonic()
             while now_s < began_s + seconds:
                 last, picture = picture, stream.grab()
                 now_s, count = time.monotonic(), count + 1
                 repeats += np.array_equal(picture, last)
-        finally:
-            stream.close()
         size = (picture.shape[1], picture.shape[0])
         return CameraLook(count, now_s - began_s, size, repeats, float(picture.mean()))
 

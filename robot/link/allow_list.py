@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import Counter
 from typing import TYPE_CHECKING, Callable, Dict, List, Tuple
 
 from robot.link.keys import ADMITS, Keys
@@ -28,10 +27,7 @@ logger = logging.getLogger(__name__)
 
 
 class AllowList:
-    """Answers those who knock at this program's bound sockets; never blocks.
-
-    ``refused`` counts how often whom, by name.
-    """
+    """Answers those who knock at this program's bound sockets; never blocks."""
 
     def __init__(
         self,
@@ -40,11 +36,12 @@ class AllowList:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         import zmq
+        from zmq.utils import z85
 
-        self.refused: Counter[str] = Counter()
         self._clock, self._peers = clock, keys.peers
-        self._names = {peer.public: name for name, peer in keys.peers.items()}
-        self._names[keys.public] = keys.role
+        self._names = {z85.decode(peer.public): name for name, peer in keys.peers.items()}
+        self._names[z85.decode(keys.public)] = keys.role
+        self._refused = 0
         self._told_s: Dict[Tuple[str, str], float] = {}
         self._newest = ""
         self.socket = context.socket(zmq.REP)
@@ -70,8 +67,8 @@ class AllowList:
     def reading(self) -> Reading:
         """For the monitor: how many were turned away, and who was the last."""
         name = f"turned away: {self._newest}" if self._newest else "turned away"
-        count = sum(self.refused.values())
-        return Reading(tidy_text(name, SHOWN_BYTES), count, "", "warn" if count else "ok")
+        level = "warn" if self._refused else "ok"
+        return Reading(tidy_text(name, SHOWN_BYTES), self._refused, "", level)
 
     def close(self) -> None:
         """Let nobody in any more."""
@@ -82,20 +79,15 @@ class AllowList:
         request_id = request[1] if len(request) > 1 else b""
         name, stream = STRANGER, ""
         if len(request) == 7 and request[5] == b"CURVE":
-            name = self._name(request[6])
+            name = self._names.get(request[6], STRANGER)
             stream = request[2].decode("ascii", "replace")
             if stream in ADMITS and self.may(name, stream):
                 return [b"1.0", request_id, b"200", b"OK", name.encode(), b""]
         self._turn_away(name, stream, request[3] if len(request) > 3 else b"")
         return [b"1.0", request_id, b"400", b"not in the allow-list", b"", b""]
 
-    def _name(self, public: bytes) -> str:
-        from zmq.utils import z85
-
-        return self._names.get(z85.encode(public) if len(public) == 32 else b"", STRANGER)
-
     def _turn_away(self, name: str, stream: str, address: bytes) -> None:
-        self.refused[name] += 1
+        self._refused += 1
         self._newest = name
         now_s = self._clock()
         if now_s - self._told_s.get((name, stream), -TELL_EVERY_S) < TELL_EVERY_S:

@@ -85,10 +85,10 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
         for name, folder in folders.items():
             (folder / ALLOWED).mkdir(parents=True)
             folder.chmod(0o700)
-            _write(folder / SECRET, _line(name, pairs[name][1]), 0o600)
-            _write(folder / PUBLIC, _line(name, pairs[name][0]), 0o644)
+            _write(folder / SECRET, name, pairs[name][1], 0o600)
+            _write(folder / PUBLIC, name, pairs[name][0])
             for peer in set(machines) - {name}:
-                _write(folder / ALLOWED / f"{peer}.key", _line(peer, pairs[peer][0]), 0o644)
+                _write(folder / ALLOWED / f"{peer}.key", peer, pairs[peer][0])
     except OSError as error:
         raise ConfigError(
             f"{directory}: expected a place to write keys to, got: {error.strerror}"
@@ -119,14 +119,10 @@ def load_keys(folder: Union[str, Path]) -> Keys:
     return Keys(role, public, secret, {path.stem: Peer(*_read(path)) for path in paths})
 
 
-def _line(role: str, key: bytes) -> bytes:
-    return b"%s %s\n" % (role.encode("ascii"), key)
-
-
-def _write(path: Path, line: bytes, mode: int) -> None:
+def _write(path: Path, role: str, key: bytes, mode: int = 0o644) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     with os.fdopen(descriptor, "wb") as file:
-        file.write(line)
+        file.write(b"%s %s\n" % (role.encode("ascii"), key))
 
 
 def _read(path: Path) -> Tuple[str, bytes]:
