@@ -43,10 +43,9 @@ def run(options: argparse.Namespace) -> None:
         f"most {loop['lag_max_ms']:.2f} ms; turn p50 {loop['turn_p50_ms']:.2f} ms"
     )
     if options.json:
-        inputs = {"model": str(options.model), "seconds": options.seconds}
-        inputs.update(
-            machine=platform.machine(), cpus=os.cpu_count(), python=platform.python_version()
-        )
+        machine = {"machine": platform.machine(), "cpus": os.cpu_count()}
+        asked = {"model": str(options.model), "seconds": options.seconds}
+        inputs = {**asked, **machine, "python": platform.python_version()}
         result = {"inference": asdict(decision), "robot": asdict(footprint), "loop": loop}
         write_json(options.json, {"schema": 1, "inputs": inputs, **result})
 

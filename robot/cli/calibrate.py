@@ -28,10 +28,6 @@ from robot.hat.thread import real_motors
 from robot.output import write_bytes
 from robot.typed_config import load_yaml, to_plain
 
-PURPOSES = {
-    "trim": "difference of the wheels, and their radius: a straight drive",
-    "baseline": "distance of the wheels: turns on the spot",
-}
 NEAR_EDGE_M = 0.18
 
 
@@ -40,10 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     sheet = kinds.add_parser("target", help="the chessboard to print")
     sheet.add_argument("--out", type=Path, required=True, help="a .pdf file to write")
-    for name, purpose in PURPOSES.items():
-        _add_config(kinds.add_parser(name, help=purpose))
+    trim = kinds.add_parser("trim", help="difference of the wheels, and radius: a straight drive")
+    baseline = kinds.add_parser("baseline", help="distance of the wheels: turns on the spot")
     camera = kinds.add_parser("camera", help="pitch, roll and height of the camera: board on floor")
-    _add_config(camera)
     camera.add_argument("--image", type=Path, help="a picture; without it one is taken now")
     camera.add_argument(
         "--ahead-m",
@@ -52,12 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="from the wheels' axle to the nearest row of squares (default %(default)s)",
     )
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
-    _add_config(lens)
     lens.add_argument("--images", type=Path, required=True, help="folder of pictures of the board")
-
-
-def _add_config(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
+    for each in (trim, baseline, camera, lens):
+        each.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
 
 
 def run(options: argparse.Namespace) -> None:

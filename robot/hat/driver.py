@@ -229,12 +229,11 @@ class MotorDriver:
 
     def _all_off(self) -> None:
         """Try, and try again: these three bytes are what stands between a fault and hot coils."""
-        for attempt in range(ALL_OFF_ATTEMPTS):
+        for attempt in range(1, ALL_OFF_ATTEMPTS + 1):
             try:
                 self._hat.release()
                 return
             except HardwareError as error:
-                if attempt == ALL_OFF_ATTEMPTS - 1:
-                    raise HardwareError(
-                        f"the coils could not be switched off, cut the motor supply: {error}"
-                    ) from error
+                if attempt == ALL_OFF_ATTEMPTS:
+                    told = f"the coils could not be switched off, cut the motor supply: {error}"
+                    raise HardwareError(told) from error

@@ -76,64 +76,55 @@ def require_size(what: str, data: bytes, limit_bytes: int) -> None:
 Check = Callable[[str, Any], None]  # of what is checked, as errors name it, and of its value
 
 
-def number(low: float, high: float) -> Dict[str, Check]:
+def _metadata(check: Callable[..., None]) -> Callable[..., Dict[str, Check]]:
+    """Metadata of a field: with these arguments, check its name and its value."""
+    return lambda *told: {check.__name__: lambda what, value: check(what, value, *told)}
+
+
+@_metadata
+def number(what: str, value: Any, low: float, high: float) -> None:
     """A number in [low, high], which no NaN is in, or None; or a list of such, or of lists."""
-
-    def check(what: str, value: Any) -> None:
-        if isinstance(value, tuple):
-            for each in value:
-                check(what, each)
-        elif value is not None and not low <= value <= high:
-            raise ContractError(
-                f"{what}: expected a number in [{low:g}, {high:g}], got {value!r:.40}"
-            )
-
-    return {"number": check}
+    if isinstance(value, tuple):
+        for each in value:
+            number(low, high)["number"](what, each)
+    elif value is not None and not low <= value <= high:
+        raise ContractError(f"{what}: expected a number in [{low:g}, {high:g}], got {value!r:.40}")
 
 
-def entries(most: int) -> Dict[str, Check]:
+@_metadata
+def entries(what: str, value: Tuple[Any, ...], most: int) -> None:
     """At most so many entries."""
-
-    def check(what: str, value: Tuple[Any, ...]) -> None:
-        if len(value) > most:
-            raise ContractError(f"{what}: expected at most {most} entries, got {len(value)}")
-
-    return {"entries": check}
+    if len(value) > most:
+        raise ContractError(f"{what}: expected at most {most} entries, got {len(value)}")
 
 
-def text(limit_bytes: int) -> Dict[str, Check]:
+@_metadata
+def text(what: str, value: str, limit_bytes: int) -> None:
     """Printable text that is not too long, without control characters or lone surrogates."""
-
-    def check(what: str, value: str) -> None:
-        size = len(value.encode("utf-8", "replace"))
-        if size > limit_bytes or not all(c.isprintable() for c in value):
-            raise ContractError(
-                f"{what}: expected at most {limit_bytes} bytes of printable text, got "
-                f"{_short(value)}"
-            )
-
-    return {"text": check}
+    size = len(value.encode("utf-8", "replace"))
+    if size > limit_bytes or not all(c.isprintable() for c in value):
+        raise ContractError(
+            f"{what}: expected at most {limit_bytes} bytes of printable text, got {_short(value)}"
+        )
 
 
-def one_of(valid: Sequence[str]) -> Dict[str, Check]:
+@_metadata
+def one_of(what: str, value: str, valid: Sequence[str]) -> None:
     """A word of the list."""
-
-    def check(what: str, value: str) -> None:
-        if value not in valid:
-            raise ContractError(f"{what}: unknown {_short(value)}; {nearest(value[:40], valid)}")
-
-    return {"one_of": check}
+    if value not in valid:
+        raise ContractError(f"{what}: unknown {_short(value)}; {nearest(value[:40], valid)}")
 
 
-def _require_name(what: str, value: str) -> None:
+@_metadata
+def name(what: str, value: str) -> None:
+    """A short identifier of letters, digits, '.', '_' and '-'."""
     if not _NAME.fullmatch(value):
         raise ContractError(
             f"{what}: expected 1 to 32 letters, digits, '.', '_' or '-', got {_short(value)}"
         )
 
 
-NAME: Dict[str, Check] = {"name": _require_name}
-COUNT, TIME_S = number(0, MAX_COUNT), number(0.0, 1e10)
+NAME, COUNT, TIME_S = name(), number(0, MAX_COUNT), number(0.0, 1e10)
 
 
 def tidy_text(text: str, limit_bytes: int) -> str:
