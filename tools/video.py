@@ -13,12 +13,12 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from robot.contract import DRIVE, ActionTable, action_name
+from robot.contract import ActionTable, action_name
 from robot.errors import ContractError
-from robot.geometry import Pose, WheelSpeeds
+from robot.geometry import Pose
 from robot.inference.policy import read_contract
-from robot.inference.preprocess import preprocess
 from sim_pybullet.scene import Ground
+from tools.monitor.attention import weights_over
 from trainer.judging.explain import Explainer
 from trainer.mp4 import Mp4
 
@@ -26,7 +26,6 @@ SIZE_PX = (1280, 720)
 CAMERA_PX = (800, 600)
 MAP_BOX = (816, 64, 448, 486)  # left, top, width, height [px]
 QUALITY = 5.0
-ARROW_S = 0.5  # of driving, drawn as an action's arrow
 
 Colour = tuple[int, int, int]
 PAGE, CARD, LINE = (16, 18, 21), (25, 28, 32), (58, 64, 71)
@@ -147,47 +146,26 @@ def _put(picture: np.ndarray, part: np.ndarray, at: tuple[int, int]) -> None:
 
 def with_attention(frame: np.ndarray, explainer: Explainer) -> np.ndarray:
     """The frame (H, W, 3) uint8 RGB with warm light where the policy looks."""
-    spec = explainer.contract.image
-    weights = np.zeros((spec.height_px, spec.width_px), np.float32)
-    image = np.tile(preprocess(frame, spec), explainer.contract.frames)
-    weights[spec.crop_top_px :] = explainer.attention(image[None])[0]
-    weights = 0.75 * cv2.resize(weights, frame.shape[1::-1])[..., None]
+    weights = 0.75 * cv2.resize(weights_over(explainer, frame), frame.shape[1::-1])[..., None]
     return np.asarray((1.0 - weights) * frame + weights * np.array(LIGHT, np.float32), np.uint8)
 
 
 def _draw_values(picture: np.ndarray, moment: Moment, actions: ActionTable) -> None:
-    """Below the camera, a cell an action: its arrow, its name, its value as number and bar."""
+    """Below the camera, a cell an action: its name, its value as number and bar."""
     width = CAMERA_PX[0] // len(actions)
-    wide = width > 120  # many actions: a number and a bar each
     low, high = min(moment.values, default=0.0), max(moment.values, default=0.0)
     for i, wheels in enumerate(actions):
         cell = picture[CAMERA_PX[1] + 10 : SIZE_PX[1] - 10, i * width + 4 : (i + 1) * width - 4]
         ink, cell[:] = (PAGE, DUCK) if i == moment.action else (TEXT, CARD)
-        if wide:
-            _draw_arrow(cell, (32, 48), WheelSpeeds(*wheels), ink)
-            write(cell, (62, 14), action_name(wheels).replace("_", " ").lower(), 13, ink)
+        write(cell, (8, 14), action_name(wheels).replace("_", " ").lower(), 13, ink)
         if i < len(moment.values):
             value = moment.values[i]
-            write(cell, (62 if wide else 6, 36), f"{value:.2f}", 20 if wide else 12, ink)
+            write(cell, (8, 36), f"{value:.2f}", 20, ink)
             share = (value - low) / (high - low) if high > low else 0.0
             bottom, right = cell.shape[0] - 10, cell.shape[1] - 8
             cv2.rectangle(cell, (8, bottom - 5), (right, bottom), LINE, -1)
             to = 8 + round(share * (right - 8))
             cv2.rectangle(cell, (8, bottom - 5), (to, bottom), ink, -1)
-
-
-def _draw_arrow(
-    picture: np.ndarray, middle: tuple[int, int], wheels: WheelSpeeds, colour: Colour
-) -> None:
-    """Where an action leads, from below upwards; a square for a stop."""
-    x, y = middle
-    if not any(wheels):
-        cv2.rectangle(picture, (x - 14, y - 14), (x + 14, y + 14), colour, -1)
-        return
-    turned = DRIVE.twist(wheels).turn_radps * ARROW_S
-    right, down = round(-22 * math.sin(turned)), round(-22 * math.cos(turned))
-    tip = (x + right, y + down)
-    cv2.arrowedLine(picture, (x - right, y - down), tip, colour, 3, cv2.LINE_AA, tipLength=0.3)
 
 
 def _draw_state(picture: np.ndarray, moment: Moment, speed_mps: float) -> None:

@@ -79,10 +79,17 @@ class AttentionThread:
 
 
 def attention_of(explainer: Explainer, frame: np.ndarray) -> Attention:
-    """The grid over a frame (120, 160, 3) uint8 RGB, 0 in the rows that the policy does not see."""
-    spec = explainer.contract.image
-    weights = np.zeros((spec.height_px, spec.width_px), np.float32)
-    weights[spec.crop_top_px :] = explainer.attention(preprocess(frame, spec)[None])[0]
+    """The grid over a frame (120, 160, 3) uint8 RGB."""
+    weights = weights_over(explainer, frame)
     grid = cv2.resize(weights, (GRID_COLUMNS, GRID_ROWS), interpolation=cv2.INTER_AREA)
     cells = np.round(np.nan_to_num(grid / max(float(grid.max()), 1e-9)) * 255.0).astype(np.uint8)
     return Attention(GRID_ROWS, GRID_COLUMNS, base64.b64encode(cells.tobytes()).decode("ascii"))
+
+
+def weights_over(explainer: Explainer, frame: np.ndarray) -> np.ndarray:
+    """Where the policy looks in a frame, in [0, 1]; 0 in the rows that it does not see."""
+    spec = explainer.contract.image
+    weights = np.zeros((spec.height_px, spec.width_px), np.float32)
+    image = np.tile(preprocess(frame, spec), explainer.contract.frames)
+    weights[spec.crop_top_px :] = explainer.attention(image[None])[0]
+    return weights
