@@ -16,11 +16,11 @@ from rich.table import Table
 from tqdm import tqdm
 
 from robot.command_line import OneLineParser, answer
+from robot.computer.footprint import measure_footprint
 from robot.contract import ACTION_WHEELS, ImageSpec
-from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, time_decisions
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
-from tools.lane_places import on_lane
 
 ROBOTS = 64
 SMALL = ImageSpec(80, 60, crop_top_px=20)
@@ -50,12 +50,11 @@ def camera_figures() -> dict[str, float]:
     from sim_pybullet.look import NOMINAL
     from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
     from sim_pybullet.rendering.ray_camera import RayCamera
-    from sim_pybullet.scenery.objects import build_scene
+    from sim_pybullet.scenery.objects import build_scene, lane_poses
 
     rng, road_map, rig = np.random.default_rng(0), load_map("town"), NOMINAL.rig()
     scene = build_scene(road_map, NOMINAL, rng)
-    lanes = [road_map.lanes[i] for i in rng.choice(len(road_map.lanes), ROBOTS)]
-    poses = np.array([on_lane(lane, 0.5) for lane in lanes])
+    poses = lane_poses(road_map, ROBOTS, rng)
     ray, small = RayCamera(ImageSpec(), ROBOTS), RayCamera(SMALL, ROBOTS)
     for camera in (ray, small):
         for i in range(ROBOTS):
@@ -99,18 +98,9 @@ def step_figures() -> dict[str, float]:
 
 def inference_figures(model: Path) -> dict[str, dict[str, float]]:
     """p50 and p99 of one decision on one thread, for the FP32 file and the INT8 file beside it."""
-    from robot.inference.policy import OnnxPolicy, time_decisions
-
     files = {"fp32": model, "int8": model.with_name(f"{model.stem}_int8.onnx")}
     there = {kind: OnnxPolicy(path) for kind, path in files.items() if path.exists()}
     return {kind: asdict(time_decisions(policy)) for kind, policy in there.items()}
-
-
-def robot_figures(model: Path) -> dict[str, float]:
-    """Import time and resident memory of the robot's runtime, in a process of its own."""
-    from robot.computer.footprint import measure_footprint
-
-    return asdict(measure_footprint(model))
 
 
 def hat_figures() -> dict[str, float]:
@@ -141,7 +131,7 @@ def measure(model: Path) -> dict[str, Any]:
         "camera": camera_figures,
         "step": step_figures,
         "inference": lambda: inference_figures(model),
-        "robot": lambda: robot_figures(model),
+        "robot": lambda: asdict(measure_footprint(model)),
         "hat": hat_figures,
     }
     inputs = {"model": str(model), "robots": ROBOTS, "cpus": os.cpu_count()}
@@ -153,19 +143,17 @@ def measure(model: Path) -> dict[str, Any]:
 
 def show(figures: dict[str, Any], console: Console) -> None:
     """One table of everything that was measured."""
-    table = Table("part", "figure", "value", title="duckpilot bench")
+    table = Table("figure", "value", title="duckpilot bench")
 
-    def add(part: str, prefix: str, values: dict[str, Any]) -> None:
-        for name, value in values.items():
-            if isinstance(value, dict):
-                add(part, f"{prefix}{name}.", value)
-            else:
-                shown = f"{value:,.3g}" if value < 100 else f"{value:,.0f}"
-                table.add_row(part, f"{prefix}{name}", shown)
+    def add(name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for inner in value:
+                add(f"{name}.{inner}", value[inner])
+        else:
+            table.add_row(name, f"{value:,.3g}" if value < 100 else f"{value:,.0f}")
 
-    for part, values in figures.items():
-        if part not in ("schema", "inputs"):
-            add(part, "", values)
+    for part in [*figures][2:]:
+        add(part, figures[part])
     console.print(table)
 
 

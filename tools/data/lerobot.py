@@ -82,12 +82,12 @@ def from_dataset(dataset: Path, out: Path) -> list[Path]:
 
 def _write_drives(dataset: Path, info: dict[str, Any], folder: Path) -> Iterator[Path]:
     [camera, *_] = (name for name, told in info["features"].items() if told["dtype"] == "video")
-    rows, films, fps = _rows(dataset, "data"), _Films(), float(info["fps"])
+    rows, half_s = _rows(dataset, "data"), 0.5 / float(info["fps"])
     for episode in _rows(dataset, "meta/episodes"):
         place = {k: episode[f"videos/{camera}/{k}"] for k in ("chunk_index", "file_index")}
         film = dataset / info["video_path"].format(video_key=camera, **place)
-        first = round(episode[f"videos/{camera}/from_timestamp"] * fps)
-        images = films.take(film, first, episode["length"])
+        from_s = episode[f"videos/{camera}/from_timestamp"] - half_s
+        images = _frames(film, from_s, episode["length"])
         span = slice(episode["dataset_from_index"], episode["dataset_to_index"])
         name, robot = f"{dataset.name}-{episode['episode_index']:03d}", info.get("robot_type")
         yield write_drive(folder, name, robot or "lerobot", _samples(rows[span], images))
@@ -230,27 +230,13 @@ def _rows(dataset: Path, folder: str) -> list[dict[str, Any]]:
     return [row for file in files for row in parquet.read_table(file).to_pylist()]
 
 
-class _Films:
-    """Videos, read on from where the last episode ended."""
-
-    def __init__(self) -> None:
-        self._open: dict[Path, tuple[Iterator[np.ndarray], int]] = {}
-
-    def take(self, path: Path, first: int, count: int) -> Iterator[np.ndarray]:
-        """These frames (H, W, 3) uint8 RGB; read them all before the next ones."""
-        frames, at = self._open.get(path, (iter(()), first + 1))
-        if at > first:
-            frames, at = _frames(path), 0
-        self._open[path] = (frames, first + count)
-        return islice(frames, first - at, first - at + count)
-
-
-def _frames(path: Path) -> Iterator[np.ndarray]:
+def _frames(film: Path, from_s: float, count: int) -> Iterator[np.ndarray]:
+    """So many frames (H, W, 3) uint8 RGB from a moment of a video on."""
     import imageio_ffmpeg
 
-    raw = imageio_ffmpeg.read_frames(str(path))
+    raw = imageio_ffmpeg.read_frames(str(film), input_params=["-ss", f"{max(0.0, from_s):.6f}"])
     width, height = next(raw)["size"]
-    for data in raw:
+    for data in islice(raw, count):
         yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
 
 
