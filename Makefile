@@ -47,7 +47,7 @@ demo: $(STAMP)  ## train a lane-keeping policy, export it, drive it through virt
 	$(PY) -m tools.demo --out runs/demo
 
 bench: $(STAMP)  ## the tables of figures: runs/bench.json
-	$(PY) -m tools.bench --out runs/bench.json
+	$(PY) -m tests.bench --out runs/bench.json
 
 mutants: $(STAMP)  ## what the tests would miss, over hours, resumed where it stopped: runs/mutants/
 	$(PY) -m tests.mutants --named

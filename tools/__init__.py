@@ -1,4 +1,4 @@
-"""Programs around the robot and the trainer: demo, bench, loop, monitor."""
+"""Programs around the robot and the trainer: demo, loop, faults, monitor, replay, data."""
 
 from robot.command_line import tell_of_imports
 

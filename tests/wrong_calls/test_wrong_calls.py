@@ -164,7 +164,6 @@ runpy.run_module(program, run_name="__main__", alter_sys=True)
         ("trainer train --out x", "trainer"),
         ("robot.cli.duckpilot train --out x", "trainer"),
         ("robot.cli.duckpilot loop", "trainer"),
-        ("tools.bench", "trainer"),
         ("tools.demo", "trainer"),
         ("tools.loop", "trainer"),
         ("tools.monitor --demo", "monitor"),
@@ -186,12 +185,12 @@ def test_ctrl_c_while_a_program_is_imported_is_one_line(tmp_path: Path) -> None:
         'raise ModuleNotFoundError(f"No module named {name!r}", name=name)',
         "raise KeyboardInterrupt",
     )
-    command = [sys.executable, "-c", code, "tools.bench"]
+    command = [sys.executable, "-c", code, "tools.demo"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ended = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
-    assert (ended.returncode, ended.stderr) == (130, "tools.bench: stopped by Ctrl-C\n")
+    assert (ended.returncode, ended.stderr) == (130, "tools.demo: stopped by Ctrl-C\n")
 
 
 @pytest.mark.parametrize("program", ["trainer", "robot", "localizer_node", "tools.monitor"])

@@ -159,7 +159,7 @@ def show(figures: dict[str, Any], console: Console) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, write and show."""
-    parser = OneLineParser(prog="python -m tools.bench", description=__doc__)
+    parser = OneLineParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/bench.json"))
     parser.add_argument("--model", type=Path, default=SHIPPED_MODELS / "lane_dueling.onnx")
     options = parser.parse_args(arguments)
