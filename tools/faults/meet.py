@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.output import expect_writable, write_json
-from tools.faults import FAMILIES, eyes, hardware, pictures, poses, programs, strangers
+from tools.faults import FAMILIES, hardware, pictures, poses, programs, strangers
 from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
@@ -24,7 +24,7 @@ from tools.loop.timekeeper import BenchError
 
 def every_case() -> list[tuple[str, Case]]:
     """All cases with their families, in order."""
-    modules = (eyes, pictures, hardware, poses, programs, strangers)
+    modules = (pictures, hardware, poses, programs, strangers)
     cases = {family: rows for module in modules for family, rows in module.CASES.items()}
     return [(family, case) for family in FAMILIES for case in cases[family]]
 

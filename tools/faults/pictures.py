@@ -1,15 +1,22 @@
-"""Pictures of the robot's camera that are of no use, from (120, 160, 3) uint8 RGB."""
+"""The robot's camera: silent, frozen, slow, garbage; and pictures that are of no use."""
 
 from __future__ import annotations
 
 import itertools
+import resource
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 
-from tools.faults.case import HOLD_OR_FAULT, Case, change, the_camera
+from robot.camera.streams import MAGIC
+from tools.faults.case import HOLD_OR_FAULT, Act, Case, change, the_camera
 from tools.faults.stage import Stage
+from tools.loop.town import CAMERA_FPS
+
+FRAME_AGE_S = 0.2
+FROZEN_S = 0.6  # five frames more with the same bytes, at the rate of decisions
+SLOW_HZ = 3.0
 
 # One bare colour may be taken for a frozen picture first; where a wrong picture has led the robot
 # off its path first, that is as good.
@@ -104,4 +111,62 @@ PICTURES = (
     shortly("glare", "white for 0.2 s: it must drive on", covered(255), 3),
     shortly("one odd picture", "noise in one picture: it must drive on", covered(128, 90), 1),
 )
-CASES = {"pictures": PICTURES}
+
+
+def _rate(hz: float) -> Act:
+    return change(lambda stage: stage.bench.town.camera_event, period_s=1.0 / hz)
+
+
+def _may_open(stage: Stage, most: int | None = None) -> None:
+    """The robot may have so many files open, or as many as it can."""
+    robot = stage.bench.processes["robot"]
+    if robot.alive:
+        _, limit = resource.prlimit(robot.child.pid, resource.RLIMIT_NOFILE)
+        soft = limit if most is None else most
+        resource.prlimit(robot.child.pid, resource.RLIMIT_NOFILE, (soft, limit))
+
+
+def _no_descriptors(stage: Stage) -> None:
+    _may_open(stage, 3)
+    the_camera(stage).hang_up()
+
+
+def halved(picture: np.ndarray) -> np.ndarray:
+    """Every second row and column."""
+    return picture[::2, ::2]
+
+
+def _frozen(stage: Stage) -> None:
+    frozen = stage.bench.town.world.see()
+    the_camera(stage).spoil = lambda _: frozen
+
+
+CAMERA = (
+    Case(
+        *("stops", "no picture any more", change(the_camera, silent=True), FRAME_AGE_S, "frame"),
+        heal=change(the_camera, silent=False),
+    ),
+    Case(
+        *("freezes", "new pictures, each with the bytes of the last", _frozen),
+        *(FROZEN_S, "same picture"),
+        heal=WELL,
+    ),
+    Case(
+        *("slows", f"{SLOW_HZ:g} pictures a second", _rate(SLOW_HZ), FRAME_AGE_S, "frame"),
+        heal=_rate(CAMERA_FPS),
+    ),
+    spoiled("wrong size", "80 x 60 px", halved, (FRAME_AGE_S, "frame", ("FAULT",))),
+    Case(
+        *("garbage", "bytes that are none", change(the_camera, magic=b"\x00\xff\x17\x80")),
+        *(FRAME_AGE_S, "frame"),
+        heal=change(the_camera, magic=MAGIC),
+    ),
+    shortly("one odd picture", "80 x 60 px, once", halved, 1),
+    Case(
+        *("no descriptors", "and the camera must be opened anew", _no_descriptors),
+        *(FRAME_AGE_S, "frame|Too many open files"),
+        heal=_may_open,
+        drives_again=True,
+    ),
+)
+CASES = {"camera": CAMERA, "pictures": PICTURES}

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from fastapi import FastAPI, HTTPException, Query, Request, Response, WebSocket
+from fastapi import FastAPI, Query, Request, Response, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
@@ -27,13 +27,7 @@ from robot.link.wire import plain, tidy_text
 from robot.navigation.road_map import RoadMap
 from robot.recording.samples import Piece
 from tools.monitor.access import AccessGate
-from tools.monitor.drives import (
-    list_drives,
-    read_drive,
-    read_marks,
-    read_picture,
-    write_marks,
-)
+from tools.monitor.drives import list_drives, read_drive, read_marks, read_picture, write_marks
 from tools.monitor.map_drawing import draw_map
 from tools.monitor.monitor import Monitor
 
@@ -93,10 +87,10 @@ def create_app(monitor: Monitor, road_map: RoadMap, token: str, host: str = "127
 
     app = FastAPI(title="duckpilot monitor", docs_url=None, openapi_url=None, lifespan=lifespan)
     app.add_exception_handler(RequestValidationError, _malformed)
+    app.add_exception_handler(ConfigError, _no_drive)
     app.add_middleware(AccessGate, token=token, host=host)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     _add_pages(app, monitor, draw_map(road_map))
-    _add_marks(app, monitor.drives)
     _add_control(app, monitor)
     return app
 
@@ -107,6 +101,10 @@ async def _malformed(_: Request, error: Exception) -> JSONResponse:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     return JSONResponse({"detail": tidy_text(f"{where}: {first['msg']}", 200)}, 422)
+
+
+async def _no_drive(_: Request, error: Exception) -> JSONResponse:
+    return JSONResponse({"detail": str(error)}, 404)
 
 
 def _end_if_broken(task: asyncio.Task[None]) -> None:
@@ -132,34 +130,23 @@ def _add_pages(app: FastAPI, monitor: Monitor, drawing: dict[str, Any]) -> None:
 
     @app.get("/api/drives/{name}")
     def drive(name: str) -> list[dict[str, Any]]:
-        try:
-            return read_drive(monitor.drives, name)
-        except ConfigError as error:
-            raise HTTPException(404, str(error)) from error
+        return read_drive(monitor.drives, name)
 
     @app.get("/api/drives/{name}/picture")
     def drive_picture(
         name: str, t_s: Annotated[float, Query(ge=0.0, le=FAR_S, allow_inf_nan=False)]
     ) -> Response:
-        try:
-            found = read_picture(monitor.drives, name, t_s)
-        except ConfigError as error:
-            raise HTTPException(404, str(error)) from error
+        found = read_picture(monitor.drives, name, t_s)
         return Response(found[0], media_type=found[1]) if found else Response(status_code=204)
 
-
-def _add_marks(app: FastAPI, folder: Path) -> None:
     @app.get("/api/drives/{name}/marks")
     def marks(name: str) -> list[dict[str, Any]]:
-        try:
-            return [piece._asdict() for piece in read_marks(folder, name)]
-        except ConfigError as error:
-            raise HTTPException(404, str(error)) from error
+        return [piece._asdict() for piece in read_marks(monitor.drives, name)]
 
     @app.post("/api/drives/{name}/marks")
     def mark(name: str, pieces: list[MarkBody]) -> dict[str, Any]:
         try:
-            write_marks(folder, name, [Piece(**piece.model_dump()) for piece in pieces])
+            write_marks(monitor.drives, name, [Piece(**piece.model_dump()) for piece in pieces])
         except ConfigError as error:
             return {"accepted": False, "reason": str(error)}
         return {"accepted": True, "reason": ""}

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from robot.doctor import FAIL, OK
-from robot.doctor.software import check_policy
 
 from robot.cli.doctor import FAIL, OK, check_policy
 from robot.config import RobotConfig
