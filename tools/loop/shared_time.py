@@ -7,13 +7,11 @@ be on its way. Python 3.8: the robot's process reads it as well.
 from __future__ import annotations
 
 import mmap
-import struct
 from pathlib import Path
 
 STREAMS = ("pose", "telemetry", "frame")
 SESSIONS = tuple(f"{stream} session" for stream in STREAMS)
 SLOTS = ("now", *STREAMS, *SESSIONS, "command", "ack", "lossy", "slow", "nan")
-_NUMBER = struct.Struct("d")
 
 
 class SharedTime:
@@ -26,23 +24,22 @@ class SharedTime:
     """
 
     def __init__(self, path: str | Path, create: bool = False) -> None:
-        size = _NUMBER.size * len(SLOTS)
         if create:
-            Path(path).write_bytes(bytes(size))
+            Path(path).write_bytes(bytes(8 * len(SLOTS)))
         with open(path, "r+b") as file:
-            self._map = mmap.mmap(file.fileno(), size)
+            self._numbers = memoryview(mmap.mmap(file.fileno(), 0)).cast("d")
 
     def get(self, slot: str) -> float:
         """The number in a slot."""
-        return float(_NUMBER.unpack_from(self._map, _NUMBER.size * SLOTS.index(slot))[0])
+        return float(self._numbers[SLOTS.index(slot)])
 
     def set(self, slot: str, value: float) -> None:
         """Put a number into a slot; each has one writer."""
-        _NUMBER.pack_into(self._map, _NUMBER.size * SLOTS.index(slot), value)
+        self._numbers[SLOTS.index(slot)] = value
 
     def now(self) -> float:
         """The time [s]."""
-        return float(_NUMBER.unpack_from(self._map, 0)[0])
+        return float(self._numbers[0])
 
     def publish(self, stream: str, session: str, sequence: int) -> None:
         """Note the newest message of a stream; its publisher is the one writer."""
