@@ -18,6 +18,7 @@ from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
 from sim_pybullet.tasks.base import Task, TaskStep
@@ -117,7 +118,17 @@ class BatchWorld:
     @property
     def pictured_poses(self) -> np.ndarray:
         """(N, 3) where the robots were when the pictures that they have now were taken."""
-        return self._feed.shown_poses.copy()
+        return self._feed.shown[:, 0].copy()
+
+    @property
+    def pictured_movers(self) -> np.ndarray:
+        """(N, U, 3) where the task's movers were in these pictures, NaN where one is not there."""
+        return self._feed.shown[:, 1:].copy()
+
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        """What stands where each robot is."""
+        return self._feed.scenes
 
     @property
     def believed_poses(self) -> np.ndarray:

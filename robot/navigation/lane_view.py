@@ -66,20 +66,15 @@ class LaneView:
             return None
         if tile.is_junction:
             return self._crossing(tile, x_m, y_m, heading_rad)
-        near = self._index.near(x_m, y_m)
-        turned = np.asarray(wrap_angle(heading_rad - near.heading_rad))
-        along = np.flatnonzero(np.abs(turned) <= 0.5 * math.pi)
-        if not len(along):
+        found = self._lane(x_m, y_m, heading_rad)
+        if found is None:
             return None
-        i = int(along[near.distance_m[along].argmin()])
-        chain = self._chains[i]
-        steps = near.t[i] * (_POINTS - 1)
-        arc_m = float(np.interp(steps, np.arange(_POINTS), chain.arcs_m[:_POINTS]))
+        chain, arc_m, (offset_m, turned_rad, along_rad) = found
         line_m, ahead_m = chain.line_m - arc_m, arc_m + AHEAD_M
         return LaneAhead(
-            float(near.offset_m[i]),
-            float(turned[i]),
-            float(near.heading_rad[i]),
+            offset_m,
+            turned_rad,
+            along_rad,
             chain.bend(arc_m),
             chain.turn(arc_m, ahead_m) / AHEAD_M if line_m > AHEAD_M else math.nan,
             (chain.bend(ahead_m) - chain.bend(arc_m)) / AHEAD_M,
@@ -88,12 +83,47 @@ class LaneView:
             False,
         )
 
+    def _lane(
+        self, x_m: float, y_m: float, heading_rad: float
+    ) -> Optional[Tuple[_Chain, float, Tuple[float, float, float]]]:
+        """The nearest lane that leads ahead, how far along it, offset, turn, and its direction."""
+        near = self._index.near(x_m, y_m)
+        turned = np.asarray(wrap_angle(heading_rad - near.heading_rad))
+        along = np.flatnonzero(np.abs(turned) <= 0.5 * math.pi)
+        if not len(along):
+            return None
+        i = int(along[near.distance_m[along].argmin()])
+        steps = near.t[i] * (_POINTS - 1)
+        chain = self._chains[i]
+        arc_m = float(np.interp(steps, np.arange(_POINTS), chain.arcs_m[:_POINTS]))
+        here = float(near.offset_m[i]), float(turned[i]), float(near.heading_rad[i])
+        return chain, arc_m, here
+
     def line_ahead_m(self, pose: Pose) -> float:
         """From the axle to the red line that a robot at a pose comes to; infinite where none is."""
         road = self.at(*pose)
         if road is None or (road.in_junction and abs(road.heading_rad) > _LEAVING_RAD):
             return math.inf
         return road.line_m
+
+    def way(self, pose: Pose, ahead_m: np.ndarray) -> Optional[np.ndarray]:
+        """The middle of the own lane (K, 2), so far ahead (K,); None where `at` finds no road.
+
+        In a junction, beyond the lane's end there, and after 0.8 m or more, it goes straight on.
+        """
+        road = self.at(*pose)
+        if road is None:
+            return None
+        steps_m = np.diff(ahead_m, prepend=0.0)
+        along = np.full(len(ahead_m), road.along_rad)
+        found = None if road.in_junction else self._lane(*pose)
+        if found is not None:
+            chain, arc_m = found[:2]
+            along += np.interp(arc_m + ahead_m - 0.5 * steps_m, chain.arcs_m, chain.headings_rad)
+            along -= np.interp(arc_m, chain.arcs_m, chain.headings_rad)
+        steps = steps_m[:, None] * np.stack((np.cos(along), np.sin(along)), axis=1)
+        left = np.array((-math.sin(road.along_rad), math.cos(road.along_rad)))
+        return np.array((pose.x_m, pose.y_m)) - road.offset_m * left + np.cumsum(steps, axis=0)
 
     def _crossing(self, tile: Tile, x_m: float, y_m: float, heading_rad: float) -> LaneAhead:
         size_m = self._map.tile_size_m

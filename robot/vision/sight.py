@@ -1,4 +1,4 @@
-"""What one small network sees in a picture: the lane, the red line, the junction, and how surely.
+"""What one small network sees in a picture: lane, red line, junction, what is in the way.
 
 Each figure comes with its own standard deviation (Nix and Weigend, Estimating the mean and variance
 of the target probability distribution, ICNN 1994). Frames and signs are those of
@@ -8,9 +8,10 @@ of the target probability distribution, ICNN 1994). Frames and signs are those o
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Tuple, Union
+from typing import NamedTuple, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -20,25 +21,30 @@ from robot.inference.network_file import Tensor, expect_tensors, open_network, r
 from robot.navigation.lane_view import KINDS
 from robot.typed_config import from_plain, to_plain
 
-FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m")
+FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m", "free_m")
 COLUMNS = (
     *FIGURES,
     *(f"sd_{name}" for name in FIGURES),
     "line",
     "road",
+    "thing",
     *(f"junction_{kind}" for kind in KINDS),
 )
+# What files of before do not tell is that nothing is in the way.
+UNTOLD = {"free_m": math.inf, "sd_free_m": 1.0, "thing": 0.0}
+COLUMNS_BEFORE = tuple(column for column in COLUMNS if column not in UNTOLD)
 REMEDY = "make one with duckpilot train-sight"
 
 
 class Seen(NamedTuple):
     """What N pictures show; probabilities lie in [0, 1]."""
 
-    figures: np.ndarray  # (N, 4), as `FIGURES`
-    deviations: np.ndarray  # (N, 4) their standard deviations
+    figures: np.ndarray  # (N, 5), as `FIGURES`
+    deviations: np.ndarray  # (N, 5) their standard deviations
     line: np.ndarray  # (N,) probability that a red line lies 12 to 45 cm before the axle
     road: np.ndarray  # (N,) probability that the robot looks along a lane that it stands in
     junction: np.ndarray  # (N, 5) probability of each of `robot.navigation.lane_view.KINDS` ahead
+    thing: np.ndarray  # (N,) probability of something on the own lane within 50 cm of the nose
 
 
 @dataclass(frozen=True)
@@ -80,13 +86,14 @@ class OnnxSight:
             self.contract = from_plain(SightContract, json.loads(text), "sight metadata")
         except (DuckpilotError, json.JSONDecodeError) as error:
             raise ContractError(f"{path}: {error}; {REMEDY}") from error
-        if self.contract.columns != COLUMNS:
+        columns = self.contract.columns
+        if columns not in (COLUMNS, COLUMNS_BEFORE):
             raise ContractError(
                 f"{path}: expected the columns {', '.join(COLUMNS)}, got "
-                f"{', '.join(self.contract.columns)}; {REMEDY}"
+                f"{', '.join(columns)}; {REMEDY}"
             )
         inputs = [Tensor("image", "tensor(uint8)", (None, *self.contract.image.shape))]
-        outputs = [Tensor("seen", "tensor(float)", (None, len(COLUMNS)))]
+        outputs = [Tensor("seen", "tensor(float)", (None, len(columns)))]
         expect_tensors(path, self._network, inputs, outputs, REMEDY)
 
     def __call__(self, pictures: np.ndarray) -> Seen:
@@ -104,9 +111,14 @@ class OnnxSight:
         rows = self._network.run(["seen"], {"image": np.ascontiguousarray(pictures)})[0]
         if not np.isfinite(rows).all():
             raise ContractError(f"{self.path}: expected finite figures, got others; {REMEDY}")
-        return as_seen(rows)
+        return as_seen(rows, self.contract.columns)
 
 
-def as_seen(rows: np.ndarray) -> Seen:
-    """The columns (N, 15) of a network's answer."""
-    return Seen(rows[:, :4], rows[:, 4:8], rows[:, 8], rows[:, 9], rows[:, 10:])
+def as_seen(rows: np.ndarray, columns: Sequence[str] = COLUMNS) -> Seen:
+    """A network's answer (N, columns)."""
+    told = np.tile([UNTOLD.get(column, 0.0) for column in COLUMNS], (len(rows), 1))
+    told[:, [COLUMNS.index(column) for column in columns]] = rows
+    count = len(FIGURES)
+    rest = 2 * count
+    line, road, thing = told[:, rest : rest + 3].T
+    return Seen(told[:, :count], told[:, count:rest], line, road, told[:, rest + 3 :], thing)

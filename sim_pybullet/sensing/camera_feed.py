@@ -30,7 +30,8 @@ class CameraFeed:
         movers: how many things the camera draws that move.
 
     Attributes:
-        shown_poses: (N, 3) where the robots were when their newest picture was taken.
+        shown: (N, 1 + U, 3) where the robots, and what moves, were when their newest picture was
+            taken.
         fresh: (N,) bool, whether that came now for the first time.
     """
 
@@ -57,13 +58,18 @@ class CameraFeed:
         self._skip = np.zeros(n_robots)
         self._first = np.ones(n_robots, dtype=bool)  # no picture of this episode was taken yet
         self._shown = np.zeros((n_robots, *camera.shape), np.uint8)
-        self.shown_poses = np.zeros((n_robots, 3))
+        self.shown = np.zeros((n_robots, 1 + movers, 3))
         self.fresh = np.zeros(n_robots, dtype=bool)
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(H, W, 3) of one picture."""
         return self._camera.shape
+
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        """(N,) what the cameras of robots that have begun look at, without what moves."""
+        return tuple(scene for scene in self._scenes if scene is not None)
 
     def begin(
         self, i: int, scene: Scene, look: Look, pose: np.ndarray, movers: np.ndarray | None = None
@@ -117,7 +123,7 @@ class CameraFeed:
             again = (rng.random(len(pictures)) < self._skip[chosen]) & ~self._first[chosen]
             pictures[again] = self._shown[chosen][again]
             self._shown[chosen] = pictures
-        self.shown_poses[chosen[~again]] = poses[chosen[~again]]
+        self.shown[chosen[~again]] = around[chosen[~again]]
         self.fresh[:] = False
         self.fresh[chosen[~again]] = True
         self._first[chosen] = False

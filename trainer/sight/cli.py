@@ -33,6 +33,10 @@ class SightRun:
     """Pictures in a step."""
     look: tuple[str, ...] = ("randomised", "wide")
     """Looks, or folders of looks, to learn in; files of pictures take turns."""
+    begin: str = ""
+    """Sight, .onnx, to learn on from: far fewer steps do then."""
+    rate: float = 2e-3
+    """Greatest, of learning."""
     seed: int = 0
     """Of everything random."""
     choosing_files: int = 4
@@ -86,15 +90,16 @@ def judge_command(
     from trainer.division import division, maps_named
     from trainer.run import write_json
     from trainer.sight.judge import as_rows, judge
-    from trainer.sight.pictures import anywhere, drive
+    from trainer.sight.pictures import anywhere, drive, missions, traffic
 
     sight = OnnxSight(model)
     maps = [load_map(name) for name in maps_named(map_names) or division().maps.judging]
     found = []
     for name in track(look, "looks", console=Console(stderr=True)):
         looks = load_look_sampler(name)
-        driven = drive(maps, looks, seed, decisions)
-        found.append(judge(sight, name, driven, anywhere(maps, looks, seed)))
+        driven = drive(missions(maps), looks, seed, decisions)
+        met = drive(traffic(maps), looks, seed, decisions)
+        found.append(judge(sight, name, driven, anywhere(maps, looks, seed), met))
     if json is not None:
         inputs = {"model": str(model), "maps": [m.name for m in maps], "seed": seed}
         write_json(json, {"inputs": inputs, "looks": [to_plain(each) for each in found]})

@@ -49,7 +49,7 @@ def drawn(frame: np.ndarray, seen: Seen, rig: CameraRig) -> np.ndarray:
     fainter the less sure its heading is.
     """
     picture = enlarged(frame)
-    offset_m, heading_rad, curvature_pm, line_m = seen.figures[0].tolist()
+    offset_m, heading_rad, curvature_pm, line_m = seen.figures[0, :4].tolist()
     scaled = CameraRig(rig.lens.scaled(picture.shape[1], picture.shape[0]), rig.mount)
     left_m = -offset_m + 0.5 * curvature_pm * _AHEAD_M**2
     c, s = math.cos(-heading_rad), math.sin(-heading_rad)
@@ -74,11 +74,14 @@ def _words(seen: Seen) -> tuple[str, ...]:
     line, likely = "none", float(seen.junction[0, kind])
     if seen.line[0] > 0.5:
         line = f"{100 * figures[3]:.0f} +-{100 * deviations[3]:.0f} cm"
+    way = "free"
+    if seen.thing[0] > 0.5:
+        way = f"{100 * figures[4]:.0f} +-{100 * deviations[4]:.0f} cm"
     return (
         f"road {seen.road[0]:.0%}  line {line}  junction {KINDS[kind]} {likely:.0%}",
         f"offset {100 * figures[0]:+.1f} +-{100 * deviations[0]:.1f} cm  heading "
         f"{math.degrees(figures[1]):+.0f} +-{math.degrees(deviations[1]):.0f} deg  "
-        f"bend {figures[2]:+.1f} /m",
+        f"bend {figures[2]:+.1f} /m  way {way}",
     )
 
 

@@ -10,17 +10,20 @@ from robot.vision.sight import OnnxSight, Seen
 from trainer.sight.pictures import (
     CROSSING,
     DRIVEN_M,
+    FREE,
     KIND,
     LINE,
     NEW,
     ROAD,
     ROBOTS,
+    THING,
     Pictures,
+    driven_m,
     spoiled,
 )
 
 SURE = 0.5  # a probability above it is a yes
-NEAR_M = 0.4  # within which a red line must be found
+NEAR_M = 0.4  # within which a red line must be found, and what is in the way
 OUTLIER = 3.0  # standard deviations
 _SPOILED = 2_000
 
@@ -56,10 +59,26 @@ class Judgement:
     junction_right: float
     road_believed: float
     no_road_believed: float  # anywhere else, and in spoiled pictures
+    way: Way
 
 
-def judge(sight: OnnxSight, look: str, driven: Pictures, elsewhere: Pictures) -> Judgement:
-    """Compare what is seen in pictures of experts that drive, and from anywhere, with the map."""
+@dataclass(frozen=True)
+class Way:
+    """What is seen of others in the way, by experts among ducks and cars."""
+
+    pictures: int
+    driven_m: float
+    free_m: Error  # of what was found within 40 cm of the nose
+    found: float  # of the pictures with something there
+    passed_by: int  # things of which less than half of these pictures told
+    things: int
+    invented_per_200_m: float  # told where nothing is within 65 cm
+
+
+def judge(
+    sight: OnnxSight, look: str, driven: Pictures, elsewhere: Pictures, met: Pictures
+) -> Judgement:
+    """Compare what is seen by experts that drive, from anywhere, and among others, with the map."""
     labels, seen = driven.labels, see(sight, driven.images)
     lane, crossing = (labels[:, CROSSING] == value for value in (0.0, 1.0))
     told = seen.line > SURE
@@ -88,6 +107,23 @@ def judge(sight: OnnxSight, look: str, driven: Pictures, elsewhere: Pictures) ->
         junction_right=float((seen.junction.argmax(1) == labels[:, KIND])[asked].mean()),
         road_believed=float((seen.road > SURE)[labels[:, ROAD] == 1.0].mean()),
         no_road_believed=_believed(sight, driven, elsewhere),
+        way=_way(sight, met),
+    )
+
+
+def _way(sight: OnnxSight, met: Pictures) -> Way:
+    labels, seen = met.labels, see(sight, met.images)
+    told, whole_m = seen.thing > SURE, driven_m(labels)
+    near = (labels[:, THING] == 1.0) & (labels[:, FREE] <= NEAR_M)
+    things, passed_by = _lines(near, told)
+    return Way(
+        pictures=len(labels),
+        driven_m=whole_m,
+        free_m=_error(seen, labels, FREE, near & told),
+        found=float(told[near].mean()),
+        passed_by=passed_by,
+        things=things,
+        invented_per_200_m=200.0 / whole_m * _runs(told & (labels[:, THING] == 0.0)),
     )
 
 
@@ -113,7 +149,7 @@ def _error(seen: Seen, labels: np.ndarray, figure: int, where: np.ndarray) -> Er
 
 
 def _lines(near: np.ndarray, told: np.ndarray) -> tuple[int, int]:
-    """How many lines robots came to, and how many they passed by without telling of them."""
+    """How many things robots came to, and how many they passed by without telling of them."""
     lines = passed_by = 0
     for there, tells in zip(near.reshape(-1, ROBOTS).T, told.reshape(-1, ROBOTS).T, strict=True):
         begins = np.flatnonzero(np.diff(there, prepend=False, append=False)).reshape(-1, 2)
@@ -152,11 +188,16 @@ def as_rows(judgements: list[Judgement]) -> list[tuple[str, ...]]:
             "junction right",
             "road believed",
             "no road believed",
+            "free way: error",
+            "found",
+            "passed by",
+            "invented in 200 m",
         )
     ]
     for each in judgements:
         at, turned, line = each.offset_m, each.heading_rad, each.line_m
         aside, askew = each.crossing_offset_m, each.crossing_heading_rad
+        way, free = each.way, each.way.free_m
         rows.append(
             (
                 each.look,
@@ -171,6 +212,10 @@ def as_rows(judgements: list[Judgement]) -> list[tuple[str, ...]]:
                 f"{each.junction_right:.1%}",
                 f"{each.road_believed:.1%}",
                 f"{each.no_road_believed:.1%}",
+                f"{100 * free.rms:.1f} cm ({free.ratio:.2f}, {free.outliers:.1%})",
+                f"{way.found:.1%}",
+                f"{way.passed_by} of {way.things}",
+                f"{way.invented_per_200_m:.1f}",
             )
         )
     return rows

@@ -13,13 +13,25 @@ from robot.errors import ContractError
 from robot.output import atomically
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
 from trainer.export import write_onnx
-from trainer.sight.pictures import FIGURES, IMAGE, KIND, LINE, ROAD, Pictures
+from trainer.sight.pictures import (
+    FIGURES,
+    FREE,
+    IMAGE,
+    KIND,
+    LINE,
+    NEW,
+    ROAD,
+    THING,
+    Pictures,
+)
 
 CHANNELS = (24, 48, 96)
 _HIDDEN = 192
+_LINE_M = 3  # of the figures
+_SURE, _KINDS = 2 * FIGURES, 2 * FIGURES + 3  # where columns of probabilities begin
 # Middle and spread of the figures, in which the network speaks.
-_MIDDLE = (0.0, 0.0, 0.0, 0.3)
-_SPREAD = (0.05, 0.3, 2.0, 0.15)
+_MIDDLE = (0.0, 0.0, 0.0, 0.3, 0.3)
+_SPREAD = (0.05, 0.3, 2.0, 0.15, 0.2)
 _LOG_SD = (-4.0, 2.0)  # least and most, of the standard deviation in spreads
 # Weight of an error by its variance to this power: Seitzer et al., On the pitfalls of
 # heteroscedastic uncertainty estimation, ICLR 2022. At 0 hard pictures are given up too early.
@@ -48,9 +60,9 @@ class _Twice(nn.Module):
 
 
 class SightNetwork(nn.Module):
-    """Pictures (N, 40, 80, 3) uint8 -> what they show (N, 15), see `robot.vision.sight.COLUMNS`.
+    """Pictures (N, 40, 80, 3) uint8 -> what they show (N, 18), see `robot.vision.sight.COLUMNS`.
 
-    Standard deviations are multiplied by ``scale`` (4,), which is set when the network is judged
+    Standard deviations are multiplied by ``scale`` (5,), which is set when the network is judged
     on maps to choose by.
     """
 
@@ -79,7 +91,7 @@ class SightNetwork(nn.Module):
         self.register_buffer("spread", torch.tensor(_SPREAD))
 
     def raw(self, images: torch.Tensor) -> torch.Tensor:
-        """(N, 15) in spreads, logarithms and logits."""
+        """(N, 18) in spreads, logarithms and logits."""
         pixels = images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
         with torch.autocast("cpu", torch.bfloat16, enabled=self.training and _HALF):
             features = self.body(pixels)
@@ -89,42 +101,50 @@ class SightNetwork(nn.Module):
         """See the class."""
         raw = self.raw(images)
         figures = raw[:, :FIGURES] * self.spread + self.middle
-        deviations = self.scale * self.spread * raw[:, FIGURES:8].clamp(*_LOG_SD).exp()
-        sure = raw[:, 8:10].sigmoid()
-        return torch.cat((figures, deviations, sure, raw[:, 10:].softmax(1)), 1)
+        deviations = self.scale * self.spread * raw[:, FIGURES:_SURE].clamp(*_LOG_SD).exp()
+        sure = raw[:, _SURE:_KINDS].sigmoid()
+        return torch.cat((figures, deviations, sure, raw[:, _KINDS:].softmax(1)), 1)
 
     def loss(self, images: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
         """How wrong it is about pictures with these labels, where a question has an answer."""
         raw = self.raw(images)
         wanted = (labels[:, :FIGURES] - self.middle) / self.spread
         known = torch.isfinite(wanted)
-        log_sd = raw[:, FIGURES:8].clamp(*_LOG_SD)
+        log_sd = raw[:, FIGURES:_SURE].clamp(*_LOG_SD)
         square = (raw[:, :FIGURES] - torch.nan_to_num(wanted)) ** 2
         likely = 0.5 * square * (-2.0 * log_sd).exp() + log_sd
         likely = likely * (2.0 * _BETA * log_sd).exp().detach()
         total = (likely * known).sum() / len(images)
-        for column, logit in ((LINE, raw[:, 8]), (ROAD, raw[:, 9])):
+        for column, logit in zip((LINE, ROAD, THING), raw[:, _SURE:_KINDS].T, strict=True):
             asked = labels[:, column] >= 0.0
             right = labels[:, column].clamp(min=0.0)
             each = f.binary_cross_entropy_with_logits(logit, right, reduction="none")
             total = total + (each * asked).sum() / len(images)
         kinds = labels[:, KIND].long()
-        wrong = f.cross_entropy(raw[:, 10:], kinds, ignore_index=-1, reduction="sum")
+        wrong = f.cross_entropy(raw[:, _KINDS:], kinds, ignore_index=-1, reduction="sum")
         return total + 0.5 * wrong / len(images)
 
     @torch.no_grad()
     def see(self, images: np.ndarray) -> np.ndarray:
-        """(N, 15) of pictures (N, 40, 80, 3) uint8."""
+        """(N, 18) of pictures (N, 40, 80, 3) uint8."""
         parts = np.array_split(images, max(1, len(images) // _AT_ONCE))
         return np.concatenate([self(torch.from_numpy(part)).numpy() for part in parts])
 
 
 def calibrate(network: SightNetwork, pictures: Pictures) -> None:
-    """Scale the standard deviations, so that errors are on average what they promise."""
+    """Scale the standard deviations, so that errors are on average what they promise.
+
+    Asked are pictures that came for the first time, of lines and things only those that must be
+    seen: those that hardly can be have errors of their own.
+    """
     network.eval()
     network.scale.fill_(1.0)
     seen = as_seen(network.see(pictures.images))
     ratio = (seen.figures - pictures.labels[:, :FIGURES]) / seen.deviations
+    ratio[pictures.labels[:, NEW] <= 0.0] = np.nan
+    for figure, column in ((_LINE_M, LINE), (FREE, THING)):
+        ratio[pictures.labels[:, column] != 1.0, figure] = np.nan
+    ratio = np.vstack((ratio, np.ones(FIGURES)))  # what no picture tells stays as it is
     network.scale.copy_(torch.from_numpy(np.sqrt(np.nanmean(ratio**2, axis=0))))
 
 

@@ -6,6 +6,7 @@ returning. Besides there are pictures from anywhere, most of which show no lane 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,28 +15,37 @@ import cv2
 import numpy as np
 
 from robot.contract import ImageSpec
+from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
+from robot.navigation.others import Other
 from robot.navigation.road_map import RoadMap
 from robot.output import atomically
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import LookPool, Looks
 from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import apply_sensor
-from sim_pybullet.tasks.navigation import Navigation
+from sim_pybullet.tasks.base import Task
+from sim_pybullet.tasks.traffic import Traffic
+from sim_pybullet.traffic.scenario import load_scenario
+from trainer.sight.bystanders import Bystanders, clear_m, half_m, standing
 
 IMAGE = ImageSpec(80, 60, 20)
 ROBOTS = 20
-FIGURES = 4  # labels that are measured: those of `robot.vision.sight.FIGURES`
+FIGURES = 5  # labels that are measured: those of `robot.vision.sight.FIGURES`
+FREE = FIGURES - 1
 # Columns of the labels beside them; -1 is: nobody can tell, or nobody should be asked.
-LINE, ROAD, KIND, NEW, CROSSING, DRIVEN_M = range(FIGURES, FIGURES + 6)
-_COLUMNS = FIGURES + 6
+LINE, ROAD, THING, KIND, NEW, CROSSING, DRIVEN_M = range(FIGURES, FIGURES + 7)
+_COLUMNS = FIGURES + 7
 LINE_M = (0.12, 0.45)  # from the axle: a line that must be seen; nearer ones leave the picture
 NO_LINE_M = (0.06, 0.6)  # nearer or farther than these there is none
+THING_M, NO_THING_M = 0.5, 0.65  # from the nose: what must be seen, and beyond what nothing need
 _START_SPREAD = 4.0
 _DISTURBED = 0.04  # chance of a disturbance in a decision, of 2 to 6 decisions
 _IN_LANE_M = 0.14  # from its middle, at most
 _ELSEWHERE_M = 0.19
 _ALONG_RAD, _ACROSS_RAD = 1.0, 1.4
+_STRAIGHT_ON_RAD = 0.35  # in a junction: who is turned farther has no way ahead that one could see
 _WORLDS = 2  # painted, of each map
 _ANYWHERE = 16  # pictures of each map, from anywhere
 _MARGIN_M = 0.3
@@ -45,13 +55,13 @@ class Pictures(NamedTuple):
     """What robots saw, and what there was to see."""
 
     images: np.ndarray  # (M, 40, 80, 3) uint8 RGB
-    labels: np.ndarray  # (M, 10) float32; NaN where there is no such figure
+    labels: np.ndarray  # (M, 12) float32; NaN where there is no such figure
 
 
-def label(view: LaneView, pose: Sequence[float]) -> np.ndarray:
-    """(10,) what a picture taken at a pose shows: it is new, and nothing was driven before it."""
+def label(view: LaneView, pose: Sequence[float], others: Sequence[Other] = ()) -> np.ndarray:
+    """(12,) what a picture taken at a pose shows: it is new, and nothing was driven before it."""
     found = np.full(_COLUMNS, np.nan, np.float32)
-    found[LINE:] = 0.0, 0.0, -1.0, 1.0, 0.0, 0.0
+    found[LINE:] = 0.0, 0.0, -1.0, -1.0, 1.0, 0.0, 0.0
     road = view.at(*pose)
     if road is None:
         return found
@@ -64,6 +74,10 @@ def label(view: LaneView, pose: Sequence[float]) -> np.ndarray:
         return found
     found[ROAD] = 1.0
     found[:3] = road.offset_m, road.heading_rad, road.curvature_pm
+    if not road.in_junction or turned_rad < _STRAIGHT_ON_RAD:
+        most_m, least_m = clear_m(view, Pose(*pose), others)
+        found[THING] = 1.0 if most_m <= THING_M else 0.0 if least_m >= NO_THING_M else -1.0
+        found[FREE] = most_m if most_m < NO_THING_M else np.nan
     near, far = NO_LINE_M
     if near <= road.line_m <= far:
         found[3] = road.line_m
@@ -75,22 +89,28 @@ def label(view: LaneView, pose: Sequence[float]) -> np.ndarray:
     return found
 
 
-def drive(maps: Sequence[RoadMap], looks: Looks, seed: int, decisions: int) -> Pictures:
-    """What `ROBOTS` experts see on missions, decision by decision: M is of both."""
+def drive(task: Task, looks: Looks, seed: int, decisions: int) -> Pictures:
+    """What `ROBOTS` experts at a task see, decision by decision: M is of both."""
     rng = np.random.default_rng((seed, 1))
-    views = [LaneView(road_map) for road_map in maps]
-    task = Navigation(maps, ROBOTS, start_spread=_START_SPREAD)
+    views = [LaneView(place) for place in task.road_maps if isinstance(place, RoadMap)]
+    halves_m = [half_m(mover) for mover in task.movers]
+    still: dict[Scene, list[Other]] = {}
     world = BatchWorld(task, looks, IMAGE, seed, _WORLDS)
     observation, driven_m = world.reset(), np.zeros(ROBOTS)
     astray, wrong = np.zeros(ROBOTS, dtype=int), np.zeros(ROBOTS, dtype=int)
-    images = np.empty((decisions, *observation.image.shape), np.uint8)
+    images = np.empty((decisions, ROBOTS, *IMAGE.shape), np.uint8)
     labels = np.empty((decisions, ROBOTS, _COLUMNS), np.float32)
     last = np.full((ROBOTS, 3), np.nan)
     for k in range(decisions):
-        images[k] = observation.image
-        poses, where = world.pictured_poses, world.maps
-        for i, pose in enumerate(poses.tolist()):
-            labels[k, i] = label(views[where[i]], pose)
+        images[k] = observation.image[..., -3:]  # the newest
+        poses, where, scenes = world.pictured_poses, world.maps, world.scenes
+        for i, places in enumerate(world.pictured_movers.tolist()):
+            stand = still.get(scenes[i])
+            if stand is None:
+                stand = still[scenes[i]] = standing(scenes[i].solids)
+            moving = [Other(x, y, half_m=m) for (x, y, _), m in zip(places, halves_m, strict=True)]
+            others = stand + [each for each in moving if math.isfinite(each.x_m + each.half_m)]
+            labels[k, i] = label(views[where[i]], poses[i].tolist(), others)
         labels[k, :, NEW] = (poses != last).any(axis=1)
         labels[k, :, DRIVEN_M] = driven_m
         last = poses
@@ -101,6 +121,16 @@ def drive(maps: Sequence[RoadMap], looks: Looks, seed: int, decisions: int) -> P
         observation, driven_m = step.observation, step.course.progress_m
     world.close()
     return Pictures(images.reshape(-1, *IMAGE.shape), labels.reshape(-1, _COLUMNS))
+
+
+def missions(maps: Sequence[RoadMap], seed: int | None = None) -> Task:
+    """What experts drive; with a seed, past others who stand on the lane and beside it."""
+    return Bystanders(maps, ROBOTS, _START_SPREAD, seed)
+
+
+def traffic(maps: Sequence[RoadMap]) -> Task:
+    """What experts drive among ducks that walk and cars with drivers of their own."""
+    return Traffic(maps, ROBOTS, load_scenario("mixed"))
 
 
 def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
@@ -117,7 +147,8 @@ def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
         poses = rng.uniform((-_MARGIN_M, -_MARGIN_M, -np.pi), most, (_ANYWHERE, 3))
         seen = camera.render(poses)
         images.append(apply_sensor(seen, [look.sensor] * _ANYWHERE, rng, IMAGE.crop_top_px))
-        labels += [label(view, pose) for pose in poses.tolist()]
+        others = standing(world.scene.solids)
+        labels += [label(view, pose, others) for pose in poses.tolist()]
     return Pictures(np.concatenate(images), np.stack(labels))
 
 

@@ -24,18 +24,21 @@ from trainer.sight.cli import SightRun
 from trainer.sight.network import SightNetwork, calibrate, export_sight
 from trainer.sight.pictures import (
     IMAGE,
+    KIND,
+    LINE,
     ROAD,
     Pictures,
     anywhere,
     drive,
     joined,
     load,
+    missions,
     save,
     spoiled,
 )
+from trainer.sight.taught import take_over
 
 DECISIONS = 200  # of each file of pictures
-_RATE = 2e-3
 _WARM = 300  # steps over which the rate rises
 _SPOILED = 0.12  # share of a batch
 _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
@@ -53,21 +56,29 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
         raise ConfigError(f"{out}: expected the options of the run there; choose another --out")
     maps = division().maps
     training = gathered(out / "training", maps.training, run.look, run.files, run.seed, console)
+    looks = division().looks.choosing
     chosen = gathered(
-        out / "choosing", maps.choosing, run.look, run.choosing_files, run.seed + 1, console
+        out / "choosing", maps.choosing, looks, run.choosing_files, run.seed + 1, console
     )
     torch.manual_seed(run.seed)
     network = SightNetwork()
-    optimiser = torch.optim.AdamW(network.parameters(), _RATE)
+    if run.begin:
+        take_over(network, Path(run.begin), some(training))
+    optimiser = torch.optim.AdamW(network.parameters(), run.rate)
     parts = {"network": network, "optimiser": optimiser}
     loop = Loop(out / "checkpoint.pt", parts, run.steps, run.seed)
     loop.run(lesson(network, optimiser, training, run), "sight", console)
     calibrate(network, chosen)
-    path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
+    path, images = out / "sight.onnx", some(chosen)
     contract = SightContract(IMAGE, run=out.name, trained_steps=run.steps)
     export_sight(network, contract, images, path)
     quantise(path, {"image": images}, out / "sight_int8.onnx")
     return path
+
+
+def some(pictures: Pictures) -> np.ndarray:
+    """Images from all of them (K, 40, 80, 3), about as many as a check needs."""
+    return pictures.images[:: max(1, len(pictures.images) // _CHECKED)]
 
 
 def gathered(
@@ -94,7 +105,8 @@ def gathered(
 def pictures_of(maps: Sequence[RoadMap], look: str, seed: int) -> Pictures:
     """One file of pictures, in looks of its own."""
     looks = load_look_sampler(look)
-    return joined([drive(maps, looks, seed, DECISIONS), anywhere(maps, looks, seed)])
+    driven = drive(missions(maps, seed), looks, seed, DECISIONS)
+    return joined([driven, anywhere(maps, looks, seed)])
 
 
 def lesson(
@@ -103,7 +115,7 @@ def lesson(
     """One step of the training, for `trainer.resumable.Loop`."""
 
     def step(rng: np.random.Generator, number: int) -> str:
-        rate = _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
+        rate = run.rate * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
         set_rate([optimiser], rate * min(1.0, (number + 1) / _WARM))
         images, labels = drawn(pictures, run.batch, rng)
         loss = network.loss(torch.from_numpy(images), torch.from_numpy(labels))
@@ -120,7 +132,7 @@ def drawn(pictures: Pictures, count: int, rng: np.random.Generator) -> Pictures:
     for i, chance in enumerate(rng.random(count).tolist()):
         if chance < _SPOILED:
             images[i] = spoiled(images[i], rng)
-            labels[i, :4], labels[i, 4:7] = np.nan, -1.0
+            labels[i, :LINE], labels[i, LINE : KIND + 1] = np.nan, -1.0
             labels[i, ROAD] = 0.0
         elif chance > 0.5:
             images[i] = relit(images[i], rng)

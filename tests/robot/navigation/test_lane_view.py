@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from robot.geometry import Pose
 from robot.navigation.lane_view import AHEAD_M, KINDS, LaneAhead, LaneView
 from robot.navigation.road_map import RoadMap, read_map
 
@@ -99,3 +100,22 @@ def test_curvature_ahead_grows_by_its_slope() -> None:
     for a, b in pairs:
         grown = 0.5 * (a.slope_pm2 + b.slope_pm2) * 0.05
         assert b.curvature_pm - a.curvature_pm == pytest.approx(grown, abs=0.25)
+
+
+def test_the_way_follows_the_lane_and_goes_straight_over_a_junction() -> None:
+    view, ahead_m = LaneView(CROSS), 0.02 * np.arange(61)
+    way_m = view.way(Pose(0.2, EASTWARDS_M + 0.05, 0.2), ahead_m)
+    assert way_m is not None
+    np.testing.assert_allclose(way_m, np.stack((0.2 + ahead_m, 0.0 * ahead_m + EASTWARDS_M), 1))
+    assert LaneView(CROSS).way(Pose(-1.0, 0.0, 0.0), ahead_m) is None
+
+
+def test_the_way_stays_in_the_middle_of_a_bend() -> None:
+    ring = LaneView(map_of("curve_left/W curve_left/N", "curve_left/S curve_left/E"))
+    for heading in np.linspace(-3.0, 3.0, 13):
+        x, y = TILE + 0.5 * math.sin(heading), TILE - 0.5 * math.cos(heading)
+        way_m = ring.way(Pose(x, y, heading), 0.02 * np.arange(36))
+        assert way_m is not None
+        roads = [ring.at(*point, heading + 0.02 * k / 0.45) for k, point in enumerate(way_m)]
+        assert max(abs(road.offset_m) for road in roads if road is not None) < 0.006
+        assert all(road is not None for road in roads)

@@ -43,7 +43,7 @@ class FakeSight:
             line[0], sure[0] = math.isfinite(line_m), 1.0
             junction[0, road.kind if road.line_m < 0.6 else 0] = 1.0
         deviations = np.array([[0.01, 0.05, 0.5, 0.02]])
-        return Seen(figures, deviations, line, sure, junction)
+        return Seen(figures, deviations, line, sure, junction, np.zeros(1))
 
     def newest(self) -> Optional[Frame]:
         number = round(self.world.now_s / 0.1)
@@ -209,7 +209,11 @@ def test_a_steady_error_of_sight_becomes_a_state_and_not_a_pose() -> None:
         assert road is not None
         figures = np.array([[road.offset_m + 0.02, road.heading_rad, 0.0, 0.0]])
         seen = Seen(
-            figures, np.array([[0.01, 0.05, 9.0, 0.1]]), *np.zeros((2, 1)), np.zeros((1, 5))
+            figures,
+            np.array([[0.01, 0.05, 9.0, 0.1]]),
+            *np.zeros((2, 1)),
+            np.zeros((1, 5)),
+            np.zeros(1),
         )
         fix.see(seen._replace(road=np.ones(1)), np.ones(1, dtype=bool), now_s)
     assert fusion.seen_error()[0, 0] > 0.012
@@ -222,7 +226,7 @@ def test_what_cannot_be_is_not_believed() -> None:
     fusion.move(np.zeros(1), np.zeros(1), 0.0)
     fusion.measure(np.array([world.pose]), np.zeros(1))
     before = fusion.poses.copy()
-    far = Seen(np.array([[0.4, 0.0, 0.0, 0.0]]), np.full((1, 4), 0.01), *np.zeros((3, 1)))
+    far = Seen(np.array([[0.4, 0.0, 0.0, 0.0]]), np.full((1, 4), 0.01), *np.zeros((4, 1)))
     fusion.move(np.zeros(1), np.zeros(1), 0.1)
     fix = SightFix(fusion, [view])
     fix.see(far._replace(road=np.ones(1)), np.ones(1, dtype=bool), 0.1)

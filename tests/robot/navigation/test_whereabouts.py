@@ -37,7 +37,7 @@ def look(view: LaneView, pose: Pose, rng: np.random.Generator) -> Seen:
     told = road.kind if road.line_m <= 0.6 else 0
     kinds = np.full(5, 0.025)
     kinds[int(rng.integers(5)) if rng.random() < 0.1 else told] = 0.9
-    parts = (figures, DEVIATIONS, 0.05 + 0.9 * line, 0.97, kinds)
+    parts = (figures, DEVIATIONS, 0.05 + 0.9 * line, 0.97, kinds, 0.0)
     return Seen(*(np.asarray(part)[None] for part in parts))
 
 
