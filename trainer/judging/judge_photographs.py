@@ -88,7 +88,7 @@ def seer_of(model: Path) -> Seer:
 
 def _seen_by(sight: OnnxSight, frame: np.ndarray) -> Answer:
     seen = sight(preprocess(frame, sight.contract.image)[None])
-    offset_m, heading_rad, bend_pm, _ = seen.figures[0].tolist()
+    offset_m, heading_rad, bend_pm, *_ = seen.figures[0].tolist()
     aside_m, turned_rad, *_ = seen.deviations[0].tolist()
     there_m = offset_m + REFERENCE_M * math.sin(heading_rad) - 0.5 * bend_pm * REFERENCE_M**2
     direction_rad, road = bend_pm * REFERENCE_M - heading_rad, bool(seen.road[0] > 0.5)

@@ -9,8 +9,7 @@ import numpy as np
 
 from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
-from robot.navigation.map_objects import MapObject
-from robot.navigation.object_kinds import colours
+from robot.navigation.map_objects import MapObject, colours
 from robot.navigation.others import AHEAD_M, HALF_DUCK_M, HALF_ROBOT_M, Other, free_way
 from robot.navigation.road_map import RoadMap
 from robot.safety.governors import NOSE_M
@@ -19,7 +18,7 @@ from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.tasks.navigation import Navigation
 
 _DUCKS, _ROBOTS = 4, 3
-_SIZES_M = (0.05, 0.08), (0.11, 0.14)  # least and greatest height, of a duck, of a robot
+_DUCKS_M, _ROBOTS_M = (0.05, 0.08), (0.11, 0.14)  # least and greatest height
 _ANEW = 0.08  # chance in a decision that others stand there
 _THERE = 0.35  # of one of them to stand there at all
 _FROM_AXLE_M = (0.12, 1.0)
@@ -80,11 +79,9 @@ class Bystanders(Navigation):
 
 def _movers(rng: np.random.Generator) -> Iterator[Mover]:
     names = list(colours())
-    for kind, sizes_m, count in zip(
-        ("duckie", "duckiebot"), _SIZES_M, (_DUCKS, _ROBOTS), strict=True
-    ):
-        for _ in range(count):
-            colour, height_m = names[int(rng.integers(len(names)))], float(rng.uniform(*sizes_m))
+    for kind, sizes_m, count in (("duckie", _DUCKS_M, _DUCKS), ("duckiebot", _ROBOTS_M, _ROBOTS)):
+        for height_m in rng.uniform(*sizes_m, count).tolist():
+            colour = names[int(rng.integers(len(names)))]
             yield object_solids(MapObject("", kind, 0.0, 0.0, 0.0, height_m, color=colour))
 
 

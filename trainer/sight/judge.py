@@ -174,48 +174,32 @@ def _believed(sight: OnnxSight, driven: Pictures, elsewhere: Pictures) -> float:
 
 def as_rows(judgements: list[Judgement]) -> list[tuple[str, ...]]:
     """For a table: a head, and a row for each look."""
-    rows: list[tuple[str, ...]] = [
-        (
-            "look",
-            "pictures",
-            "offset rms (ratio, outliers)",
-            "heading",
-            "in junctions",
-            "red line: error",
-            "found",
-            "passed by",
-            "invented in 200 m",
-            "junction right",
-            "road believed",
-            "no road believed",
-            "free way: error",
-            "found",
-            "passed by",
-            "invented in 200 m",
-        )
-    ]
-    for each in judgements:
-        at, turned, line = each.offset_m, each.heading_rad, each.line_m
-        aside, askew = each.crossing_offset_m, each.crossing_heading_rad
-        way, free = each.way, each.way.free_m
-        rows.append(
-            (
-                each.look,
-                str(each.pictures),
-                f"{100 * at.rms:.1f} cm ({at.ratio:.2f}, {at.outliers:.1%})",
-                f"{np.degrees(turned.rms):.1f}° ({turned.ratio:.2f}, {turned.outliers:.1%})",
-                f"{100 * aside.rms:.1f} cm, {np.degrees(askew.rms):.1f}°",
-                f"{100 * line.rms:.1f} cm ({line.ratio:.2f}, {line.outliers:.1%})",
-                f"{each.line_found:.1%}",
-                f"{each.lines_passed_by} of {each.lines}",
-                f"{each.invented_per_200_m:.1f}",
-                f"{each.junction_right:.1%}",
-                f"{each.road_believed:.1%}",
-                f"{each.no_road_believed:.1%}",
-                f"{100 * free.rms:.1f} cm ({free.ratio:.2f}, {free.outliers:.1%})",
-                f"{way.found:.1%}",
-                f"{way.passed_by} of {way.things}",
-                f"{way.invented_per_200_m:.1f}",
-            )
-        )
-    return rows
+    rows = [_row(each) for each in judgements]
+    return [tuple(rows[0]), *(tuple(row.values()) for row in rows)]
+
+
+def _row(each: Judgement) -> dict[str, str]:
+    way, line, turned = each.way, each.line_m, each.heading_rad
+    aside, askew = each.crossing_offset_m, each.crossing_heading_rad
+    return {
+        "look": each.look,
+        "pictures": str(each.pictures),
+        "offset rms (ratio, outliers)": f"{100 * each.offset_m.rms:.1f} cm {_of(each.offset_m)}",
+        "heading": f"{np.degrees(turned.rms):.1f}° {_of(turned)}",
+        "in junctions": f"{100 * aside.rms:.1f} cm, {np.degrees(askew.rms):.1f}°",
+        "red line: error": f"{100 * line.rms:.1f} cm {_of(line)}",
+        "found": f"{each.line_found:.1%}",
+        "passed by": f"{each.lines_passed_by} of {each.lines}",
+        "invented in 200 m": f"{each.invented_per_200_m:.1f}",
+        "junction right": f"{each.junction_right:.1%}",
+        "road believed": f"{each.road_believed:.1%}",
+        "no road believed": f"{each.no_road_believed:.1%}",
+        "free way: error": f"{100 * way.free_m.rms:.1f} cm {_of(way.free_m)}",
+        "way found": f"{way.found:.1%}",
+        "way passed by": f"{way.passed_by} of {way.things}",
+        "way invented in 200 m": f"{way.invented_per_200_m:.1f}",
+    }
+
+
+def _of(error: Error) -> str:
+    return f"({error.ratio:.2f}, {error.outliers:.1%})"

@@ -13,17 +13,7 @@ from robot.errors import ContractError
 from robot.output import atomically
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
 from trainer.export import write_onnx
-from trainer.sight.pictures import (
-    FIGURES,
-    FREE,
-    IMAGE,
-    KIND,
-    LINE,
-    NEW,
-    ROAD,
-    THING,
-    Pictures,
-)
+from trainer.sight.pictures import FIGURES, FREE, IMAGE, KIND, LINE, NEW, ROAD, THING, Pictures
 
 CHANNELS = (24, 48, 96)
 _HIDDEN = 192
