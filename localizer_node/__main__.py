@@ -20,6 +20,7 @@ from robot.camera.files import read_picture
 from robot.command_line import OneLineParser, answer, spoken, whole
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
+from robot.link.sockets import Publisher
 from robot.output import expect_writable, write_json, write_png
 from robot.typed_config import load_yaml, to_plain
 
@@ -70,7 +71,7 @@ def run_command(arguments: argparse.Namespace) -> None:
             publish = publisher(load_yaml(LinkConfig, arguments.link), open_links)
         localizer = Localizer(calibration)
         for frame in frames:
-            publish(localizer.feed(frame.image, frame.t_capture_s), frame.t_capture_s)
+            publish(localizer.feed(frame.image, frame.time_s), frame.time_s)
 
 
 def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
@@ -80,10 +81,10 @@ def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
     """
     link = config.open()
     stack.callback(link.close)
-    channel = config.publisher(link, PosesMessage)
+    channel = Publisher(link, PosesMessage)
 
     def publish(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:
-        link.admit()
+        link.allow_list.admit()
         if poses:
             channel.send(PosesMessage(poses, t_capture_s))
 

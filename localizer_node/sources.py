@@ -4,35 +4,23 @@ from __future__ import annotations
 
 import re
 import time
-from typing import Iterator, NamedTuple
-
-import numpy as np
+from contextlib import closing
+from itertools import count
+from typing import Iterator
 
 from robot.camera.files import play
-from robot.camera.source import Stream
+from robot.camera.source import Frame, Stream
 from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
 from robot.errors import ContractError, HardwareError
 from robot.lens import Lens
 
 
-class Frame(NamedTuple):
-    """One picture and when it was taken."""
-
-    image: np.ndarray  # (H, W, 3) uint8 RGB
-    t_capture_s: float  # monotonic
-
-
 def open_source(source: str, lens: Lens, fps: int = 30) -> Iterator[Frame]:
-    """Frames of a source until it ends.
+    """Frames of a source until it ends; those of a file or folder are taken 1 / ``fps`` apart.
 
-    Args:
-        source: a number N for /dev/videoN; ``csi`` or ``csi:N`` for a Jetson's CSI port;
-            ``socket:PATH`` for a virtual camera; or the path of a video file or of a folder of
-            pictures.
-        lens: gives the picture size that a camera is set to.
-        fps: of a camera; pictures of a file or folder are taken to be 1 / fps apart.
-
-    ConfigError: there is no such file or folder, or nothing in it to play. HardwareError: the
+    A source is a number N for /dev/videoN; ``csi`` or ``csi:N`` for a Jetson's CSI port;
+    ``socket:PATH`` for a virtual camera; or the path of a video or of a folder of pictures. A
+    camera is set to the lens' size. ConfigError: there is nothing to play. HardwareError: the
     camera cannot be opened, or (on iteration) went silent.
     """
     size_px = (lens.width_px, lens.height_px)
@@ -44,16 +32,14 @@ def open_source(source: str, lens: Lens, fps: int = 30) -> Iterator[Frame]:
     if csi:
         command = csi_command(int(csi.group(1) or 0), 0, fps, size_px)
         return _live(GstStream(command, size_px))
-    return (Frame(picture, i / fps) for i, picture in enumerate(play(source)))
+    return (Frame(picture, i, i / fps) for i, picture in enumerate(play(source)))
 
 
 def _live(stream: Stream) -> Iterator[Frame]:
-    try:
-        while True:
+    with closing(stream):
+        for number in count():
             try:
                 picture = stream.grab()
             except ContractError as error:  # it was opened for pictures of this size and kind
                 raise HardwareError(str(error)) from error
-            yield Frame(picture, time.monotonic())
-    finally:
-        stream.close()
+            yield Frame(picture, number, time.monotonic())

@@ -80,15 +80,9 @@ class MountFit(NamedTuple):
 def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float) -> MountFit:
     """All six figures of the mount, by least squares of the reprojection error.
 
-    Pitch, roll and height do not depend on where the board lies; yaw, ``forward_m`` and ``left_m``
-    are as good as the board's placing.
-
-    Args:
-        corners_px: (28, 2) of `robot.bringup.chessboard.find_board`.
-        lens: at the size of that picture.
-        near_edge_m: as for `robot.bringup.chessboard.board_points_m`.
-
-    ConfigError: no camera can see the board so.
+    From corners (28, 2) of `robot.bringup.chessboard.find_board`, and the lens at that picture's
+    size. Pitch, roll and height do not depend on where the board lies; yaw, ``forward_m`` and
+    ``left_m`` are as good as the board's placing. ConfigError: no camera can see the board so.
     """
     points_m = board_points_m(near_edge_m)
     fit = fit_camera(corners_px, points_m[:, :2], lens, Freedom())

@@ -22,15 +22,8 @@ def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: flo
 
     The robot rolls a circle when one wheel is larger. Its chord from the start to
     (``ahead_m``, ``left_m``), by the axes of the start, gives the bend; the bend times the baseline
-    is what the right wheel rolled farther than the left one.
-
-    Args:
-        hat: as it was driven with.
-        rolled_m: way of both wheels by their steps.
-        ahead_m: measured ahead of the start.
-        left_m: measured to the left of it, negative to the right.
-
-    ConfigError: no two wheels differ so much.
+    is what the right wheel rolled farther than the left one. ``rolled_m`` is the way of both by
+    their steps. ConfigError: no two wheels differ so much.
     """
     bend_rad = 2.0 * math.atan2(left_m, ahead_m)
     if not (ahead_m > 0.0 and abs(bend_rad) <= MOST_BEND_RAD):

@@ -18,12 +18,8 @@ def edit_yaml(kind: Type[T], path: Path, values: Dict[Keys, Any]) -> List[str]:
 
     Each section that holds one is written anew, without its comments; the rest stays to the byte.
     The file is replaced whole or not at all, and only by one that ``kind`` accepts and whose data
-    differ in these values alone.
-
-    Returns:
-        A line for each value that changed; where the file said nothing, from the default.
-
-    ConfigError: the file does not fit ``kind`` before, or would not afterwards.
+    differ in these values alone. Returns a line for each value that changed, from the default where
+    the file said nothing. ConfigError: the file does not fit ``kind`` before, or afterwards.
     """
     import yaml
 

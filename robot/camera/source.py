@@ -14,9 +14,9 @@ from robot.errors import ContractError
 
 
 class Frame(NamedTuple):
-    """A picture (120, 160, 3) uint8 RGB, its number, and when it was taken by the robot's clock.
+    """A picture (H, W, 3) uint8 RGB, its number, and when it was taken by a monotonic clock.
 
-    Numbers grow by one or more; the same number is the same frame.
+    Numbers grow by one or more; the same number is the same frame. A robot's is (120, 160, 3).
     """
 
     image: np.ndarray

@@ -126,19 +126,12 @@ def gst_command(source: Sequence[str], size_px: Tuple[int, int]) -> List[str]:
 
 
 class GstStream:
-    """Pictures from a child process that writes raw BGRx, such as ``gst-launch-1.0``.
+    """Pictures from a child process that writes raw BGRx to ``VIDEO_FD``: ``gst-launch-1.0``.
 
     OpenCV's wheels know no GStreamer, and a Jetson's CSI cameras give colour pictures through
-    nothing else. The child is the same with any source, so ``videotestsrc`` tests it anywhere. Its
-    pipe is not its standard output, where nvarguscamerasrc prints what it does: one such line among
-    the pixels would shift all pictures after it.
-
-    Args:
-        command: of the child; ``VIDEO_FD`` in it becomes the number of the descriptor that it
-            writes to. Without that it writes to its standard output, and must print nothing there.
-        silence_s: without a byte for so long it hangs.
-
-    HardwareError: the command cannot be started.
+    nothing else. The pipe is not the child's standard output, where nvarguscamerasrc prints what it
+    does: one such line among the pixels would shift all pictures after it. Without a byte for
+    ``silence_s`` it hangs. HardwareError: the command cannot be started.
     """
 
     def __init__(

@@ -250,9 +250,6 @@ def _link(machine: Machine, config: RobotConfig) -> Iterator[Finding]:
 
 
 def _keys(link: LinkConfig) -> Finding:
-    if link.plaintext:
-        says = "none: plaintext, on this computer only"
-        return Finding("keys", WARN, says, "python -m robot keygen keys")
     try:
         keys = load_keys(link.keys)
     except (ConfigError, OSError) as error:

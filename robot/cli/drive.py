@@ -29,12 +29,7 @@ PROMPT = "type arm, auto, stop (or just Enter), disarm, clear or quit"
 
 
 class Terminal:
-    """An ``Operator`` and a ``Subscriber`` of the runtime.
-
-    Args:
-        lines: what is typed; read in a thread of its own, which ends with the program.
-        say: prints one line.
-    """
+    """An ``Operator`` and a ``Subscriber``; ``lines`` are read in a thread of its own."""
 
     def __init__(self, lines: Iterable[str], say: Callable[[str], None]) -> None:
         self.quitting = False

@@ -49,13 +49,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def label(policy: OnnxPolicy, folder: Path) -> Tuple[List[Dict[str, Any]], List[str]]:
-    """The policy's answer to each picture of a folder, one at a time as on the robot.
+    """File, action and values of each picture of a folder, and what only has a picture's name.
 
-    Returns:
-        File, action and values of each picture; and the files that only have a picture's name:
-        empty ones, or macOS's ._*.jpg.
-
-    ConfigError: there is no picture.
+    Such are empty files, or macOS's ._*.jpg. ConfigError: there is no picture.
     """
     path = np.zeros(policy.contract.path_points, np.float32)
     answers, skipped = [], []

@@ -27,12 +27,8 @@ class MotorDriver:
 
     Used in a ``with`` block: entering finds the HAT, leaving brakes and switches every output off.
     A wheel speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several
-    threads (``thread.MotorThread`` is).
-
-    Attributes:
-        planner: knows the steps so far, and the speeds that the ramps have reached.
-        pose: where the steps led, from where it was when somebody last set it. True as long as no
-            rotor loses a step and no wheel slips.
+    threads (``thread.MotorThread`` is). ``planner`` knows the steps so far and the speeds that the
+    ramps have reached; ``pose`` is where the steps led, from where it was when last set.
 
     HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
     message says that they could not be switched off. The driver stays off until ``open``.

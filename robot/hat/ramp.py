@@ -58,10 +58,8 @@ class _Piece(NamedTuple):
 class WheelRamp:
     """The motion of one wheel, from standing still at position 0 at ``time_s``.
 
-    Args:
-        start_stop: the speed it can start at, or stop from, without a ramp [steps/s].
-        acceleration: that it can follow above that [steps/s^2].
-        time_s: when it begins.
+    It can start at, or stop from, ``start_stop`` [steps/s] without a ramp, and follow
+    ``acceleration`` [steps/s^2] above that.
     """
 
     def __init__(self, start_stop: float, acceleration: float, time_s: float) -> None:

@@ -21,13 +21,12 @@ ANSWER_WITHIN_S = 1.0
 class CommandClient:
     """The operator's side. ``poll`` often: it beats, repeats STOP and collects the answers."""
 
-    def __init__(self, link: Link, endpoint: str, clock: Clock = time.monotonic) -> None:
+    def __init__(self, link: Link, clock: Clock = time.monotonic) -> None:
         import zmq
 
         self.session = new_session()
         self.refused = 0
         self._link = link
-        self._endpoint = endpoint
         self._clock = clock
         self._connected_s = clock()
         self._robot_session = UNSENT
@@ -35,7 +34,7 @@ class CommandClient:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._pending: Dict[str, Tuple[Command, float]] = {}  # unanswered, and when it was sent
-        self._socket = link.connect(zmq.DEALER, endpoint, Command.LIMIT_BYTES, Command.KIND)
+        self._socket = link.connect(zmq.DEALER, Command.KIND, Command.LIMIT_BYTES)
 
     def send(
         self, kind: str, mission: Optional[Mission] = None, wheels: Optional[WheelSpeeds] = None
@@ -60,7 +59,7 @@ class CommandClient:
         acks = self._collect(now_s)
         if now_s - max(self._heard_s, self._connected_s) > DEAF_S:
             self._connected_s = now_s
-            self._link.reconnect(self._socket, self._endpoint)
+            self._link.reconnect(self._socket, Command.KIND)
         if beat and now_s - self._beat_s >= BEAT_S:
             self._beat_s = now_s
             self.send("beat")

@@ -67,7 +67,7 @@ class OperatorLock:
 class CommandServer:
     """The robot's side. ``serve`` in every turn of the control loop; it never blocks."""
 
-    def __init__(self, link: Link, endpoint: str, clock: Clock = time.monotonic) -> None:
+    def __init__(self, link: Link, clock: Clock = time.monotonic) -> None:
         import zmq
 
         self.session = new_session()
@@ -77,13 +77,13 @@ class CommandServer:
         self._clock = clock
         self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
         self._lock = OperatorLock()
-        self._socket = link.bind(zmq.ROUTER, endpoint, Command.LIMIT_BYTES, Command.KIND)
+        self._socket = link.bind(zmq.ROUTER, Command.KIND, Command.LIMIT_BYTES)
 
     def serve(self, handle: Handler) -> None:
         """Read what has come, give each new command to ``handle`` once, and answer all."""
         import zmq
 
-        self._link.admit()
+        self._link.allow_list.admit()
         for _ in range(MAX_SERVED):
             parts = receive_now(self._socket, copy=False)
             if parts is None:
@@ -105,8 +105,8 @@ class CommandServer:
         try:
             if len(parts) != 2:
                 raise ContractError(f"command: expected one part, got {len(parts) - 1}")
-            user = _user(parts)
-            if not self._link.may(user, Command.KIND):
+            user = parts[1].get("User-Id")  # the name of the sender's key
+            if not self._link.allow_list.may(user, Command.KIND):
                 raise ContractError(f"command: expected a monitor's key, got the key of {user}")
             command = Command.from_bytes(parts[1].bytes)
         except ContractError as error:
@@ -143,13 +143,3 @@ class CommandServer:
         if not -CLOCK_ROUNDING_S <= age_s <= MAX_ECHO_AGE_S:
             return f"the command is {age_s:.1f} s old; send it again"
         return ""
-
-
-def _user(parts: List) -> str:
-    """Name of the sender's key in the allow-list; ``plaintext`` without keys."""
-    import zmq
-
-    try:
-        return parts[1].get("User-Id")
-    except zmq.ZMQError:
-        return "plaintext"

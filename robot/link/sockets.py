@@ -20,14 +20,15 @@ from robot.errors import ConfigError, ContractError
 from robot.link.allow_list import AllowList
 from robot.link.keys import ADMITS, BOUND_BY, Keys
 from robot.link.messages import FrameMessage, PosesMessage
-from robot.link.telemetry import Reading, Telemetry
+from robot.link.telemetry import Telemetry
 
 if TYPE_CHECKING:
     import zmq
 
+    from robot.link.config import LinkConfig
+
 Clock = Callable[[], float]
 M = TypeVar("M", PosesMessage, FrameMessage, Telemetry)
-LOOPBACK = ("tcp://127.0.0.1:", "tcp://localhost:", "tcp://[::1]:", "inproc://", "ipc://")
 ENVELOPE_BYTES = 64  # what CURVE adds to a message, with room to spare
 HEARTBEAT_MS = 200
 HEARTBEAT_TIMEOUT_MS = 600
@@ -43,21 +44,16 @@ DESCRIPTORS = 65_536
 class Link:
     """The sockets of one program, its keys and its allow-list. Close it, or use it as a context."""
 
-    def __init__(self, keys: Optional[Keys], plaintext: bool = False) -> None:
+    def __init__(self, keys: Keys, config: LinkConfig) -> None:
         import zmq
 
-        if (keys is None) != plaintext:
-            raise ConfigError(
-                "link: expected either keys (make them with: robot keygen DIR) or plaintext, "
-                f"got {'neither' if keys is None else 'both'}"
-            )
-        self.keys = keys
+        self.keys, self._config = keys, config
         self._context = zmq.Context()
         self._sockets: List[zmq.Socket[bytes]] = []
         raise_limit()
-        self._allow_list = None if keys is None else AllowList(self._context, keys)
+        self.allow_list = AllowList(self._context, keys)
 
-    def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> zmq.Socket[bytes]:
+    def bind(self, kind: int, stream: str, limit_bytes: int) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
 
         ConfigError where our keys are not those of the machine that binds it, or the port is taken.
@@ -65,17 +61,16 @@ class Link:
         import zmq
 
         self._expect_role((BOUND_BY[stream],))
-        socket = self._socket(kind, endpoint, limit_bytes)
+        socket = self._socket(kind, limit_bytes)
         # Who connects asks for signs of life, and tells with them how long to wait for the next.
         # Who binds must not ask: libzmq 4.3.5 aborts when it wants to ask somebody who filled the
         # queue and hung up (libzmq #4841).
         socket.heartbeat_ivl = 0
         socket.rcvhwm = RECEIVE_QUEUE
-        if self.keys is not None:
-            socket.curve_server = True
-            socket.zap_domain = stream.encode("ascii")
-            socket.zap_enforce_domain = True  # without a list nobody enters
-            socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
+        socket.curve_server = True
+        socket.zap_domain = stream.encode("ascii")
+        socket.zap_enforce_domain = True  # without a list nobody enters
+        endpoint = f"tcp://*:{self._config.port(stream)}"
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:
@@ -85,27 +80,26 @@ class Link:
             ) from error
         return socket
 
-    def connect(
-        self, kind: int, endpoint: str, limit_bytes: int, stream: str, newest_only: bool = False
-    ) -> zmq.Socket[bytes]:
+    def connect(self, kind: int, stream: str, limit_bytes: int) -> zmq.Socket[bytes]:
         """A socket of the ZeroMQ ``kind`` that speaks to the machine that binds a stream, alone.
 
-        ConfigError where the stream does not admit our keys, or we do not know that machine's.
+        A SUB keeps the newest message only. ConfigError where the stream does not admit our keys,
+        or we do not know that machine's.
         """
+        import zmq
+
         self._expect_role(ADMITS[stream])
-        socket = self._socket(kind, endpoint, limit_bytes)
-        if newest_only:
+        socket = self._socket(kind, limit_bytes)
+        if kind == zmq.SUB:
             socket.conflate = True
             socket.subscribe(b"")
         else:
             socket.immediate = True  # what is sent while nobody is connected is lost, not queued
-        if self.keys is not None:
-            socket.curve_serverkey = self.keys.peer(BOUND_BY[stream])
-            socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
-        socket.connect(endpoint)
+        socket.curve_serverkey = self.keys.peer(BOUND_BY[stream])
+        socket.connect(self._config.endpoint(stream))
         return socket
 
-    def reconnect(self, socket: zmq.Socket[bytes], endpoint: str) -> None:
+    def reconnect(self, socket: zmq.Socket[bytes], stream: str) -> None:
         """Connect again a socket that has heard nothing for ``DEAF_S``.
 
         libzmq reconnects after a lost connection, but gives one up for good after an oversized
@@ -114,28 +108,14 @@ class Link:
         import zmq
 
         with contextlib.suppress(zmq.ZMQError):  # it may have forgotten the endpoint already
-            socket.disconnect(endpoint)
-        socket.connect(endpoint)
-
-    def admit(self) -> None:
-        """Answer those who wait to be let in, without blocking."""
-        if self._allow_list is not None:
-            self._allow_list.admit()
-
-    def may(self, name: str, stream: str) -> bool:
-        """Whether a peer may use a stream; without keys everybody on this machine may."""
-        return self._allow_list is None or self._allow_list.may(name, stream)
-
-    def reading(self) -> Reading:
-        """How many were turned away, for the monitor."""
-        return self._allow_list.reading() if self._allow_list else Reading("turned away", 0.0)
+            socket.disconnect(self._config.endpoint(stream))
+        socket.connect(self._config.endpoint(stream))
 
     def close(self) -> None:
         """Close every socket, the allow-list's last."""
         for socket in self._sockets:
             socket.close()
-        if self._allow_list is not None:
-            self._allow_list.close()
+        self.allow_list.close()
         self._context.term()
 
     def __enter__(self) -> Link:
@@ -144,13 +124,9 @@ class Link:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _socket(self, kind: int, endpoint: str, limit_bytes: int) -> zmq.Socket[bytes]:
-        if self.keys is None and not endpoint.startswith(LOOPBACK):
-            raise ConfigError(
-                f"{endpoint}: expected a loopback address without keys, got one that others reach; "
-                "make keys with: robot keygen DIR"
-            )
+    def _socket(self, kind: int, limit_bytes: int) -> zmq.Socket[bytes]:
         socket = self._context.socket(kind)
+        socket.curve_publickey, socket.curve_secretkey = self.keys.public, self.keys.secret
         socket.linger = 0
         socket.sndhwm = SEND_QUEUE
         socket.maxmsgsize = limit_bytes + ENVELOPE_BYTES
@@ -164,7 +140,7 @@ class Link:
         return socket
 
     def _expect_role(self, roles: Sequence[str]) -> None:
-        if self.keys is not None and self.keys.role not in roles:
+        if self.keys.role not in roles:
             expected = " or ".join(roles)
             raise ConfigError(
                 f"keys: expected those of the {expected}, got those of the {self.keys.role}; name "
@@ -203,22 +179,20 @@ def new_session() -> str:
 
 
 class Publisher(Generic[M]):
-    """Publishes one stream at ``endpoint``; ``send`` never blocks."""
+    """Publishes the stream of a class; ``send`` never blocks."""
 
-    def __init__(
-        self, link: Link, endpoint: str, kind: Type[M], clock: Clock = time.monotonic
-    ) -> None:
+    def __init__(self, link: Link, kind: Type[M], clock: Clock = time.monotonic) -> None:
         import zmq
 
         self.session = new_session()
         self._link = link
         self._clock = clock
         self._sequence = 0
-        self._socket = link.bind(zmq.PUB, endpoint, kind.LIMIT_BYTES, kind.KIND)
+        self._socket = link.bind(zmq.PUB, kind.KIND, kind.LIMIT_BYTES)
 
     def send(self, message: M) -> M:
         """Stamp the message with session, sequence and time, and publish it; as sent."""
-        self._link.admit()
+        self._link.allow_list.admit()
         self._sequence += 1
         stamped = replace(
             message, session=self.session, sequence=self._sequence, t_sent_s=self._clock()
@@ -228,31 +202,22 @@ class Publisher(Generic[M]):
 
 
 class Subscriber(Generic[M]):
-    """The newest message of the stream of a class, published at ``endpoint``.
+    """The newest message of the stream of a class.
 
     ``refused`` counts what was no message of this class, ``last_refusal`` says what was wrong.
     Order, age and plausibility are judged by ``freshness``.
     """
 
-    def __init__(
-        self,
-        link: Link,
-        endpoint: str,
-        kind: Type[M],
-        clock: Clock = time.monotonic,
-    ) -> None:
+    def __init__(self, link: Link, kind: Type[M], clock: Clock = time.monotonic) -> None:
         import zmq
 
         self.refused = 0
         self.last_refusal = ""
         self._link = link
-        self._endpoint = endpoint
         self._clock = clock
         self._alive_s = clock()  # last heard or connected
         self._kind: Type[M] = kind
-        self._socket = link.connect(
-            zmq.SUB, endpoint, kind.LIMIT_BYTES, kind.KIND, newest_only=True
-        )
+        self._socket = link.connect(zmq.SUB, kind.KIND, kind.LIMIT_BYTES)
 
     def receive(self) -> Optional[M]:
         """The newest message since the last call, or None; never blocks."""
@@ -260,7 +225,7 @@ class Subscriber(Generic[M]):
         if parts is None:
             if self._clock() - self._alive_s > DEAF_S:
                 self._alive_s = self._clock()
-                self._link.reconnect(self._socket, self._endpoint)
+                self._link.reconnect(self._socket, self._kind.KIND)
             return None
         self._alive_s = self._clock()
         try:

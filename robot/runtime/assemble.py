@@ -19,6 +19,8 @@ from robot.hat.thread import MotorThread, motors_on, own_bus
 from robot.inference.policy import OnnxPolicy
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.lens import CameraRig
+from robot.link import sockets
+from robot.link.command_server import CommandServer
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
@@ -84,12 +86,12 @@ def open_robot(
         audience: List[Subscriber] = [watchdog, *subscribers]
         if isinstance(wheels, MotorThread):
             audience.insert(1, wheels)
-        if link is not None and config.link is not None:
+        if link is not None:
             if navigates:
-                poses = config.link.subscriber(link, PosesMessage).receive
+                poses = sockets.Subscriber(link, PosesMessage).receive
                 navigator = open_navigator(config, poses, wheels, eye)
                 audience.append(navigator)
-            everybody.append(RemoteOperator(config.link.command_server(link), navigator))
+            everybody.append(RemoteOperator(CommandServer(link), navigator))
         audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
         runtime = Runtime(
             eye,
@@ -181,7 +183,7 @@ def open_reports(
         recorders.append(recorder)
         others.append(recorder.reading)
     if link is not None:
-        others.append(link.reading)
+        others.append(link.allow_list.reading)
     health = Health(time.monotonic, tuple(others))
     about = Telemetry(
         config.name,
@@ -191,8 +193,8 @@ def open_reports(
         actions=contract.actions,
     )
     publish, show = None, None
-    if link is not None and config.link is not None:
-        publish = config.link.publisher(link, Telemetry).send
-        show = config.link.publisher(link, FrameMessage).send
+    if link is not None:
+        publish = sockets.Publisher(link, Telemetry).send
+        show = sockets.Publisher(link, FrameMessage).send
     reporter = Reporter(publish, show, about, config.safety, navigator, health.readings)
     return [reporter, *recorders]

@@ -8,6 +8,8 @@ from robot.errors import ConfigError
 from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
 from robot.link.messages import PosesMessage, Sighting
+from robot.link.sockets import Subscriber
+from robot.typed_config import from_plain
 
 POSE = Sighting("robot", 1.0, 2.0, 0.5, 0.9)
 OTHER = Sighting("other", 0.4, 0.6, None, 0.8)
@@ -27,7 +29,7 @@ def test_each_of_two_robots_gets_its_pose_from_one_stream(configs):
     with ExitStack() as stack:
         publish = publisher(configs["localizer"], stack)
         link = stack.enter_context(configs["robot"].open())
-        ears = [configs["robot"].subscriber(link, PosesMessage) for _ in range(2)]
+        ears = [Subscriber(link, PosesMessage) for _ in range(2)]
         gates = [PoseGate("robot"), PoseGate("other")]
         taken = [0, 0]
         deadline = time.monotonic() + 10.0
@@ -48,7 +50,7 @@ def test_poses_arrive_where_the_robot_listens(configs):
     received = None
     with ExitStack() as stack, configs["robot"].open() as link:
         publish = publisher(configs["localizer"], stack)
-        subscriber = configs["robot"].subscriber(link, PosesMessage)
+        subscriber = Subscriber(link, PosesMessage)
         deadline = time.monotonic() + 5.0
         while received is None and time.monotonic() < deadline:
             publish((), 12.5)
@@ -59,6 +61,8 @@ def test_poses_arrive_where_the_robot_listens(configs):
     assert [seen.robot for seen in received.robots] == ["robot"]
 
 
-def test_a_link_without_keys_must_say_so():
-    with pytest.raises(ConfigError, match="plaintext"):
-        publisher(LinkConfig(), ExitStack())
+def test_a_link_without_keys_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="keygen"):
+        publisher(LinkConfig(str(tmp_path)), ExitStack())
+    with pytest.raises(ConfigError, match="missing keys"):
+        from_plain(LinkConfig, {"base_port": 6000})

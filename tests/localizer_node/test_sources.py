@@ -16,7 +16,7 @@ def test_a_folder_gives_its_pictures_in_order(tmp_path):
     (tmp_path / "notes.txt").write_text("no picture")
     frames = list(open_source(str(tmp_path), LENS, fps=10))
     assert [int(f.image[0, 0, 0]) for f in frames] == [0, 50, 100]
-    assert [f.t_capture_s for f in frames] == pytest.approx([0.0, 0.1, 0.2])
+    assert [f.time_s for f in frames] == pytest.approx([0.0, 0.1, 0.2])
 
 
 def test_a_video_gives_its_frames_in_rgb(tmp_path):
@@ -26,7 +26,7 @@ def test_a_video_gives_its_frames_in_rgb(tmp_path):
         writer.write(np.ascontiguousarray(RED[..., ::-1]))
     writer.release()
     frames = list(open_source(path, LENS, fps=20))
-    assert [f.t_capture_s for f in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
+    assert [f.time_s for f in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
     assert np.abs(frames[0].image.mean(axis=(0, 1)) - (200, 10, 10)).max() < 12
 
 

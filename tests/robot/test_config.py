@@ -23,7 +23,7 @@ def test_a_whole_file(tmp_path: Path) -> None:
         "camera: {kind: v4l2, number: 1}\n"
         "hat: {bus: 7, left: {port: M3M4}, right: {port: M1M2, reversed: true}}\n"
         "safety: {frame_age_s: 0.3, max_wheel_mps: 0.2}\n"
-        "link: {plaintext: true, base_port: 6000}\n",
+        "link: {keys: k, base_port: 6000}\n",
         encoding="utf-8",
     )
     config = load_yaml(RobotConfig, path)

@@ -1,7 +1,7 @@
 """A robot, blind but exact, and its localizer on real links: the page cannot tell.
 
 The loop, its rules, missions and reports are the robot's own. By itself:
-``python -m tests.tools.demo_robot --base-port 5570 --map town``. It ends with who started it.
+``python -m tests.tools.demo_robot --keys keys --map town``. It ends with who started it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import os
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from robot.contract import (
 )
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
+from robot.link.command_server import CommandServer
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Publisher
@@ -41,6 +43,7 @@ from robot.runtime.timing import RateKeeper
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Safety, State
 from robot.safety.wheel_limits import STILL
+from tests.robot.link.conftest import configs_of
 from tools.lane_places import on_straight_lane
 
 NAME = "duck"
@@ -113,17 +116,18 @@ class BlindCamera:
 class DemoRobot:
     """Call ``turn`` ten times a second, from one thread."""
 
-    def __init__(self, road_map: RoadMap, config: LinkConfig) -> None:
+    def __init__(self, road_map: RoadMap, configs: dict[str, LinkConfig]) -> None:
         self._motors = ExactMotors(on_straight_lane(road_map, 1.0 / 3.0))
         self._rng = np.random.default_rng(0)
-        self._link = config.open()
-        self._poses: Publisher[PosesMessage] = config.publisher(self._link, PosesMessage)
+        self._links = [configs[name].open() for name in ("robot", "localizer")]
+        link = self._links[0]
+        self._poses: Publisher[PosesMessage] = Publisher(self._links[1], PosesMessage)
         self._seen: PosesMessage | None = None
         clock = MonotonicClock()
         navigator = MissionNavigator(road_map, lambda: self._seen, lambda: self._motors.pose, NAME)
         about = Telemetry(NAME, State.DISARMED.value, model="demonstration", map=road_map.name)
         reporter = Reporter(
-            config.publisher(self._link, Telemetry).send,
+            Publisher(link, Telemetry).send,
             None,
             *(about, LIMITS, navigator, Health(time.monotonic).readings),
         )
@@ -131,7 +135,7 @@ class DemoRobot:
         self.runtime = Runtime(
             *(BlindCamera(), PurePursuit(), self._motors, self.safety, clock),
             subscribers=(navigator, reporter),
-            operators=(RemoteOperator(config.command_server(self._link), navigator),),
+            operators=(RemoteOperator(CommandServer(link), navigator),),
             navigator=navigator,
         )
 
@@ -150,18 +154,20 @@ class DemoRobot:
 
     def close(self) -> None:
         """Fall silent."""
-        self._link.close()
+        for link in self._links:
+            link.close()
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run until interrupted, or until whoever started it is gone, however it went."""
-    parser = argparse.ArgumentParser(description="A demonstration robot on plain loopback links.")
+    parser = argparse.ArgumentParser(description="A demonstration robot on loopback links.")
     parser.add_argument("--base-port", type=int, default=LinkConfig.base_port)
+    parser.add_argument("--keys", type=Path, required=True, help="as keygen made them")
     parser.add_argument("--map", default="town")
     parser.add_argument("--parent", type=int, default=os.getppid(), help="ends with this process")
     arguments = parser.parse_args(argv)
-    config = LinkConfig(plaintext=True, base_port=arguments.base_port)
-    robot = DemoRobot(load_map(arguments.map), config)
+    folders = {name: arguments.keys / name for name in ("robot", "localizer")}
+    robot = DemoRobot(load_map(arguments.map), configs_of(folders, arguments.base_port))
     rate = RateKeeper(CONTROL_DT_S, MonotonicClock())
     with contextlib.closing(robot), contextlib.suppress(KeyboardInterrupt):
         while os.getppid() == arguments.parent:

@@ -10,10 +10,11 @@ from robot.camera.source import Frame
 from robot.contract import DRIVE
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
+from robot.link.command_client import CommandClient
 from robot.link.commands import Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.sockets import Clock
+from robot.link.sockets import Clock, Publisher, Subscriber
 from robot.link.telemetry import Telemetry
 from robot.navigation.road_map import RoadMap, load_map
 from robot.parts import Tick
@@ -132,10 +133,10 @@ class Others:
     def _open(self) -> None:
         localizer, monitor = self._configs
         self._links = [localizer.open(), monitor.open()]
-        self._poses = localizer.publisher(self._links[0], PosesMessage)
-        self._reports = monitor.subscriber(self._links[1], Telemetry)
-        self._frames = monitor.subscriber(self._links[1], FrameMessage)
-        self._client = monitor.command_client(self._links[1])
+        self._poses = Publisher(self._links[0], PosesMessage)
+        self._reports = Subscriber(self._links[1], Telemetry)
+        self._frames = Subscriber(self._links[1], FrameMessage)
+        self._client = CommandClient(self._links[1])
 
     def _ask(self, report: Telemetry) -> None:
         arrived = report.mission is not None and report.mission.phase == "arrived"

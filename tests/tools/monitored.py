@@ -11,8 +11,8 @@ from tests.tools.demo_robot import DemoRobot
 class RobotThread:
     """Drives the loop map until closed; its links belong to its thread."""
 
-    def __init__(self, config: LinkConfig) -> None:
-        self._config = config
+    def __init__(self, configs: dict[str, LinkConfig]) -> None:
+        self._configs = configs
         self._closing = threading.Event()
         self._ready = threading.Event()
         self.robot: DemoRobot
@@ -28,7 +28,7 @@ class RobotThread:
         self._thread.join(5.0)
 
     def _run(self) -> None:
-        self.robot = DemoRobot(load_map("loop"), self._config)
+        self.robot = DemoRobot(load_map("loop"), self._configs)
         self._ready.set()
         while not self._closing.is_set():
             self.robot.turn()

@@ -15,7 +15,7 @@ from robot.link.config import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.safety.state_machine import Answer, State
 from robot.safety.state_machine import Command as Request
-from tests.robot.link.conftest import free_base_port, until
+from tests.robot.link.conftest import until
 from tests.tools.monitored import RobotThread
 from tools.monitor.app import create_app
 from tools.monitor.monitor import PAGE_ALIVE_S, Monitor
@@ -26,13 +26,13 @@ LIVE = "ws://127.0.0.1:8600/ws"
 
 
 @pytest.fixture
-def config() -> LinkConfig:
-    return LinkConfig(plaintext=True, base_port=free_base_port())
+def config(configs: dict[str, LinkConfig]) -> LinkConfig:
+    return configs["monitor"]
 
 
 @pytest.fixture
-def thread(config: LinkConfig) -> Iterator[RobotThread]:
-    with RobotThread(config) as thread:
+def thread(configs: dict[str, LinkConfig]) -> Iterator[RobotThread]:
+    with RobotThread(configs) as thread:
         yield thread
 
 
@@ -368,12 +368,14 @@ def test_garbage_from_a_page_moves_nothing(page: Page, thread: RobotThread, text
     assert thread.robot.safety.verdict.state is State.READY
 
 
-def test_a_robot_that_dies_is_silent_on_the_page(config: LinkConfig, browser: TestClient) -> None:
+def test_a_robot_that_dies_is_silent_on_the_page(
+    configs: dict[str, LinkConfig], browser: TestClient
+) -> None:
     with browser.websocket_connect(LIVE, headers=HEADERS) as socket:
         page = Page(browser, socket)
         page.read()
         assert page.state["silent"]
-        with RobotThread(config):
+        with RobotThread(configs):
             page.until(state="DISARMED")
             assert not page.state["silent"]
 

@@ -8,8 +8,9 @@ import pytest
 
 from robot.link.config import LinkConfig
 from robot.link.messages import FrameMessage
+from robot.link.sockets import Publisher
 from robot.link.telemetry import Telemetry
-from tests.robot.link.conftest import free_base_port, until
+from tests.robot.link.conftest import until
 from tools.monitor.attention import Attention, AttentionThread, Explained
 from tools.monitor.monitor import Monitor
 
@@ -43,13 +44,14 @@ def test_the_newest_picture_is_explained() -> None:
     assert until(lambda: thread.offer(nothing) is None and thread.newest is None)
 
 
-def test_the_robot_sends_none_and_the_page_gets_one(tmp_path: Path) -> None:
+def test_the_robot_sends_none_and_the_page_gets_one(
+    tmp_path: Path, configs: dict[str, LinkConfig]
+) -> None:
     pytest.importorskip("onnx")
-    config = LinkConfig(plaintext=True, base_port=free_base_port())
-    with config.open() as link:
-        reports = config.publisher(link, Telemetry)
-        frames = config.publisher(link, FrameMessage)
-        monitor = Monitor(config, tmp_path, MODEL)
+    with configs["robot"].open() as link:
+        reports = Publisher(link, Telemetry)
+        frames = Publisher(link, FrameMessage)
+        monitor = Monitor(configs["monitor"], tmp_path, MODEL)
 
         def shown() -> bool:
             reports.send(Telemetry("duck", "READY"))

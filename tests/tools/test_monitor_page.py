@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robot.link.keys import keygen
 from robot.navigation.road_map import RoadMap, load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
@@ -32,9 +33,10 @@ class Programs:
     def __init__(self, folder: Path, road_map: str) -> None:
         base_port = free_base_port()
         config = folder / "link.yaml"
-        config.write_text(json.dumps({"plaintext": True, "base_port": base_port}))
+        keys = str(keygen(folder / "keys")["monitor"])
+        config.write_text(json.dumps({"keys": keys, "base_port": base_port}))
         self.map = road_map
-        robot = ["--base-port", str(base_port), "--map", road_map]
+        robot = ["--keys", str(folder / "keys"), "--base-port", str(base_port), "--map", road_map]
         self.robot = self._start("tests.tools.demo_robot", *robot)
         page = ["--port", str(free_base_port()), "--map", road_map, "--drives", str(folder / "d")]
         self.monitor = self._start("tools.monitor", "--link", str(config), *page)

@@ -15,7 +15,6 @@ from robot.link import sockets
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link, Publisher, Subscriber
-from tools.free_ports import free_ports
 from tools.loop import wire_watch
 from tools.loop.shared_time import SharedTime
 
@@ -29,19 +28,21 @@ class Wire:
 
     stack: ExitStack
     shared: SharedTime
-    config: LinkConfig
+    configs: dict[str, LinkConfig]
 
     def publisher(self) -> tuple[Link, Publisher[PosesMessage]]:
-        link = self.config.open()
-        return link, self.config.publisher(link, PosesMessage)
+        link = self.configs["localizer"].open()
+        return link, Publisher(link, PosesMessage)
 
     def subscriber(self) -> Subscriber[PosesMessage]:
-        link = self.stack.enter_context(self.config.open())
-        return self.config.subscriber(link, PosesMessage)
+        link = self.stack.enter_context(self.configs["robot"].open())
+        return Subscriber(link, PosesMessage)
 
 
 @pytest.fixture
-def wire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
+def wire(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, configs: dict[str, LinkConfig]
+) -> Iterator[Wire]:
     for kind, name in ((Publisher, "send"), (Subscriber, "receive"), (Subscriber, "__init__")):
         monkeypatch.setattr(kind, name, getattr(kind, name))  # put back afterwards
     for name in ("HEARTBEAT_TIMEOUT_MS", "CONNECT_TIMEOUT_MS", "SEND_QUEUE"):
@@ -50,7 +51,7 @@ def wire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
     shared = SharedTime(tmp_path / "time", create=True)
     wire_watch._watch_streams(shared)
     with ExitStack() as stack:
-        yield Wire(stack, shared, LinkConfig(plaintext=True, base_port=free_ports(8)))
+        yield Wire(stack, shared, configs)
 
 
 def meet(publisher: Publisher[PosesMessage], subscriber: Subscriber[PosesMessage]) -> PosesMessage:

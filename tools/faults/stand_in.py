@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import zmq
 
 from robot.geometry import Pose, wrap_angle
-from robot.link.keys import Keys
+from robot.link.keys import Keys, load_keys
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link
 from tools.loop.shared_time import SharedTime
@@ -37,10 +37,8 @@ class StandIn:
         self.lies(lambda pose, _: pose)
         self._shared = shared
         let_sockets_wait()
-        self._link = config.open() if keys is None else Link(keys)
-        self._socket = self._link.bind(
-            zmq.PUB, config.bind_endpoint(PosesMessage.KIND), 2**21, PosesMessage.KIND
-        )
+        self._link = Link(keys or load_keys(config.keys), config)
+        self._socket = self._link.bind(zmq.PUB, PosesMessage.KIND, 2**21)
         self._sessions = (secrets.token_hex(8), secrets.token_hex(8))
         self._sequence = 0
         self._waiting: deque[tuple[float, PosesMessage]] = deque()
@@ -56,7 +54,7 @@ class StandIn:
         self._lie, self._lies_since_s = lie, self._bench.now_s
 
     def _send(self, data: bytes) -> None:
-        self._link.admit()
+        self._link.allow_list.admit()
         self._socket.send(data)
 
     def _tell(self) -> None:

@@ -45,7 +45,7 @@ def _commands(keys_of: Callable[[Stage], Keys | None], data: Callable[[Stage], l
             if keys is not None:
                 socket.curve_serverkey = keys.peer("robot")
                 socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
-            socket.connect(stage.bench.link_configs["robot"].connect_endpoint("command"))
+            socket.connect(stage.bench.link_configs["robot"].endpoint("command"))
             for _ in range(10):
                 for part in data(stage):
                     with contextlib.suppress(zmq.Again):

@@ -41,10 +41,10 @@ class Monitor:
         self.drives = drives
         self._attention = AttentionThread(model) if model is not None else None
         self._link = config.open()
-        self._telemetry: Subscriber[Telemetry] = config.subscriber(self._link, Telemetry)
-        self._frames: Subscriber[FrameMessage] = config.subscriber(self._link, FrameMessage)
-        self._poses: Subscriber[PosesMessage] = config.subscriber(self._link, PosesMessage)
-        self._client: CommandClient = config.command_client(self._link)
+        self._telemetry = Subscriber(self._link, Telemetry)
+        self._frames = Subscriber(self._link, FrameMessage)
+        self._poses = Subscriber(self._link, PosesMessage)
+        self._client = CommandClient(self._link)
         self._recorder: DriveRecorder | None = DriveRecorder(drives, time.time)
         self._waiting: dict[str, tuple[str, asyncio.Future[Ack]]] = {}  # what was asked
         self._hand: tuple[object, float] | None = None  # the page that drives, and until when

@@ -49,14 +49,15 @@ def key_folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return keygen(tmp_path_factory.mktemp("keys"))
 
 
+def configs_of(key_folders: dict[str, Path], base_port: int) -> dict[str, LinkConfig]:
+    """The configuration of each machine, with its keys."""
+    return {name: LinkConfig(str(keys), base_port=base_port) for name, keys in key_folders.items()}
+
+
 @pytest.fixture
 def configs(key_folders: dict[str, Path]) -> dict[str, LinkConfig]:
     """The configuration of each machine, with keys, on free loopback ports."""
-    base_port = free_base_port()
-    return {
-        name: LinkConfig(keys=str(folder), base_port=base_port)
-        for name, folder in key_folders.items()
-    }
+    return configs_of(key_folders, free_base_port())
 
 
 @pytest.fixture

@@ -57,19 +57,18 @@ class FakeLink:
 
     def __init__(self, monitors: Tuple[str, ...] = ("monitor",)) -> None:
         self.socket = FakeSocket()
+        self.allow_list = self
         self.admitted = 0
         self.reconnected: List[str] = []
         self.opened: Set[Tuple[object, ...]] = set()
         self._monitors = monitors
 
-    def bind(self, kind: int, endpoint: str, limit_bytes: int, stream: str) -> FakeSocket:
-        self.opened.add(("bind", kind, endpoint, limit_bytes, stream))
+    def bind(self, kind: int, stream: str, limit_bytes: int) -> FakeSocket:
+        self.opened.add(("bind", kind, stream, limit_bytes))
         return self.socket
 
-    def connect(
-        self, kind: int, endpoint: str, limit_bytes: int, stream: str, newest_only: bool = False
-    ) -> FakeSocket:
-        self.opened.add(("connect", kind, endpoint, limit_bytes, stream, newest_only))
+    def connect(self, kind: int, stream: str, limit_bytes: int) -> FakeSocket:
+        self.opened.add(("connect", kind, stream, limit_bytes))
         return self.socket
 
     def may(self, name: str, stream: str) -> bool:
@@ -79,9 +78,9 @@ class FakeLink:
     def admit(self) -> None:
         self.admitted += 1
 
-    def reconnect(self, socket: object, endpoint: str) -> None:
+    def reconnect(self, socket: object, stream: str) -> None:
         assert socket is self.socket
-        self.reconnected.append(endpoint)
+        self.reconnected.append(stream)
 
 
 class FakeClock:

@@ -17,7 +17,7 @@ from robot.link.commands import MAX_ECHO_AGE_S, Ack, Command, Mission
 from robot.link.config import LinkConfig
 from robot.link.keys import keygen, load_keys
 from robot.link.sockets import Link
-from tests.robot.link.conftest import free_base_port, until
+from tests.robot.link.conftest import until
 
 zmq = pytest.importorskip("zmq")
 
@@ -70,8 +70,8 @@ class Operator:
 @pytest.fixture
 def operator(configs: Configs, open_link: Open) -> Operator:
     robot, monitor = configs["robot"], configs["monitor"]
-    server = robot.command_server(open_link(robot))
-    operator = Operator(monitor.command_client(open_link(monitor)), Robot(server))
+    server = CommandServer(open_link(robot))
+    operator = Operator(CommandClient(open_link(monitor)), Robot(server))
     assert until(operator.connected)
     return operator
 
@@ -99,11 +99,9 @@ def test_the_same_command_twice_is_done_once_and_answered_twice(
     configs: Configs, open_link: Open
 ) -> None:
     robot, monitor = configs["robot"], configs["monitor"]
-    server = robot.command_server(open_link(robot))
+    server = CommandServer(open_link(robot))
     body = Robot(server)
-    raw = open_link(monitor).connect(
-        zmq.DEALER, monitor.connect_endpoint("command"), 4096, "command"
-    )
+    raw = open_link(monitor).connect(zmq.DEALER, "command", 4096)
     command = Command("c1", "s1", "stop").to_bytes()
     answers: list[Ack] = []
 
@@ -124,9 +122,7 @@ def test_garbage_is_counted_and_does_not_stop_the_server(
     operator: Operator, configs: Configs, open_link: Open
 ) -> None:
     monitor = configs["monitor"]
-    raw = open_link(monitor).connect(
-        zmq.DEALER, monitor.connect_endpoint("command"), 4096, "command"
-    )
+    raw = open_link(monitor).connect(zmq.DEALER, "command", 4096)
     assert operator.robot is not None
     server = operator.robot.server
 
@@ -147,18 +143,20 @@ def test_a_stranger_cannot_even_stop_the_robot(
 ) -> None:
     own = load_keys(configs["monitor"].keys)
     unlisted = load_keys(keygen(tmp_path, ("monitor", "robot"))["monitor"])
-    endpoint = configs["monitor"].connect_endpoint("command")
-    links = [Link(replace(unlisted, peers=own.peers)), Link(None, plaintext=True)]
-    strangers = [CommandClient(link, endpoint) for link in links]
-    for stranger in strangers:
+    keyless = zmq.Context.instance().socket(zmq.DEALER)
+    keyless.linger = 0
+    keyless.connect(configs["monitor"].endpoint("command"))
+    with Link(replace(unlisted, peers=own.peers), configs["monitor"]) as link:
+        stranger = CommandClient(link)
         stranger.send("stop")
-    deadline_s = time.monotonic() + 0.8
-    while time.monotonic() < deadline_s:
-        operator.turn()
-        assert [ack for stranger in strangers for ack in stranger.poll()] == []
-        time.sleep(0.01)
-    for link in links:
-        link.close()
+        keyless.send(Command("c1", "s1", "stop").to_bytes())
+        deadline_s = time.monotonic() + 0.8
+        while time.monotonic() < deadline_s:
+            operator.turn()
+            assert stranger.poll() == ()
+            assert not keyless.poll(0)
+            time.sleep(0.01)
+    keyless.close()
     assert asked(operator) == []
     assert operator.answer(operator.client.send("arm")).accepted
 
@@ -174,11 +172,10 @@ class Clock:
 
 
 @pytest.fixture
-def timed(open_link: Open) -> tuple[Operator, Clock]:
-    config = LinkConfig(plaintext=True, base_port=free_base_port())
+def timed(configs: Configs, open_link: Open) -> tuple[Operator, Clock]:
     clock = Clock()
-    server = CommandServer(open_link(config), config.bind_endpoint("command"), clock)
-    operator = Operator(config.command_client(open_link(config)), Robot(server))
+    server = CommandServer(open_link(configs["robot"]), clock)
+    operator = Operator(CommandClient(open_link(configs["monitor"])), Robot(server))
     assert until(operator.connected)
     return operator, clock
 
@@ -197,13 +194,14 @@ def test_a_command_that_waited_on_the_way_is_refused_but_not_a_stop(
     assert operator.answer(operator.client.send("arm")).accepted
 
 
-def test_a_restarted_robot_takes_nothing_meant_for_its_predecessor(open_link: Open) -> None:
-    config = LinkConfig(plaintext=True, base_port=free_base_port())
-    client = config.command_client(open_link(config))
-    with config.open() as link:
-        operator = Operator(client, Robot(config.command_server(link)))
+def test_a_restarted_robot_takes_nothing_meant_for_its_predecessor(
+    configs: Configs, open_link: Open
+) -> None:
+    client = CommandClient(open_link(configs["monitor"]))
+    with configs["robot"].open() as link:
+        operator = Operator(client, Robot(CommandServer(link)))
         assert until(operator.connected)
-    successor = Robot(config.command_server(open_link(config)))
+    successor = Robot(CommandServer(open_link(configs["robot"])))
     operator.robot = None
     time.sleep(0.2)
     sent = [client.send("arm") for _ in range(20) if not time.sleep(0.02)]
@@ -245,8 +243,8 @@ def test_beats_held_up_on_the_way_do_not_look_alive(timed: tuple[Operator, Clock
 
 def test_of_two_operators_one_drives_and_both_stop(configs: Configs, open_link: Open) -> None:
     robot, monitor = configs["robot"], configs["monitor"]
-    body = Robot(robot.command_server(open_link(robot)))
-    first, second = (Operator(monitor.command_client(open_link(monitor)), body) for _ in range(2))
+    body = Robot(CommandServer(open_link(robot)))
+    first, second = (Operator(CommandClient(open_link(monitor)), body) for _ in range(2))
     assert until(first.connected)
     assert until(second.connected)
     assert first.answer(first.client.send("arm")).accepted
@@ -260,19 +258,19 @@ def test_of_two_operators_one_drives_and_both_stop(configs: Configs, open_link: 
     assert not first.answer(first.client.send("arm")).accepted
 
 
-def test_nobody_heard_is_infinitely_old(open_link: Open) -> None:
-    config = LinkConfig(plaintext=True, base_port=free_base_port())
-    assert config.command_server(open_link(config)).operator_age_s() == float("inf")
+def test_nobody_heard_is_infinitely_old(configs: Configs, open_link: Open) -> None:
+    assert CommandServer(open_link(configs["robot"])).operator_age_s() == float("inf")
 
 
-def test_without_a_robot_a_command_is_lost_and_says_so_but_a_stop_waits(open_link: Open) -> None:
-    config = LinkConfig(plaintext=True, base_port=free_base_port())
-    operator = Operator(config.command_client(open_link(config)), None)
+def test_without_a_robot_a_command_is_lost_and_says_so_but_a_stop_waits(
+    configs: Configs, open_link: Open
+) -> None:
+    operator = Operator(CommandClient(open_link(configs["monitor"])), None)
     arm, stop = operator.client.send("arm"), operator.client.send("stop")
     assert operator.client.send("stop") == stop, "one STOP is pending at a time"
     assert operator.answer(arm) == Ack(arm, False, "the robot does not answer")
     assert stop not in operator.answers
-    robot = Robot(config.command_server(open_link(config)))
+    robot = Robot(CommandServer(open_link(configs["robot"])))
     operator.robot = robot
     assert operator.answer(stop).accepted
     assert robot.kinds() == ["stop"]

@@ -15,6 +15,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.link.command_client import CommandClient
+from robot.link.command_server import CommandServer
 from robot.link.config import LinkConfig
 from robot.link.sockets import raise_limit
 from tests.robot.link.conftest import free_base_port, until
@@ -27,11 +28,12 @@ CALLERS = 1500
 ROBOT = """
 import json, os, resource, sys, time
 resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[3]), int(sys.argv[4])))
+from robot.link.command_server import CommandServer
 from robot.link.config import LinkConfig
 config = LinkConfig(keys=sys.argv[1], base_port=int(sys.argv[2]))
 refused, worst_s, most = 0, 0.0, 0
 with config.open() as link:
-    server = config.command_server(link)
+    server = CommandServer(link)
     print("open", flush=True)
     told_s = time.monotonic()
     while True:
@@ -138,21 +140,21 @@ def play(key_folders: Dict[str, Path], port: int, callers: Callable[[], Callers]
     """An operator is there, the crowd comes; how long a second operator takes to get in [s]."""
     config = LinkConfig(keys=str(key_folders["monitor"]), base_port=port)
     with config.open() as link, config.open() as late:
-        first = config.command_client(link)
+        first = CommandClient(link)
         assert until(beating(first))
         crowd = callers()
         try:
             assert until(beating(first, crowd.came.is_set), 20.0)
             assert until(beating(first))
             began_s = time.monotonic()
-            second = config.command_client(late)
+            second = CommandClient(late)
             assert until(lambda: bool(first.poll() or True) and beating(second)(), 8.0)
             during_s = time.monotonic() - began_s
         finally:
             crowd.close()
         assert until(beating(first))
     with config.open() as later:
-        assert until(beating(config.command_client(later)), 3.0), "and afterwards at once"
+        assert until(beating(CommandClient(later)), 3.0), "and afterwards at once"
     return during_s
 
 
@@ -194,13 +196,12 @@ def test_a_limit_is_raised_to_what_the_system_allows() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
-def test_a_port_that_is_taken_is_told_in_one_line() -> None:
-    port = free_base_port()
-    config = LinkConfig(plaintext=True, base_port=port)
+def test_a_port_that_is_taken_is_told_in_one_line(key_folders: Dict[str, Path]) -> None:
+    config = LinkConfig(str(key_folders["robot"]), base_port=free_base_port())
     with config.open() as link, config.open() as other:
-        config.command_server(link)
+        CommandServer(link)
         with pytest.raises(ConfigError, match="expected a free port") as caught:
-            config.command_server(other)
+            CommandServer(other)
         assert "\n" not in str(caught.value)
     with config.open() as link:
-        config.command_server(link)  # free again since its link was closed
+        CommandServer(link)  # free again since its link was closed

@@ -227,16 +227,15 @@ def test_each_stream_has_its_port_at_the_machine_that_binds_it(
     stream: str, port: int, robot: str
 ) -> None:
     config = LinkConfig("k", robot_host="a", localizer_host="b")
-    assert config.connect_endpoint(stream) == f"tcp://{robot}:{port}"
-    assert config.bind_endpoint(stream) == f"tcp://*:{port}"
-    assert LinkConfig(plaintext=True).bind_endpoint(stream) == f"tcp://127.0.0.1:{port}"
+    assert config.endpoint(stream) == f"tcp://{robot}:{port}"
+    assert config.port(stream) == port
 
 
 @pytest.mark.parametrize(("good", "bad"), [(1024, 1023), (65531, 65532)])
 def test_the_base_port_leaves_room_for_all(good: int, bad: int) -> None:
-    assert LinkConfig(base_port=good).base_port == good
+    assert LinkConfig("k", base_port=good).base_port == good
     with pytest.raises(ConfigError, match="1024 to 65531"):
-        LinkConfig(base_port=bad)
+        LinkConfig("k", base_port=bad)
 
 
 def options(socket: Any, *names: str) -> Dict[str, Any]:
@@ -256,18 +255,18 @@ CONNECTED = {
 
 def test_the_options_of_every_socket(key_folders: Dict[str, Path]) -> None:
     keys = {name: load_keys(folder) for name, folder in key_folders.items()}
-    port = free_base_port()
-    with Link(keys["robot"]) as robot, Link(keys["monitor"]) as monitor:
-        reports = robot.bind(zmq.PUB, f"tcp://127.0.0.1:{port}", 1000, "telemetry")
-        ear = robot.bind(zmq.ROUTER, f"tcp://127.0.0.1:{port + 1}", 1000, "command")
+    config = LinkConfig("k", base_port=free_base_port())
+    with Link(keys["robot"], config) as robot, Link(keys["monitor"], config) as monitor:
+        reports = robot.bind(zmq.PUB, "telemetry", 1000)
+        ear = robot.bind(zmq.ROUTER, "command", 1000)
         bound = {**CONNECTED, "HEARTBEAT_IVL": 0, "MAXMSGSIZE": 1064, "RCVHWM": 16}
         for socket, domain in ((reports, b"telemetry"), (ear, b"command")):
             assert options(socket, *bound) == bound
             assert socket.getsockopt(zmq.CURVE_SERVER) == 1
             assert socket.getsockopt(zmq.ZAP_ENFORCE_DOMAIN) == 1
             assert socket.getsockopt(zmq.ZAP_DOMAIN).rstrip(b"\0") == domain
-        hears = monitor.connect(zmq.SUB, f"tcp://127.0.0.1:{port}", 1000, "telemetry", True)
-        hand = monitor.connect(zmq.DEALER, f"tcp://127.0.0.1:{port + 1}", 1000, "command")
+        hears = monitor.connect(zmq.SUB, "telemetry", 1000)
+        hand = monitor.connect(zmq.DEALER, "command", 1000)
         connected = {**CONNECTED, "MAXMSGSIZE": 1064}
         for socket in (hears, hand):
             assert options(socket, *connected) == connected
@@ -317,8 +316,8 @@ def test_stop_and_disarm_free_the_helm(kind: str, frees: bool) -> None:
 
 def test_a_publisher_stamps_session_sequence_and_time() -> None:
     link, clock = FakeLink(), FakeClock(7.0)
-    publisher = Publisher(link, "tcp://*:1", PosesMessage, clock)  # type: ignore[arg-type]
-    assert link.opened == {("bind", zmq.PUB, "tcp://*:1", 4096, "pose")}
+    publisher = Publisher(link, PosesMessage, clock)  # type: ignore[arg-type]
+    assert link.opened == {("bind", zmq.PUB, "pose", 4096)}
     for number in (1, 2, 3):
         sent = publisher.send(poses())
         assert (sent.session, sent.sequence, sent.t_sent_s) == (publisher.session, number, 7.0)
@@ -330,8 +329,8 @@ def test_a_publisher_stamps_session_sequence_and_time() -> None:
 
 def test_a_subscriber_keeps_the_newest_and_connects_anew_after_two_seconds() -> None:
     link, clock = FakeLink(), FakeClock(7.0)
-    listener = Subscriber(link, "tcp://robot:1", FrameMessage, clock)  # type: ignore[arg-type]
-    assert link.opened == {("connect", zmq.SUB, "tcp://robot:1", 65536, "frame", True)}
+    listener = Subscriber(link, FrameMessage, clock)  # type: ignore[arg-type]
+    assert link.opened == {("connect", zmq.SUB, "frame", 65536)}
     for clock.now_s, times in ((9.0, 0), (9.01, 1), (11.0, 1), (11.02, 2)):
         assert listener.receive() is None
         assert len(link.reconnected) == times, clock.now_s

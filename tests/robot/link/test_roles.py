@@ -11,6 +11,7 @@ from typing import Callable, Dict, List, Optional
 import pytest
 
 from robot.errors import ConfigError
+from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.commands import Command, Mission
 from robot.link.config import LinkConfig
@@ -51,14 +52,14 @@ def test_each_program_opens_what_is_its_own_and_nothing_else(
     config = configs[role]
     link = open_link(config)
     opened: Dict[str, Callable[[], object]] = {
-        "tells poses": lambda: config.publisher(link, PosesMessage),
-        "hears poses": lambda: config.subscriber(link, PosesMessage),
-        "reports": lambda: config.publisher(link, Telemetry),
-        "shows": lambda: config.publisher(link, FrameMessage),
-        "hears reports": lambda: config.subscriber(link, Telemetry),
-        "sees": lambda: config.subscriber(link, FrameMessage),
-        "obeys": lambda: config.command_server(link),
-        "commands": lambda: config.command_client(link),
+        "tells poses": lambda: Publisher(link, PosesMessage),
+        "hears poses": lambda: Subscriber(link, PosesMessage),
+        "reports": lambda: Publisher(link, Telemetry),
+        "shows": lambda: Publisher(link, FrameMessage),
+        "hears reports": lambda: Subscriber(link, Telemetry),
+        "sees": lambda: Subscriber(link, FrameMessage),
+        "obeys": lambda: CommandServer(link),
+        "commands": lambda: CommandClient(link),
     }
     may = {
         "robot": {"hears poses", "reports", "shows", "obeys"},
@@ -73,16 +74,20 @@ def test_each_program_opens_what_is_its_own_and_nothing_else(
                 work()
 
 
-def posing(keys: Keys, as_role: str, peers: Optional[Dict[str, Peer]] = None) -> Link:
-    """A link with these keys, which says that it is something else."""
-    return Link(replace(keys, role=as_role, peers=keys.peers if peers is None else peers))
+def posing(
+    config: LinkConfig, as_role: str, thief: LinkConfig, peers: Optional[Dict[str, Peer]] = None
+) -> Link:
+    """A link with the thief's keys, which says that it is something else."""
+    keys = load_keys(thief.keys)
+    told = replace(keys, role=as_role, peers=keys.peers if peers is None else peers)
+    return Link(told, config)
 
 
 class Ear:
     """A robot that notes what it is asked."""
 
     def __init__(self, config: LinkConfig, link: Link) -> None:
-        self.server = config.command_server(link)
+        self.server = CommandServer(link)
         self.asked: List[Command] = []
 
     def serve(self) -> None:
@@ -105,11 +110,9 @@ def test_only_a_monitor_commands(
     """Whoever has another machine's secret may say that it is a monitor: nobody listens."""
     link = open_link(configs["robot"])
     ear = Ear(configs["robot"], link)
-    keys = load_keys(configs[thief].keys)
-    public = load_keys(configs["robot"].keys).public
-    socket = posing(keys, "monitor", {"robot": Peer("robot", public)}).connect(
-        zmq.DEALER, configs["monitor"].connect_endpoint("command"), 4096, "command"
-    )
+    peers = {"robot": Peer("robot", load_keys(configs["robot"].keys).public)}
+    thieving = posing(configs["monitor"], "monitor", configs[thief], peers)
+    socket = thieving.connect(zmq.DEALER, "command", 4096)
     deadline_s = time.monotonic() + 1.0
     with caplog.at_level(logging.WARNING):
         while time.monotonic() < deadline_s:
@@ -122,13 +125,13 @@ def test_only_a_monitor_commands(
     assert ear.server.operator_age_s() == float("inf")
     assert f"the key of {thief} at 127.0.0.1 was turned away from 'command'" in caplog.text
     assert "expected a key of monitor" in caplog.text
-    reading = link.reading()
+    reading = link.allow_list.reading()
     assert reading.name == f"turned away: {thief}"
     assert reading.value >= 1
     assert reading.level == "warn"
 
     monitor = configs["monitor"]
-    client = monitor.command_client(open_link(monitor))
+    client = CommandClient(open_link(monitor))
 
     def heard() -> bool:
         ear.serve()
@@ -147,10 +150,8 @@ def test_the_server_looks_at_each_message_even_behind_an_open_door(
     link = open_link(configs["robot"])
     ear = Ear(configs["robot"], link)
     monkeypatch.setattr(allow_list.AllowList, "_verdict", _let_in)
-    keys = load_keys(configs["localizer"].keys)
-    socket = posing(keys, "monitor").connect(
-        zmq.DEALER, configs["monitor"].connect_endpoint("command"), 4096, "command"
-    )
+    thieving = posing(configs["monitor"], "monitor", configs["localizer"])
+    socket = thieving.connect(zmq.DEALER, "command", 4096)
 
     def refused() -> bool:
         with contextlib.suppress(zmq.Again):
@@ -180,10 +181,9 @@ def test_what_the_robot_tells_is_for_monitors(
     configs: Configs, open_link: Open, stream: str, kind: type, message: object, thief: str
 ) -> None:
     robot, monitor = configs["robot"], configs["monitor"]
-    publisher: Publisher = robot.publisher(open_link(robot), kind)
-    endpoint = monitor.connect_endpoint(stream)
-    spy = Subscriber(posing(load_keys(configs[thief].keys), "monitor"), endpoint, kind)
-    own = monitor.subscriber(open_link(monitor), kind)
+    publisher: Publisher = Publisher(open_link(robot), kind)
+    spy = Subscriber(posing(monitor, "monitor", configs[thief]), kind)
+    own = Subscriber(open_link(monitor), kind)
     heard: List[object] = []
 
     def own_heard() -> bool:
@@ -209,9 +209,9 @@ def test_nobody_speaks_for_another(
 ) -> None:
     """The publisher's place is taken by another machine, with its own true keys."""
     config = configs[listener]
-    with posing(load_keys(configs[thief].keys), BOUND_BY[stream]) as stolen, config.open() as link:
-        publisher: Publisher = Publisher(stolen, config.bind_endpoint(stream), kind)
-        subscriber = config.subscriber(link, kind)
+    with posing(config, BOUND_BY[stream], configs[thief]) as stolen, config.open() as link:
+        publisher: Publisher = Publisher(stolen, kind)
+        subscriber = Subscriber(link, kind)
         deadline_s = time.monotonic() + 0.8
         while time.monotonic() < deadline_s:
             publisher.send(message)
@@ -228,10 +228,11 @@ def test_a_second_monitor_is_let_in_by_its_role_whatever_its_name(
     public, secret = library.curve_keypair()
     own = load_keys(configs["robot"].keys)
     tablet = {"tablet": Peer("monitor", public), "lamp": Peer("localizer", public[::-1])}
-    link = Link(replace(own, peers=tablet))
-    server = CommandServer(link, configs["robot"].bind_endpoint("command"))
-    mine = Link(Keys("monitor", public, secret, {"robot": Peer("robot", own.public)}))
-    client = configs["monitor"].command_client(mine)
+    link = Link(replace(own, peers=tablet), configs["robot"])
+    server = CommandServer(link)
+    keys = Keys("monitor", public, secret, {"robot": Peer("robot", own.public)})
+    mine = Link(keys, configs["monitor"])
+    client = CommandClient(mine)
 
     def heard() -> bool:
         server.serve(lambda _: None)
@@ -239,9 +240,9 @@ def test_a_second_monitor_is_let_in_by_its_role_whatever_its_name(
         return server.operator_age_s() < 1.0
 
     assert until(heard)
-    assert link.may("tablet", "command")
-    assert not link.may("lamp", "command")
-    assert not link.may("nobody", "command")
+    assert link.allow_list.may("tablet", "command")
+    assert not link.allow_list.may("lamp", "command")
+    assert not link.allow_list.may("nobody", "command")
     link.close()
     mine.close()
 

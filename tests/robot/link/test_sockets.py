@@ -11,13 +11,12 @@ from typing import Callable, Dict
 
 import pytest
 
-from robot.errors import ConfigError
 from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
-from robot.link.keys import Keys, keygen, load_keys
+from robot.link.keys import keygen, load_keys
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link, Publisher, Subscriber
-from tests.robot.link.conftest import free_base_port, until
+from tests.robot.link.conftest import until
 
 zmq = pytest.importorskip("zmq")
 
@@ -28,8 +27,8 @@ POSE = PosesMessage((Sighting("duck", 1.0, 2.0, 0.5, 0.9),), t_capture_s=time.mo
 
 def pair(configs: Configs, open_link: Open, to: str = "robot") -> tuple[Publisher, Subscriber]:
     localizer, receiver = configs["localizer"], configs[to]
-    publisher = localizer.publisher(open_link(localizer), PosesMessage)
-    return publisher, receiver.subscriber(open_link(receiver), PosesMessage)
+    publisher = Publisher(open_link(localizer), PosesMessage)
+    return publisher, Subscriber(open_link(receiver), PosesMessage)
 
 
 def deliver(publisher: Publisher, subscriber: Subscriber, timeout_s: float = 3.0) -> PosesMessage:
@@ -58,30 +57,33 @@ def test_allowed_keys_receive(configs: Configs, open_link: Open, to: str) -> Non
 
 
 def strangers(configs: Configs, tmp_path: Path) -> dict[str, Link]:
-    """Links that must receive nothing: unlisted key, wrong server key, no encryption."""
+    """Links that must receive nothing: unlisted key, wrong server key."""
     own = load_keys(configs["robot"].keys)
     unlisted = load_keys(keygen(tmp_path, ("robot", "localizer"))["robot"])
     return {
-        "unlisted": Link(replace(unlisted, peers=own.peers)),
-        "wrong server": Link(replace(own, peers=unlisted.peers)),
-        "plain": Link(None, plaintext=True),
+        "unlisted": Link(replace(unlisted, peers=own.peers), configs["robot"]),
+        "wrong server": Link(replace(own, peers=unlisted.peers), configs["robot"]),
     }
 
 
 def test_strangers_receive_nothing(configs: Configs, open_link: Open, tmp_path: Path) -> None:
     publisher, subscriber = pair(configs, open_link)
-    endpoint = configs["robot"].connect_endpoint("pose")
     links = strangers(configs, tmp_path)
-    others = {n: Subscriber(k, endpoint, PosesMessage) for n, k in links.items()}
+    others = {n: Subscriber(k, PosesMessage) for n, k in links.items()}
+    keyless = zmq.Context.instance().socket(zmq.SUB)
+    keyless.subscribe(b"")
+    keyless.connect(configs["robot"].endpoint("pose"))
     deliver(publisher, subscriber)
     leaked = []
     deadline_s = time.monotonic() + 1.0
     while time.monotonic() < deadline_s:
         publisher.send(POSE)
         leaked += [name for name, other in others.items() if other.receive() is not None]
+        leaked += ["keyless"] * bool(keyless.poll(0))
         time.sleep(0.01)
     for link in links.values():
         link.close()
+    keyless.close(0)
     assert leaked == []
     assert deliver(publisher, subscriber), "strangers must not disturb those who are allowed"
 
@@ -103,17 +105,17 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
     configs: Configs, open_link: Open
 ) -> None:
     localizer, robot = configs["localizer"], configs["robot"]
-    subscriber = robot.subscriber(open_link(robot), PosesMessage)
+    subscriber = Subscriber(open_link(robot), PosesMessage)
     gate = PoseGate("duck")
     with localizer.open() as link:
-        message = deliver(localizer.publisher(link, PosesMessage), subscriber)
+        message = deliver(Publisher(link, PosesMessage), subscriber)
         assert gate.take(message.of("duck"), time.monotonic())
     time.sleep(0.1)
     subscriber.receive()
     time.sleep(0.5)
     assert subscriber.receive() is None
     assert gate.age_s(time.monotonic()) > 0.5
-    publisher = localizer.publisher(open_link(localizer), PosesMessage)
+    publisher = Publisher(open_link(localizer), PosesMessage)
     began_s = time.monotonic()
     message = deliver(publisher, subscriber)
     assert time.monotonic() - began_s < 1.0
@@ -124,10 +126,10 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
 def raw_publisher(config: LinkConfig, open_link: Open) -> Callable[[bytes], None]:
     """Sends any bytes with the localizer's own key."""
     link = open_link(config)
-    socket = link.bind(zmq.PUB, config.bind_endpoint("pose"), 10**6, "pose")
+    socket = link.bind(zmq.PUB, "pose", 10**6)
 
     def send(data: bytes) -> None:
-        link.admit()
+        link.allow_list.admit()
         socket.send(data)
 
     return send
@@ -138,7 +140,7 @@ def test_garbage_is_refused_and_counted_and_the_next_good_message_gets_in(
 ) -> None:
     send = raw_publisher(configs["localizer"], open_link)
     robot = configs["robot"]
-    subscriber = robot.subscriber(open_link(robot), PosesMessage)
+    subscriber = Subscriber(open_link(robot), PosesMessage)
 
     def refused_one(data: bytes) -> bool:
         before = subscriber.refused
@@ -164,7 +166,7 @@ def test_garbage_is_refused_and_counted_and_the_next_good_message_gets_in(
 def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_link: Open) -> None:
     send = raw_publisher(configs["localizer"], open_link)
     robot = configs["robot"]
-    subscriber = robot.subscriber(open_link(robot), PosesMessage)
+    subscriber = Subscriber(open_link(robot), PosesMessage)
 
     def good() -> bool:
         send(POSE.to_bytes())
@@ -181,32 +183,14 @@ def test_an_oversized_message_never_reaches_the_program(configs: Configs, open_l
     assert until(good), "and hears the next good one"
 
 
-@pytest.mark.parametrize("endpoint", ["tcp://*:5999", "tcp://0.0.0.0:5999", "tcp://192.168.1.2:5"])
-def test_plaintext_is_for_loopback_only(endpoint: str) -> None:
-    with Link(None, plaintext=True) as link, pytest.raises(ConfigError, match="keygen"):
-        Publisher(link, endpoint, PosesMessage)
-
-
-def test_plaintext_needs_its_flag_and_excludes_keys() -> None:
-    with pytest.raises(ConfigError, match="neither"):
-        Link(None)
-    with pytest.raises(ConfigError, match="both"):
-        Link(Keys("robot", b"", b""), plaintext=True)
-
-
-def test_plaintext_on_loopback_works(open_link: Open) -> None:
-    config = LinkConfig(plaintext=True, base_port=free_base_port())
-    deliver(*pair({"localizer": config, "robot": config}, open_link))
-
-
 def test_who_is_allowed_comes_in_before_anything_is_sent(configs: Configs, open_link: Open) -> None:
     localizer, robot = configs["localizer"], configs["robot"]
     door = open_link(localizer)
-    publisher = localizer.publisher(door, PosesMessage)
+    publisher = Publisher(door, PosesMessage)
     link = open_link(robot)
-    subscriber = robot.subscriber(link, PosesMessage)
+    subscriber = Subscriber(link, PosesMessage)
     for _ in range(10):
-        door.admit()
+        door.allow_list.admit()
         time.sleep(0.05)
     for _ in range(5):  # first messages are lost while the publisher takes note of who came in
         publisher.send(POSE)
@@ -219,19 +203,21 @@ def test_who_is_allowed_comes_in_before_anything_is_sent(configs: Configs, open_
 
 HANGING_ROBOT = """
 import sys, time
+from robot.link.command_server import CommandServer
 from robot.link.config import LinkConfig
-config = LinkConfig(plaintext=True, base_port=int(sys.argv[1]))
+config = LinkConfig(sys.argv[1], base_port=int(sys.argv[2]))
 with config.open() as link:
-    server = config.command_server(link)
+    server = CommandServer(link)
     print("open", flush=True)
-    time.sleep(2.0)
+    for _ in range(200):  # its door is answered, its commands are not
+        link.allow_list.admit()
+        time.sleep(0.01)
 """
 
 
-def test_who_floods_a_robot_that_hangs_and_hangs_up_does_not_end_it() -> None:
-    port = free_base_port()
-    endpoint = LinkConfig(plaintext=True, base_port=port).connect_endpoint("command")
-    command = [sys.executable, "-c", HANGING_ROBOT, str(port)]
+def test_who_floods_a_robot_that_hangs_and_hangs_up_does_not_end_it(configs: Configs) -> None:
+    config, keys = configs["robot"], load_keys(configs["monitor"].keys)
+    command = [sys.executable, "-c", HANGING_ROBOT, config.keys, str(config.base_port)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as robot:
         assert robot.stdout is not None
         robot.stdout.readline()
@@ -239,7 +225,9 @@ def test_who_floods_a_robot_that_hangs_and_hangs_up_does_not_end_it() -> None:
             for _ in range(4):
                 with context.socket(zmq.DEALER) as flood:
                     flood.linger = 0
-                    flood.connect(endpoint)
+                    flood.curve_serverkey = keys.peer("robot")
+                    flood.curve_publickey, flood.curve_secretkey = keys.public, keys.secret
+                    flood.connect(config.endpoint("command"))
                     for _ in range(500):
                         flood.send(bytes(99))
                     time.sleep(0.15)

@@ -7,7 +7,7 @@ import threading
 import time
 from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
-from typing import Callable, Iterator, List, Optional
+from typing import Callable, Dict, Iterator, List, Optional
 
 import numpy as np
 import pytest
@@ -18,9 +18,11 @@ from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
+from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
 from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
+from robot.link.sockets import Publisher, Subscriber
 from robot.link.telemetry import Telemetry
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
@@ -31,7 +33,6 @@ from robot.runtime.loop import Runtime
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.state_machine import Command, State
 from tests.robot.fakes import FakeOperator, FakeSubscriber
-from tests.robot.link.conftest import free_base_port
 from tests.robot.navigation.test_navigator import GRAPH
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
@@ -88,11 +89,11 @@ class RollingMotors:
 class Overhead:
     """Localizer and operator in one thread of the test."""
 
-    def __init__(self, links: LinkConfig, motors: RollingMotors) -> None:
-        self._link = links.open()
-        self._poses = links.publisher(self._link, PosesMessage)
-        self._client = links.command_client(self._link)
-        self._reports = links.subscriber(self._link, Telemetry)
+    def __init__(self, links: Dict[str, LinkConfig], motors: RollingMotors) -> None:
+        self._localizer, self._monitor = links["localizer"].open(), links["monitor"].open()
+        self._poses = Publisher(self._localizer, PosesMessage)
+        self._client = CommandClient(self._monitor)
+        self._reports = Subscriber(self._monitor, Telemetry)
         self._motors = motors
         self.report: Optional[Telemetry] = None
         self.acks: List[Ack] = []
@@ -122,7 +123,8 @@ class Overhead:
         return self.report.state if self.report else ""
 
     def close(self) -> None:
-        self._link.close()
+        self._localizer.close()
+        self._monitor.close()
 
 
 @contextmanager
@@ -138,18 +140,18 @@ def running(runtime: Runtime) -> Iterator[None]:
         thread.join()
 
 
-def test_a_mission_from_the_monitor_to_the_wheels(tmp_path: Path) -> None:
-    pytest.importorskip("zmq")
+def test_a_mission_from_the_monitor_to_the_wheels(
+    tmp_path: Path, configs: Dict[str, LinkConfig]
+) -> None:
     lane = next(lane for lane in GRAPH.lanes if _is_straight(np.asarray(lane.control_points_m)))
     a, b = np.asarray(lane.control_points_m)[[0, 3]]
     start = Pose(*a, math.atan2(*(b - a)[::-1]))
     goal = (float(b[0]), float(b[1]))
     assert plan_path(load_map("town"), start, goal).length_m > 0.4
     motors = RollingMotors(start)
-    links = LinkConfig(plaintext=True, base_port=free_base_port())
     model = write_policy(tmp_path / "nav.onnx", navigation_contract())
-    config = RobotConfig(str(model), map="town", link=links, safety=PATIENT)
-    with closing(Overhead(links, motors)) as overhead, open_robot(
+    config = RobotConfig(str(model), map="town", link=configs["robot"], safety=PATIENT)
+    with closing(Overhead(configs, motors)) as overhead, open_robot(
         config, camera=nullcontext(DarkCamera()), motors=nullcontext(motors)
     ) as runtime, running(runtime):
         overhead.until(overhead.met)
