@@ -12,7 +12,7 @@ from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 from robot.safety.gates import SafetyLimits
-from robot.safety.governors import Rules
+from robot.safety.rules import Rules
 
 CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.streams.csi_command` sets
 CAMERAS = ("csi", "v4l2", "socket")
@@ -100,9 +100,9 @@ class RobotConfig:
             raise ConfigError(
                 "map: expected a link as well, to hear poses and destinations; add link, or no map"
             )
-        if self.rules.stop_lines and not self.map:
+        if self.rules != Rules() and not self.map:
             raise ConfigError(
-                "rules.stop_lines: expected a map as well, to know lines by; add map, or leave it"
+                "rules: expected a map as well, to know lines and lanes by; add map, or leave them"
             )
         if self.sight and not self.map:
             raise ConfigError(

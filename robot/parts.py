@@ -11,6 +11,7 @@ from robot.camera.source import Frame
 from robot.contract import PolicyContract
 from robot.geometry import Pose, WheelSpeeds
 from robot.safety.gates import Inputs
+from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import Answer, Command, Verdict
 from robot.safety.wheel_limits import Drive
 
@@ -49,7 +50,7 @@ class Guidance(NamedTuple):
     pose: Optional[Pose] = None
     pose_age_s: float = float("inf")  # of the newest overhead pose
     pose_within: Optional[Tuple[float, float]] = None  # see `robot.safety.gates.Inputs`
-    line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
+    ahead: RoadAhead = RoadAhead()
     driven_m: float = 0.0  # by the wheels' steps, since anywhere
     arrived: bool = False
     off_path: bool = False

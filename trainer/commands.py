@@ -84,6 +84,7 @@ def judge_command(
     seed: int = 1000,
     look: str = "nominal",
     map: tuple[str, ...] = (),
+    poses: Literal["true", "arena"] = "true",
     json: Path | None = None,
     out: Path | None = None,
 ) -> int:
@@ -100,12 +101,14 @@ def judge_command(
         look: a YAML file with a look or a distribution of looks, or a shipped name.
         map: map files, or shipped names or folders; else the rings kept for judging, with
             junctions town.
+        poses: what the rules of the road know of everybody: the truth of now, and what robots tell
+            each other; or as a localizer over the arena errs, with silent robots.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
     """
     from trainer.judging.challenge_command import judge
 
-    return judge(model, challenge, against, episodes, seed, look, map, json, out)
+    return judge(model, challenge, against, episodes, seed, look, map, poses, json, out)
 
 
 def export_command(

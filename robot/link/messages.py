@@ -79,14 +79,18 @@ class PosesMessage(Message):
 
     KIND: ClassVar[str] = "pose"
 
+    @property
+    def every(self) -> Tuple[PoseMessage, ...]:
+        """The poses, each with the message's stamp."""
+        stamp = (self.t_capture_s, self.session, self.sequence, self.t_sent_s)
+        return tuple(
+            PoseMessage(r.robot, r.x_m, r.y_m, r.heading_rad, r.confidence, *stamp)
+            for r in self.robots
+        )
+
     def of(self, robot: str) -> Optional[PoseMessage]:
         """The pose of this robot; None where it was not seen."""
-        for seen in self.robots:
-            if seen.robot == robot:
-                stamp = (self.t_capture_s, self.session, self.sequence, self.t_sent_s)
-                place = (seen.x_m, seen.y_m, seen.heading_rad, seen.confidence)
-                return PoseMessage(robot, *place, *stamp)
-        return None
+        return next((pose for pose in self.every if pose.robot == robot), None)
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class LaneView:
     """
 
     def __init__(self, road_map: RoadMap) -> None:
-        self._map = road_map
+        self.road_map = road_map
         tiles = road_map.tiles
         lanes = [e for e in road_map.lanes if not tiles[e.tile_row][e.tile_column].is_junction]
         begins = {border_point(e.control_points_m[0], road_map.tile_size_m): e for e in lanes}
@@ -61,7 +61,7 @@ class LaneView:
 
     def at(self, x_m: float, y_m: float, heading_rad: float) -> Optional[LaneAhead]:
         """The road before a pose; None beside it, or where none leads within 90 degrees."""
-        tile = self._map.tile_at(x_m, y_m)
+        tile = self.road_map.tile_at(x_m, y_m)
         if tile is None or not tile.is_road:
             return None
         if tile.is_junction:
@@ -126,12 +126,12 @@ class LaneView:
         return np.array((pose.x_m, pose.y_m)) - road.offset_m * left + np.cumsum(steps, axis=0)
 
     def _crossing(self, tile: Tile, x_m: float, y_m: float, heading_rad: float) -> LaneAhead:
-        size_m = self._map.tile_size_m
+        size_m = self.road_map.tile_size_m
         quarter = round(heading_rad / (0.5 * math.pi)) % 4
         along_rad = float(wrap_angle(quarter * 0.5 * math.pi))
         c, s = math.cos(along_rad), math.sin(along_rad)
         x_m -= (tile.column + 0.5) * size_m
-        y_m -= (self._map.rows - tile.row - 0.5) * size_m
+        y_m -= (self.road_map.rows - tile.row - 0.5) * size_m
         rest_m = 0.5 * size_m - (c * x_m + s * y_m)
         offset_m = c * y_m - s * x_m + LANE_TILES * size_m
         kind = self._beyond(tile, quarter) if _SIDES[quarter] in tile.road_sides else 0
@@ -144,9 +144,9 @@ class LaneView:
         """The kind of the junction that lies next to a tile on one side; 0 for none."""
         row = tile.row + (0, -1, 0, 1)[quarter]
         column = tile.column + (1, 0, -1, 0)[quarter]
-        if not (0 <= row < self._map.rows and 0 <= column < self._map.columns):
+        if not (0 <= row < self.road_map.rows and 0 <= column < self.road_map.columns):
             return 0
-        other = self._map.tiles[row][column]
+        other = self.road_map.tiles[row][column]
         if not other.is_junction or _SIDES[quarter - 2] not in other.road_sides:
             return 0
         ways = {"A": _SIDES[quarter], "L": _SIDES[quarter - 3], "R": _SIDES[quarter - 1]}
@@ -166,8 +166,8 @@ class LaneView:
             headings.append(np.arctan2(*bezier_tangents(control, t).T[::-1]))
             length_m = float(arcs_m[-1][-1])
             quarter = round(float(headings[-1][-1]) / (0.5 * math.pi)) % 4
-            kind = self._beyond(self._map.tiles[tile[0]][tile[1]], quarter)
-            follows = begins.get(border_point(control[3], self._map.tile_size_m))
+            kind = self._beyond(self.road_map.tiles[tile[0]][tile[1]], quarter)
+            follows = begins.get(border_point(control[3], self.road_map.tile_size_m))
         line_m = length_m if kind else math.inf
         return _Chain(np.concatenate(arcs_m), np.unwrap(np.concatenate(headings)), line_m, kind)
 

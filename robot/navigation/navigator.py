@@ -24,14 +24,16 @@ from robot.link.wire import tidy_text
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.guidance import path_input
 from robot.navigation.lane_view import LaneView
+from robot.navigation.others import AHEAD_M
 from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
+from robot.navigation.road_watch import RoadWatch
 from robot.navigation.sight_fix import LINE, ROAD, SightFix
 from robot.navigation.way_check import WayCheck
 from robot.navigation.whereabouts import Whereabouts
 from robot.parts import Guidance, Tick
-from robot.safety.governors import NOSE_M
+from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import State
 from robot.vision.sight import OnnxSight, Seen
 
@@ -48,7 +50,6 @@ USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
 WORD = (0.05, 0.05, math.radians(10.0))  # deviations of a pose that a person tells
 HEARD_S = 1.0  # a source that said nothing for so long holds the belief no more
 BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
-MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
 
@@ -68,7 +69,7 @@ class MissionNavigator:
         odometry: step odometry, from anywhere.
         robot: its name among them.
         glimpse: what sees, and the newest frame; without it overhead poses alone tell the place.
-        lines: whether red lines are to be told.
+        watch: tells what lies ahead; without it the road is empty.
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class MissionNavigator:
         odometry: Callable[[], Pose],
         robot: str,
         glimpse: Optional[Glimpse] = None,
-        lines: bool = False,
+        watch: Optional[RoadWatch] = None,
     ) -> None:
         east, north = road_map.width_m + MAP_MARGIN_M, road_map.height_m + MAP_MARGIN_M
         self.status: Optional[MissionStatus] = None
@@ -91,14 +92,12 @@ class MissionNavigator:
         self._gate = PoseGate(robot, (-MAP_MARGIN_M, -MAP_MARGIN_M, east, north))
         self._fusion = PoseFusion(config=FusionConfig(sight=glimpse is not None))
         self._way, self._glimpse = WayCheck(), glimpse
-        self._views = [LaneView(road_map)] if glimpse is not None or lines else []
-        self._fix = SightFix(self._fusion, self._views)
-        self._lines = lines
+        self._views = [LaneView(road_map)] if glimpse is not None else []
+        self._fix, self._watch = SightFix(self._fusion, self._views), watch
         self._search: Optional[Whereabouts] = None
         self._seen: Optional[int] = None  # number of the newest frame that was looked at
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer, self._driven_m = odometry(), 0.0
-        self._line_seen_m = math.nan  # where sight saw a red line: `driven_m` with the axle there
         self._jumps = 0
         self._arrived_s = -math.inf  # when the last pose came that the fusion took
         self._driving = False
@@ -202,7 +201,6 @@ class MissionNavigator:
             pose=pose,
             pose_age_s=self._pose_age_s(now_s),
             pose_within=self._pose_within(),
-            line_m=self._line_m(pose),
             driven_m=self._driven_m,
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
             pose_jump=self._jumps >= JUMPS,
@@ -211,7 +209,8 @@ class MissionNavigator:
             duplicate_publisher=self._gate.stream.conflict(now_s),
         )
         if pose is not None and self._path is not None and self.status is not None:
-            return self._follow(guidance, self._path, pose, self.status)
+            way = self._follow(guidance, self._path, pose, self.status)
+            return way._replace(ahead=self._ahead(now_s, self._path, pose))
         return guidance
 
     def _follow(
@@ -278,6 +277,8 @@ class MissionNavigator:
 
     def _measure(self, now_s: float) -> None:
         poses = self._receive()
+        if poses is not None and self._watch is not None and self._watch.others is not None:
+            self._watch.others.hear(poses.every, now_s)
         message = None if poses is None else poses.of(self._robot)
         if message is None:
             return
@@ -307,8 +308,9 @@ class MissionNavigator:
         seen = sight(preprocess(frame.image, sight.contract.image)[None])
         self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
         self._look_around(seen, frame.time_s)
-        told = seen.line[0] > LINE and seen.road[0] > ROAD
-        self._line_seen_m = self._driven_m + float(seen.figures[0, 3]) if told else math.nan
+        if self._watch is not None:
+            told = seen.line[0] > LINE and seen.road[0] > ROAD
+            self._watch.saw_line(self._driven_m + float(seen.figures[0, 3]) if told else math.nan)
 
     def _look_around(self, seen: Seen, now_s: float) -> None:
         """A robot that nothing tells its place looks for it, while a person drives it by hand."""
@@ -320,14 +322,13 @@ class MissionNavigator:
             for pose, deviations in self._search.see(seen, now_s):
                 self._fusion.put(np.arange(1), np.array([pose]), deviations)
 
-    def _line_m(self, pose: Optional[Pose]) -> Optional[float]:
-        """From the nose to the next red line: the map's, or what is seen where nothing is sure."""
-        if not self._lines:
-            return None
-        ahead_m = self._line_seen_m - self._driven_m
-        if pose is not None and self._fusion.certainty[0, 0] <= MAP_LINES_M:
-            ahead_m = self._views[0].line_ahead_m(pose)
-        return ahead_m - NOSE_M if math.isfinite(ahead_m) else None
+    def _ahead(self, now_s: float, path: Path, pose: Pose) -> RoadAhead:
+        if self._watch is None:
+            return RoadAhead()
+        arc_m = path.project(pose.x_m, pose.y_m, self._hint).arc_m
+        within_m = float(self._fusion.certainty[0, 0])
+        way_m = path.batch.points_at(arc_m + AHEAD_M[None])[0]
+        return self._watch.look(now_s, pose, within_m, self._driven_m, way_m)
 
     def _pose_within(self) -> Optional[Tuple[float, float]]:
         """How surely the place is known; nobody asks where only overhead poses tell it."""

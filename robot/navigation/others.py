@@ -1,7 +1,4 @@
-"""Overhead poses of everybody -> the `RoadAhead` of each robot: what is on its lane, who crosses.
-
-A localizer tells them; in the simulator the truth does.
-"""
+"""Where everybody is -> what is on a robot's lane, and who is at the junctions of a map."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ _HALF_WIDE_M = 0.08
 _RETURN_M = 0.6  # in which a robot that heads elsewhere gets back to the middle of its lane
 _WALKS_S = (0.0, 0.4, 0.8, 1.2)  # who walks counts where it will be, too
 _IN_FRONT_M = 0.03
-_STILL_MPS = 0.02
+_STILL_MPS = 0.05  # poses of who stands move, too
 _AT_LINE_M = 0.12  # so near to the line its nose stands who has arrived
 _OVER_M = 0.02  # so far beyond it is inside
 
@@ -43,10 +40,10 @@ class FreeWay(NamedTuple):
     """See `robot.safety.road_ahead.RoadAhead`."""
 
     free_m: float = math.inf
-    closing_mps: float = 0.0
+    coming_mps: float = 0.0
 
 
-def free_way(lane_m: np.ndarray, pose: Pose, speed_mps: float, others: Sequence[Other]) -> FreeWay:
+def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> FreeWay:
     """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot."""
     if not others:
         return FreeWay()
@@ -68,7 +65,7 @@ def free_way(lane_m: np.ndarray, pose: Pose, speed_mps: float, others: Sequence[
             if free_m < nearest.free_m:
                 step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]
                 along = float(here[k, 2:4] @ step) / max(float(np.hypot(*step)), 1e-9)
-                nearest = FreeWay(free_m, speed_mps - along)
+                nearest = FreeWay(free_m, -along)
     return nearest
 
 
@@ -104,7 +101,7 @@ class Crossings:
 
     def _at(self, now_s: float, name: str, robot: Traveller) -> Optional[Tuple[Tile, AtJunction]]:
         before = self._known.get(name)
-        inside = self._inside(robot.pose)
+        inside = self.inside(robot.pose)
         if inside is not None:
             same = before is not None and before[0] == inside
             known = before[1] if same and before else AtJunction(_arm(robot.pose), now_s, name)
@@ -121,7 +118,7 @@ class Crossings:
         stage = Stage.CLAIMS if robot.claims else Stage.WAITS
         return tile, AtJunction(_arm(robot.pose), since_s, name, robot.turn, stage)
 
-    def _inside(self, pose: Pose) -> Optional[Tile]:
+    def inside(self, pose: Pose) -> Optional[Tile]:
         """The junction that any part of a robot is in."""
         parts = np.array(((NOSE_M - _OVER_M, 0.0), (0.0, 0.0), (-_TAIL_M, 0.0)))
         for x_m, y_m in pose.to_world(parts).tolist():

@@ -24,9 +24,12 @@ from robot.link.command_server import CommandServer
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
+from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import Glimpse, MissionNavigator
+from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
+from robot.navigation.road_watch import RoadWatch
 from robot.parts import Motors, Operator, Policy, Subscriber, Tick
 from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder
@@ -34,6 +37,7 @@ from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator
 from robot.runtime.reports import Reporter
 from robot.runtime.timing import Watchdog
+from robot.safety.rules import Rules
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import LaneFit, MapFit
@@ -73,8 +77,9 @@ def open_robot(
         raise ConfigError(
             f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
         )
-    if config.rules.stop_lines and not navigates:
-        raise ConfigError(f"rules.stop_lines: expected a navigation policy, {config.model} is none")
+    rules = config.rules.chain()
+    if rules and not navigates:
+        raise ConfigError(f"rules: expected a navigation policy, {config.model} is none")
     with ExitStack() as stack:
         if motors is None:  # before anything that a robot which drives already would mind
             motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
@@ -103,7 +108,7 @@ def open_robot(
             everybody,
             navigator,
             open_eyes(config),
-            config.rules.chain(),
+            rules,
         )
         stack.enter_context(watchdog)
         yield runtime
@@ -158,8 +163,10 @@ def open_navigator(
     """
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
     road_map = load_map(config.map)
-    named = config.name, glimpse, config.rules.stop_lines
-    return MissionNavigator(road_map, receive, lambda: motors.pose, *named)
+    view = LaneView(road_map)
+    others = Neighbours(view, config.name) if config.rules.headway else None
+    watch = None if config.rules == Rules() else RoadWatch(view, others)
+    return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse, watch)
 
 
 def open_reports(

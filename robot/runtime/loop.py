@@ -34,7 +34,6 @@ from robot.parts import (
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.governors import Cap, Road, Rule, govern
-from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
 from robot.safety.wheel_limits import STILL, Drive
 from robot.vision.plausibility import PictureDoubts
@@ -229,7 +228,7 @@ class Runtime:
             self._rules = self._every_rule
             return Cap()
         told_mps = max(abs(speed) for speed in self._wheels)
-        road = Road(now_s, way.driven_m, told_mps, RoadAhead(line_m=way.line_m))
+        road = Road(now_s, way.driven_m, told_mps, way.ahead)
         self._rules, cap = govern(self._rules, road)
         return cap
 

@@ -38,17 +38,6 @@ class Rule(Protocol):
         """The rule as it goes on from this turn, and its cap."""
 
 
-@dataclass(frozen=True)
-class Rules:
-    """``rules`` of robot.yaml."""
-
-    stop_lines: bool = False  # stand before each red line, then go on
-
-    def chain(self) -> Tuple[Rule, ...]:
-        """The rules that are asked for, as they begin."""
-        return (StopLines(),) if self.stop_lines else ()
-
-
 def govern(rules: Sequence[Rule], road: Road) -> Tuple[Tuple[Rule, ...], Cap]:
     """Ask all rules; the first of the lowest caps holds."""
     asked = [rule.after(road) for rule in rules]

@@ -9,7 +9,7 @@ from typing import Tuple
 from robot.safety.governors import Cap, Road
 
 GAP_M = 0.04  # from the nose to a thing before which the robot stands
-HEADWAY_S = 0.6  # in which it would be there: turn, delay and lag of the motors twice over
+HEADWAY_S = 0.9  # in which it would be there: turn, delay and lag of the motors three times over
 _SIGMAS = 2.0
 _LEAST_MPS = 0.02  # slower than that is standing
 
@@ -27,9 +27,10 @@ class KeepApart:
         ahead = road.ahead
         if ahead.free_m == math.inf:
             return self, Cap()
-        coming_mps = max(0.0, ahead.closing_mps - road.told_mps)
+        if math.isnan(ahead.free_m):
+            return self, Cap(0.0, "nothing tells where the others are")
         sure_m = ahead.free_m - _SIGMAS * ahead.free_sigma_m - GAP_M
-        most_mps = sure_m / HEADWAY_S - coming_mps
+        most_mps = sure_m / HEADWAY_S - max(0.0, ahead.coming_mps)
         if not most_mps >= _LEAST_MPS:  # nor a NaN
             most_mps = 0.0
         return self, Cap(most_mps, f"something is {100.0 * ahead.free_m:.0f} cm ahead")

@@ -4,7 +4,7 @@ Who came first goes first; of those who came together, who has nobody on the rig
 together all have somebody on the right: then the least name goes, and without names whose random
 patience ends first. Before it enters, a robot claims the junction for `CLAIM_S` and stands: whoever
 claims at the same time sees it, and both fall back on patience. So two never enter together, though
-each sees the other only late, or has other times of arrival in mind.
+each sees the other only late. Robots that cannot talk have `robot.safety.first_come`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from robot.safety.governors import Cap, Road
 from robot.safety.road_ahead import AtJunction, Junction, Light, Stage
 
-TIE_S = 0.3  # so near to each other two arrive together
 CLAIM_S = 0.8  # longer than any other robot needs to see a claim
 PATIENCE_S = 2.0  # at most, at first; longer after each clash
 QUIET_S = 4.0  # in which nobody goes, although all wait: then patience decides, too
@@ -113,6 +112,6 @@ def _first(waiting: Tuple[AtJunction, ...]) -> Tuple[AtJunction, ...]:
 
 
 def _before(one: AtJunction, other: AtJunction) -> bool:
-    earlier_s = other.arrived_s - one.arrived_s
-    together = abs(earlier_s) <= TIE_S
-    return one.arm == (other.arm + 1) % 4 if together else earlier_s > 0.0
+    if one.arrived_s == other.arrived_s:
+        return one.arm == (other.arm + 1) % 4
+    return one.arrived_s < other.arrived_s

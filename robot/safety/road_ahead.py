@@ -78,13 +78,13 @@ class RoadAhead:
     """What lies before the robot; the defaults are an empty road.
 
     ``free_m``: from the nose, along the own lane, to the nearest thing on it [m]; below 0 or NaN
-    the robot must stand. ``free_sigma_m``: its standard deviation. ``closing_mps``: how fast it
-    shrinks, by the robot's own motion and the thing's. ContractError for a deviation below 0.
+    the robot must stand. ``free_sigma_m``: its standard deviation. ``coming_mps``: how fast the
+    thing itself comes nearer; below 0 it goes away. ContractError for a deviation below 0.
     """
 
     free_m: float = math.inf
     free_sigma_m: float = 0.0
-    closing_mps: float = 0.0
+    coming_mps: float = 0.0
     line_m: Optional[float] = None  # from the nose to the next red line; None: none is known
     light: Light = Light.NONE  # at that line
     junction: Optional[Junction] = None

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
-from robot.safety.governors import Rules
+from robot.safety.first_come import FirstCome
+from robot.safety.governors import StopLines
+from robot.safety.headway import KeepApart
+from robot.safety.rules import Rules
 from robot.typed_config import from_plain, load_yaml, to_plain
 
 
@@ -58,6 +62,15 @@ def test_what_does_not_fit_is_refused(data: dict, said: str) -> None:
     assert said in str(caught.value)
 
 
-def test_who_obeys_stop_lines_has_a_map() -> None:
-    with pytest.raises(ConfigError, match=r"rules\.stop_lines: expected a map"):
-        RobotConfig("model.onnx", rules=Rules(stop_lines=True))
+def test_who_obeys_rules_has_a_map() -> None:
+    with pytest.raises(ConfigError, match="rules: expected a map"):
+        RobotConfig("model.onnx", rules=Rules(headway=True))
+
+
+def test_right_of_way_needs_the_rules_that_it_counts_on() -> None:
+    for lacking in (Rules(stop_lines=True), Rules(headway=True)):
+        with pytest.raises(ConfigError, match=r"rules\.right_of_way: expected stop_lines and hea"):
+            replace(lacking, right_of_way=True)
+    every = Rules(True, True, True).chain()
+    assert [type(rule) for rule in every] == [KeepApart, StopLines, FirstCome]
+    assert Rules().chain() == ()

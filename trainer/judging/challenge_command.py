@@ -37,12 +37,13 @@ def judge(
     seed: int,
     look: str,
     maps: tuple[str, ...],
+    poses: str,
     json: Path | None,
     out: Path | None,
 ) -> int:
     """`trainer.commands.judge_command`, which asks for it."""
     names = [model] if against is None else [model, against]
-    drivers = [_driver(name, model) for name in names]
+    drivers = [_driver(name, model, poses) for name in names]
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
     road_maps = [load_map(name) for name in maps_named(maps or MAPS[challenge])]
     looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
@@ -62,7 +63,8 @@ def judge(
     _tell(console, challenge, verdicts)
     if json is not None:
         asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
-        told = {**asked, "maps": [m.name for m in road_maps], **verdicts[0].plain()}
+        asked |= {"poses": poses, "maps": [m.name for m in road_maps]}
+        told = {**asked, **verdicts[0].plain()}
         if len(verdicts) > 1:
             told["against"] = verdicts[0].against(verdicts[1])
         write_json(json, told)
@@ -71,14 +73,14 @@ def judge(
     return 0
 
 
-def _driver(name: str, model: str) -> Driver:
+def _driver(name: str, model: str, poses: str) -> Driver:
     if name in DRIVERS:
         return DRIVERS[name]()
     bare = name == BARE and name != model
     path = Path(model if bare else name)
     if not path.exists():
         raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; there is no file")
-    return (Pilot if bare else Governed)(open_policy(path))
+    return Pilot(open_policy(path)) if bare else Governed(open_policy(path), poses)
 
 
 def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:

@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
-from robot.geometry import Pose, WheelSpeeds
+from robot.geometry import Pose, WheelSpeeds, wrap_angle
+from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
-from robot.navigation.others import (
-    AHEAD_M,
-    HALF_DUCK_M,
-    HALF_ROBOT_M,
-    Crossings,
-    Other,
-    Traveller,
-    free_way,
-    turn_ahead,
-)
-from robot.navigation.road_map import RoadMap
-from robot.safety.governors import NOSE_M, Lights, Road, Rule, StopLines, govern
+from robot.navigation.neighbours import DUCK, SIGMA_M, Neighbours, Told
+from robot.navigation.others import AHEAD_M, turn_ahead
+from robot.navigation.road_watch import RoadWatch
+from robot.safety.first_come import FirstCome
+from robot.safety.governors import Lights, Road, Rule, StopLines, govern
 from robot.safety.headway import KeepApart
 from robot.safety.right_of_way import RightOfWay
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.look import ARENA_POSE
+from sim_pybullet.sensing.pose_error import PoseError
 from sim_pybullet.tasks.traffic import Traffic
-from sim_pybullet.traffic.crowd import Bodies, Body
+from sim_pybullet.traffic.crowd import Body
 from trainer.judging.drivers import Pilot
 from trainer.judging.evaluate import DrivingPolicy
 
-_HALF_M = {Body.DUCK: HALF_DUCK_M, Body.ROBOT: HALF_ROBOT_M, Body.THING: HALF_DUCK_M}
+TRUE, ARENA = "true", "arena"
+POSES = (TRUE, ARENA)
 
 
 @dataclass
@@ -41,17 +38,11 @@ class _Robot:
 
     number: int
     pose: Pose  # a decision ago
+    neighbours: Neighbours
+    watch: RoadWatch
     rules: tuple[Rule, ...]
     told: WheelSpeeds = STILL
     driven_m: float = 0.0
-    velocity_mps: tuple[float, float] = (0.0, 0.0)
-
-    def see(self, pose: Pose) -> None:
-        """Where it is now."""
-        moved = pose.x_m - self.pose.x_m, pose.y_m - self.pose.y_m
-        self.driven_m += math.hypot(*moved)
-        self.velocity_mps = moved[0] / CONTROL_DT_S, moved[1] / CONTROL_DT_S
-        self.pose = pose
 
     def slow(self, wanted: np.ndarray, now_s: float, ahead: RoadAhead) -> WheelSpeeds:
         """What of the wheel speeds wanted (2,) [m/s] the rules allow."""
@@ -70,15 +61,19 @@ class _Robot:
 class Governed(Pilot):
     """As `Pilot`, slowed by headway, stop lines, lights and right of way.
 
-    Poses are true ones, of everybody and of now; robots tell each other their names, which way they
-    take at the next junction, and that they claim it.
+    ``poses``: one of `POSES`. True ones are of everybody and of now; robots tell each other which
+    way they take at the next junction, and that they claim it. Those of an arena, one's own among
+    them, are as far off, late and missing as `sim_pybullet.look.ARENA_POSE` says, and robots tell
+    each other nothing: so a real robot drives.
     """
 
-    def __init__(self, policy: DrivingPolicy) -> None:
+    def __init__(self, policy: DrivingPolicy, poses: str = TRUE) -> None:
         super().__init__(policy)
+        self._arena = poses == ARENA
         self._robots: dict[int, _Robot] = {}
-        self._crossings: dict[int, Crossings] = {}
         self._views: dict[str, LaneView] = {}
+        self._errors = PoseError(0)  # of all bodies, group by group
+        self._rng = np.random.default_rng(0)
         self._turns = 0
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
@@ -87,63 +82,86 @@ class Governed(Pilot):
         assert isinstance(task, Traffic)
         shares = super().choose(world, seen)
         self._turns += 1
-        self._see(world, task)
-        lanes_m = task.paths.points_at(task.course.arc_m[:, None] + AHEAD_M)
-        velocities = np.array([self._robots[i].velocity_mps for i in range(world.n_robots)])
-        grouped = [
-            each.reshape(-1, task.group, each.shape[-1]) for each in (world.poses, velocities)
-        ]
-        bodies = task.crowd.bodies(*grouped)
-        red = task.crowd.look(grouped[0], task.paths, task.course.arc_m, grouped[1]).red
-        for group in range(len(red)):
-            ours = range(group * task.group, (group + 1) * task.group)
-            road_map = task.road_maps[world.maps[ours[0]]]
-            travellers = {f"{i:03}": self._traveller(i, road_map, lanes_m[i]) for i in ours}
-            at = self._crossings[group].update(self._turns * CONTROL_DT_S, travellers)
-            for place, i in enumerate(ours):
-                if not world.active[i]:
-                    continue
-                robot, told = self._robots[i], travellers[f"{i:03}"]
-                others = _others(bodies, group, place)
-                way = free_way(lanes_m[i], robot.pose, told.speed_mps, others)
+        now_s, ours = self._turns * CONTROL_DT_S, task.group
+        poses = world.poses.reshape(-1, ours, 3)
+        nobody_asks = np.zeros((len(poses), ours, 2))  # for speeds
+        bodies = task.crowd.bodies(poses, nobody_asks)
+        red = task.crowd.look(poses, task.paths, task.course.arc_m, nobody_asks).red
+        self._begin(world, task, bodies.kinds.size)
+        there = np.zeros((*bodies.xy_m.shape[:2], 3))
+        there[..., :2], there[:, :ours, 2] = bodies.xy_m, poses[..., 2]
+        told, believed = self._above(there.reshape(-1, 3), now_s)
+        told, believed = told.reshape(there.shape), believed.reshape(there.shape)[:, :ours]
+        at_m = believed.reshape(-1, 3)[:, :2]
+        arc_m = task.paths.project(at_m, task.paths.index_at(task.course.arc_m)).arc_m
+        ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
+        for group, place in np.ndindex(len(poses), ours):
+            i = group * ours + place
+            if place == 0:
+                heard = self._messages(told[group], bodies.kinds, ours, now_s)
+                says = {} if self._arena else self._says(group, ours, ways_m)
+            robot = self._robots[i]
+            robot.driven_m += float(np.hypot(*(world.poses[i] - robot.pose)[:2]))
+            robot.pose = Pose(*world.poses[i].tolist())
+            robot.neighbours.hear(heard, now_s, says)
+            if world.active[i]:
+                here = Pose(*believed[group, place].tolist())
+                ahead = robot.watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
                 light = Light.RED if red[group, place] else Light.NONE
-                junction = at.get(f"{i:03}")
-                ahead = RoadAhead(way.free_m, 0.0, way.closing_mps, told.line_m, light, junction)
                 wanted = MAX_WHEEL_MPS * shares[i]
-                slowed = robot.slow(wanted, self._turns * CONTROL_DT_S, ahead)
+                slowed = robot.slow(wanted, now_s, replace(ahead, light=light))
                 shares[i] = np.array(slowed) / MAX_WHEEL_MPS
         return shares
 
-    def _see(self, world: BatchWorld, task: Traffic) -> None:
-        """Where robots are now; who begins an episode remembers nothing."""
-        poses = [Pose(*pose) for pose in world.poses.tolist()]
-        for i, (number, pose) in enumerate(zip(world.numbers.tolist(), poses, strict=True)):
+    def _begin(self, world: BatchWorld, task: Traffic, bodies: int) -> None:
+        """Who begins an episode remembers nothing."""
+        if not self._robots:
+            self._errors = PoseError(bodies * world.n_robots // task.group)
+        for i, number in enumerate(world.numbers.tolist()):
             known = self._robots.get(i)
-            if known is None or (number >= 0 and number != known.number):
-                rng = np.random.default_rng((number, i % task.group))
-                rules = (KeepApart(), StopLines(), Lights(), RightOfWay(rng))
-                self._robots[i] = _Robot(number, pose, rules)
-                if i % task.group == 0:
-                    road_map = task.road_maps[world.maps[i]]
-                    self._crossings[i // task.group] = Crossings(road_map)
-            self._robots[i].see(pose)
+            if known is not None and number in (-1, known.number):
+                continue
+            group, place = divmod(i, task.group)
+            road_map = task.road_maps[world.maps[i]]
+            view = self._views.setdefault(road_map.name, LaneView(road_map))
+            others = Neighbours(view, _name(place), SIGMA_M if self._arena else 0.0)
+            way = FirstCome() if self._arena else RightOfWay(np.random.default_rng((number, place)))
+            rules = KeepApart(), StopLines(), Lights(), way
+            here = Pose(*world.poses[i].tolist())
+            self._robots[i] = _Robot(number, here, others, RoadWatch(view, others), rules)
+            for body in range(group * bodies, (group + 1) * bodies) if place == 0 else ():
+                self._errors.reset(body, ARENA_POSE, self._rng)
 
-    def _traveller(self, i: int, road_map: RoadMap, lane_m: np.ndarray) -> Traveller:
-        robot = self._robots[i]
-        if road_map.name not in self._views:
-            self._views[road_map.name] = LaneView(road_map)
-        line_m = self._views[road_map.name].line_ahead_m(robot.pose) - NOSE_M
-        speed_mps = math.hypot(*robot.velocity_mps)
-        if line_m > AHEAD_M[-1]:
-            return Traveller(robot.pose, speed_mps)
-        turn = turn_ahead(road_map, robot.pose, lane_m)
-        return Traveller(robot.pose, speed_mps, line_m, turn, robot.claims)
+    def _above(self, there: np.ndarray, now_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (N, 3) as they are told now, and as they are known to those who are there."""
+        if not self._arena:
+            return there, there
+        told = self._errors.observe(there, now_s, self._rng)
+        return told.poses, self._errors.of_standing(there)
+
+    def _messages(
+        self, told: np.ndarray, kinds: np.ndarray, ours: int, now_s: float
+    ) -> list[PoseMessage]:
+        """The poses (B, 3) of one group, as a localizer tells them."""
+        captured_s = now_s - (ARENA_POSE.delay_s if self._arena else 0.0)
+        stamp = captured_s, "judge", self._turns, now_s
+        found = []
+        for body, (x_m, y_m, heading_rad) in enumerate(told.tolist()):
+            if math.isfinite(x_m):
+                name = _name(body) if kinds[body] == Body.ROBOT else f"{DUCK}{body}"
+                seen_rad = float(wrap_angle(heading_rad)) if body < ours else None
+                found.append(PoseMessage(name, x_m, y_m, seen_rad, 1.0, *stamp))
+        return found
+
+    def _says(self, group: int, ours: int, ways_m: np.ndarray) -> dict[str, Told]:
+        """What the robots of a group tell each other."""
+        each = [self._robots[i] for i in range(group * ours, (group + 1) * ours)]
+        ways = ways_m[group * ours :]
+        return {
+            _name(place): Told(turn_ahead(robot.watch.view.road_map, robot.pose, way), robot.claims)
+            for place, (robot, way) in enumerate(zip(each, ways, strict=False))
+        }
 
 
-def _others(bodies: Bodies, group: int, place: int) -> list[Other]:
-    rows = zip(bodies.xy_m[group], bodies.velocities_mps[group], bodies.kinds, strict=True)
-    return [
-        Other(xy[0], xy[1], v[0], v[1], _HALF_M[Body(kind)], kind == Body.DUCK)
-        for k, (xy, v, kind) in enumerate(rows)
-        if k != place and np.isfinite(xy[0])
-    ]
+def _name(place: int) -> str:
+    return f"{place:03}"

@@ -107,5 +107,5 @@ def clear_m(view: LaneView, pose: Pose, others: Sequence[Other]) -> tuple[float,
     if way_m is None:
         return math.inf, math.inf
     wider = [o._replace(half_m=o.half_m + _MARGIN_M) for o in near]
-    most_m, least_m = (free_way(way_m, pose, 0.0, each).free_m for each in (near, wider))
+    most_m, least_m = (free_way(way_m, pose, each).free_m for each in (near, wider))
     return most_m, least_m

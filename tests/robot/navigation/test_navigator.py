@@ -12,17 +12,20 @@ from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.link.messages import PosesMessage, Sighting
 from robot.navigation.guidance import path_input
+from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import MissionNavigator
+from robot.navigation.neighbours import Neighbours
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_path, plan_route
 from robot.navigation.road_map import load_map
+from robot.navigation.road_watch import RoadWatch
 from robot.navigation.way_check import WayCheck
 from robot.parts import Guidance
 from robot.safety.state_machine import Command
 from tests.robot.runtime.test_loop import Bench
 
 TOWN = load_map("town")
-GRAPH = LaneGraph(TOWN)
+GRAPH, VIEW = LaneGraph(TOWN), LaneView(TOWN)
 SHORT = 0.585  # [m]
 ARRIVAL_M, OFF_PATH_TILES, JUMPS = 0.05, 0.25, 5
 
@@ -36,11 +39,13 @@ class World:
         self.odometry = Pose(3.0, -2.0, 1.0)
         self.messages: List[PosesMessage] = []
         self.session, self.sequence = "a" * 16, 0
+        self.others: Tuple[Sighting, ...] = ()
         self.navigator = MissionNavigator(
             TOWN,
             lambda: self.messages.pop() if self.messages else None,
             lambda: self.odometry,
             "robot",
+            watch=RoadWatch(VIEW, Neighbours(VIEW, "robot")),
         )
         self.guidance = Guidance()
 
@@ -49,7 +54,7 @@ class World:
         heading_rad = float(wrap_angle(pose.heading_rad))
         self.messages = [
             PosesMessage(
-                (Sighting("robot", pose.x_m, pose.y_m, heading_rad, 0.9),),
+                (Sighting("robot", pose.x_m, pose.y_m, heading_rad, 0.9), *self.others),
                 *(self.now_s, session or self.session, self.sequence, self.now_s),
             )
         ]

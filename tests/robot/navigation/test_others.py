@@ -42,9 +42,9 @@ WAITING = (
 
 @given(st.floats(0.2, 1.1), st.floats(-0.3, 0.3))
 def test_the_way_to_a_leader_is_from_nose_to_tail(ahead_m: float, speed_mps: float) -> None:
-    found = free_way(EAST, Pose(0.0, 0.0, 0.0), 0.3, [Other(ahead_m, 0.02, speed_mps)])
+    found = free_way(EAST, Pose(0.0, 0.0, 0.0), [Other(ahead_m, 0.02, speed_mps)])
     assert found.free_m == pytest.approx(ahead_m - HALF_ROBOT_M - NOSE_M, abs=0.011)
-    assert found.closing_mps == pytest.approx(0.3 - speed_mps)
+    assert found.coming_mps == pytest.approx(-speed_mps)
 
 
 @pytest.mark.parametrize(
@@ -61,18 +61,18 @@ def test_the_way_to_a_leader_is_from_nose_to_tail(ahead_m: float, speed_mps: flo
     ],
 )
 def test_who_is_on_the_lane(other: Other, counts: bool) -> None:
-    assert math.isfinite(free_way(EAST, Pose(0.0, 0.0, 0.0), 0.3, [other]).free_m) is counts
+    assert math.isfinite(free_way(EAST, Pose(0.0, 0.0, 0.0), [other]).free_m) is counts
 
 
 def test_a_robot_beside_the_middle_of_its_lane_passes_nearer() -> None:
     duck = Other(0.15, 0.13, half_m=HALF_DUCK_M)
-    assert free_way(EAST, Pose(0.0, 0.05, 0.0), 0.3, [duck]).free_m < 0.1
-    assert free_way(EAST, Pose(0.0, -0.05, 0.0), 0.3, [duck]).free_m == math.inf
+    assert free_way(EAST, Pose(0.0, 0.05, 0.0), [duck]).free_m < 0.1
+    assert free_way(EAST, Pose(0.0, -0.05, 0.0), [duck]).free_m == math.inf
 
 
 def test_the_nearest_counts() -> None:
     two = [Other(0.8, 0.0), Other(0.5, 0.0)]
-    assert free_way(EAST, Pose(0.0, 0.0, 0.0), 0.3, two).free_m == pytest.approx(0.344, abs=0.011)
+    assert free_way(EAST, Pose(0.0, 0.0, 0.0), two).free_m == pytest.approx(0.344, abs=0.011)
 
 
 def travellers(speed_mps: float = 0.0, line_m: Optional[float] = 0.05) -> Dict[str, Traveller]:

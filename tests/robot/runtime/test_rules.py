@@ -13,7 +13,9 @@ from robot.link.telemetry import Telemetry
 from robot.recording.turn import Turn
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
-from robot.safety.governors import Cap, Road, Rules
+from robot.safety.governors import Cap, Road
+from robot.safety.road_ahead import RoadAhead
+from robot.safety.rules import Rules
 from robot.safety.state_machine import Command, State
 from robot.safety.wheel_limits import STILL
 from robot.typed_config import from_plain
@@ -24,7 +26,7 @@ STRAIGHT = ACTION_WHEELS[Action.STRAIGHT]
 
 def at_line(gap_m: float) -> Bench:
     bench = Bench(rules=Rules(stop_lines=True).chain()).drive()
-    bench.navigator.guidance = bench.navigator.guidance._replace(line_m=gap_m)
+    bench.navigator.guidance = bench.navigator.guidance._replace(ahead=RoadAhead(line_m=gap_m))
     return bench
 
 
@@ -58,7 +60,7 @@ def test_what_held_it_is_told_and_recorded() -> None:
 def test_without_rules_a_line_is_nothing_and_nothing_is_recorded_of_it() -> None:
     bench = Bench().drive()
     before = bench.heard.ticks[-1].wheels
-    bench.navigator.guidance = bench.navigator.guidance._replace(line_m=0.05)
+    bench.navigator.guidance = bench.navigator.guidance._replace(ahead=RoadAhead(line_m=0.05))
     bench.turn(3)
     assert bench.heard.ticks[-1].wheels == before != STILL
     assert not {"most_mps", "governed"} & set(Turn.of(bench.heard.ticks[-1]).plain())

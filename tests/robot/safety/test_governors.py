@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
-from robot.safety.governors import Cap, Lights, Road, Rules, StopLines, govern
+from robot.safety.governors import Cap, Lights, Road, StopLines, govern
 from robot.safety.headway import KeepApart
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import Drive
@@ -58,11 +58,6 @@ def test_a_cap_slows_both_wheels_alike_and_never_speeds_up(wanted: WheelSpeeds, 
     assert settled.left_mps * wanted.right_mps == pytest.approx(
         settled.right_mps * wanted.left_mps, abs=1e-9
     )
-
-
-def test_rules_are_off_unless_asked_for() -> None:
-    assert Rules().chain() == ()
-    assert Rules(stop_lines=True).chain() == (StopLines(),)
 
 
 class Stand(NamedTuple):
@@ -242,7 +237,7 @@ def chase(
     speed, sent, least_m, way_m = FULL_MPS, [FULL_MPS] * (delay_turns + 1), free_m, 0.0
     for k, ahead_mps in enumerate(leader_mps):
         told_m = free_m + errors[k % len(errors)]
-        seen = RoadAhead(told_m, 0.01, closing_mps=speed - ahead_mps)
+        seen = RoadAhead(told_m, 0.01, coming_mps=-ahead_mps)
         _, cap = KeepApart().after(Road(0.1 * k, way_m, sent[-1], seen))
         sent.append(min(FULL_MPS, cap.most_mps))
         for _ in range(10):
@@ -278,9 +273,9 @@ def test_it_stops_before_a_duck_that_appears_a_quarter_of_a_metre_ahead(
 
 def test_who_walks_towards_it_is_not_met_at_speed() -> None:
     """It stands before what comes on; that it is then run into is not its doing."""
-    seen = RoadAhead(free_m=0.4, closing_mps=0.5)
-    assert KeepApart().after(Road(0.0, 0.0, 0.1, seen))[1].most_mps == pytest.approx(0.2)
-    assert KeepApart().after(Road(0.0, 0.0, 0.3, seen))[1].most_mps == pytest.approx(0.4)
+    for coming_mps, most_mps in ((0.3, 0.1), (0.1, 0.3), (-0.2, 0.4)):
+        seen = RoadAhead(free_m=0.4, coming_mps=coming_mps)
+        assert KeepApart().after(Road(0.0, 0.0, 0.3, seen))[1].most_mps == pytest.approx(most_mps)
 
 
 def test_behind_a_robot_at_full_speed_the_way_is_kept_and_nobody_dawdles() -> None:
@@ -291,7 +286,9 @@ def test_behind_a_robot_at_full_speed_the_way_is_kept_and_nobody_dawdles() -> No
 
 @pytest.mark.parametrize("free_m", [math.nan, -0.1, 0.0, -math.inf])
 def test_no_way_and_no_number_are_no_way(free_m: float) -> None:
-    assert KeepApart().after(Road(0.0, 0.0, 0.3, RoadAhead(free_m)))[1].most_mps == 0.0
+    cap = KeepApart().after(Road(0.0, 0.0, 0.3, RoadAhead(free_m)))[1]
+    assert cap.most_mps == 0.0
+    assert ("nothing tells" in cap.reason) is math.isnan(free_m)
     with pytest.raises(ContractError, match="free_sigma_m: expected 0 m or more"):
         RoadAhead(free_sigma_m=math.nan)
 

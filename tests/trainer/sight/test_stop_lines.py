@@ -17,7 +17,7 @@ from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.inference.policy import OnnxPolicy, best_action
 from robot.navigation.lane_view import LaneView
 from robot.navigation.road_map import RoadMap, load_map
-from robot.safety.governors import Road, Rule, Rules, govern
+from robot.safety.governors import Road, Rule, StopLines, govern
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.wheel_limits import limit_speed
 from robot.vision.sight import OnnxSight
@@ -61,7 +61,7 @@ class Tally:
 class Robot:
     """One robot as the tally follows it."""
 
-    rules: tuple[Rule, ...] = Rules(stop_lines=True).chain()
+    rules: tuple[Rule, ...] = (StopLines(),)
     capped_mps: float = math.inf
     at_rest: int = 0  # decisions
     stood: bool = False
