@@ -151,19 +151,19 @@ def _replace_camera_wait(stepper: Stepper) -> None:
 
 def _replace_decisions(stepper: Stepper, shared: SharedTime) -> None:
     """A decision takes as long as the bench says, for faults, or is none; else it takes no time."""
-    from robot.runtime.loop import Runtime
+    from robot.runtime import loop
 
-    runtimes: Any = Runtime
-    values = runtimes._values
+    loops: Any = loop
+    values_of = loops.values_of
 
-    def faulty_values(runtime: Any, frame: Any, guidance: Any) -> Any:
+    def faulty_values(*asked: Any) -> Any:
         decision_s = shared.get("slow")
         if decision_s:
             stepper.sleep(decision_s)
-        found = values(runtime, frame, guidance)
+        found = values_of(*asked)
         return found * math.nan if shared.get("nan") and found is not None else found
 
-    runtimes._values = faulty_values
+    loops.values_of = faulty_values
 
 
 if __name__ == "__main__":
