@@ -49,7 +49,7 @@ COMMANDS: Mapping[str, Command | Group] = {
     "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),
     "fit": Command("trainer.twin.cli:fit_command", "a twin of your robot and floor, by driving"),
     "teach": Command("trainer.twin.cli:teach_command", "teach a policy your floor, and prove it"),
-    "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, drives"),
+    "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, films"),
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),
     "collect": Command(f"{_SEE}:collect_command", "gather frames from simulator or pictures"),
     "translate": {

@@ -62,7 +62,7 @@ def evaluate_command(
         options: what, where and how often.
         json: write the figures there. With --seeds or --matrix what is its own is added to each
             name; without --json the files are evaluation_*.json beside the models.
-        drives: keep where every robot drove and what the worst saw, beside --json, for report.
+        drives: film the worst that failed or left their lane, beside --json, for report.
         many: several at once.
     """
     from trainer.sweeps.jobs import EvaluateJob, evaluate_jobs
@@ -159,7 +159,7 @@ def report_command(
     live: bool = False,
     port: int = 8701,
 ) -> int:
-    """Write report.html: summary, films, curves, tables and maps of runs.
+    """Write report.html: summary, films, curves and tables of runs.
 
     Args:
         runs: run folders, or folders of run folders.

@@ -14,10 +14,10 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
-from trainer.judging.drive_log import Film, Rides
 from trainer.judging.drivers import Driver
 from trainer.judging.evaluate import ROBOTS
 from trainer.judging.lane_rules import LaneFigures, LaneRules
+from trainer.judging.rides import Film, Rides
 
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 SURVIVED = "time"

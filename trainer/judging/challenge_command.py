@@ -15,10 +15,10 @@ from robot.output import expect_writable
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import maps_named
 from trainer.judging.challenge import drive, robots_of
-from trainer.judging.drive_log import Worst
 from trainer.judging.drivers import Driver, Expert, Pilot, Standing
 from trainer.judging.evaluate import open_policy
 from trainer.judging.governed import Governed
+from trainer.judging.rides import Worst
 from trainer.judging.verdict import MEASURES, Verdict
 from trainer.report.worst import write_worst
 from trainer.run import write_json
@@ -58,7 +58,8 @@ def judge(
                 found.append(episode)
                 if not verdicts:
                     badness = (not episode.success, -episode.tiles, -episode.seed, -episode.robot)
-                    worst.add(badness, episode, film)
+                    title = f"Episode {episode.seed} on {episode.map}: {episode.end}"
+                    worst.add(badness, f"{title}, {episode.tiles:.1f} tiles", film)
             verdicts.append(Verdict(Path(name).name, sorted(found)))
     _tell(console, challenge, verdicts)
     if json is not None:

@@ -25,7 +25,7 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task
-from trainer.judging.drive_log import DriveLog, Rides, end_of
+from trainer.judging.rides import DONE, Ride, Rides, Worst, end_of
 from trainer.options import EvaluateOptions, task_of
 
 ROBOTS = 20  # at once
@@ -106,16 +106,17 @@ def evaluate(
     seeds: Sequence[int],
     finished: Callable[[Drive], None],
     zero: str | None = None,
-    log: DriveLog | None = None,
+    worst: Worst | None = None,
     lane: str | None = None,
     sources: PoseSources = ALWAYS,
 ) -> list[Drive]:
-    """One greedy episode for each seed; ``finished`` hears of each, ``log`` gets its track.
+    """One greedy episode for each seed; ``finished`` hears of each.
 
     An episode is the same whichever others are driven (`sim_pybullet.episodes.NumberedEpisodes`),
     to the rounding of a robot's clock. Consecutive seeds take the maps in turn, and on each map
     both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or
-    nothing. ConfigError for a path that is not there, or a lane in a task that keeps none.
+    nothing. Who failed or left its lane is offered to ``worst``. ConfigError for a path that is not
+    there, or a lane in a task that keeps none.
     """
     if not len(seeds):
         return []
@@ -123,7 +124,7 @@ def evaluate(
     world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
     drives: list[Drive] = []
     try:
-        for drive in _drive(policy, world, zero, log):
+        for drive in _drive(policy, world, zero, worst):
             drives.append(drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))))
             finished(drives[-1])
     finally:
@@ -193,11 +194,11 @@ def _lane(task: str, lane: str | None, turn: int) -> str | None:
 
 
 def _drive(
-    policy: DrivingPolicy, world: BatchWorld, zero: str | None, log: DriveLog | None
+    policy: DrivingPolicy, world: BatchWorld, zero: str | None, worst: Worst | None
 ) -> Iterator[Drive]:
     """The episodes of a world, as each ends."""
     observation = world.reset()
-    speeds, rides = _own_speeds(policy, world), None if log is None else Rides(world)
+    speeds, rides = _own_speeds(policy, world), None if worst is None else Rides(world)
     while world.active.any():
         if rides is not None:
             rides.see(observation)
@@ -209,9 +210,7 @@ def _drive(
         for robot, metrics in zip(ended.robots.tolist(), ended.metrics, strict=True):
             facts = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
             failed = bool(step.task.terminated[robot])
-            if rides is not None and log is not None:
-                log.end(int(numbers[robot]), end_of(step, robot), rides.end(step, robot))
-            yield Drive(
+            drive = Drive(
                 int(numbers[robot]),
                 bool(step.task.success[robot]),
                 metrics,
@@ -220,6 +219,18 @@ def _drive(
                 failed and bool(step.collided[robot]),
                 world.task.road_maps[maps[robot]].name,
             )
+            if rides is not None and worst is not None:
+                _offer(worst, drive, rides.end(step, robot), end_of(step, robot))
+            yield drive
+
+
+def _offer(worst: Worst, drive: Drive, ride: Ride, end: str) -> None:
+    failed = end != DONE
+    if failed or ride.farthest_m > ride.half_lane_m:
+        film = tuple(ride.frames) if failed else ride.farthest
+        told = end if failed else "out of its lane for a while"
+        title = f"Episode {drive.seed} on {drive.map}: {told}"
+        worst.add((failed, ride.farthest_m, -drive.seed), title, film)
 
 
 def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:

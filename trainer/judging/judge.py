@@ -26,7 +26,6 @@ from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import part_of
-from trainer.judging.drive_log import DriveLog, drives_beside
 from trainer.judging.evaluate import (
     Drive,
     DrivingPolicy,
@@ -35,6 +34,7 @@ from trainer.judging.evaluate import (
     open_policy,
     summarise,
 )
+from trainer.judging.rides import Worst, films_of
 from trainer.options import EvaluateOptions
 from trainer.run import read_json, write_json
 
@@ -42,24 +42,21 @@ _COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
 _FREE = ("episodes", "seed")  # which episodes are asked for: a drive is the same among others
 
 
-def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Console) -> int:
+def judge(out: Path | None, options: EvaluateOptions, films: bool, console: Console) -> int:
     """Drive, write the figures to ``out``, if any, and say how it went; the exit status.
 
-    ``tracks``: whether to keep beside ``out`` where the robots drove; then single drives are not.
+    ``films``: whether to film the worst beside ``out``; then single drives are not kept.
     """
-    beside = drives_beside(out) if tracks and out else None
-    expect_writable(out, beside, inputs=[Path(options.model)])
+    expect_writable(out, inputs=[Path(options.model)])
     policy = _open(options)
     asked = options.filled_in(policy.contract.task)
     spec = find_task(asked.task)
     maps = [spec.load(name) for name in asked.map]
     roads = [place for place in maps if isinstance(place, RoadMap)]
-    if tracks and len(roads) < len(maps):
-        raise ConfigError(f"drives: expected a task on maps, got {asked.task}: no map to draw on")
     looks = spec.looks(options.look, options.pose_error, options.without)
-    log = DriveLog(road_map.tile_size_m for road_map in roads) if tracks else None
+    worst = Worst() if films else None
     sources = PoseSources(asked.overhead, OnnxSight(asked.sight) if asked.sight else None)
-    kept = KeptDrives(None if tracks else out, asked)
+    kept = KeptDrives(None if films else out, asked)
     wanted = range(asked.seed, asked.seed + asked.episodes)
     left = [seed for seed in wanted if seed not in kept.drives]
     title = f"{asked.task} {Path(asked.model).name}"
@@ -72,7 +69,7 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
 
         try:
             where = asked.task, maps, looks, left, hear
-            evaluate(policy, *where, asked.zero, log, asked.lane, sources)
+            evaluate(policy, *where, asked.zero, worst, asked.lane, sources)
         except KeyboardInterrupt:
             console.print(f"interrupted; {kept.told()}")
             return INTERRUPTED
@@ -80,8 +77,8 @@ def judge(out: Path | None, options: EvaluateOptions, tracks: bool, console: Con
     result = summarise(asked, policy, [kept.drives[seed] for seed in wanted], parts)
     if out is not None:
         write_json(out, {**to_plain(result), "inputs": asked.plain()})
-    if log is not None and out is not None:
-        log.save(out)
+    if worst is not None and out is not None:
+        worst.write(*films_of(out))
     kept.forget()
     _tell(console, result)
     return 0

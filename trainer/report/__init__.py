@@ -1,1 +1,1 @@
-"""What runs have come to: curves, tables beside the paper's, drive maps and the worst episodes."""
+"""What runs have come to: curves, tables beside the paper's, films of the worst episodes."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Lock
 
 from robot.errors import ConfigError
-from trainer.report.page import PAGE, write_report
+from trainer.report.page import write_report
 
 HOST = "127.0.0.1"
 PAUSE_S = 5.0  # between two drawings of the page, which cost the training time
@@ -26,7 +26,8 @@ class LiveReport(ThreadingHTTPServer):
 
     def __init__(self, paths: Sequence[Path], out: Path, port: int) -> None:
         self._paths, self._out, self._lock = paths, out, Lock()
-        self._draw(self._newest())
+        self._stamp, self._drawn_s = "", -PAUSE_S
+        self.news()
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -35,27 +36,16 @@ class LiveReport(ThreadingHTTPServer):
             ) from error
         self.address = f"http://localhost:{self.server_port}/"
 
-    def stamp(self) -> bytes:
-        """Another one after the page has changed; draws it anew when its runs have news."""
+    def news(self) -> tuple[bytes, bytes]:
+        """The page, and a stamp that changes with it: drawn anew when its runs have news."""
         with self._lock:
-            newest = self._newest()
+            files = {f for path in self._paths for kind in WATCHED for f in path.rglob(kind)}
+            changed = [file.stat().st_mtime_ns for file in files if file.exists()]
+            newest = f"{len(changed)}-{max(changed, default=0)}"
             if newest != self._stamp and time.monotonic() - self._drawn_s >= PAUSE_S:
-                self._draw(newest)
-            return self._stamp.encode()
-
-    def page(self) -> bytes:
-        """The newest page."""
-        self.stamp()
-        return (self._out / PAGE).read_bytes()
-
-    def _draw(self, newest: str) -> None:
-        write_report(self._paths, self._out, live=True)
-        self._stamp, self._drawn_s = newest, time.monotonic()
-
-    def _newest(self) -> str:
-        files = {f for path in self._paths for kind in WATCHED for f in path.rglob(kind)}
-        changed = [file.stat().st_mtime_ns for file in files if file.exists()]
-        return f"{len(changed)}-{max(changed, default=0)}"
+                self._page = write_report(self._paths, self._out, live=True)
+                self._stamp, self._drawn_s = newest, time.monotonic()
+            return self._page.read_bytes(), self._stamp.encode()
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -65,14 +55,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer one request."""
-        found = {"/": (self.server.page, "html"), "/stamp": (self.server.stamp, "plain")}
-        if self.path not in found:
+        kinds = {"/": "html", "/stamp": "plain"}
+        if self.path not in kinds:
             self.send_error(404)
             return
-        answer, kind = found[self.path]
-        body = answer()
+        body = self.server.news()[list(kinds).index(self.path)]
         self.send_response(200)
-        self.send_header("Content-Type", f"text/{kind}; charset=utf-8")
+        self.send_header("Content-Type", f"text/{kinds[self.path]}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)

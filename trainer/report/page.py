@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from robot.errors import MapError
-from robot.navigation.road_map import load_map
 from robot.output import write_text
-from sim_pybullet.tasks.spec import PaperRow, TaskSpec, learned_tasks
+from sim_pybullet.tasks.spec import TaskSpec, learned_tasks
 from trainer.algorithms import NAMES
-from trainer.judging.drive_log import FILM_S, Track, film_of
+from trainer.judging.rides import FILM_S, films, films_of
 from trainer.report.curves import draw_panels
-from trainer.report.drives import draw_drives, tell
-from trainer.report.runs import Judgement, Run, read_runs
+from trainer.report.runs import Run, read_runs
 
 PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
@@ -26,11 +23,9 @@ CURVES = (
     "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean of "
     "the last 50 training episodes (pink), which may be shorter and act by chance at times."
 )
-DRIVES = (
-    "Every episode from above; crosses: where a robot failed. Colour: distance from the path, the "
-    "worst on top."
+FILMED = (
+    f"{FILM_S:.0f} s at most, up to its end, or to where it was farthest off when it got there."
 )
-UNTIL = ("up to its end.", "up to where it was farthest from its path.")  # a failure, or none
 
 
 class Picture(NamedTuple):
@@ -54,16 +49,26 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
     missing: list[str] = []
     runs = read_runs(paths, missing)
     out.mkdir(parents=True, exist_ok=True)
-    films = _films(paths, runs, missing)
-    curves = [picture for task in learned_tasks() if (picture := _curves(task, runs, out))]
-    drives, worst = _drives(runs, out, missing), _worst(runs)
+    tasks = [
+        (task, some)
+        for task in learned_tasks()
+        if (some := [run for run in runs if run.config.task == task.name])
+    ]
+    pictures = {
+        "films": _films(paths, runs, missing),
+        "curves": [
+            _curves(task, some, out) for task, some in tasks if any(r.episodes for r in some)
+        ],
+        "worst": _worst(runs),
+    }
+    missing += [line for run in runs for line in _missing(run)]
     write_page(
         "page.html",
         out / PAGE,
         runs=runs,
-        tasks=[table for task in learned_tasks() if (table := _table(task, runs))],
-        pictures={"films": films, "curves": curves, "drives": drives, "worst": worst},
-        missing=[*missing, *(line for run in runs for line in _missing(run))],
+        tasks=tasks,
+        pictures=pictures,
+        missing=missing,
         live=live,
     )
     return out / PAGE
@@ -81,72 +86,37 @@ def write_page(template: str, path: Path, **what: Any) -> None:
     write_text(path, templates.get_template(template).render(**what))
 
 
-def _table(task: TaskSpec, runs: Sequence[Run]) -> tuple | None:
-    """Title, runs, and whether the paper has figures for any."""
-    learning = [run for run in runs if run.config.task == task.name]
-    papers = [run.paper for run in learning]
-    papers += [each.paper for run in learning for each in run.judgements]
-    theirs = any(paper != PaperRow() for paper in papers)
-    return (task.title, learning, theirs) if learning else None
-
-
 def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> list[Picture]:
     """Every MP4 in a run's folder, or in a folder that was named."""
     latest = {run.folder.film: f"The latest evaluation of {run.folder.name}" for run in runs}
-    films, worst = [], {picture.path for picture in _worst(runs)}
+    shown, worst = [], {picture.path for picture in _worst(runs)}
     for folder in dict.fromkeys([*paths, *(run.folder.path for run in runs)]):
         for file in sorted({*folder.glob("[!.]*.mp4")} - worst):
             if file.stat().st_size > FILM_BYTES:
                 missing.append(f"{file}: too large for this page; open it beside it")
                 continue
             caption = "What one robot saw." if file in latest else ""
-            films.append(Picture(latest.get(file, file.stem.capitalize()), caption, file))
-    return films
+            shown.append(Picture(latest.get(file, file.stem.capitalize()), caption, file))
+    return shown
 
 
-def _curves(task: TaskSpec, runs: Sequence[Run], out: Path) -> Picture | None:
+def _curves(task: TaskSpec, runs: Sequence[Run], out: Path) -> Picture:
     """A row of panels for each run that has an episode, the paper's algorithms first."""
     order = [*task.paper, *NAMES]
-    shown = [run for run in runs if run.config.task == task.name and run.episodes]
-    shown.sort(key=lambda run: order.index(run.config.algorithm))
-    if not shown:
-        return None
+    shown = sorted(runs, key=lambda run: order.index(run.config.algorithm))
     path = out / f"curves_{task.name}.png"
-    draw_panels([(r.name, [(r.episodes, r.state.evaluations)]) for r in shown], path)
+    records = [(run.name, [(run.episodes, run.state.evaluations)]) for run in shown if run.episodes]
+    draw_panels(records, path)
     return Picture(task.title, CURVES, path)
-
-
-def _driven(runs: Sequence[Run]) -> Iterator[tuple[Run, Judgement, list[Track]]]:
-    """Evaluations that kept drives."""
-    for run in runs:
-        for each in run.judgements:
-            if each.drives is not None:
-                yield run, each, each.drives
-
-
-def _drives(runs: Sequence[Run], out: Path, missing: list[str]) -> list[Picture]:
-    pictures: list[Picture] = []
-    for run, each, drives in _driven(runs):
-        try:
-            road_maps = [load_map(name) for name in each.result.inputs.map]
-        except MapError as error:
-            missing.append(f"drive map of {run.name}: {error}")
-            continue
-        path = out / f"drives_{len(pictures) + 1}.png"
-        draw_drives(road_maps, drives, path)
-        pictures.append(Picture(run.name, f"{each.where}. {DRIVES}", path))
-    return pictures
 
 
 def _worst(runs: Sequence[Run]) -> list[Picture]:
     """Films of episodes that failed or left their lane."""
     pictures: list[Picture] = []
-    for run, each, drives in _driven(runs):
-        for track in sorted(drives, key=lambda track: track.badness, reverse=True):
-            film = film_of(each.path, track.seed)
-            if film.exists():
-                told = f"{run.name}, {each.where}. {FILM_S:.0f} s at most, {UNTIL[track.success]}"
-                pictures.append(Picture(tell(track, each.result.inputs.map), told, film))
+    for run in runs:
+        for each in run.judgements:
+            told = f"{run.name}, {each.where}. {FILMED}"
+            pictures += [Picture(name, told, path) for name, path in films(*films_of(each.path))]
     return pictures
 
 
@@ -159,8 +129,4 @@ def _missing(run: Run) -> list[str]:
         command += [str(path / "evaluation.json"), "--drives"]
         first = "" if model.exists() else "finish its training, then "
         said.append(f"{path}: not evaluated yet: {first}{shlex.join(command)}")
-    return said + [
-        f"{each.path}: no drives kept, so no map and no films; evaluate again with --drives"
-        for each in run.judgements
-        if each.drives is None
-    ]
+    return said

@@ -11,7 +11,6 @@ from robot.typed_config import from_plain
 from sim_pybullet.tasks.spec import TASKS, PaperRow, find_task
 from trainer.algorithms import NAMES, find_algorithm
 from trainer.config import RunConfig
-from trainer.judging.drive_log import Track, drives_beside, load_drives
 from trainer.judging.evaluate import Evaluation
 from trainer.options import EvaluateOptions
 from trainer.report.curves import SKILLED
@@ -27,7 +26,6 @@ class Judgement:
 
     path: Path
     result: Evaluation
-    drives: list[Track] | None
     where: str  # on which maps, in which looks, with which pose error
     paper: PaperRow  # under conditions like these
 
@@ -59,6 +57,11 @@ class Run:
     def paper(self) -> PaperRow:
         """What paper A says of it."""
         return find_task(self.config.task).paper.get(self.config.algorithm, PaperRow())
+
+    @property
+    def beside_paper(self) -> bool:
+        """Whether the paper has figures for it."""
+        return any(row != PaperRow() for row in (self.paper, *(j.paper for j in self.judgements)))
 
     @property
     def steps(self) -> int:
@@ -121,16 +124,12 @@ def _judgement(file: Path, config: RunConfig, problems: list[str]) -> Judgement 
     except ConfigError as error:
         problems.append(str(error))
         return None
-    asked, beside, drives = result.inputs, drives_beside(file), None
-    try:
-        drives = load_drives(beside) if beside.exists() else None
-    except ConfigError as error:
-        problems.append(str(error))
+    asked = result.inputs
     # Ours under their conditions: nothing of the paper's is like an input zeroed.
     like = asked.zero is None and asked.task == config.task
     papers = find_task(asked.task).paper if like else {}
     paper = papers.get(config.algorithm, PaperRow())
-    return Judgement(file, result, drives, _where(asked, config.task), paper)
+    return Judgement(file, result, _where(asked, config.task), paper)
 
 
 def _where(asked: EvaluateOptions, learned: str) -> str:

@@ -20,7 +20,6 @@ from sim_pybullet.batch import Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from trainer.judging import evaluate
 from trainer.judging import judge as module
-from trainer.judging.drive_log import drives_beside
 from trainer.judging.evaluate import Drive, Evaluation, OnMap, _choose, _own_speeds
 from trainer.judging.judge import KeptDrives, _tell, answers
 from trainer.options import EvaluateOptions
@@ -228,14 +227,12 @@ def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
     assert [drive.lane for drive in heard[:2]] == ["outer", "inner"], "8 and 7 take turns"
 
 
-@pytest.mark.parametrize(("tracks", "name"), [(False, "model.onnx"), (True, "e.json"), (False, "")])
+@pytest.mark.parametrize("name", ["model.onnx", ""])
 def test_what_cannot_be_written_is_said_before_the_policy_is_opened(
-    tmp_path: Path, tracks: bool, name: str
+    tmp_path: Path, name: str
 ) -> None:
     model, out = tmp_path / "model.onnx", tmp_path / name
     model.write_bytes(b"no policy at all")
-    if tracks:
-        drives_beside(out).mkdir()
     with pytest.raises(ConfigError, match="expected a file"):
-        module.judge(out, EvaluateOptions(model=model), tracks, Console())
+        module.judge(out, EvaluateOptions(model=model), False, Console())
     assert model.read_bytes() == b"no policy at all"

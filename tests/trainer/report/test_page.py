@@ -11,11 +11,11 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
-from tests.trainer.judging.test_drive_log import saved, track
+from tests.trainer.judging.test_rides import offered
 from tests.trainer.test_run import episode
 from trainer.cli import main
-from trainer.judging.drive_log import DONE, film_of
 from trainer.judging.evaluate import Evaluation
+from trainer.judging.rides import DONE, films_of
 from trainer.options import EvaluateOptions
 from trainer.presets import preset
 from trainer.report import runs as module
@@ -59,42 +59,29 @@ def test_what_is_missing_is_said_with_its_command(tmp_path: Path) -> None:
     page = page_of([tmp_path], tmp_path / "out")
     assert f"evaluate --model {tmp_path / 'a' / 'model.onnx'} --json" in page
     assert f"{tmp_path / 'new'}: no episode has ended yet" in page
-    assert {"films", "drives", "worst"}.isdisjoint(sections(page))
+    assert {"films", "worst"}.isdisjoint(sections(page))
     assert page.count("<img") == 1, "of the run that has an episode"
 
 
 def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) -> None:
     folder = make_run(tmp_path / "a", "dueling", task="navigation")
     path = judge(folder, failures=(8,))
-    saved([track(7, DONE, 0.01), track(8, "collided", 0.2)], folder.path)
+    ((_, film),) = offered([(DONE, 0.01), ("collided", 0.2)]).write(*films_of(path))
     folder.film.write_bytes(b"a film")
     (tmp_path / "drive.mp4").write_bytes(b"another")
     out = tmp_path / "out"
     page = page_of([tmp_path], out)
     inside = {base64.b64decode(data) for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", page)}
     beside = {file.name: file.read_bytes() for file in out.glob("*.png")}
-    assert set(beside) == {"curves_navigation.png", "drives_1.png"}
-    worst = film_of(path, 8).read_bytes()
-    assert inside == {*beside.values(), b"a film", b"another", worst}
+    assert set(beside) == {"curves_navigation.png"}
+    assert inside == {*beside.values(), b"a film", b"another", film.read_bytes()}
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "96.4 % of 1000" in page
     assert "95.0 % (19 of 20" in page
-    assert "episode 8 on arena: collided after 2.9 s, at most 20.0 cm from its path" in page
+    assert "Episode 1 on arena: collided" in page
     assert "The latest evaluation of a" in page
     assert sections(page)[0] == "films"
-
-
-@pytest.mark.parametrize(("farthest_m", "shown"), [(0.09, False), (0.13, True)])
-def test_episodes_are_shown_that_failed_or_left_their_lane(
-    tmp_path: Path, farthest_m: float, shown: bool
-) -> None:
-    folder = make_run(tmp_path / "a")
-    judge(folder)  # on arena: the lane ends 0.111 m from its middle
-    saved([track(k, DONE, far_m) for k, far_m in enumerate((0.01, farthest_m))], folder.path)
-    page = page_of([tmp_path], tmp_path / "out")
-    assert ("worst" in sections(page)) == shown
-    assert ("up to where it was farthest from its path" in page) == shown
-    assert "films" not in sections(page)
+    assert "worst" in sections(page)
 
 
 def sections(page: str) -> list[str]:
@@ -174,11 +161,9 @@ def test_a_broken_evaluation_is_told_and_the_rest_still_shown(tmp_path: Path) ->
     del broken["episodes"]
     write_json(folder.path / "old.json", broken)
     (folder.path / "half.json").write_text("{")
-    (folder.path / "evaluation.npz").write_text("nothing")
     page = page_of([tmp_path], tmp_path / "out")
     assert "old.json: missing episodes" in page
     assert "half.json: expected figures in JSON" in page
-    assert "evaluation.npz: expected drives" in page
     assert "100.0 % (20 of 20" in page
 
 

@@ -1,4 +1,5 @@
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,50 +9,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
+from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.spec import find_task
-from trainer.judging.drive_log import (
-    DONE,
-    SETTLED,
-    WORST,
-    DriveLog,
-    Ride,
-    Rides,
-    Track,
-    Worst,
-    drives_beside,
-    end_of,
-    film_of,
-    load_drives,
-)
+from trainer.judging.evaluate import Drive, _offer
+from trainer.judging.rides import DONE, SETTLED, WORST, Ride, Rides, Worst, end_of, films, films_of
 
-TILE_M = 0.585  # a lane ends 0.111 m from its middle
+HALF_LANE_M = 0.111
 
 
-def track(seed: int, end: str, deviation_m: float, steps: int = 30) -> Track:
-    poses = np.full((steps, 3), 1.0, np.float32)
-    poses[:, 0] = np.linspace(0.5, 1.5, steps)
-    offset_m = np.zeros(steps, np.float32)
-    offset_m[-1] = -deviation_m
-    return Track(seed, 0, end, poses, offset_m)
-
-
-def ridden(one: Track) -> Ride:
-    ride = Ride(one.map_index)
-    for k, (pose, offset_m) in enumerate(zip(one.poses, one.offset_m.tolist(), strict=True)):
-        ride.add(pose, offset_m, np.full((12, 16, 3), k, np.uint8))
+def ridden(offsets_m: list[float]) -> Ride:
+    """With pictures that count the decisions."""
+    ride = Ride(half_lane_m=HALF_LANE_M)
+    for k, offset_m in enumerate(offsets_m):
+        ride.add(np.zeros(3), offset_m, np.full((12, 16, 3), k, np.uint8))
     return ride
 
 
-def saved(tracks: list[Track], folder: Path) -> Path:
-    log, evaluation = DriveLog([TILE_M]), folder / "evaluation.json"
-    for one in tracks:
-        log.end(one.seed, one.end, ridden(one))
-    log.save(evaluation)
-    return evaluation
+def shown(film: Sequence[np.ndarray]) -> list[int]:
+    return [int(frame[0, 0, 0]) for frame in film]
+
+
+def offered(ends: list[tuple[str, float]]) -> Worst:
+    """Of drives that ended so, this far off at their end."""
+    worst = Worst()
+    for seed, (end, off_m) in enumerate(ends):
+        drive = Drive(seed, end == DONE, DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02), map="arena")
+        _offer(worst, drive, ridden([0.0] * 29 + [-off_m]), end)
+    return worst
 
 
 @given(st.lists(st.integers(-9, 9), min_size=1, max_size=40, unique=True))
@@ -59,47 +46,36 @@ def test_the_worst_are_kept_with_what_was_seen(badness: list[int]) -> None:
     worst = Worst()
     for k in badness:
         worst.add((k > 0, k), f"episode {k}", [np.full((1, 1, 3), k + 9, np.uint8)])
-    kept = [(of[1], what, int(film[0][0, 0, 0]) - 9) for of, what, film in worst.kept]
+    kept = [(of[1], what, shown(film)[0] - 9) for of, what, film in worst.kept]
     assert kept == [(k, f"episode {k}", k) for k in sorted(badness, reverse=True)[:WORST]]
 
 
 def test_how_a_robot_was_put_down_is_no_deviation() -> None:
-    start = track(0, DONE, 0.01)
-    start.offset_m[:SETTLED] = 0.5
-    assert start.deviation_m == pytest.approx(0.01)
-    short = track(0, "collided", 0.04, steps=3)
-    assert short.deviation_m == pytest.approx(0.04)
-    assert short.badness > start.badness
-
-
-def test_drives_come_back_from_their_file_and_what_went_wrong_is_filmed(tmp_path: Path) -> None:
-    ends = [(DONE, 0.01), ("left its path", 0.05), (DONE, 0.12), ("collided", 0.0), (DONE, 0.1)]
-    tracks = [track(k, end, off_m) for k, (end, off_m) in enumerate(ends)]
-    evaluation = saved(tracks[::-1], tmp_path)
-    back = load_drives(drives_beside(evaluation))
-    for before, after in zip(tracks, back, strict=True):
-        assert before[:3] == after[:3]
-        np.testing.assert_array_equal(before.poses, after.poses)
-        np.testing.assert_array_equal(before.offset_m, after.offset_m)
-    films = [film_of(evaluation, k).name for k in (1, 2, 3)]
-    assert sorted(os.listdir(tmp_path)) == ["evaluation.npz", *films]
-    saved(tracks[:1], tmp_path)
-    assert os.listdir(tmp_path) == ["evaluation.npz"], "without the films of before"
+    ride = ridden([0.5] * SETTLED + [0.01, -0.02])
+    assert ride.farthest_m == pytest.approx(0.02)
+    assert ridden([0.5] * 3).farthest_m == 0.0
 
 
 def test_a_film_ends_with_a_failure_or_where_a_robot_was_farthest_off() -> None:
-    offsets = np.zeros(140, np.float32)
-    offsets[3], offsets[33] = 0.5, -0.1  # the first while it still settles
-    ride = ridden(track(5, DONE, 0.0, 140)._replace(offset_m=offsets))
-    assert [int(frame[0, 0, 0]) for frame in ride.farthest] == list(range(34))
-    assert [int(frame[0, 0, 0]) for frame in ride.frames] == list(range(40, 140))
+    offsets = [0.0] * 140
+    offsets[3], offsets[33] = 0.5, -0.2  # the first while it still settles
+    ride = ridden(offsets)
+    assert shown(ride.farthest) == list(range(34))
+    assert shown(ride.frames) == list(range(40, 140))
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nothing"])
-def test_what_is_no_file_of_drives_is_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "a.npz").write_bytes(content)
-    with pytest.raises(ConfigError, match="expected drives"):
-        load_drives(tmp_path / "a.npz")
+def test_what_failed_or_left_its_lane_is_filmed_and_films_of_before_go(tmp_path: Path) -> None:
+    ends = [(DONE, 0.01), ("left its path", 0.05), (DONE, 0.12), ("collided", 0.0), (DONE, 0.1)]
+    told = offered(ends).write(*films_of(tmp_path / "e.json"))
+    assert [title for title, _ in told] == [
+        "Episode 1 on arena: left its path",
+        "Episode 3 on arena: collided",
+        "Episode 2 on arena: out of its lane for a while",
+    ]
+    assert sorted(path.name for _, path in told) == sorted(os.listdir(tmp_path))
+    assert not offered(ends[:1]).write(*films_of(tmp_path / "e.json"))
+    assert os.listdir(tmp_path) == []
+    assert films(tmp_path, "e_worst") == []
 
 
 @pytest.mark.parametrize(
@@ -142,7 +118,7 @@ def test_tracks_are_where_the_robots_were() -> None:
             ended.add(int(numbers[robot]))
             ride = rides.end(step, robot)
             np.testing.assert_array_equal(ride.poses, [*seen[robot], step.poses[robot]])
-            assert len(ride.offset_m) == len(ride.poses)
+            assert ride.half_lane_m == pytest.approx(HALF_LANE_M, abs=1e-3)
             np.testing.assert_array_equal(np.stack([*ride.frames]), pictures[robot][-100:])
             assert end_of(step, robot) != DONE
             seen[robot], pictures[robot] = [], []
