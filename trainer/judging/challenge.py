@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.batch import BatchStep, BatchWorld
+from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import Looks
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
+from trainer.judging import rides
 from trainer.judging.drivers import Driver
 from trainer.judging.evaluate import ROBOTS
 from trainer.judging.lane_rules import LaneFigures, LaneRules
-from trainer.judging.rides import Film, Rides
+from trainer.judging.rides import Film
 
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 SURVIVED = "time"
@@ -61,42 +62,26 @@ def drive(
     task = spec.build(road_maps, robots, Choices(scenario=challenge))
     numbers = [group * seed + k for seed in seeds for k in range(group)]
     world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers)
-    try:
-        yield from _episodes(driver, world, {m.name: LaneRules(m) for m in road_maps})
-    finally:
-        world.close()
+    rules = {road_map.name: LaneRules(road_map) for road_map in road_maps}
+    for ended in rides.drive(world, lambda seen: driver.choose(world, seen)):
+        episode = _episode(ended, group, rules[ended.place.name])
+        yield episode, tuple(ended.ride.frames)
 
 
-def _episodes(
-    driver: Driver, world: BatchWorld, rules: Mapping[str, LaneRules]
-) -> Iterator[tuple[Episode, Film]]:
-    seen = world.reset()
-    rides = Rides(world)
-    while world.active.any():
-        rides.see(seen)
-        numbers, maps = world.numbers, world.maps
-        step = world.step(driver.choose(world, seen))
-        seen = step.observation
-        for robot in step.finished.robots.tolist():
-            ride, road_map = rides.end(step, robot), world.task.road_maps[maps[robot]]
-            poses = np.array(ride.poses)
-            figures = rules[road_map.name].figures(poses, CONTROL_DT_S)
-            tiles = figures.driven_lanedir_consec / road_map.tile_size_m
-            run = rules[road_map.name].lines_run(poses, CONTROL_DT_S)
-            number = int(numbers[robot])
-            lane = road_map.name, run, tiles, figures
-            yield _episode(world, step, robot, number, lane), tuple(ride.frames)
-
-
-def _episode(
-    world: BatchWorld, step: BatchStep, robot: int, number: int, lane: tuple[Any, ...]
-) -> Episode:
-    """Of a robot that ended, whose episode had this number."""
-    facts = dict(zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True))
-    end = SURVIVED
-    if step.task.terminated[robot]:
+def _episode(ended: rides.Ended, group: int, rules: LaneRules) -> Episode:
+    facts, poses, end = ended.facts, np.array(ended.ride.poses), SURVIVED
+    if ended.terminated:
         hit = int(facts["hit"])
         end = f"collision_{Body(hit).name.lower()}" if hit else "out_of_tile"
-    seed, place = divmod(number, world.task.group)
-    fault, success = bool(facts["at_fault"]), bool(step.task.success[robot])
-    return Episode(seed, place, end, fault, success, facts["least_ttc_s"], *lane)
+    figures = rules.figures(poses, CONTROL_DT_S)
+    return Episode(
+        *divmod(ended.number, group),
+        end,
+        bool(facts["at_fault"]),
+        ended.success,
+        facts["least_ttc_s"],
+        ended.place.name,
+        rules.lines_run(poses, CONTROL_DT_S),
+        figures.driven_lanedir_consec / rules.tile_size_m,
+        figures,
+    )

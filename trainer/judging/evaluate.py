@@ -25,7 +25,8 @@ from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task
-from trainer.judging.rides import DONE, Ride, Rides, Worst, end_of
+from trainer.judging import rides
+from trainer.judging.rides import Worst
 from trainer.options import EvaluateOptions, task_of
 
 ROBOTS = 20  # at once
@@ -123,12 +124,9 @@ def evaluate(
     task_of_all = find_task(task).build(road_maps, min(ROBOTS, len(seeds)), Choices(lane))
     world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
     drives: list[Drive] = []
-    try:
-        for drive in _drive(policy, world, zero, worst):
-            drives.append(drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))))
-            finished(drives[-1])
-    finally:
-        world.close()
+    for drive in _drive(policy, world, zero, worst):
+        drives.append(drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))))
+        finished(drives[-1])
     return sorted(drives)
 
 
@@ -197,40 +195,36 @@ def _drive(
     policy: DrivingPolicy, world: BatchWorld, zero: str | None, worst: Worst | None
 ) -> Iterator[Drive]:
     """The episodes of a world, as each ends."""
-    observation = world.reset()
-    speeds, rides = _own_speeds(policy, world), None if worst is None else Rides(world)
-    while world.active.any():
-        if rides is not None:
-            rides.see(observation)
-        numbers, maps, active = world.numbers, world.maps, np.flatnonzero(world.active)
+    speeds = _own_speeds(policy, world)
+
+    def choose(seen: Observation) -> np.ndarray:
         choices = np.zeros(world.n_robots, dtype=int)
-        choices[active] = [_choose(policy, observation, robot, zero) for robot in active.tolist()]
-        step = world.step(choices if speeds is None else speeds[choices])
-        observation, ended = step.observation, step.finished
-        for robot, metrics in zip(ended.robots.tolist(), ended.metrics, strict=True):
-            facts = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
-            failed = bool(step.task.terminated[robot])
-            drive = Drive(
-                int(numbers[robot]),
-                bool(step.task.success[robot]),
-                metrics,
-                failed,
-                dict(facts).get("laps"),
-                failed and bool(step.collided[robot]),
-                world.task.road_maps[maps[robot]].name,
-            )
-            if rides is not None and worst is not None:
-                _offer(worst, drive, rides.end(step, robot), end_of(step, robot))
-            yield drive
+        for robot in np.flatnonzero(world.active).tolist():
+            choices[robot] = _choose(policy, seen, robot, zero)
+        return choices if speeds is None else speeds[choices]
+
+    for ended in rides.drive(world, choose, worst is not None):
+        if worst is not None:
+            _offer(worst, ended)
+        yield Drive(
+            ended.number,
+            ended.success,
+            ended.metrics,
+            ended.terminated,
+            ended.facts.get("laps"),
+            ended.terminated and ended.collided,
+            ended.place.name,
+        )
 
 
-def _offer(worst: Worst, drive: Drive, ride: Ride, end: str) -> None:
-    failed = end != DONE
+def _offer(worst: Worst, ended: rides.Ended) -> None:
+    """What failed, or left its lane."""
+    ride, failed = ended.ride, not ended.success
     if failed or ride.farthest_m > ride.half_lane_m:
         film = tuple(ride.frames) if failed else ride.farthest
-        told = end if failed else "out of its lane for a while"
-        title = f"Episode {drive.seed} on {drive.map}: {told}"
-        worst.add((failed, ride.farthest_m, -drive.seed), title, film)
+        told = ended.end if failed else "out of its lane for a while"
+        title = f"Episode {ended.number} on {ended.place.name}: {told}"
+        worst.add((failed, ride.farthest_m, -ended.number), title, film)
 
 
 def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:

@@ -8,6 +8,7 @@ the deviation is in metres, where theirs is in tiles.
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
 from collections.abc import Sequence
@@ -58,7 +59,7 @@ class LaneRules:
     """Judges drives on one map."""
 
     def __init__(self, road_map: RoadMap) -> None:
-        self._map = road_map
+        self._map, self.tile_size_m = road_map, road_map.tile_size_m
         self._half_m = 0.5 * LANE_TILES * road_map.tile_size_m
 
     def lines_run(self, poses: np.ndarray, dt_s: float) -> int:
@@ -162,27 +163,18 @@ def _course(quarters: int) -> np.ndarray:
 
 def _screw(a: Sequence[float], b: Sequence[float]) -> np.ndarray:
     """(P, 3) poses from a to b by a constant twist: interpolation in SE(2)."""
-    share = np.linspace(0.0, 1.0, _STEPS + 1)
-    turn = b[2] - a[2]
-    to = Pose(*a).to_robot(np.array(b[:2]))
+    share, turn = np.linspace(0.0, 1.0, _STEPS + 1), b[2] - a[2]
+    first, last = complex(a[0], a[1]), complex(b[0], b[1])
     if turn == 0.0:
-        local = share[:, None] * to
+        way = first + share * (last - first)
     else:  # about the point that stays where it is
-        half = 0.5 / math.tan(0.5 * turn)
-        centre = np.array((0.5 * to[0] - half * to[1], 0.5 * to[1] + half * to[0]))
-        c, s = np.cos(share * turn), np.sin(share * turn)
-        local = np.stack(
-            (
-                centre[0] - c * centre[0] + s * centre[1],
-                centre[1] - s * centre[0] - c * centre[1],
-            ),
-            axis=1,
-        )
-    return np.column_stack((Pose(*a).to_world(local), a[2] + share * turn))
+        whole = cmath.exp(1j * turn)
+        centre = (last - whole * first) / (1.0 - whole)
+        way = centre + np.exp(1j * turn * share) * (first - centre)
+    return np.column_stack((way.real, way.imag, a[2] + share * turn))
 
 
 def _turned(course: np.ndarray, quarter_turns: int) -> np.ndarray:
     x, y, heading = course.T
-    for _ in range(quarter_turns % 4):
-        x, y, heading = -y, x, heading + 0.5 * math.pi
-    return np.stack((x, y, heading), axis=1)
+    way, turn = (x + 1j * y) * 1j**quarter_turns, 0.5 * math.pi * (quarter_turns % 4)
+    return np.column_stack((way.real, way.imag, heading + turn))

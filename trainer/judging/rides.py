@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
+from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.scenery.objects import Place
 from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
 from trainer.mp4 import enlarged, write_mp4
 
@@ -42,26 +45,71 @@ class Ride:
             self.farthest, self.farthest_m = tuple(self.frames), abs(offset_m)
 
 
-class Rides:
-    """Follows the robots of a world with numbered episodes."""
+class Ended(NamedTuple):
+    """A robot's episode that is over."""
 
-    def __init__(self, world: BatchWorld) -> None:
-        self._world = world
-        self._rides = [Ride() for _ in range(world.n_robots)]
+    number: int
+    place: Place
+    end: str  # `DONE`, or why it failed
+    success: bool
+    terminated: bool
+    collided: bool
+    facts: dict[str, float]  # of the task
+    metrics: DriveMetrics
+    ride: Ride  # empty, where none was asked for
 
-    def see(self, observation: Observation) -> None:
-        """Before each decision: what the robots see."""
-        task, poses = self._world.task, self._world.poses
-        offset_m, half_m = task.course.offset_m, task.half_lane_m
-        for i in np.flatnonzero(self._world.active).tolist():
-            self._rides[i].half_lane_m = float(half_m[i])
-            self._rides[i].add(poses[i], float(offset_m[i]), observation.image[i, ..., -3:])
 
-    def end(self, step: BatchStep, robot: int) -> Ride:
-        """After the decision with which a robot's episode ended: all of it."""
-        ride, self._rides[robot] = self._rides[robot], Ride()
-        ride.poses.append(step.poses[robot])
-        return ride
+def drive(
+    world: BatchWorld, choose: Callable[[Observation], np.ndarray], rides: bool = True
+) -> Iterator[Ended]:
+    """All episodes of a world with numbered ones, as each ends; the world is closed after them.
+
+    ``choose`` gives what `BatchWorld.step` takes. ``rides``: whether to keep them.
+    """
+    going = [Ride() for _ in range(world.n_robots)]
+    try:
+        seen = world.reset()
+        while world.active.any():
+            if rides:
+                _see(world, going, seen)
+            numbers, maps = world.numbers, world.maps
+            step = world.step(choose(seen))
+            seen = step.observation
+            for k, robot in enumerate(step.finished.robots.tolist()):
+                facts = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
+                ride, going[robot] = going[robot], Ride()
+                ride.poses.append(step.poses[robot])
+                yield Ended(
+                    int(numbers[robot]),
+                    world.task.road_maps[maps[robot]],
+                    _end(step, robot),
+                    bool(step.task.success[robot]),
+                    bool(step.task.terminated[robot]),
+                    bool(step.collided[robot]),
+                    dict(facts),
+                    step.finished.metrics[k],
+                    ride,
+                )
+    finally:
+        world.close()
+
+
+def _see(world: BatchWorld, going: Sequence[Ride], seen: Observation) -> None:
+    offset_m, half_m, poses = world.task.course.offset_m, world.task.half_lane_m, world.poses
+    for i in np.flatnonzero(world.active).tolist():
+        going[i].half_lane_m = float(half_m[i])
+        going[i].add(poses[i], float(offset_m[i]), seen.image[i, ..., -3:])
+
+
+def _end(step: BatchStep, robot: int) -> str:
+    if step.task.success[robot]:
+        return DONE
+    if step.collided[robot]:
+        return "collided"
+    if not step.task.terminated[robot]:
+        return "out of time"
+    turned = abs(step.course.heading_error_rad[robot]) > MAX_HEADING_ERROR_RAD
+    return "turned away" if turned else "left its path"
 
 
 class Worst:
@@ -95,15 +143,3 @@ def films(folder: Path, prefix: str) -> list[tuple[str, Path]]:
 def films_of(evaluation: Path) -> tuple[Path, str]:
     """Folder and prefix of the films of an evaluation, a JSON file: they lie beside it."""
     return evaluation.parent, f"{evaluation.stem}_worst"
-
-
-def end_of(step: BatchStep, robot: int) -> str:
-    """`DONE`, or why a robot's episode ended."""
-    if step.task.success[robot]:
-        return DONE
-    if step.collided[robot]:
-        return "collided"
-    if not step.task.terminated[robot]:
-        return "out of time"
-    turned = abs(step.course.heading_error_rad[robot]) > MAX_HEADING_ERROR_RAD
-    return "turned away" if turned else "left its path"

@@ -203,10 +203,6 @@ def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
     class World:
         def __init__(self, task: Any, looks: Any, image: Any, seed: int, **told: Any) -> None:
             made.append((task.n_robots, {"seed": seed, **told}))
-            self.closed = False
-
-        def close(self) -> None:
-            self.closed = True
 
     monkeypatch.setattr(evaluate, "BatchWorld", World)
     monkeypatch.setattr(evaluate, "_drive", lambda *_: iter([SECOND, FIRST]))

@@ -10,12 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.navigation.road_map import load_map
-from sim_pybullet.batch import BatchWorld
+from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.spec import find_task
-from trainer.judging.evaluate import Drive, _offer
-from trainer.judging.rides import DONE, SETTLED, WORST, Ride, Rides, Worst, end_of, films, films_of
+from trainer.judging.evaluate import _offer
+from trainer.judging.rides import (
+    DONE,
+    SETTLED,
+    WORST,
+    Ended,
+    Ride,
+    Worst,
+    _end,
+    drive,
+    films,
+    films_of,
+)
 
 HALF_LANE_M = 0.111
 
@@ -36,8 +47,9 @@ def offered(ends: list[tuple[str, float]]) -> Worst:
     """Of drives that ended so, this far off at their end."""
     worst = Worst()
     for seed, (end, off_m) in enumerate(ends):
-        drive = Drive(seed, end == DONE, DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02), map="arena")
-        _offer(worst, drive, ridden([0.0] * 29 + [-off_m]), end)
+        metrics, ride = DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02), ridden([0.0] * 29 + [-off_m])
+        flags = end == DONE, end != DONE, end == "collided"
+        _offer(worst, Ended(seed, load_map("arena"), end, *flags, {}, metrics, ride))
     return worst
 
 
@@ -96,32 +108,27 @@ def test_why_an_episode_ended(happened: dict[str, Any], end: str) -> None:
         course=SimpleNamespace(heading_error_rad=found["turned_rad"]),
         collided=found["collided"],
     )
-    assert end_of(step, 0) == end
+    assert _end(step, 0) == end
 
 
-def test_tracks_are_where_the_robots_were() -> None:
-    """Robots that spin on the spot: each ends, and its track is that of the world's own poses."""
+def test_rides_are_what_the_robots_did_and_saw() -> None:
+    """Robots that spin on the spot: each ends."""
     robots, asked = 2, [10, 11, 21]
     task = find_task("lane").build([load_map("loop")], robots)
     world = BatchWorld(task, [NOMINAL], seed=3, numbers=asked)
-    rides, ended = Rides(world), set()
-    observation, seen = world.reset(), [[] for _ in range(robots)]
-    pictures: list[list[np.ndarray]] = [[] for _ in range(robots)]
-    while world.active.any():
+    seen: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {number: [] for number in asked}
+
+    def choose(observation: Observation) -> np.ndarray:
         for robot in np.flatnonzero(world.active).tolist():
-            seen[robot].append(world.poses[robot])
-            pictures[robot].append(observation.image[robot, ..., -3:].copy())
-        rides.see(observation)
-        numbers = world.numbers
-        step = world.step(np.zeros(robots, dtype=int))
-        for robot in step.finished.robots.tolist():
-            ended.add(int(numbers[robot]))
-            ride = rides.end(step, robot)
-            np.testing.assert_array_equal(ride.poses, [*seen[robot], step.poses[robot]])
-            assert ride.half_lane_m == pytest.approx(HALF_LANE_M, abs=1e-3)
-            np.testing.assert_array_equal(np.stack([*ride.frames]), pictures[robot][-100:])
-            assert end_of(step, robot) != DONE
-            seen[robot], pictures[robot] = [], []
-        observation = step.observation
-    world.close()
-    assert ended == set(asked)
+            picture = observation.image[robot, ..., -3:].copy()
+            seen[int(world.numbers[robot])].append((world.poses[robot].copy(), picture))
+        return np.zeros(robots, dtype=int)
+
+    ends = list(drive(world, choose))
+    assert sorted(ended.number for ended in ends) == asked
+    for ended in ends:
+        poses, pictures = zip(*seen[ended.number], strict=True)
+        np.testing.assert_array_equal(ended.ride.poses[:-1], poses)
+        np.testing.assert_array_equal(np.stack([*ended.ride.frames]), pictures[-100:])
+        assert ended.ride.half_lane_m == pytest.approx(HALF_LANE_M, abs=1e-3)
+        assert (ended.place.name, ended.success, ended.end) == ("loop", False, "turned away")
