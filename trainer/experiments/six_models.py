@@ -7,7 +7,7 @@ training saw: four laps of lane keeping, each of a map's manoeuvres once, and ra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean, median
@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.output import write_text
+from robot.typed_config import to_plain
 from trainer.algorithms import find_algorithm
 from trainer.experiments.cli import SixModelsOptions
 from trainer.options import EvaluateOptions, TrainOptions
@@ -138,57 +139,50 @@ class TransferRow:
         return "failure" if paths < FAILURE_BELOW else "neither"
 
 
-@dataclass(frozen=True)
-class Transfer:
-    """What the experiment writes as JSON."""
-
-    options: SixModelsOptions
-    episodes: dict[str, int]
-    rows: tuple[TransferRow, ...]
-    schema: int = 1
-
-
-def gather(out: Path, options: SixModelsOptions) -> Transfer:
+def gather(out: Path, options: SixModelsOptions) -> list[TransferRow]:
     """The figures of all tests; they must have been run."""
 
     def successes(model: Model, test: str) -> int:
         found = read_json(model.judged(out, test))
         return int(found["episodes"]) - len(found["failures"])
 
-    rows = []
-    for kind in kinds(options):
-        counts = [tuple(successes(model, test) for model in kind) for test in trials(options)]
-        rows.append(TransferRow(*kind[0][:2], *counts))
-    episodes = {name: trial.episodes for name, trial in trials(options).items()}
-    return Transfer(options, episodes, tuple(rows))
+    return [
+        TransferRow(
+            *kind[0][:2],
+            *(tuple(successes(model, test) for model in kind) for test in trials(options)),
+        )
+        for kind in kinds(options)
+    ]
 
 
 def report(out: Path, options: SixModelsOptions) -> str:
     """Write six_models.json, .md and .png; the table."""
-    transfer, panels = gather(out, options), []
-    write_json(out / "six_models.json", transfer)
+    found, panels = gather(out, options), []
+    episodes = {name: trial.episodes for name, trial in trials(options).items()}
+    told = {"options": to_plain(options), "episodes": episodes, "rows": to_plain(found)}
+    write_json(out / "six_models.json", {**told, "schema": 1})
     for kind in kinds(options):
         runs = [RunFolder(model.run(out, "navigation")) for model in kind]
         records = [(run.episodes(), read_state(run.checkpoint).evaluations) for run in runs]
         title, way = find_algorithm(kind[0].algorithm).title, VARIANTS[kind[0].variant][0]
         panels.append((f"{title}, transfer by {way}", records))
     draw_panels(panels, out / "six_models.png")
-    head, *rows = table_rows(transfer)
+    head, *rows = table_rows(found, episodes)
     rule = ["---"] * len(head)
     text = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)) + "\n"
     write_text(out / "six_models.md", text)
     return text
 
 
-def table_rows(transfer: Transfer) -> list[tuple[str, ...]]:
+def table_rows(found: Sequence[TransferRow], episodes: Mapping[str, int]) -> list[tuple[str, ...]]:
     """Both of the paper's tables in one, its figures beside ours; the first row says what is what.
 
     Ours are each seed's, with the 95 % interval of their mean.
     """
-    laps, paths, tasks = (f"of {count}" for count in transfer.episodes.values())
+    laps, paths, tasks = (f"of {count}" for count in episodes.values())
     asked = (f"four laps {laps}", f"paths {paths}", "verdict", "paper", f"missions {tasks}")
     rows: list[tuple[str, ...]] = [("transfer", "algorithm", *asked, "paper")]
-    for row in transfer.rows:
+    for row in found:
         failed = "failure" if row.variant in ("none", "dr") else "–"
         theirs = PAPER.get((row.algorithm, row.variant), (failed, "–"))
         names = VARIANTS[row.variant][0], find_algorithm(row.algorithm).title

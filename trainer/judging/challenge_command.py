@@ -17,8 +17,8 @@ from trainer.division import maps_named
 from trainer.judging.challenge import drive, robots_of
 from trainer.judging.drivers import Driver, Expert, Pilot, Standing
 from trainer.judging.evaluate import open_policy
+from trainer.judging.films import Worst
 from trainer.judging.governed import Governed
-from trainer.judging.rides import Worst
 from trainer.judging.verdict import MEASURES, Verdict
 from trainer.report.worst import write_worst
 from trainer.run import write_json
@@ -86,12 +86,11 @@ def _driver(name: str, model: str, poses: str) -> Driver:
 
 def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
     table = Table("", *(v.driver for v in verdicts), title=f"{challenge}, medians and 95 %")
-    units = {name: unit for name, (_, unit) in MEASURES.items()}
     every = [verdict.figures for verdict in verdicts]
     for name in every[0]:
         told = ([round(figure, 2) + 0.0 for figure in each[name]] for each in every)  # no -0.00
         cells = [f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in told]
-        table.add_row(f"{name} [{units[name]}]" if name in units else name, *cells)
+        table.add_row(f"{name} [{MEASURES[name]}]" if name in MEASURES else name, *cells)
     ends = [", ".join(f"{k} {n}" for k, n in v.ends.items()) or "none" for v in verdicts]
     table.add_row("infractions", *ends)
     console.print(table, markup=False)

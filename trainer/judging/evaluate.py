@@ -26,7 +26,7 @@ from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.judging import rides
-from trainer.judging.rides import Worst
+from trainer.judging.films import Worst
 from trainer.options import EvaluateOptions, task_of
 
 ROBOTS = 20  # at once

@@ -34,7 +34,7 @@ from trainer.judging.evaluate import (
     open_policy,
     summarise,
 )
-from trainer.judging.rides import Worst, films_of
+from trainer.judging.films import Worst, films_of
 from trainer.options import EvaluateOptions
 from trainer.run import read_json, write_json
 

@@ -1,11 +1,10 @@
-"""What robots did and saw in their episodes, and films of what went worst."""
+"""Robots drive numbered episodes; what each did and saw in its own."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +14,8 @@ from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
-from trainer.mp4 import enlarged, write_mp4
 
-WORST = 5  # episodes that are filmed
-FILM_S = 10.0  # of each, up to its end, or to where a robot that got there was farthest off
+FILM_S = 10.0  # of what a robot saw is kept
 SETTLED = 20  # decisions after which a robot should have got over where it was put
 DONE = "done"
 
@@ -110,36 +107,3 @@ def _end(step: BatchStep, robot: int) -> str:
         return "out of time"
     turned = abs(step.course.heading_error_rad[robot]) > MAX_HEADING_ERROR_RAD
     return "turned away" if turned else "left its path"
-
-
-class Worst:
-    """The worst of many episodes, each with a title and a film."""
-
-    def __init__(self) -> None:
-        self.kept: list[tuple[tuple[float, ...], str, Film]] = []  # by badness, the worst first
-
-    def add(self, badness: tuple[float, ...], title: str, film: Film) -> None:
-        """One more; larger is worse, and never the same twice. The best of them is forgotten."""
-        some = [*self.kept, (badness, title, film)]
-        self.kept = sorted(some, key=lambda each: each[0], reverse=True)[:WORST]
-
-    def write(self, out: Path, prefix: str) -> list[tuple[str, Path]]:
-        """Films in a folder in place of older ones, ``PREFIX_1_a_title.mp4`` the worst; `films`."""
-        out.mkdir(parents=True, exist_ok=True)
-        for _, old in films(out, prefix):
-            old.unlink()
-        for rank, (_, title, film) in enumerate(self.kept, start=1):
-            path = out / f"{prefix}_{rank}_{title.replace(' ', '_')}.mp4"
-            write_mp4(path, map(enlarged, film), 1.0 / CONTROL_DT_S)
-        return films(out, prefix)
-
-
-def films(folder: Path, prefix: str) -> list[tuple[str, Path]]:
-    """Titles and files of what `Worst.write` wrote, the worst first."""
-    found = sorted(folder.glob(f"{prefix}_[1-9]_*.mp4"))
-    return [(path.stem[len(prefix) + 3 :].replace("_", " "), path) for path in found]
-
-
-def films_of(evaluation: Path) -> tuple[Path, str]:
-    """Folder and prefix of the films of an evaluation, a JSON file: they lie beside it."""
-    return evaluation.parent, f"{evaluation.stem}_worst"

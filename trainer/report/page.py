@@ -13,7 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from robot.output import write_text
 from sim_pybullet.tasks.spec import TaskSpec, learned_tasks
 from trainer.algorithms import NAMES
-from trainer.judging.rides import FILM_S, films, films_of
+from trainer.judging.films import films, films_of
+from trainer.judging.rides import FILM_S
 from trainer.report.curves import draw_panels
 from trainer.report.runs import Run, read_runs
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trainer.judging.rides import Worst
+from trainer.judging.films import Worst
 from trainer.judging.verdict import Verdict
 from trainer.report.page import Picture, write_page
 

@@ -98,10 +98,10 @@ def test_the_tables_count_successes_and_judge_as_the_paper(tmp_path):
             file = model.judged(tmp_path, name)
             file.parent.mkdir(exist_ok=True)
             file.write_text(json.dumps({"episodes": trial.episodes, "failures": list(range(k))}))
-    transfer = gather(tmp_path, OPTIONS)
-    assert [row.paths for row in transfer.rows[:2]] == [(32, 24), (31, 23)]
-    assert transfer.rows[-1].tasks == (43, 35)
-    assert len(table_rows(transfer)) == 1 + 8
+    found = gather(tmp_path, OPTIONS)
+    assert [row.paths for row in found[:2]] == [(32, 24), (31, 23)]
+    assert found[-1].tasks == (43, 35)
+    assert len(table_rows(found, {"laps": 20, "paths": 32, "tasks": 50})) == 1 + 8
 
 
 def test_seeds_have_an_interval_by_students_t():

@@ -15,17 +15,14 @@ from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.spec import find_task
 from trainer.judging.evaluate import _offer
+from trainer.judging.films import WORST, Worst, films, films_of
 from trainer.judging.rides import (
     DONE,
     SETTLED,
-    WORST,
     Ended,
     Ride,
-    Worst,
     _end,
     drive,
-    films,
-    films_of,
 )
 
 HALF_LANE_M = 0.111

@@ -15,7 +15,8 @@ from tests.trainer.judging.test_rides import offered
 from tests.trainer.test_run import episode
 from trainer.cli import main
 from trainer.judging.evaluate import Evaluation
-from trainer.judging.rides import DONE, films_of
+from trainer.judging.films import films_of
+from trainer.judging.rides import DONE
 from trainer.options import EvaluateOptions
 from trainer.presets import preset
 from trainer.report import runs as module
