@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from localizer_node.calibration import Board, Marker
-from localizer_node.draw import annotated
+from localizer_node.detect import annotated
 from localizer_node.node import locate_frame
 from robot.geometry import Pose
 from robot.navigation.road_map import load_map

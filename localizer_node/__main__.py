@@ -12,8 +12,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from localizer_node import calibrate
 from localizer_node.calibration import Calibration
-from localizer_node.detect import Detection
-from localizer_node.draw import annotated
+from localizer_node.detect import Detection, annotated
 from localizer_node.node import Localizer, locate_frame
 from localizer_node.sources import open_source
 from robot.camera.files import read_picture

@@ -17,7 +17,7 @@ from localizer_node.calibration import (
     map_outline,
     save_calibration,
 )
-from localizer_node.draw import annotated
+from localizer_node.detect import annotated
 from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
 from robot.camera.files import read_picture
 from robot.command_line import number, pair

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from pathlib import Path
 from typing import Any, Dict, List, Tuple, Type, TypeVar
 
@@ -42,12 +43,9 @@ def edit_yaml(kind: Type[T], path: Path, values: Dict[Keys, Any]) -> List[str]:
         lines = ", ".join(f"{'.'.join(keys)}: {value}" for keys, value in values.items())
         raise ConfigError(f"{path}: its layout is beyond me; write there yourself: {lines}")
     write_text(path, text)
-    changes = [(keys, _at(to_plain(before), keys), _at(to_plain(after), keys)) for keys in values]
-    return [
-        f"{'.'.join(keys)}: {_shown(old)} -> {_shown(new)}"
-        for keys, old, new in changes
-        if old != new
-    ]
+    changes = [(keys, _at(before, keys), _at(after, keys)) for keys in values]
+    told = [(".".join(keys), _shown(old), _shown(new)) for keys, old, new in changes if old != new]
+    return [f"{name}: {old} -> {new}" for name, old, new in told]
 
 
 def _with_section(text: str, name: str, content: Any) -> str:
@@ -65,13 +63,11 @@ def _with_section(text: str, name: str, content: Any) -> str:
     return above + ("\n" if above[-1:].strip() else "") + written + "".join(lines[last:])
 
 
-def _at(data: Any, keys: Keys) -> Any:
-    for key in keys:
-        data = data.get(key) if isinstance(data, dict) else None
-    return data
+def _at(config: Any, keys: Keys) -> Any:
+    return reduce(lambda part, key: getattr(part, key, None), keys, config)
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, list):
+    if isinstance(value, tuple):
         return f"[{', '.join(map(_shown, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else "none" if value is None else str(value)
