@@ -1,6 +1,6 @@
 """ZeroMQ sockets for the three machines: newest-only streams, encrypted, without a thread.
 
-The side that binds lets in the keys of its allow-list, each where its role may (``allow_list``);
+The side that binds lets in the keys of its allow-list, each where its role may;
 the side that connects pins the key of the machine it means. A ``Link`` belongs to one thread; its
 sockets are served by their own calls, which never block.
 
@@ -17,8 +17,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError
-from robot.link.allow_list import AllowList
-from robot.link.keys import ADMITS, BOUND_BY, Keys
+from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.telemetry import Telemetry
 

@@ -10,11 +10,10 @@ from typing import Any, Callable, Dict, List
 import pytest
 
 from robot.errors import ConfigError, ContractError
-from robot.link.allow_list import AllowList
 from robot.link.command_server import OperatorLock
 from robot.link.commands import Ack, Command, Mission
 from robot.link.config import LinkConfig
-from robot.link.keys import load_keys
+from robot.link.keys import AllowList, load_keys
 from robot.link.messages import FrameMessage, PosesMessage, Sighting
 from robot.link.sockets import Link, Publisher, Subscriber, new_session
 from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry, thin_path

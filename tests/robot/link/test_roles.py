@@ -145,11 +145,11 @@ def test_the_server_looks_at_each_message_even_behind_an_open_door(
     configs: Configs, open_link: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two locks: were the door left open, the localizer still would not be obeyed."""
-    from robot.link import allow_list
+    from robot.link import keys
 
     link = open_link(configs["robot"])
     ear = Ear(configs["robot"], link)
-    monkeypatch.setattr(allow_list.AllowList, "_verdict", _let_in)
+    monkeypatch.setattr(keys.AllowList, "_verdict", _let_in)
     thieving = posing(configs["monitor"], "monitor", configs["localizer"])
     socket = thieving.connect(zmq.DEALER, "command", 4096)
 
@@ -250,7 +250,7 @@ def test_a_second_monitor_is_let_in_by_its_role_whatever_its_name(
 def test_who_knocks_again_and_again_is_told_of_once_in_ten_seconds(
     key_folders: Dict[str, object], caplog: pytest.LogCaptureFixture
 ) -> None:
-    from robot.link.allow_list import AllowList
+    from robot.link.keys import AllowList
 
     now_s = [100.0]
     with zmq.Context() as context:
@@ -282,7 +282,7 @@ def test_who_knocks_again_and_again_is_told_of_once_in_ten_seconds(
 def test_whatever_is_asked_at_the_door_is_answered(
     key_folders: Dict[str, object], spoilt: List[bytes]
 ) -> None:
-    from robot.link.allow_list import AllowList
+    from robot.link.keys import AllowList
 
     with zmq.Context() as context:
         door = AllowList(context, load_keys(str(key_folders["robot"])))
