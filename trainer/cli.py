@@ -45,7 +45,7 @@ COMMANDS: Mapping[str, Command | Group] = {
     ),
     "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
-    "judge": Command("trainer.commands:judge_command", "drive an AI Driving Olympics challenge"),
+    "judge": Command("trainer.judging.cli:judge_command", "drive an AI Driving Olympics challenge"),
     "export": Command(f"{_RUN}:export_command", "write a run's policy as ONNX, FP32 and INT8"),
     "fit": Command("trainer.twin.cli:fit_command", "a twin of your robot and floor, by driving"),
     "teach": Command("trainer.twin.cli:teach_command", "teach a policy your floor, and prove it"),

@@ -6,7 +6,7 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from rich.console import Console
@@ -74,41 +74,6 @@ def evaluate_command(
         raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
     options.check()
     return EvaluateJob(json, options, drives).run(Console(soft_wrap=True))
-
-
-def judge_command(
-    model: str,
-    challenge: Literal["lf", "lfp", "lfv", "lfvi"] = "lf",
-    against: str | None = None,
-    episodes: int = 100,
-    seed: int = 1000,
-    look: str = "nominal",
-    map: tuple[str, ...] = (),
-    poses: Literal["true", "arena"] = "true",
-    json: Path | None = None,
-    out: Path | None = None,
-) -> int:
-    """Drive a challenge of the AI Driving Olympics, and tell its measures.
-
-    Args:
-        model: a policy, .onnx, under the rules of the road; or expert, who knows the truth; or
-            stand, who never moves.
-        challenge: lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours
-            with junctions.
-        against: another driver, on the same episodes; bare is the policy without rules.
-        episodes: how many, of a minute each.
-        seed: of the first episode; the next ones have the next seeds.
-        look: a YAML file with a look or a distribution of looks, or a shipped name.
-        map: map files, or shipped names or folders; else the rings kept for judging, with
-            junctions town.
-        poses: what the rules of the road know of everybody: the truth of now, and what robots tell
-            each other; or as a localizer over the arena errs, with silent robots.
-        json: write the figures there.
-        out: a folder for a page with films of the worst episodes.
-    """
-    from trainer.judging.challenge_command import judge
-
-    return judge(model, challenge, against, episodes, seed, look, map, poses, json, out)
 
 
 def export_command(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS, ImageSpec
@@ -13,37 +11,26 @@ from trainer.judging.evaluate import DrivingPolicy, _choose
 _SMALL = ImageSpec(40, 30)  # for films: who does not look needs no more
 
 
-class Driver(Protocol):
-    """Who drives all robots of a world."""
+class Driver:
+    """Who drives all robots of a world; this one never moves."""
 
-    guided: bool  # whether it gets a path
-    image: ImageSpec  # what is drawn for it
-
-    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
-        """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
-
-
-class Standing:
-    """Never moves."""
-
-    guided, image = False, _SMALL
+    guided = False  # whether it gets a path
+    image = _SMALL  # what is drawn for it
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
-        """See `Driver`."""
+        """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
         return np.zeros((world.n_robots, 2))
 
 
-class Expert:
+class Expert(Driver):
     """Knows where everybody is."""
-
-    guided, image = False, _SMALL
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
         """See `Driver`."""
         return world.expert_actions()
 
 
-class Pilot:
+class Pilot(Driver):
     """A policy, greedily."""
 
     def __init__(self, policy: DrivingPolicy) -> None:

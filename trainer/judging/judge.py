@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
@@ -117,11 +117,22 @@ class KeptDrives:
         files = [Path(file) for file in (asked.model, asked.translate, asked.sight) if file]
         prints = [hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files]
         plain = {k: v for k, v in asked.plain().items() if k not in _FREE}
-        head = {"schema": 1, "inputs": plain, "files": prints}
+        head = json.dumps({"schema": 1, "inputs": plain, "files": prints})
         self._path = evaluation.with_name(f"{evaluation.stem}.rows.jsonl")
-        self.drives = _read(self._path, head)
-        lines = [head, *(drive._asdict() for drive in self.drives.values())]
-        write_text(self._path, "".join(json.dumps(each) + "\n" for each in lines))
+        lines = [head]
+        if self._path.exists():
+            lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
+        if lines[:1] != [head]:
+            raise ConfigError(
+                f"{self._path}: expected the drives of an evaluation that was cut off, of this "
+                "policy and with these options, got others; delete the file, or choose another "
+                "--json"
+            )
+        with suppress(ValueError):  # of the last line, cut off
+            for row in map(json.loads, lines[1:]):
+                drive = Drive(**{**row, "metrics": DriveMetrics(*row["metrics"])})
+                self.drives[drive.seed] = drive
+        write_text(self._path, "\n".join(lines[: 1 + len(self.drives)]) + "\n")
 
     def add(self, drive: Drive) -> None:
         """Keep one more, on disk at once."""
@@ -140,24 +151,6 @@ class KeptDrives:
         """The evaluation is written."""
         if self._path is not None:
             self._path.unlink()
-
-
-def _read(path: Path, head: dict[str, Any]) -> dict[int, Drive]:
-    if not path.exists():
-        return {}
-    found: list[dict[str, Any]] = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            found.append(json.loads(line))
-        except ValueError:
-            break  # the last one, cut off
-    if not found or found[0] != head:
-        raise ConfigError(
-            f"{path}: expected the drives of an evaluation that was cut off, of this policy and "
-            "with these options, got others; delete the file, or choose another --json"
-        )
-    drives = [Drive(**{**row, "metrics": DriveMetrics(*row["metrics"])}) for row in found[1:]]
-    return {drive.seed: drive for drive in drives}
 
 
 def _tell(console: Console, result: Evaluation) -> None:

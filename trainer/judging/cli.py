@@ -1,51 +1,70 @@
-"""``judge``: a driver in a challenge of the AI Driving Olympics."""
+"""``judge``: a driver in a challenge of the AI Driving Olympics; imports nothing heavy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 from rich.table import Table
 
 from robot.errors import ConfigError
-from robot.navigation.road_map import load_map
 from robot.output import expect_writable
-from sim_pybullet.randomise import load_look_sampler
-from trainer.division import maps_named
-from trainer.judging.challenge import drive, robots_of
-from trainer.judging.drivers import Driver, Expert, Pilot, Standing
-from trainer.judging.evaluate import open_policy
-from trainer.judging.films import Worst
-from trainer.judging.governed import Governed
-from trainer.judging.verdict import MEASURES, Verdict
-from trainer.report.worst import write_worst
-from trainer.run import write_json
+
+if TYPE_CHECKING:
+    from trainer.judging.drivers import Driver
+    from trainer.judging.verdict import Verdict
 
 _RINGS = ("judging/rings",)
 MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
 BARE = "bare"
-DRIVERS: dict[str, Callable[[], Driver]] = {"expert": Expert, "stand": Standing}
 
 
-def judge(
+def judge_command(
     model: str,
-    challenge: str,
-    against: str | None,
-    episodes: int,
-    seed: int,
-    look: str,
-    maps: tuple[str, ...],
-    poses: str,
-    json: Path | None,
-    out: Path | None,
+    challenge: Literal["lf", "lfp", "lfv", "lfvi"] = "lf",
+    against: str | None = None,
+    episodes: int = 100,
+    seed: int = 1000,
+    look: str = "nominal",
+    map: tuple[str, ...] = (),
+    poses: Literal["true", "arena"] = "true",
+    json: Path | None = None,
+    out: Path | None = None,
 ) -> int:
-    """`trainer.commands.judge_command`, which asks for it."""
+    """Drive a challenge of the AI Driving Olympics, and tell its measures.
+
+    Args:
+        model: a policy, .onnx, under the rules of the road; or expert, who knows the truth; or
+            stand, who never moves.
+        challenge: lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours
+            with junctions.
+        against: another driver, on the same episodes; bare is the policy without rules.
+        episodes: how many, of a minute each.
+        seed: of the first episode; the next ones have the next seeds.
+        look: a YAML file with a look or a distribution of looks, or a shipped name.
+        map: map files, or shipped names or folders; else the rings kept for judging, with
+            junctions town.
+        poses: what the rules of the road know of everybody: the truth of now, and what robots tell
+            each other; or as a localizer over the arena errs, with silent robots.
+        json: write the figures there.
+        out: a folder for a page with films of the worst episodes.
+    """
+    from robot.navigation.road_map import load_map
+    from sim_pybullet.randomise import load_look_sampler
+    from trainer.division import maps_named
+    from trainer.judging.challenge import drive, robots_of
+    from trainer.judging.films import Worst
+    from trainer.judging.verdict import Verdict
+    from trainer.report.worst import write_worst
+    from trainer.run import write_json
+
     names = [model] if against is None else [model, against]
     drivers = [_driver(name, model, poses) for name in names]
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
-    road_maps = [load_map(name) for name in maps_named(maps or MAPS[challenge])]
+    road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
     looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
     console, worst = Console(soft_wrap=True), Worst()
     verdicts: list[Verdict] = []
@@ -63,8 +82,8 @@ def judge(
             verdicts.append(Verdict(Path(name).name, sorted(found)))
     _tell(console, challenge, verdicts)
     if json is not None:
-        asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
-        asked |= {"poses": poses, "maps": [m.name for m in road_maps]}
+        asked: dict[str, object] = {"challenge": challenge, "episodes": episodes, "seed": seed}
+        asked |= {"look": look, "poses": poses, "maps": [m.name for m in road_maps]}
         told = {**asked, **verdicts[0].plain()}
         if len(verdicts) > 1:
             told["against"] = verdicts[0].against(verdicts[1])
@@ -75,8 +94,12 @@ def judge(
 
 
 def _driver(name: str, model: str, poses: str) -> Driver:
-    if name in DRIVERS:
-        return DRIVERS[name]()
+    from trainer.judging.drivers import Driver, Expert, Pilot
+    from trainer.judging.evaluate import open_policy
+    from trainer.judging.governed import Governed
+
+    if name in ("expert", "stand"):
+        return Expert() if name == "expert" else Driver()
     bare = name == BARE and name != model
     path = Path(model if bare else name)
     if not path.exists():
@@ -85,6 +108,8 @@ def _driver(name: str, model: str, poses: str) -> Driver:
 
 
 def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
+    from trainer.judging.verdict import MEASURES
+
     table = Table("", *(v.driver for v in verdicts), title=f"{challenge}, medians and 95 %")
     every = [verdict.figures for verdict in verdicts]
     for name in every[0]:
