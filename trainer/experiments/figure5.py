@@ -66,15 +66,10 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
 
 def trainings(out: Path, options: Figure5Options, translator: Path) -> list[TrainJob]:
     """All of them, seed by seed, so that every kind has come equally far."""
-    worlds = {
-        "oracle": (options.test_map, options.test_look),
-        "translated": (options.map, options.look),
-        "dr": (options.map, options.looks),
-        "none": (options.map, options.look),
-    }
+    worlds = {"oracle": (options.test_map, options.test_look), "dr": (options.map, options.looks)}
     jobs = []
     for seed, name in product(range(options.seeds), VARIANTS):
-        place, look = worlds[name]
+        place, look = worlds.get(name, (options.map, options.look))
         training = TrainOptions(
             task="track",
             algo=options.algo,

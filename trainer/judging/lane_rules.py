@@ -46,13 +46,13 @@ class LaneFigures(NamedTuple):
     distance_from_start: float  # [m], the greatest
 
 
-class _Lanes(NamedTuple):
-    """Where one pose is in the lanes of its tile that it is in, best aligned first."""
+class _Lane(NamedTuple):
+    """Where one pose is in a lane of its tile."""
 
-    names: Sequence[int]
-    lateral_m: np.ndarray
-    turned_rad: np.ndarray
-    middles: np.ndarray  # (L, 3) the nearest poses of the lanes, in the world
+    askew_rad: float  # either way
+    name: int
+    lateral_m: float
+    middle: np.ndarray  # (3,) the nearest pose of the lane, in the world
 
 
 class LaneRules:
@@ -79,54 +79,49 @@ class LaneRules:
     def figures(self, poses: np.ndarray, dt_s: float) -> LaneFigures:
         """Of a drive through poses (T, 3), one each ``dt_s``; T is at least 1."""
         lanes = [self._lanes(pose) for pose in poses[:-1]]
-        seen = [where for where in lanes if where.names]
+        seen = [where[0] for where in lanes if where]
         start = poses[0, :2]
         return LaneFigures(
             dt_s * len(lanes),
             self._driven_m(poses, lanes),
-            dt_s * sum(abs(float(where.lateral_m[0])) for where in seen),
+            dt_s * sum(abs(lane.lateral_m) for lane in seen),
             dt_s * (len(lanes) - len(seen)),
-            dt_s * sum(abs(float(where.turned_rad[0])) for where in seen),
+            dt_s * sum(lane.askew_rad for lane in seen),
             float(np.hypot(*(poses[:, :2] - start).T).max()),
         )
 
-    def _driven_m(self, poses: np.ndarray, lanes: Sequence[_Lanes]) -> float:
+    def _driven_m(self, poses: np.ndarray, lanes: Sequence[list[_Lane]]) -> float:
         """Along the lanes, on each tile along that of them which was the first there."""
         first: dict[tuple[int, int], int] = {}
         total_m = 0.0
         for pose, then, where in zip(poses, poses[1:], lanes, strict=False):
             tile = self._map.tile_at(pose[0], pose[1])
-            ways_m = []
-            for name, middle in zip(where.names, where.middles, strict=True):
-                assert tile is not None
-                if first.setdefault((tile.row, tile.column), name) == name:
-                    ways_m.append(float(Pose(*middle).to_robot(then[:2])[0]))
-            total_m += max(ways_m, default=0.0)
+            if where and tile is not None:
+                used = first.setdefault((tile.row, tile.column), where[0].name)
+                ways = [
+                    Pose(*each.middle).to_robot(then[:2])[0] for each in where if each.name == used
+                ]
+                total_m += max(map(float, ways), default=0.0)
         return total_m
 
-    def _lanes(self, pose: np.ndarray) -> _Lanes:
+    def _lanes(self, pose: np.ndarray) -> list[_Lane]:
+        """The lanes that a pose is in, best aligned first."""
         tile = self._map.tile_at(pose[0], pose[1])
         if tile is None or not tile.is_road:
-            return _NOWHERE
+            return []
         size_m = self._map.tile_size_m
         centre = np.array([tile.column + 0.5, self._map.rows - tile.row - 0.5]) * size_m
-        rows = []
+        found = []
         for name, course in enumerate(_courses(tile)):
             lane = course * (size_m, size_m, 1.0) + (*centre, 0.0)
             middle = _abeam(lane, pose[:2])
             if middle is None:
                 continue
             lateral_m = float(Pose(*middle).to_robot(pose[:2])[1])
-            turned_rad = float(wrap_angle(pose[2] - middle[2]))
-            if abs(lateral_m) <= self._half_m and abs(turned_rad) <= 0.5 * math.pi:
-                rows.append((abs(turned_rad), name, lateral_m, turned_rad, middle))
-        if not rows:
-            return _NOWHERE
-        _, names, lateral, turned, middles = zip(*sorted(rows, key=lambda r: r[:2]), strict=True)
-        return _Lanes(names, np.array(lateral), np.array(turned), np.array(middles))
-
-
-_NOWHERE = _Lanes((), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+            askew_rad = abs(float(wrap_angle(pose[2] - middle[2])))
+            if abs(lateral_m) <= self._half_m and askew_rad <= 0.5 * math.pi:
+                found.append(_Lane(askew_rad, name, lateral_m, middle))
+        return sorted(found, key=lambda lane: lane[:2])
 
 
 def _abeam(lane: np.ndarray, point: np.ndarray) -> np.ndarray | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -93,12 +93,9 @@ def translate_train_command(
         config = translation_preset(preset, tuple(map(str, sim)), tuple(map(str, real)))
         for each in (*sim, *real):
             picture_files(each)  # refused before anything is written
-        return replace(
-            config,
-            seed=seed,
-            steps=config.steps if steps is None else steps,
-            structure=config.structure if structure is None else structure,
-        )
+        given: dict[str, Any] = {"steps": steps, "structure": structure}
+        asked = {name: value for name, value in given.items() if value is not None}
+        return replace(config, seed=seed, **asked)
 
     config = take_up(TranslationConfig, out, resume, fresh)
     best = train_translation(out, config, Console())
@@ -161,14 +158,13 @@ def parse_train_command(
 
     run, console = take_up(ParseOptions, out, resume, fresh), Console()
     splits = load_sources(run.sources, LABEL_SETS[run.labels], run.size)
-    training = [split.training for split in splits]
-    parser = teach(run, training, out / "checkpoint.pt", console)
+    parser = teach(run, [split.training for split in splits], out / "checkpoint.pt", console)
     save_parser(parser, out / "parser.pt")
-    held_out = splits[-1].held_out
+    held_out, paint = splits[-1].held_out, parser.labels.paint
     count = len(held_out.names)
     shown = held_out.pick(spread(count, min(SHEET_ROWS, count)))
-    found, true = (parser.labels.paint(each) for each in (parser.parse(shown.frames), shown.truth))
-    columns = {"frame": shown.frames, "classes found": found, "true classes": true}
+    found = paint(parser.parse(shown.frames))
+    columns = {"frame": shown.frames, "classes found": found, "true classes": paint(shown.truth)}
     draw_sheet(out / "sheet.png", columns)
     _report(parser, splits, out / "scores.json", console)
     return 0
@@ -247,6 +243,5 @@ def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console:
         write_json(json, scores)
 
 
-def _say(*lines: object) -> None:
-    for line in lines:
-        Console(soft_wrap=True).print(str(line), markup=False)
+def _say(line: object) -> None:
+    Console(soft_wrap=True).print(str(line), markup=False)
