@@ -38,6 +38,11 @@ class Episode(NamedTuple):
     tiles: float  # along the lane
     figures: LaneFigures
 
+    @property
+    def badness(self) -> tuple[float, ...]:
+        """Larger is worse."""
+        return (not self.success, -self.tiles, -self.seed, -self.robot)
+
 
 def robots_of(challenge: str) -> int:
     """How many of ours share a world."""
@@ -63,25 +68,22 @@ def drive(
     numbers = [group * seed + k for seed in seeds for k in range(group)]
     world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers)
     rules = {road_map.name: LaneRules(road_map) for road_map in road_maps}
-    for ended in rides.drive(world, lambda seen: driver.choose(world, seen)):
-        episode = _episode(ended, group, rules[ended.place.name])
-        yield episode, tuple(ended.ride.frames)
-
-
-def _episode(ended: rides.Ended, group: int, rules: LaneRules) -> Episode:
-    facts, poses, end = ended.facts, np.array(ended.ride.poses), SURVIVED
-    if ended.terminated:
-        hit = int(facts["hit"])
-        end = f"collision_{Body(hit).name.lower()}" if hit else "out_of_tile"
-    figures = rules.figures(poses, CONTROL_DT_S)
-    return Episode(
-        *divmod(ended.number, group),
-        end,
-        bool(facts["at_fault"]),
-        ended.success,
-        facts["least_ttc_s"],
-        ended.place.name,
-        rules.lines_run(poses, CONTROL_DT_S),
-        figures.driven_lanedir_consec / rules.tile_size_m,
-        figures,
-    )
+    for done, facts, ride in rides.drive(world, lambda seen: driver.choose(world, seen)):
+        poses, end = np.array(ride.poses), SURVIVED
+        if done.failed:
+            hit = int(facts["hit"])
+            end = f"collision_{Body(hit).name.lower()}" if hit else "out_of_tile"
+        lanes = rules[done.map]
+        figures = lanes.figures(poses, CONTROL_DT_S)
+        episode = Episode(
+            *divmod(done.seed, group),
+            end,
+            bool(facts["at_fault"]),
+            done.success,
+            facts["least_ttc_s"],
+            done.map,
+            lanes.lines_run(poses, CONTROL_DT_S),
+            figures.driven_lanedir_consec / lanes.tile_size_m,
+            figures,
+        )
+        yield episode, tuple(ride.frames)

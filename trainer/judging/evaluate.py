@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,32 +19,19 @@ from robot.inference.policy import TOLERANCE, OnnxPolicy
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.drive_metrics import DriveMetrics
 from sim_pybullet.pool import Looks
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.judging import rides
 from trainer.judging.films import Worst
+from trainer.judging.rides import Drive, Ride
 from trainer.options import EvaluateOptions, task_of
 
 ROBOTS = 20  # at once
 _FIRST_WORLD = 1_000_000_007  # seed of all worlds, away from those that runs are trained with
 
 DrivingPolicy = OnnxPolicy | TranslatingPolicy
-
-
-class Drive(NamedTuple):
-    """One episode."""
-
-    seed: int
-    success: bool
-    metrics: DriveMetrics
-    failed: bool = False  # off the lane, lost or in collision, not just out of time
-    laps: float | None = None  # driven, where the task counts them
-    collided: bool = False  # the drive ended in a collision
-    map: str = ""
-    lane: str | None = None  # of a ring
 
 
 @dataclass(frozen=True)
@@ -203,28 +189,20 @@ def _drive(
             choices[robot] = _choose(policy, seen, robot, zero)
         return choices if speeds is None else speeds[choices]
 
-    for ended in rides.drive(world, choose, worst is not None):
+    for drive, _, ride in rides.drive(world, choose, worst is not None):
         if worst is not None:
-            _offer(worst, ended)
-        yield Drive(
-            ended.number,
-            ended.success,
-            ended.metrics,
-            ended.terminated,
-            ended.facts.get("laps"),
-            ended.terminated and ended.collided,
-            ended.place.name,
-        )
+            _offer(worst, drive, ride)
+        yield drive
 
 
-def _offer(worst: Worst, ended: rides.Ended) -> None:
+def _offer(worst: Worst, drive: Drive, ride: Ride) -> None:
     """What failed, or left its lane."""
-    ride, failed = ended.ride, not ended.success
+    failed = not drive.success
     if failed or ride.farthest_m > ride.half_lane_m:
         film = tuple(ride.frames) if failed else ride.farthest
-        told = ended.end if failed else "out of its lane for a while"
-        title = f"Episode {ended.number} on {ended.place.name}: {told}"
-        worst.add((failed, ride.farthest_m, -ended.number), title, film)
+        told = ride.end if failed else "out of its lane for a while"
+        title = f"Episode {drive.seed} on {drive.map}: {told}"
+        worst.add((failed, ride.farthest_m, -drive.seed), title, film)
 
 
 def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:

@@ -12,7 +12,6 @@ import numpy as np
 from robot.contract import CONTROL_DT_S
 from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.drive_metrics import DriveMetrics
-from sim_pybullet.scenery.objects import Place
 from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
 
 FILM_S = 10.0  # of what a robot saw is kept
@@ -33,6 +32,7 @@ class Ride:
     farthest: Film = ()  # what was seen up to where it was farthest off
     farthest_m: float = 0.0  # from its path, once it was over its start
     half_lane_m: float = 0.0
+    end: str = ""  # `DONE`, or why it failed
 
     def add(self, pose: np.ndarray, offset_m: float, frame: np.ndarray) -> None:
         """Before a decision: where it is, and what it sees."""
@@ -42,26 +42,26 @@ class Ride:
             self.farthest, self.farthest_m = tuple(self.frames), abs(offset_m)
 
 
-class Ended(NamedTuple):
-    """A robot's episode that is over."""
+class Drive(NamedTuple):
+    """One episode."""
 
-    number: int
-    place: Place
-    end: str  # `DONE`, or why it failed
+    seed: int
     success: bool
-    terminated: bool
-    collided: bool
-    facts: dict[str, float]  # of the task
     metrics: DriveMetrics
-    ride: Ride  # empty, where none was asked for
+    failed: bool = False  # off the lane, lost or in collision, not just out of time
+    laps: float | None = None  # driven, where the task counts them
+    collided: bool = False  # the drive ended in a collision
+    map: str = ""
+    lane: str | None = None  # of a ring
 
 
 def drive(
     world: BatchWorld, choose: Callable[[Observation], np.ndarray], rides: bool = True
-) -> Iterator[Ended]:
-    """All episodes of a world with numbered ones, as each ends; the world is closed after them.
+) -> Iterator[tuple[Drive, dict[str, float], Ride]]:
+    """The episodes of a world with numbered ones, as each ends; the world is closed after them.
 
-    ``choose`` gives what `BatchWorld.step` takes. ``rides``: whether to keep them.
+    With the task's facts at its end, and the ride where ``rides`` are asked for. ``choose`` gives
+    what `BatchWorld.step` takes.
     """
     going = [Ride() for _ in range(world.n_robots)]
     try:
@@ -73,20 +73,21 @@ def drive(
             step = world.step(choose(seen))
             seen = step.observation
             for k, robot in enumerate(step.finished.robots.tolist()):
-                facts = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
+                told = zip(world.task.fact_names, step.task.facts[:, robot].tolist(), strict=True)
+                facts, failed = dict(told), bool(step.task.terminated[robot])
+                done = Drive(
+                    int(numbers[robot]),
+                    bool(step.task.success[robot]),
+                    step.finished.metrics[k],
+                    failed,
+                    facts.get("laps"),
+                    failed and bool(step.collided[robot]),
+                    world.task.road_maps[maps[robot]].name,
+                )
                 ride, going[robot] = going[robot], Ride()
                 ride.poses.append(step.poses[robot])
-                yield Ended(
-                    int(numbers[robot]),
-                    world.task.road_maps[maps[robot]],
-                    _end(step, robot),
-                    bool(step.task.success[robot]),
-                    bool(step.task.terminated[robot]),
-                    bool(step.collided[robot]),
-                    dict(facts),
-                    step.finished.metrics[k],
-                    ride,
-                )
+                ride.end = _end(step, robot)
+                yield done, facts, ride
     finally:
         world.close()
 

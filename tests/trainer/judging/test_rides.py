@@ -19,7 +19,7 @@ from trainer.judging.films import WORST, Worst, films, films_of
 from trainer.judging.rides import (
     DONE,
     SETTLED,
-    Ended,
+    Drive,
     Ride,
     _end,
     drive,
@@ -44,9 +44,10 @@ def offered(ends: list[tuple[str, float]]) -> Worst:
     """Of drives that ended so, this far off at their end."""
     worst = Worst()
     for seed, (end, off_m) in enumerate(ends):
-        metrics, ride = DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02), ridden([0.0] * 29 + [-off_m])
-        flags = end == DONE, end != DONE, end == "collided"
-        _offer(worst, Ended(seed, load_map("arena"), end, *flags, {}, metrics, ride))
+        ride = ridden([0.0] * 29 + [-off_m])
+        ride.end = end
+        metrics = DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02)
+        _offer(worst, Drive(seed, end == DONE, metrics, map="arena"), ride)
     return worst
 
 
@@ -122,10 +123,11 @@ def test_rides_are_what_the_robots_did_and_saw() -> None:
         return np.zeros(robots, dtype=int)
 
     ends = list(drive(world, choose))
-    assert sorted(ended.number for ended in ends) == asked
-    for ended in ends:
-        poses, pictures = zip(*seen[ended.number], strict=True)
-        np.testing.assert_array_equal(ended.ride.poses[:-1], poses)
-        np.testing.assert_array_equal(np.stack([*ended.ride.frames]), pictures[-100:])
-        assert ended.ride.half_lane_m == pytest.approx(HALF_LANE_M, abs=1e-3)
-        assert (ended.place.name, ended.success, ended.end) == ("loop", False, "turned away")
+    assert sorted(done.seed for done, _, _ in ends) == asked
+    for done, facts, ride in ends:
+        poses, pictures = zip(*seen[done.seed], strict=True)
+        np.testing.assert_array_equal(ride.poses[:-1], poses)
+        np.testing.assert_array_equal(np.stack([*ride.frames]), pictures[-100:])
+        assert ride.half_lane_m == pytest.approx(HALF_LANE_M, abs=1e-3)
+        assert (done.map, done.success, ride.end) == ("loop", False, "turned away")
+        assert done.laps == facts["laps"]
