@@ -13,7 +13,7 @@ import numpy as np
 
 from localizer_node.calibration import KINDS, Calibration, Marker, map_outline
 from localizer_node.colour import Blob, blobs, mask_of, to_hsv
-from localizer_node.tags import Tag, TagReader
+from localizer_node.tags import Tag, read_tags
 
 SIZE_TOLERANCE = 0.4  # relative, of each side
 FILL_RANGE = (0.75, 1.25)  # area over that of the rectangle with the same second moments
@@ -80,7 +80,6 @@ class Detector:
         self.calibration = calibration
         robots = calibration.robots
         self._of = {kind: [m for m in robots if m.kind == kind] for kind in KINDS}
-        self._reader = TagReader() if self._of["tag"] else None
         self._board_height_m = float(np.mean([m.board.height_m for m in robots] or [0.0]))
         self._scales = self._px_per_m()
         self._roi = np.array(calibration.roi_px, dtype=np.float32)
@@ -155,7 +154,7 @@ class Detector:
 
     def _read_tags(self, image: np.ndarray, rears: Sequence[Part]) -> List[Detection]:
         """The tags that lie on or beside blue which is large enough to bear one."""
-        if self._reader is None:
+        if not self._of["tag"]:
             return []
         sides_m = [m.board.tag_m for m in self._of["tag"]]
         least_m = 0.5 * min(min(m.blue_m) for m in self._of["tag"])
@@ -167,7 +166,7 @@ class Detector:
                 continue
             left, top = (max(int(c) - reach, 0) for c in rear.centre_px)
             window = image[top : top + 2 * reach, left : left + 2 * reach]
-            for tag in self._reader.read(window, zoom):
+            for tag in read_tags(window, zoom):
                 for marker in self._of["tag"]:
                     seen = self._tag(marker, tag, np.array((left, top)))
                     if seen is not None:

@@ -123,15 +123,14 @@ def _python(machine: Machine) -> Iterator[Finding]:
     yield _judged("Python", version, (machine.python < OLDEST_PYTHON, FAIL, "", remedy))
     found = {name: machine.package(name) for name in PACKAGES}
     absent = " ".join(name for name, got in found.items() if got is None)
-    onnx = str(found["onnxruntime"])
-    if absent:
-        remedy = f"python -m pip install {absent}"
-        yield Finding("packages", FAIL, f"{absent}: not installed", remedy)
-    elif machine.processor == "aarch64" and onnx.startswith("1.21."):
-        says = f"onnxruntime {onnx} dies with SIGILL on the Nano's processor"
-        yield Finding("packages", FAIL, says, "python -m pip install onnxruntime==1.19.2")
-    else:
-        yield Finding("packages", OK, ", ".join(f"{name} {got}" for name, got in found.items()))
+    deadly = machine.processor == "aarch64" and str(found["onnxruntime"]).startswith("1.21.")
+    dies = "; this onnxruntime dies with SIGILL on the Nano's processor"
+    yield _judged(
+        "packages",
+        ", ".join(f"{name} {got}" for name, got in found.items() if got),
+        (bool(absent), FAIL, f"; not {absent}", f"python -m pip install {absent}"),
+        (deadly, FAIL, dies, "python -m pip install onnxruntime==1.19.2"),
+    )
 
 
 def _hat(machine: Machine, config: HatConfig) -> Finding:
