@@ -11,7 +11,7 @@ from robot.bringup.roller import Roller
 from robot.errors import ConfigError
 from robot.hat.config import HatConfig
 
-Values = Dict[Tuple[str, ...], Any]  # as `robot.bringup.yaml_edit.edit_yaml` takes them
+Values = Dict[Tuple[str, ...], Any]  # as `robot.cli.calibrate.edit_yaml` takes them
 
 SCALE_RANGE = (0.8, 1.25)  # of a length that somebody has measured with a ruler
 MOST_BEND_RAD = math.radians(60.0)  # of a drive that should be straight

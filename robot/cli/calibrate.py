@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import reduce
 from pathlib import Path
-from typing import ContextManager, Tuple
+from typing import Any, ContextManager, List, Tuple
 
 from robot.bringup import chessboard
-from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
 from robot.bringup.prompts import Prompts
 from robot.bringup.roller import CountedMotors, Roller
 from robot.bringup.wheels import GUIDES, Guide, Values
-from robot.bringup.yaml_edit import edit_yaml
 from robot.camera.files import read_picture
 from robot.command_line import number
 from robot.computer.clock import Clock, MonotonicClock
@@ -25,8 +24,8 @@ from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
-from robot.output import write_bytes
-from robot.typed_config import load_yaml, to_plain
+from robot.output import write_bytes, write_text
+from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
 
 NEAR_EDGE_M = 0.18
 
@@ -72,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
 
 def keep(path: Path, values: Values, person: Prompts) -> None:
     """Write the values, and show what changed; ConfigError when the robot would refuse them."""
-    for edit in edit_yaml(RobotConfig, path, values):
+    for edit in edit_yaml(path, values):
         person.tell(edit)
 
 
@@ -108,8 +107,8 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
     lens, before = config.camera.lens.scaled(*size), config.camera.mount
-    fit = fit_mount(corners, lens, near_edge_m)
-    check_mount_fit(fit, before, size[0])
+    fit = chessboard.fit_mount(corners, lens, near_edge_m)
+    chessboard.check_mount_fit(fit, before, size[0])
     mount = fit.mount
     person.tell(
         f"pitch {math.degrees(mount.pitch_rad):.2f}°, roll {math.degrees(mount.roll_rad):.2f}°, "
@@ -122,7 +121,7 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
 def measure_lens(folder: Path, person: Prompts) -> Values:
     """The lens, from a folder of pictures of the board."""
     boards, size = chessboard.boards_from_files(folder)
-    lens, residual_px = fit_lens(boards, size)
+    lens, residual_px = chessboard.fit_lens(boards, size)
     person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
     return {("camera", "lens", name): _rounded(value) for name, value in to_plain(lens).items()}
 
@@ -131,3 +130,62 @@ def _rounded(value: object) -> object:
     if isinstance(value, list):
         return [_rounded(item) for item in value]
     return round(value, 6) if isinstance(value, float) else value
+
+
+def edit_yaml(path: Path, values: Values) -> List[str]:
+    """Set values of a robot's file by their keys, such as ``("hat", "steps_per_rev")``.
+
+    Each section that holds one is written anew, without its comments; the rest stays to the byte.
+    The file is replaced whole or not at all, and only by one whose data differ in these values
+    alone. Returns a line for each value that changed, from the default where the file said nothing.
+    ConfigError: the file is no robot's before, or would not be afterwards.
+    """
+    import yaml
+
+    before = from_plain(RobotConfig, read_yaml(path), where=str(path))
+    wanted, text = to_plain(read_yaml(path)), path.read_text(encoding="utf-8")
+    for keys, value in values.items():
+        section = wanted
+        for key in keys[:-1]:
+            section[key] = dict(section.get(key) or {})  # not what an alias shares
+            section = section[key]
+        section[keys[-1]] = to_plain(value)
+    after = from_plain(RobotConfig, wanted, where=str(path))
+    for name in dict.fromkeys(keys[0] for keys in values):
+        text = _with_section(text, name, wanted[name])
+    try:
+        found = yaml.safe_load(text)
+    except yaml.YAMLError:
+        found = None
+    if found != wanted:
+        lines = ", ".join(f"{'.'.join(keys)}: {value}" for keys, value in values.items())
+        raise ConfigError(f"{path}: its layout is beyond me; write there yourself: {lines}")
+    write_text(path, text)
+    changes = [(keys, _at(before, keys), _at(after, keys)) for keys in values]
+    told = [(".".join(keys), _shown(old), _shown(new)) for keys, old, new in changes if old != new]
+    return [f"{name}: {old} -> {new}" for name, old, new in told]
+
+
+def _with_section(text: str, name: str, content: Any) -> str:
+    import yaml
+
+    written = yaml.safe_dump({name: content}, default_flow_style=None, sort_keys=False, width=100)
+    lines = text.splitlines(keepends=True)
+    first = next((i for i, line in enumerate(lines) if line.startswith(f"{name}:")), len(lines))
+    last = first + 1  # the line that begins at the margin again, less empty ones before it
+    while last < len(lines) and (not lines[last].strip() or lines[last][0] in " \t"):
+        last += 1
+    while last > first + 1 and not lines[last - 1].strip():
+        last -= 1
+    above = "".join(lines[:first])
+    return above + ("\n" if above[-1:].strip() else "") + written + "".join(lines[last:])
+
+
+def _at(config: Any, keys: Tuple[str, ...]) -> Any:
+    return reduce(lambda part, key: getattr(part, key, None), keys, config)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_shown, value))}]"
+    return f"{value:.6g}" if isinstance(value, float) else "none" if value is None else str(value)

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from robot.bringup import chessboard
-from robot.bringup.camera_fit import check_mount_fit, fit_lens, fit_mount
 from robot.bringup.chessboard import (
     board_points_m,
+    check_mount_fit,
     find_board,
+    fit_lens,
+    fit_mount,
 )
 from robot.cli import main
 from robot.config import RobotConfig
