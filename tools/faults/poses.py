@@ -24,6 +24,7 @@ DRIFTED_S = 2.4  # a quarter of a second later the poses are 8 cm off
 BENT_RAD = 0.2  # no robot turns so far on a straight
 TURN_RADPS = math.radians(3.0)
 TURNED_S = 5.0
+WIDTH_M = 2.2  # of the arena
 NOISE = 3.0  # of the overhead sensor, grey levels
 SAYS = "wheels"
 
@@ -44,13 +45,8 @@ def _lying(
     return Case(name, what, inject, threshold_s, says, states, before=Stage.replace_localizer)
 
 
-def _tell(make: Callable[[Stage, Pose], Lie]) -> Act:
-    """From now on the stand-in tells what a lie makes of the true pose."""
-    return lambda stage: _stand_in(stage).lies(make(stage, stage.bench.town.pose))
-
-
-def _jump(_: Stage, __: Pose) -> Lie:
-    return lambda p, _t: p._replace(x_m=p.x_m + 1.0)
+def _tell(lie: Lie) -> Act:
+    return lambda stage: _stand_in(stage).lies(lie)
 
 
 LATE, BACKWARDS = change(_stand_in, late_s=1.5), change(_stand_in, backwards=True)
@@ -63,7 +59,11 @@ LOCALIZER = (
     _lying("late", "every pose 1.5 s late", LATE, POSE_AGE_S, OLD, HOLD),
     _lying("out of order", "sequence numbers that fall", BACKWARDS, POSE_AGE_S, OLD, HOLD),
     _lying(
-        *("jumping", "one metre to the east at once", _tell(_jump)),
+        *(
+            "jumping",
+            "one metre to the east at once",
+            _tell(lambda p, *_: p._replace(x_m=p.x_m + 1.0)),
+        ),
         0.6,  # five unbelievable poses in a row
         f"jumped|{OLD}",
         HOLD_OR_FAULT,
@@ -122,9 +122,9 @@ def _held(name: str, what: str, turns: bool = False, aside_m: float = 0.0) -> Ca
     return Case(name, what, hold, HELD_S, SAYS, heal=let_go)
 
 
-def _told(name: str, what: str, make: Callable[[Stage, Pose], Lie], threshold_s: float) -> Case:
+def _told(name: str, what: str, lie: Lie, threshold_s: float = SWAPPED_S) -> Case:
     says = f"{SAYS}|jumped|road|picture"
-    return _lying(name, what, _tell(make), threshold_s, says, ("FAULT",))
+    return _lying(name, what, _tell(lie), threshold_s, says, ("FAULT",))
 
 
 def _beside(pose: Pose, ahead_m: float, left_m: float) -> Pose:
@@ -133,12 +133,12 @@ def _beside(pose: Pose, ahead_m: float, left_m: float) -> Pose:
 
 
 def _drift(name: str, ahead: float, left: float) -> Case:
-    def make(_: Stage, start: Pose) -> Lie:
-        to_x, to_y, _heading = _beside(start._replace(x_m=0.0, y_m=0.0), ahead, left)
-        x_mps, y_mps = DRIFT_MPS * to_x, DRIFT_MPS * to_y
-        return lambda p, t: p._replace(x_m=p.x_m + x_mps * t, y_m=p.y_m + y_mps * t)
+    def lie(pose: Pose, t_s: float, first: Pose) -> Pose:
+        way = first._replace(x_m=pose.x_m, y_m=pose.y_m)
+        moved = _beside(way, DRIFT_MPS * t_s * ahead, DRIFT_MPS * t_s * left)
+        return moved._replace(heading_rad=pose.heading_rad)
 
-    return _told(f"drift {name}", "poses drift by 3 cm/s", make, DRIFTED_S)
+    return _told(f"drift {name}", "poses drift by 3 cm/s", lie, DRIFTED_S)
 
 
 def _in_bend(case: Case) -> Case:
@@ -158,28 +158,6 @@ def _in_bend(case: Case) -> Case:
     return dataclasses.replace(case, name=name, what=what, approach=approach)
 
 
-def _turn(_: Stage, __: Pose) -> Lie:
-    return lambda p, t: p._replace(heading_rad=p.heading_rad + TURN_RADPS * t)
-
-
-def _other_drives(ahead_m: float, left_m: float) -> Callable[[Stage, Pose], Lie]:
-    return lambda _, __: lambda p, _t: _beside(p, ahead_m, left_m)
-
-
-def _other_stands(_: Stage, start: Pose) -> Lie:
-    stands = _beside(start, 0.0, 0.08)
-    return lambda _p, _t: stands
-
-
-def _mirrored(stage: Stage, _: Pose) -> Lie:
-    width_m = stage.bench.road_map.width_m
-    return lambda p, _t: Pose(width_m - p.x_m, p.y_m, math.pi - p.heading_rad)
-
-
-def _scaled(_: Stage, __: Pose) -> Lie:
-    return lambda p, _t: p._replace(x_m=1.1 * p.x_m, y_m=1.1 * p.y_m)
-
-
 WAYS = (
     _frozen("frozen", "the same picture again and again", _same, OLD, "HOLD"),
     _frozen("flickering", "the same, but for one pixel", _flickering, OLD, "HOLD"),
@@ -193,11 +171,24 @@ WAYS = (
     _drift("right", 0.0, -1.0),
     _in_bend(_drift("ahead", 1.0, 0.0)),
     _in_bend(_drift("left", 0.0, 1.0)),
-    _told("headings turn", "by 3 degrees a second", _turn, TURNED_S),
-    _told("swapped", "the other, 8 cm to the left, stands", _other_stands, SWAPPED_S),
-    _told("swapped beside", "it drives along", _other_drives(0.0, 0.08), SWAPPED_S),
-    _told("swapped ahead", "it drives along", _other_drives(0.08, 0.0), SWAPPED_S),
-    _told("poses mirrored", "poses of a mirrored map", _mirrored, SWAPPED_S),
-    _told("poses scaled", "poses of a map that is 10 % larger", _scaled, SWAPPED_S),
+    _told(
+        *("headings turn", "by 3 degrees a second"),
+        lambda p, t_s, _: p._replace(heading_rad=p.heading_rad + TURN_RADPS * t_s),
+        TURNED_S,
+    ),
+    _told(
+        *("swapped", "the other, 8 cm to the left, stands"),
+        lambda _p, _t, first: _beside(first, 0.0, 0.08),
+    ),
+    _told("swapped beside", "it drives along", lambda p, *_: _beside(p, 0.0, 0.08)),
+    _told("swapped ahead", "it drives along", lambda p, *_: _beside(p, 0.08, 0.0)),
+    _told(
+        *("poses mirrored", "poses of a mirrored map"),
+        lambda p, *_: Pose(WIDTH_M - p.x_m, p.y_m, math.pi - p.heading_rad),
+    ),
+    _told(
+        *("poses scaled", "poses of a map that is 10 % larger"),
+        lambda p, *_: p._replace(x_m=1.1 * p.x_m, y_m=1.1 * p.y_m),
+    ),
 )
 CASES = {"localizer": LOCALIZER, "ways": WAYS}

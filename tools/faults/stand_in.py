@@ -20,7 +20,8 @@ from tools.loop.wire_watch import let_sockets_wait
 if TYPE_CHECKING:
     from tools.loop.bench import Bench
 
-Lie = Callable[[Pose, float], Pose]  # of a true pose, and the time since it began [s]
+# Of a true pose, the time since the lie began [s], and the true pose of then.
+Lie = Callable[[Pose, float, Pose], Pose]
 
 
 class StandIn:
@@ -34,7 +35,7 @@ class StandIn:
         self.twins = False  # two sessions at once
         self.instead: list[bytes] = []  # sent in place of poses
         self._bench = bench
-        self.lies(lambda pose, _: pose)
+        self.lies(lambda pose, *_: pose)
         self._shared = shared
         let_sockets_wait()
         self._link = Link(keys or load_keys(config.keys), config)
@@ -51,7 +52,7 @@ class StandIn:
 
     def lies(self, lie: Lie) -> None:
         """From now on tell what ``lie`` makes of the true pose."""
-        self._lie, self._lies_since_s = lie, self._bench.now_s
+        self._lie, self._since_s, self._first = lie, self._bench.now_s, self._bench.town.pose
 
     def _send(self, data: bytes) -> None:
         self._link.allow_list.admit()
@@ -66,7 +67,8 @@ class StandIn:
     def _tell_pose(self) -> None:
         self._sequence += 1
         bench_s = self._bench.now_s
-        x_m, y_m, heading_rad = self._lie(self._bench.town.pose, bench_s - self._lies_since_s)
+        told = self._lie(self._bench.town.pose, bench_s - self._since_s, self._first)
+        x_m, y_m, heading_rad = told
         seen = Sighting(ROBOT, float(x_m), float(y_m), float(wrap_angle(heading_rad)), 0.95)
         now_s = bench_s + self.clock_step_s
         session = self._sessions[self._sequence % 2 if self.twins else 0]
