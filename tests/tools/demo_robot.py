@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import time
 from pathlib import Path
@@ -26,6 +27,7 @@ from robot.contract import (
     ImageSpec,
     PolicyContract,
 )
+from robot.errors import ContractError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.command_server import CommandServer
@@ -44,7 +46,6 @@ from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Safety, State
 from robot.safety.wheel_limits import STILL
 from tests.robot.link.conftest import configs_of
-from tools.lane_places import on_straight_lane
 
 NAME = "duck"
 POSE_NOISE_M = 0.004
@@ -111,6 +112,21 @@ class BlindCamera:
         self._sequence += 1
         picture = self._rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)
         return Frame(picture, self._sequence, time.monotonic())
+
+
+def on_straight_lane(road_map: RoadMap, share: float) -> Pose:
+    """The pose after a share of the longest straight lane; ContractError on a map without one."""
+    longest, found = 0.0, None
+    for lane in road_map.lanes:
+        points = np.asarray(lane.control_points_m)
+        (x_m, y_m), ways = points[3] - points[0], np.diff(points, axis=0)
+        straight = np.abs(x_m * ways[:, 1] - y_m * ways[:, 0]).max() < 1e-9
+        if straight and math.hypot(x_m, y_m) > longest:
+            longest, at = math.hypot(x_m, y_m), points[0] + share * (points[3] - points[0])
+            found = Pose(float(at[0]), float(at[1]), math.atan2(y_m, x_m))
+    if found is None:
+        raise ContractError(f"{road_map.name}: expected a map with a straight road, got none")
+    return found
 
 
 class DemoRobot:

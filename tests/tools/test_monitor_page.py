@@ -17,7 +17,7 @@ from robot.link.keys import keygen
 from robot.navigation.road_map import RoadMap, load_map
 from tests.robot.link.conftest import free_base_port
 from tests.tools.browser import Browser, find_chromium
-from tools.lane_places import on_straight_lane
+from tests.tools.demo_robot import on_straight_lane
 
 CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 from dataclasses import replace
@@ -10,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.errors import PlanError
-from robot.geometry import wrap_angle
+from robot.geometry import Pose, wrap_angle
 from robot.link.keys import Keys
-from robot.navigation.planner import LaneGraph, plan_path
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
-from tools.lane_places import on_straight_lane
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.conductor import Conductor
 from tools.loop.timekeeper import BenchError
 
+START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena
+GOAL = (1.892, 1.76)  # the end of a lane, to which the way is longest
 DRIVE_S = 1.7  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over
 SILENT_S = 1.5  # the same, where the page must say that the robot is silent
@@ -43,8 +41,7 @@ class Stage:
         self.rng = np.random.default_rng(options.seed)
         self.stand_in: StandIn | None = None
         self.note = ""  # from a case's injection to its check
-        self.start = on_straight_lane(self.bench.road_map, 0.1)
-        self.goal = self._far_place()
+        self.start, self.goal = START, GOAL
         self.bench.town.world.place(self.start)
 
     def __enter__(self) -> Stage:
@@ -213,15 +210,6 @@ class Stage:
             return f"mended and armed again, it does not drive: {error}"
         same = process is self.bench.processes["robot"] and process.alive
         return "" if same else "it had to be started again"
-
-    def _far_place(self) -> tuple[float, float]:
-        """The end of a lane to which the way is longest."""
-        graph, ways = LaneGraph(self.bench.road_map), {}
-        for lane in self.bench.road_map.lanes:
-            x_m, y_m = (float(v) for v in lane.control_points_m[3])
-            with contextlib.suppress(PlanError):
-                ways[(x_m, y_m)] = plan_path(graph, self.start, (x_m, y_m)).length_m
-        return max(ways, key=lambda place: ways[place])
 
 
 def _shown_problem(case: Case, state: str, reason: str) -> str:

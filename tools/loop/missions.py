@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robot.errors import PlanError
-from robot.geometry import Pose, wrap_angle
+from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
+from robot.navigation.lanes import Lane
 from robot.navigation.planner import LaneGraph, plan_path
-from tools.lane_places import on_lane
 from tools.loop.bench import Bench
 from tools.loop.timekeeper import BenchError
 
@@ -191,6 +191,13 @@ class Driver:
         x_m, y_m, heading_rad = earlier + share * np.array([*way[:2], wrap_angle(way[2])])
         error_rad = float(wrap_angle(pose[2] - heading_rad))
         record.errors.append((math.dist((x_m, y_m), pose[:2]), error_rad))
+
+
+def on_lane(lane: Lane, t: float) -> Pose:
+    """The pose at a parameter of the lane's Bezier, 0 to 1."""
+    (at,) = bezier_points(lane.control_points_m, np.array([t]))
+    (ahead,) = bezier_tangents(lane.control_points_m, np.array([t]))
+    return Pose(float(at[0]), float(at[1]), math.atan2(ahead[1], ahead[0]))
 
 
 def distance_m(line_m: Line, pose: Pose) -> float:

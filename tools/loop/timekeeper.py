@@ -6,26 +6,16 @@ import select
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.threads import Worker
+from tools.loop.devices import Listener
 
 LOOK_S = 0.05  # real time between two looks at who has come
 
 
 class BenchError(RuntimeError):
     """A process of the bench died or hangs."""
-
-
-class Service(Protocol):
-    """Virtual hardware that answers requests; see `tools.loop.devices`."""
-
-    def filenos(self) -> list[int]:
-        """What to wait for."""
-
-    def serve(self) -> None:
-        """Answer what has come; never blocks."""
 
 
 @dataclass
@@ -43,13 +33,13 @@ class Timekeeper:
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self._events: list[Event] = []
-        self._services: list[Service] = []
+        self._services: list[Listener] = []
 
     def prefix(self, name: str) -> list[str]:  # noqa: ARG002  who starts may matter
         """What goes between ``python`` and the program's module, to start it in this time."""
         return ["-m"]
 
-    def add_service(self, service: Service) -> None:
+    def add_service(self, service: Listener) -> None:
         """Serve this hardware's requests from now on."""
         self._services.append(service)
 
@@ -127,7 +117,7 @@ class RealTime(Timekeeper):
 class Hardware(Worker):
     """Serves the virtual hardware's sockets."""
 
-    def __init__(self, services: list[Service]) -> None:
+    def __init__(self, services: list[Listener]) -> None:
         super().__init__("hardware")
         self._services = services
 

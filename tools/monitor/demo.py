@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 from robot.inference.policy import SHIPPED_MODELS
-from tools.lane_places import on_straight_lane
 from tools.loop.bench import PROGRAMS, Bench, BenchOptions
+from tools.loop.missions import on_lane
 
 MODEL = SHIPPED_MODELS / "nav_dueling.onnx"
 TURN_S = 0.02
@@ -23,7 +23,7 @@ def show(arguments: argparse.Namespace) -> None:
     options = BenchOptions(MODEL, arguments.map, page=tuple(page))
     with tempfile.TemporaryDirectory(prefix="duckpilot-demo-") as folder:
         bench = Bench(options, Path(folder))
-        bench.town.world.place(on_straight_lane(bench.road_map, 1.0 / 3.0))
+        bench.town.world.place(on_lane(bench.road_map.lanes[0], 0.5))
         try:
             monitor = bench.start("monitor")
             bench.until(lambda: "?token=" in monitor.said(), PATIENCE_S, "an address", TURN_S)
