@@ -27,6 +27,7 @@ from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
+from sim_pybullet.overhead import OVERHEAD_LENS
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tests.sim_pybullet.lane_pose import lane_pose
@@ -39,6 +40,7 @@ from tools.loop.missions import Driver, distance_m
 from tools.loop.picture_server import PictureServer
 from tools.loop.proxy import Proxy
 from tools.loop.shared_time import SharedTime
+from tools.loop.town import _over
 
 
 @contextmanager
@@ -151,6 +153,17 @@ def test_a_network_delays_keeps_the_order_and_can_be_cut() -> None:
                 assert time.monotonic() - began_s < 5.0
                 proxy.cut = True
                 assert other.recv(1) == b"", "hung up"
+
+
+@pytest.mark.parametrize("name", ["arena", "town", "loop"])
+def test_the_overhead_camera_sees_the_whole_road(name: str) -> None:
+    road_map = load_map(name)
+    hanging = _over(road_map.width_m, road_map.height_m)
+    points_m = np.concatenate([lane.control_points_m[[0, 3]] for lane in road_map.lanes])
+    rays = np.column_stack((points_m, np.zeros(len(points_m)))) - hanging.position_m
+    pixels = OVERHEAD_LENS.project(rays @ hanging.rotation)
+    assert (pixels > 20).all()
+    assert (pixels < np.array([1280, 720]) - 20).all()
 
 
 def test_moments_and_counts_are_shared(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,6 @@ from robot.hat.config import HatConfig
 from robot.link.config import LinkConfig
 from robot.link.keys import BOUND_BY, keygen
 from robot.navigation.road_map import load_map
-from robot.safety.gates import SafetyLimits
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.free_ports import free_ports
@@ -55,7 +54,6 @@ class BenchOptions:
     look: Look = NOMINAL
     seed: int = 0
     lockstep: bool = True
-    safety: SafetyLimits = field(default_factory=SafetyLimits)
     robot_python: str = sys.executable
     record: bool = False  # the robot's drives
     recordings: Path | None = None  # where; else in the bench's folder
@@ -276,7 +274,6 @@ class Bench:
             sight=str(self.options.sight.resolve()) if self.options.sight else "",
             camera=CameraConfig("socket", path=str(self.town.camera.path), fps=CAMERA_FPS),
             hat=HatConfig(socket=str(self.town.bus_server.path)),
-            safety=self.options.safety,
             link=self.link_configs["robot"],
             recording=recording,
         )
