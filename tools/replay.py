@@ -13,24 +13,10 @@ from pathlib import Path
 from robot.command_line import OneLineParser, answer, spoken
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
-from robot.recording.replay import Replayed, replay
+from robot.recording.replay import replay
 
 SHOWN = 20
 PROGRAM = "python -m tools.replay"
-
-
-def tell(found: Replayed, recording: Path) -> None:
-    """Print what a person wants to know."""
-    for difference in found.differences[:SHOWN]:
-        print(f"turn {difference.number} at {difference.time_s:.2f} s: {difference.sentence}")
-    if len(found.differences) > SHOWN:
-        print(f"… and {len(found.differences) - SHOWN} more")
-    how = "bit for bit" if found.exact else f"values within {found.worst:.1e}"
-    close = f", {found.close} too close to call" if found.close else ""
-    print(
-        f"{recording.name}: {found.decisions} decisions of {found.turns} turns replayed ({how}), "
-        f"{len(found.differences)} differ{close}"
-    )
 
 
 def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
@@ -44,14 +30,22 @@ def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
 
 def decide_again(options: argparse.Namespace) -> int:
     """0: nothing differs; 1: something does; ContractError: nothing was decided in it."""
-    policy = OnnxPolicy(options.model) if options.model else None
-    found = replay(options.recording, policy)
+    found = replay(options.recording, OnnxPolicy(options.model) if options.model else None)
     if not found.decisions:
         raise ContractError(
             f"{options.recording}: expected the robot's own recording of a drive by its policy, "
             f"found no decision in its {found.turns} turns"
         )
-    tell(found, options.recording)
+    for difference in found.differences[:SHOWN]:
+        print(f"turn {difference.number} at {difference.time_s:.2f} s: {difference.sentence}")
+    if len(found.differences) > SHOWN:
+        print(f"… and {len(found.differences) - SHOWN} more")
+    how = "bit for bit" if found.exact else f"values within {found.worst:.1e}"
+    close = f", {found.close} too close to call" if found.close else ""
+    print(
+        f"{options.recording.name}: {found.decisions} decisions of {found.turns} turns replayed "
+        f"({how}), {len(found.differences)} differ{close}"
+    )
     return 1 if found.differences else 0
 
 

@@ -36,12 +36,7 @@ def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
     source.add_argument("--link", type=Path, help="YAML with keys, robot_host, localizer_host")
     source.add_argument("--demo", action="store_true", help="a robot on virtual hardware")
     arguments = parser.parse_args(argv)
-
-    def work() -> None:
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-        serve(arguments)
-
-    return answer("monitor", work)
+    return answer("monitor", lambda: serve(arguments))
 
 
 def serve(arguments: argparse.Namespace) -> None:
@@ -54,6 +49,7 @@ def serve(arguments: argparse.Namespace) -> None:
     from tools.monitor.app import create_app
     from tools.monitor.monitor import Monitor
 
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     road_map = load_map(arguments.map)
     expect_folder(arguments.drives)
     listening = _listening(arguments.host, arguments.port)
