@@ -14,8 +14,7 @@ from robot.link.keys import Keys
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
 from tools.loop.bench import Bench, BenchOptions
-from tools.loop.conductor import Conductor
-from tools.loop.timekeeper import BenchError
+from tools.loop.timekeeper import BenchError, Conductor
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena
 GOAL = (1.892, 1.76)  # the end of a lane, to which the way is longest

@@ -26,10 +26,9 @@ from robot.navigation.road_map import load_map
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.free_ports import free_ports
-from tools.loop.conductor import Conductor
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
-from tools.loop.timekeeper import BenchError, RealTime, Timekeeper
+from tools.loop.timekeeper import BenchError, Conductor, RealTime, Timekeeper
 from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
 
 START_S = 30.0  # until all have heard of each other

@@ -1,17 +1,29 @@
-"""What both ways of keeping the bench's time share: hardware that answers, events that recur."""
+"""Who gives time to the processes of the bench: a conductor in lock-step, or the wall clock.
+
+In lock-step nothing happens while anybody still works: time goes on to the next moment that
+somebody waits for, and those who are due run one after the other. So a drive is the same on every
+machine, however slow.
+"""
 
 from __future__ import annotations
 
 import select
+import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.threads import Worker
+from sim_pybullet.virtual.clock import VirtualClock
 from tools.loop.devices import Listener
+from tools.loop.shared_time import SharedTime
+from tools.loop.stepper import GO, IDLE
 
 LOOK_S = 0.05  # real time between two looks at who has come
+PATIENCE_S = 120.0  # real time that a process may work on one moment
+START_S = 1000.0  # no process may take the beginning of time for "never"
 
 
 class BenchError(RuntimeError):
@@ -80,7 +92,7 @@ class Timekeeper:
 
 
 class RealTime(Timekeeper):
-    """Does what `tools.loop.conductor.Conductor` does, without giving time to anybody.
+    """Does what `Conductor` does, without giving time to anybody.
 
     Hardware answers in a thread of its own: a motor's driver does not wait for a picture to be
     drawn.
@@ -131,3 +143,148 @@ class Hardware(Worker):
                 continue
             for service in services if ready else ():
                 service.serve()
+
+
+@dataclass
+class Participant:
+    """A process in lock-step."""
+
+    name: str
+    connection: socket.socket
+    until_s: float = 0.0
+    idle: bool = False
+    frozen: bool = False
+    unread: bytearray = field(default_factory=bytearray)
+
+
+class Conductor(Timekeeper):
+    """Lock-step. ``run_until`` lets everybody live up to a moment.
+
+    Args:
+        folder: for the sockets of time.
+        order: names of the processes; who is due at the same moment runs in this order.
+    """
+
+    def __init__(self, folder: Path, order: tuple[str, ...]) -> None:
+        self._time = VirtualClock(START_S)
+        super().__init__(self._time)
+        self.path, self.time_path = folder / "conductor", folder / "time"
+        self.shared = SharedTime(self.time_path, create=True)
+        self.shared.set("now", self.clock.now())
+        self._order = order
+        self._participants: dict[str, Participant] = {}
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(str(self.path))
+        self._listener.listen()
+
+    def prefix(self, name: str) -> list[str]:
+        """Starts a program in step."""
+        return ["-m", "tools.loop.in_step", str(self.path), str(self.time_path), name]
+
+    def joined(self, name: str, process_alive: Callable[[], bool]) -> None:
+        """Wait until it asks for time; BenchError when it ended before."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while name not in self._participants:
+            if not process_alive() or time.monotonic() > deadline_s:
+                raise BenchError(f"{name}: expected it to start, it did not; see its log")
+            if select.select([self._listener], [], [], 0.05)[0]:
+                connection = self._listener.accept()[0]
+                told = connection.recv(16, socket.MSG_WAITALL).decode().strip()
+                self._participants[told] = Participant(told, connection)
+
+    def freeze(self, name: str, frozen: bool) -> None:
+        """A process that was stopped (SIGSTOP) is not waited for."""
+        if name in self._participants:
+            self._participants[name].frozen = frozen
+
+    def poked(self, name: str) -> None:
+        """A process was sent something that wakes it: wait until it is done with it."""
+        participant = self._participants.get(name)
+        if participant is not None and not participant.frozen:
+            participant.idle = False
+        self.settle()
+
+    def woken(self, name: str) -> None:
+        """As ``poked``, for hardware that answers a waiting process."""
+        if name in self._participants:
+            self._participants[name].idle = False
+
+    def run_until(self, time_s: float) -> None:
+        """Go on until the clock reads ``time_s`` [s]."""
+        self.settle()
+        while True:
+            moments = [e.due_s for e in self._events]
+            moments += [p.until_s for p in self._participants.values() if not p.frozen]
+            next_s = min([*moments, time_s])
+            self._time.advance_to(next_s)
+            self.shared.set("now", self.clock.now())
+            self._happen()
+            self._let_go()
+            if next_s >= time_s:
+                return
+
+    def settle(self) -> None:
+        """Serve and wait until every process waits.
+
+        BenchError: one works on this moment for too long.
+        """
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            busy = [p for p in self._participants.values() if not (p.idle or p.frozen)]
+            self._listen(1.0 if busy else 0.0)
+            if not busy:
+                return
+            if time.monotonic() > deadline_s:
+                names = ", ".join(p.name for p in busy)
+                raise BenchError(f"{names}: no end to its work at {self.clock.now():.3f} s")
+
+    def close(self) -> None:
+        """Give nobody time any more; processes in step end by that."""
+        for participant in self._participants.values():
+            participant.connection.close()
+        self._listener.close()
+
+    def _happen(self) -> None:
+        now_s = self.clock.now() + 1e-9
+        for event in list(self._events):
+            if event.due_s <= now_s:
+                event.due_s += event.period_s
+                event.happen()
+                self.settle()
+
+    def _let_go(self) -> None:
+        for name in self._order:
+            participant = self._participants.get(name)
+            if participant is None or participant.frozen:
+                continue
+            if participant.until_s <= self.clock.now() + 1e-9:
+                participant.idle = False
+                participant.connection.sendall(GO)
+                self.settle()
+
+    def _listen(self, wait_s: float) -> None:
+        """Read what participants say and serve the hardware, once."""
+        by_fd = {p.connection.fileno(): p for p in self._participants.values()}
+        fds = [fd for service in self._services for fd in service.filenos()]
+        ready = select.select([*by_fd, *fds], [], [], wait_s)[0]
+        if any(fd not in by_fd for fd in ready):
+            for service in self._services:
+                service.serve()
+        for fd in ready:
+            if fd in by_fd:
+                self._hear(by_fd[fd])
+
+    def _hear(self, participant: Participant) -> None:
+        try:
+            data = participant.connection.recv(4096)
+        except OSError:
+            data = b""
+        if not data:
+            participant.connection.close()
+            del self._participants[participant.name]
+            return
+        participant.unread += data
+        while len(participant.unread) >= IDLE.size:
+            _, participant.until_s = IDLE.unpack_from(participant.unread)
+            del participant.unread[: IDLE.size]
+            participant.idle = True
