@@ -29,7 +29,7 @@ from robot.navigation.path import Path, PathPosition
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch
-from robot.navigation.sight_fix import LINE, ROAD, SightFix
+from robot.navigation.sight_fix import SightFix
 from robot.navigation.way_check import WayCheck
 from robot.navigation.whereabouts import Whereabouts
 from robot.parts import Guidance, Tick
@@ -309,8 +309,7 @@ class MissionNavigator:
         self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
         self._look_around(seen, frame.time_s)
         if self._watch is not None:
-            told = seen.line[0] > LINE and seen.road[0] > ROAD
-            self._watch.saw_line(self._driven_m + float(seen.figures[0, 3]) if told else math.nan)
+            self._watch.saw(seen, self._driven_m, frame.time_s)
 
     def _look_around(self, seen: Seen, now_s: float) -> None:
         """A robot that nothing tells its place looks for it, while a person drives it by hand."""

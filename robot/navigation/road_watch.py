@@ -11,25 +11,34 @@ import numpy as np
 from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Neighbours
+from robot.navigation.sight_fix import LINE, ROAD
+from robot.navigation.way_seen import WaySeen
 from robot.safety.governors import NOSE_M
 from robot.safety.road_ahead import RoadAhead
+from robot.vision.sight import Seen
 
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 
 
 class RoadWatch:
-    """Red lines by the map or by sight; whoever is on the road by overhead poses.
+    """Red lines by the map or by sight; whoever is on the road by overhead poses or by sight.
 
-    ``others``: hears of them; without, the road is empty.
+    ``others`` hears of them, ``way`` sees them; either will do, and of both the nearer counts.
+    Without both the road is empty.
     """
 
-    def __init__(self, view: LaneView, others: Optional[Neighbours] = None) -> None:
-        self.view, self.others = view, others
+    def __init__(
+        self, view: LaneView, others: Optional[Neighbours] = None, way: Optional[WaySeen] = None
+    ) -> None:
+        self.view, self.others, self._way = view, others, way
         self._line_seen_m = math.nan  # by the wheels' steps, with the axle there
 
-    def saw_line(self, at_m: float) -> None:
-        """Where sight saw the next red line, by the wheels' steps; NaN where it saw none."""
-        self._line_seen_m = at_m
+    def saw(self, seen: Seen, driven_m: float, now_s: float) -> None:
+        """What sight sees in a new picture, after so much driven by the wheels' steps."""
+        lined = seen.line[0] > LINE and seen.road[0] > ROAD
+        self._line_seen_m = driven_m + float(seen.figures[0, 3]) if lined else math.nan
+        if self._way is not None:
+            self._way.see(seen, driven_m, now_s)
 
     def look(
         self, now_s: float, pose: Pose, within_m: float, driven_m: float, way_m: np.ndarray
@@ -42,6 +51,10 @@ class RoadWatch:
         if within_m <= MAP_LINES_M:
             ahead_m = self.view.line_ahead_m(pose)
         line_m = ahead_m - NOSE_M if math.isfinite(ahead_m) else None
-        if self.others is None:
-            return RoadAhead(line_m=line_m)
-        return replace(self.others.ahead(now_s, pose, way_m), line_m=line_m)
+        told = RoadAhead() if self.others is None else self.others.ahead(now_s, pose, way_m)
+        if self._way is not None:
+            seen = self._way.ahead(driven_m, now_s)
+            if math.isnan(told.free_m) or seen.free_m < told.free_m:
+                own = seen.free_m, seen.free_sigma_m
+                told = replace(told, free_m=own[0], free_sigma_m=own[1], coming_mps=0.0)
+        return replace(told, line_m=line_m)

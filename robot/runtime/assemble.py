@@ -30,6 +30,7 @@ from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
 from robot.navigation.road_watch import RoadWatch
+from robot.navigation.way_seen import WaySeen
 from robot.parts import Motors, Operator, Policy, Subscriber, Tick
 from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder
@@ -165,7 +166,9 @@ def open_navigator(
     road_map = load_map(config.map)
     view = LaneView(road_map)
     others = Neighbours(view, config.name) if config.rules.headway else None
-    watch = None if config.rules == Rules() else RoadWatch(view, others)
+    seen = others is not None and glimpse is not None and glimpse.sight.tells_way
+    way = WaySeen() if seen else None
+    watch = None if config.rules == Rules() else RoadWatch(view, others, way)
     return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse, watch)
 
 

@@ -16,7 +16,7 @@ class Rules:
     """``rules`` of robot.yaml. ConfigError: right of way without the others, which it needs."""
 
     stop_lines: bool = False  # stand before each red line, then go on
-    headway: bool = False  # stand before whatever overhead poses show on the lane, or for want of
+    headway: bool = False  # stand before what is on the lane, and for want of who tells it
     right_of_way: bool = False  # at junctions: who came first, then who comes from the right
 
     def __post_init__(self) -> None:

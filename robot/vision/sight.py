@@ -96,6 +96,11 @@ class OnnxSight:
         outputs = [Tensor("seen", "tensor(float)", (None, len(columns)))]
         expect_tensors(path, self._network, inputs, outputs, REMEDY)
 
+    @property
+    def tells_way(self) -> bool:
+        """Whether it says what is in the way; files of before do not."""
+        return self.contract.columns == COLUMNS
+
     def __call__(self, pictures: np.ndarray) -> Seen:
         """What pictures (N, H, W, 3) uint8 RGB show, as ``preprocess`` makes them.
 

@@ -1,9 +1,17 @@
 import math
 
 import numpy as np
+import pytest
 
-from robot.navigation.way_seen import CLEAR, WaySeen, free_way_seen
+from robot.link.messages import PoseMessage
+from robot.navigation.lane_view import LaneView
+from robot.navigation.neighbours import Neighbours
+from robot.navigation.road_map import load_map
+from robot.navigation.road_watch import RoadWatch
+from robot.navigation.way_seen import CLEAR, FRESH_S, WaySeen, free_way_seen
+from robot.safety.road_ahead import RoadAhead
 from robot.vision.sight import COLUMNS, COLUMNS_BEFORE, Seen, as_seen
+from tests.robot.navigation.test_neighbours import HERE, WAY
 
 
 def picture(thing: float, free_m: float = 0.3) -> Seen:
@@ -19,23 +27,52 @@ def test_a_file_of_before_tells_of_nobody() -> None:
 
 def test_what_is_seen_comes_nearer_as_the_wheels_turn() -> None:
     way = WaySeen()
-    assert way.ahead(1.0).free_m == math.inf
-    way.see(picture(0.9), 1.0)
-    assert (way.ahead(1.1).free_m, way.ahead(1.1).free_sigma_m) == (0.3 - (1.1 - 1.0), 0.02)
+    way.see(picture(0.9), 1.0, 0.0)
+    assert way.ahead(1.1, 0.1) == RoadAhead(0.3 - (1.1 - 1.0), 0.02)
 
 
 def test_it_is_forgotten_only_after_several_pictures_without_it() -> None:
     way = WaySeen()
-    way.see(picture(0.9), 0.0)
+    way.see(picture(0.9), 0.0, 0.0)
     for _ in range(CLEAR - 1):
-        way.see(picture(0.1), 0.0)
-        assert way.ahead(0.0).free_m == 0.3
-    way.see(picture(0.1), 0.0)
-    assert way.ahead(0.0).free_m == math.inf
+        way.see(picture(0.1), 0.0, 0.0)
+        assert way.ahead(0.0, 0.0).free_m == 0.3
+    way.see(picture(0.1), 0.0, 0.0)
+    assert way.ahead(0.0, 0.0).free_m == math.inf
 
 
 def test_the_newest_picture_counts_whatever_was_before() -> None:
     way = WaySeen()
-    way.see(picture(0.9, 0.3), 0.0)
-    way.see(picture(0.9, 0.2), 0.05)
-    assert way.ahead(0.05).free_m == 0.2
+    way.see(picture(0.9, 0.3), 0.0, 0.0)
+    way.see(picture(0.9, 0.2), 0.05, 0.1)
+    assert way.ahead(0.05, 0.1).free_m == 0.2
+
+
+def test_without_a_fresh_picture_nothing_is_known() -> None:
+    way = WaySeen()
+    assert math.isnan(way.ahead(0.0, 0.0).free_m)
+    way.see(picture(0.1), 0.0, 1.0)
+    assert way.ahead(0.0, 1.0 + FRESH_S).free_m == math.inf
+    assert math.isnan(way.ahead(0.0, 1.01 + FRESH_S).free_m)
+
+
+def test_sight_tells_without_overhead_poses_and_of_both_the_nearer_counts() -> None:
+    view = LaneView(load_map("loop"))
+    poses = Neighbours(view, "robot")
+    watch = RoadWatch(view, poses, WaySeen())
+
+    def free_m() -> float:
+        return watch.look(1.0, HERE, 0.05, 0.0, WAY).free_m
+
+    assert math.isnan(free_m()), "neither heard nor seen"
+    watch.saw(picture(0.1), 0.0, 1.0)
+    assert free_m() == math.inf
+    watch.saw(picture(0.9, 0.3), 0.0, 1.0)
+    assert free_m() == 0.3
+    stamp = (7.0, "a" * 16, 1, 7.0)
+    for other_m in (0.3, 0.9):
+        other = PoseMessage("other", HERE.x_m + other_m, HERE.y_m, 0.0, 0.9, *stamp)
+        poses = watch.others = Neighbours(view, "robot")
+        poses.hear([PoseMessage("robot", *HERE, 0.9, *stamp), other], 1.0)
+        expected = 0.3 if other_m > 0.5 else other_m - 0.09 - 0.066
+        assert free_m() == pytest.approx(expected, abs=0.011)
