@@ -71,10 +71,8 @@ def corner_points(
 ) -> List[KnownPoint]:
     """The map's corners, in the order of ``map_corners``; ConfigError unless four are given."""
     if len(pixels) != 4:
-        raise ConfigError(
-            "expected four --corner U,V (south-west, south-east, north-east, north-west), "
-            f"got {len(pixels)}"
-        )
+        order = "south-west, south-east, north-east, north-west"
+        raise ConfigError(f"expected four --corner U,V ({order}), got {len(pixels)}")
     corners = map_corners(map_size_m).tolist()
     return [KnownPoint(*pixel, *corner) for pixel, corner in zip(pixels, corners)]
 
@@ -128,10 +126,7 @@ def calibrate(
 
 def _check_points(pixels: np.ndarray, floor_m: np.ndarray, lens: Lens) -> None:
     if len(pixels) < 4:
-        raise ConfigError(
-            f"calibration: expected at least 4 points, got {len(pixels)}; "
-            "the four corners of the map will do"
-        )
+        raise ConfigError(f"calibration: expected at least 4 points, got {len(pixels)}")
     size = (lens.width_px, lens.height_px)
     for i, (u, v) in enumerate(pixels):
         if not (-0.5 <= u <= size[0] - 0.5 and -0.5 <= v <= size[1] - 0.5):

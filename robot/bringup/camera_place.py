@@ -105,9 +105,8 @@ def _start(
             starts.append((cost, trial, rotation, position))
     if mirrored and not starts:
         raise ConfigError(
-            "camera: expected the floor seen from above, got it mirrored; two points are swapped, "
-            "or the picture is flipped (corner order: south-west, south-east, north-east, "
-            "north-west)"
+            "camera: expected the floor seen from above, got it mirrored; the picture is flipped, "
+            "or two points are swapped (south-west, south-east, north-east, north-west)"
         )
     if not starts:
         raise ConfigError(

@@ -174,8 +174,7 @@ def check_mount_fit(fit: MountFit, before: Mount, width_px: int) -> None:
     if fit.residual_px > most_px:
         raise ConfigError(
             f"camera: the corners miss the fitted board by {fit.residual_px:.2f} px, expected at "
-            f"most {most_px:.2f}; is the sheet flat and printed at 100 %? else calibrate the lens "
-            "first"
+            f"most {most_px:.2f}; is the sheet flat, printed at 100 %, and the lens calibrated?"
         )
     for what, value, (low, high) in (
         ("height_m", mount.height_m, HEIGHT_RANGE_M),
@@ -184,10 +183,7 @@ def check_mount_fit(fit: MountFit, before: Mount, width_px: int) -> None:
         ("yaw_rad against the board", mount.yaw_rad, TWIST_RANGE_RAD),
     ):
         if not low <= value <= high:
-            raise ConfigError(
-                f"camera {what}: expected {low:.2f} to {high:.2f}, got {value:.3f} "
-                f"(residual {fit.residual_px:.2f} px)"
-            )
+            raise ConfigError(f"camera {what}: expected {low:.2f} to {high:.2f}, got {value:.3f}")
     off_m = (mount.forward_m - before.forward_m, mount.left_m - before.left_m)
     if max(map(abs, off_m)) > PLACE_TOLERANCE_M:
         raise ConfigError(

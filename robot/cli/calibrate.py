@@ -102,8 +102,7 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
     if corners is None:
         raise ConfigError(
             f"camera: expected the board with all its {chessboard.COLUMNS} by {chessboard.ROWS} "
-            "squares in the picture, found none; lay it before the robot, in even light, and see "
-            "that nothing covers it"
+            "squares, found none; lay it before the robot, in even light, with nothing on it"
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
     lens, before = config.camera.lens.scaled(*size), config.camera.mount

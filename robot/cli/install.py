@@ -48,10 +48,7 @@ def run(options: argparse.Namespace) -> None:
 def make_command(checkout: Path, model: Path) -> List[str]:
     """What installs a checkout; ConfigError where it is none, or there is no such model."""
     if not (checkout / "pyproject.toml").is_file():
-        raise ConfigError(
-            f"{checkout}: expected a checkout of the repository, with pyproject.toml; run "
-            "`python -m robot install` in one"
-        )
+        raise ConfigError(f"{checkout}: expected a checkout, with pyproject.toml; install from one")
     if not model.is_file():
         raise ConfigError(f"{model}: expected an ONNX policy, got no such file")
     return ["sh", str(SCRIPT), str(checkout), sys.executable, str(model)]

@@ -76,8 +76,7 @@ class Pca9685:
         tried = ", ".join(f"0x{address:02X}" for address in addresses)
         raise HardwareError(
             f"{bus.name}: expected a PCA9685 at {tried}, nobody answered; check that the HAT is "
-            "seated and has 3.3 V, that the address jumpers match the configuration, and what "
-            f"`i2cdetect -y -r {bus.name.rsplit('-', 1)[-1]}` shows"
+            f"seated, its 3.3 V, its jumpers, `i2cdetect -y -r {bus.name.rsplit('-', 1)[-1]}`"
         )
 
     def initialise(self) -> None:

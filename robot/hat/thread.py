@@ -42,8 +42,7 @@ def own_bus(config: HatConfig) -> Iterator[Union[SmbusBus, SocketBus]]:
         except OSError as error:
             raise HardwareError(
                 f"{bus.name}: expected to be the only program that drives, another one has the bus;"
-                f" end that one first (`fuser {path}` tells which it is, `python -m robot off` "
-                "switches its coils off)"
+                f" end that one first (`fuser {path}` tells which; `robot off` switches it off)"
             ) from error
         yield bus
 

@@ -57,10 +57,7 @@ class Command(Message):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.mission is not None) != (self.kind in WITH_MISSION):
-            raise ContractError(
-                f"command {self.kind}: expected a mission with kind plan, mission or place, and "
-                "with no other"
-            )
+            raise ContractError(f"command {self.kind}: expected a mission with {WITH_MISSION} only")
         if self.kind == "place" and (self.mission is None or self.mission.start is None):
             raise ContractError("command place: expected the start of a mission, where it stands")
         if self.wheels is not None and self.kind != "manual":

@@ -84,10 +84,7 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
     folders = {name: Path(directory) / name for name in machines}
     for folder in folders.values():
         if folder.exists():
-            raise ConfigError(
-                f"{folder}: expected no such folder, got one: keys are never overwritten; "
-                "choose another directory, or delete it to replace the keys of all machines"
-            )
+            raise ConfigError(f"{folder} is there: keys are never overwritten; delete it before")
     pairs = {name: zmq.curve_keypair() for name in machines}
     try:
         for name, folder in folders.items():
@@ -113,16 +110,11 @@ def load_keys(folder: Union[str, Path]) -> Keys:
     role, secret = _read(folder / SECRET)
     mode = (folder / SECRET).stat().st_mode & 0o777
     if mode & 0o077:
-        raise ConfigError(
-            f"{folder / SECRET}: expected mode 600, got {mode:o}: others can read the secret; "
-            f"run chmod 600 {folder / SECRET}"
-        )
+        raise ConfigError(f"{folder / SECRET}: others can read it, mode {mode:o}; chmod 600 it")
     public_role, public = _read(folder / PUBLIC)
     if public_role != role:
-        raise ConfigError(
-            f"{folder}: expected a pair of keys of one role, got the secret of a {role} and the "
-            f"public key of a {public_role}"
-        )
+        got = f"{role} and {public_role}"
+        raise ConfigError(f"{folder}: expected a pair of keys of one role, got those of {got}")
     paths = sorted((folder / ALLOWED).glob("*.key"))
     return Keys(role, public, secret, {path.stem: Peer(*_read(path)) for path in paths})
 
