@@ -174,6 +174,17 @@ def check_translator(network: nn.Module, exported: OnnxTranslator, pictures: np.
         )
 
 
+def noise_seen(contract: PolicyContract, count: int) -> dict[str, np.ndarray]:
+    """Observations to compare by; of noise, which shows every difference."""
+    rng = np.random.default_rng(0)
+    shape = (count, *contract.picture_shape)
+    seen: dict[str, np.ndarray] = {"image": rng.integers(0, 256, shape, dtype=np.uint8)}
+    if contract.path_points:
+        path = rng.uniform(-1.0, 1.0, (count, contract.path_points))
+        seen["path"] = path.astype(np.float32)
+    return seen
+
+
 def run_onnx(path: Path, observations: dict[str, np.ndarray]) -> np.ndarray:
     """Values (N, actions) of an exported policy."""
     session = InferenceSession(str(path), providers=["CPUExecutionProvider"])

@@ -37,7 +37,7 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.output import atomically
 from robot.typed_config import load_yaml
-from trainer.export import check_equal, export_network
+from trainer.export import check_equal, export_network, noise_seen
 from trainer.torch_file import reading
 
 FRAMES_COMPARED = 64
@@ -75,7 +75,7 @@ def export_outside(source: str, contract: Path | None, out: Path | None) -> tupl
     else:
         network = _from_torch(source)
     network.eval()
-    seen = _pictures(agreed)
+    seen = noise_seen(agreed, FRAMES_COMPARED)
     _expect_values(network, seen, agreed, source)
     with atomically(out) as file:
         try:
@@ -202,17 +202,6 @@ class _ChoosingNetwork(nn.Module):
         if hasattr(actor, "get_action_dist_params"):
             return actor.get_action_dist_params(seen)[0].tanh()
         return actor(seen)
-
-
-def _pictures(contract: PolicyContract) -> dict[str, np.ndarray]:
-    """Observations to compare by; of noise, which shows every difference."""
-    rng = np.random.default_rng(0)
-    shape = (FRAMES_COMPARED, *contract.picture_shape)
-    seen: dict[str, np.ndarray] = {"image": rng.integers(0, 256, shape, dtype=np.uint8)}
-    if contract.path_points:
-        path = rng.uniform(-1.0, 1.0, (FRAMES_COMPARED, contract.path_points))
-        seen["path"] = path.astype(np.float32)
-    return seen
 
 
 def _expect_values(

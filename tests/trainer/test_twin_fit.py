@@ -12,10 +12,10 @@ from robot.errors import ConfigError
 from sim_pybullet.look import NOMINAL, CameraLook, DriveLook, Look, SensorLook, TimingLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
+from tests.trainer.virtual_drive import record_drive
 from trainer.twin.fit import fit_twin, write_twin
 from trainer.twin.motion import NAMES, fit_motion, from_above, reckoned
 from trainer.twin.recorded import read_recordings
-from trainer.twin.virtual import record_drive
 
 OWN = replace(
     NOMINAL,

@@ -16,12 +16,10 @@ from robot.navigation.road_map import load_map
 from robot.recording.turn import Turn
 from sim_pybullet.look import NOMINAL
 from trainer.export import export_network
-from trainer.twin.base import base_file, load_base
 from trainer.twin.examples import Examples, examples_of, foretold
-from trainer.twin.options import TeachConfig
-from trainer.twin.proof import put_proof, told
+from trainer.twin.proof import told
 from trainer.twin.recorded import Recorded
-from trainer.twin.teach import teach
+from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)
@@ -95,9 +93,10 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     teach(network, contract, load_map("loop"), [NOMINAL], person, config, seed=0)
     assert not torch.equal(before, network.head[0].weight)
     model = tmp_path / "model.onnx"
-    export_network(network, replace(contract, taught_from="lane_coached"), model)
+    taught = replace(contract, taught_from="lane_coached")
+    export_network(network, taught, model)
     assert told(OnnxPolicy(model), person) == (40, 40)  # what the person did, again and again
     proof = Proof(1, 0, 0.0, 0.8, 40, 40, "a sentence")
-    put_proof(model, proof)
+    export_network(network, replace(taught, proof=proof), model)
     assert OnnxPolicy(model).contract.proof == proof
     assert "proven to 0% of drives" in OnnxPolicy(model).contract.unproven

@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 from rich.console import Console
 from rich.progress import Progress
 
 from robot.errors import ConfigError
-from trainer.twin.options import TeachConfig
-
-_TEACH = TeachConfig()
 
 
 def fit_command(
@@ -41,9 +37,9 @@ def fit_command(
     write_twin(twin, out)
     page = out.with_suffix(".html")
     write_page(twin, drives[0], page)
-    for name, value in twin.values.items():
+    for name, (value, sd) in twin.found.items():
         if not isinstance(value, list):
-            console.print(f"{name:24} {value:9.4g} ± {2.0 * twin.sd[name]:.2g}", markup=False)
+            console.print(f"{name:24} {value:9.4g} ± {2.0 * sd:.2g}", markup=False)
     for line in twin.unseen:
         console.print(line, markup=False)
     console.print(f"{out}; {page}", markup=False)
@@ -55,8 +51,8 @@ def teach_command(
     base: str = "lane_coached",
     out: Path = Path("my_policy"),
     drives: int = 100,
+    steps: int = 900,
     seed: int = 0,
-    options: Annotated[TeachConfig, tyro.conf.arg(name="")] = _TEACH,
 ) -> int:
     """Teach a policy your floor: fit a twin, learn on in it, and prove how it drives there.
 
@@ -68,18 +64,17 @@ def teach_command(
         base: what it learns on from: an ONNX file, or the name of a shipped policy.
         out: folder.
         drives: in the twin, for the proof.
+        steps: of learning.
         seed: of everything random.
-        options: how much of what.
     """
     import torch
 
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
-    from trainer.twin.base import base_file, load_base
     from trainer.twin.examples import examples_of
-    from trainer.twin.proof import prove, put_proof
+    from trainer.twin.proof import prove
     from trainer.twin.recorded import read_recordings
-    from trainer.twin.teach import teach
+    from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
@@ -89,11 +84,12 @@ def teach_command(
     seen = read_recordings(recordings)
     looks, road_map = load_look_sampler(out / "twin.yaml"), seen[0].road_map
     person = examples_of(seen, contract, held_out=False)
+    options = TeachConfig(steps)
     with console.status("teaching"):
         teach(network, contract, road_map, looks, person, options, seed)
-    steps = contract.trained_steps + 2 * options.steps * options.robots
+    trained = contract.trained_steps + 2 * steps * options.robots
     taught = replace(
-        contract, run=out.name, taught_from=path.stem, trained_steps=steps, score=math.nan
+        contract, run=out.name, taught_from=path.stem, trained_steps=trained, score=math.nan
     )
     model = out / "model.onnx"
     export_network(network, taught, model)
@@ -101,8 +97,9 @@ def teach_command(
         row = bar.add_task("proof", total=drives)
         held_out = examples_of(seen, contract, held_out=True)
         proof = prove(model, road_map, looks, held_out, drives, lambda _: bar.advance(row))
-    problem = put_proof(model, proof).unproven
+    proven = replace(taught, proof=proof)
+    export_network(network, proven, model)
     console.print(f"{model}: {proof.sentence}", markup=False)
-    if problem:
-        console.print(f"the robot will not arm with it: {problem}", markup=False)
-    return 1 if problem else 0
+    if proven.unproven:
+        console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)
+    return 1 if proven.unproven else 0

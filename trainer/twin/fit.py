@@ -52,12 +52,14 @@ _AS_SEEN: dict[str, Any] = {  # light and sensor leave colours as the camera sho
 _OUT_OF_SIGHT = ("blur_px", "shutter_s", "jpeg_quality", "grain", "patchiness", "shadows", "wear")
 
 
+Found = dict[str, tuple[Any, float]]
+
+
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """What a fit found: values and standard deviations by ``group.leaf``; colours are (3,)."""
+    """What a fit found: value and standard deviation by ``group.leaf``; colours are (3,)."""
 
-    values: dict[str, Any]
-    sd: dict[str, float]
+    found: Found
     unseen: tuple[str, ...]  # sentences: what the drive could not show
     camera: seen.Fitted
     poses: np.ndarray  # (F, 3) of the key pictures' eye
@@ -67,7 +69,7 @@ class Twin:
     def look(self) -> Look:
         """The likeliest."""
         groups: dict[str, dict[str, Any]] = {"light": {"elevation_rad": 1.5707}}
-        for name, value in self.values.items():
+        for name, (value, _) in self.found.items():
             group, leaf = name.split(".")
             groups.setdefault(group, {})[leaf] = value
         return look_from_plain(groups)
@@ -75,13 +77,12 @@ class Twin:
     def plain(self) -> dict[str, Any]:
         """As the YAML of a look has it: around what was found, else as wide as ``randomised``."""
         look = read_yaml(LOOKS_DIR / "randomised.yaml")
-        if "ground.asphalt_rgb" in self.values:
+        if "ground.asphalt_rgb" in self.found:
             for group, leaves in _AS_SEEN.items():
                 look[group].update(leaves)
-        for name, value in self.values.items():
+        for name, (value, sd) in self.found.items():
             group, leaf = name.split(".")
-            off = 2.0 * self.sd[name]
-            low, high = np.subtract(value, off), np.add(value, off)
+            low, high = np.subtract(value, 2.0 * sd), np.add(value, 2.0 * sd)
             if leaf.endswith("_rgb"):
                 low, high = np.clip(low, 0, 255), np.clip(high, 0, 255)
             elif leaf.endswith(("_s", "noise", "vignetting", "frame_skip")):
@@ -112,29 +113,28 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     images = np.concatenate([drive.images for drive in drives])
     chosen = np.linspace(0, len(images) - 1, KEY_PICTURES).astype(int)
     camera = seen.fit_camera(images[chosen], np.concatenate(near)[chosen], drives[0].road_map)
-    values: dict[str, Any] = {}
-    sd: dict[str, float] = {}
+    found: Found = {}
     unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
     known = camera.share >= LEAST_EXPLAINED
     if known:
         scene = seen.cover_scene(drives[0].road_map, camera.width)
         told = [_track(d, at, scene, camera) for d, at in zip(drives, near, strict=True)]
         motion = moved.fit_motion([t for t in told if len(t.times_s) >= 30], eye=True)
-        _put_camera(values, sd, camera, motion)
+        found |= _camera_of(camera, motion)
         cover = cover_of(scene, camera.values, camera.poses)
         colours = fit_colours(images[chosen], cover, _still(drives[0]))
-        _put_colours(values, sd, unseen, colours, camera.width)
+        found |= _colours_of(colours, camera.width, unseen)
     else:
         told = above
         unseen.append(
             f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
         )
-    _put_motion(values, sd, unseen, drives, told, motion, known)
+    found |= _motion_of(drives, told, motion, known, unseen)
     if any(drive.skipped for drive in drives):
-        values["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives]))
-        sd["timing.frame_skip"] = 0.01
-    sd = {name: max(each, LEAST_SD.get(name.split(".")[1], 0.0)) for name, each in sd.items()}
-    return Twin(values, sd, tuple(unseen), camera, camera.poses, images[chosen])
+        found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
+    for name, (value, sd) in found.items():
+        found[name] = value, max(sd, LEAST_SD.get(name.split(".")[1], 0.0))
+    return Twin(found, tuple(unseen), camera, camera.poses, images[chosen])
 
 
 def _still(drive: Recorded) -> list[np.ndarray]:
@@ -156,60 +156,51 @@ def _track(drive: Recorded, near: np.ndarray, scene: Any, camera: seen.Fitted) -
     return moved.Told(drive.commands, drive.times_s[few][fair], poses[fair], sure[fair], 3.0)
 
 
-def _put_camera(
-    values: dict[str, Any], sd: dict[str, float], camera: seen.Fitted, motion: moved.Motion
-) -> None:
-    for name, value, off in zip(seen.NAMES, camera.values, camera.sd, strict=True):
-        values[f"camera.{name}"], sd[f"camera.{name}"] = float(value), float(off)
-    for k, name in enumerate(moved.EYE, len(moved.NAMES)):
-        nominal = getattr(NOMINAL.camera, name)
-        # Poses were told by an eye that was taken to sit and look as a nominal one does.
-        values[f"camera.{name}"] = nominal + float(motion.values[k])
-        sd[f"camera.{name}"] = float(motion.sd[k])
+def _camera_of(camera: seen.Fitted, motion: moved.Motion) -> Found:
+    # Poses were told by an eye that was taken to sit and look as a nominal one does.
+    place = np.array([getattr(NOMINAL.camera, name) for name in moved.EYE])
+    values = (*camera.values, *(place + motion.values[len(moved.NAMES) :]))
+    off = (*camera.sd, *motion.sd[len(moved.NAMES) :])
+    names = (*seen.NAMES, *moved.EYE)
+    each = zip(names, values, off, strict=True)
+    return {f"camera.{name}": (float(value), float(sd)) for name, value, sd in each}
 
 
-def _put_colours(
-    values: dict[str, Any],
-    sd: dict[str, float],
-    unseen: list[str],
-    colours: Colours,
-    width: float,
-) -> None:
+def _colours_of(colours: Colours, width: float, unseen: list[str]) -> Found:
+    found: Found = {}
     for kind in ("asphalt", "white", "yellow", "outside"):
         if kind in colours.rgb:
-            values[f"ground.{kind}_rgb"] = np.round(colours.rgb[kind], 1).tolist()
-            sd[f"ground.{kind}_rgb"] = _COLOUR_LEVELS / 2.0
+            rgb = np.round(colours.rgb[kind], 1).tolist()
+            found[f"ground.{kind}_rgb"] = rgb, _COLOUR_LEVELS / 2.0
         else:
             unseen.append(f"colour of {kind}: too little of it in the pictures")
     unseen.append("exposure and white balance are in the colours, which are those of the pictures")
-    values["ground.line_width_scale"], sd["ground.line_width_scale"] = width, 0.05
-    values["sensor.vignetting"], sd["sensor.vignetting"] = colours.vignetting, 0.03
+    found["ground.line_width_scale"] = width, 0.05
+    found["sensor.vignetting"] = colours.vignetting, 0.03
     if colours.noise is None:
         unseen.append("noise: the robot never stood still")
     else:
-        values["sensor.noise"], sd["sensor.noise"] = colours.noise, 0.3
+        found["sensor.noise"] = colours.noise, 0.3
+    return found
 
 
-def _put_motion(
-    values: dict[str, Any],
-    sd: dict[str, float],
-    unseen: list[str],
+def _motion_of(
     drives: Sequence[Recorded],
     told: Sequence[moved.Told],
     motion: moved.Motion,
     known: bool,
-) -> None:
-    for k, name in enumerate(moved.NAMES):
-        if motion.sd[k] > 0.5 * moved.SPREAD[k]:
+    unseen: list[str],
+) -> Found:
+    found: Found = {}
+    each = zip(moved.NAMES, motion.values.tolist(), motion.sd.tolist(), moved.SPREAD, strict=False)
+    for name, value, sd, spread in each:
+        if sd > 0.5 * spread:
             unseen.append(f"{name}: the drive does not tell")
         elif name != "delay_s":
-            values[f"drive.{name}"], sd[f"drive.{name}"] = (
-                float(motion.values[k]),
-                float(motion.sd[k]),
-            )
+            found[f"drive.{name}"] = value, sd
     total_s = float(motion.values[moved.NAMES.index("delay_s")])
     if not known:
-        values["drive.delay_s"], sd["drive.delay_s"] = total_s, 0.02
+        found["drive.delay_s"] = total_s, 0.02
     elif not all(len(drive.overhead) for drive in drives):
         unseen.append(
             f"delays: without overhead poses only the sum of camera's and motors' is known, "
@@ -217,8 +208,9 @@ def _put_motion(
         )
     else:
         late_s, off_s = camera_delay(drives, told, motion)
-        values["timing.camera_delay_s"], sd["timing.camera_delay_s"] = max(late_s, 0.0), off_s
-        values["drive.delay_s"], sd["drive.delay_s"] = max(total_s - late_s, 0.0), off_s
+        found["timing.camera_delay_s"] = max(late_s, 0.0), off_s
+        found["drive.delay_s"] = max(total_s - late_s, 0.0), off_s
+    return found
 
 
 def camera_delay(

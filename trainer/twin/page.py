@@ -42,8 +42,8 @@ def write_page(twin: Twin, drive: Recorded, path: Path) -> None:
     chosen = np.linspace(0, len(ours) - 1, SHOWN).astype(int)
     pairs = "".join(_row(twin.pictures[k], ours[k]) for k in chosen)
     rows = "".join(
-        f"<tr><td>{name}<td>{_told(value)}<td>± {2.0 * twin.sd[name]:.3g}"
-        for name, value in twin.values.items()
+        f"<tr><td>{name}<td>{_told(value)}<td>± {2.0 * sd:.3g}"
+        for name, (value, sd) in twin.found.items()
     )
     unseen = "".join(f"<li>{html.escape(line)}" for line in twin.unseen)
     write_text(

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 
-from robot.contract import PolicyContract, Proof
+from robot.contract import Proof
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import RoadMap
-from robot.output import atomically
 from sim_pybullet.pool import Looks
 from sim_pybullet.tasks.spec import find_task
 from trainer.judging.evaluate import evaluate, wilson_low
@@ -56,13 +53,3 @@ def told(policy: OnnxPolicy, seen: Examples) -> tuple[int, int]:
     paths = [None if seen.paths is None else seen.paths[k : k + 1] for k in rows]
     chosen = [policy.act(seen.images[k : k + 1], paths[k])[0] for k in rows]
     return foretold(np.array(chosen), seen, policy.contract)
-
-
-def put_proof(model: Path, proof: Proof) -> PolicyContract:
-    """Put a proof into a taught policy's file; its contract then."""
-    contract = replace(OnnxPolicy(model).contract, proof=proof)
-    network = onnx.load(str(model))
-    onnx.helper.set_model_props(network, {contract.METADATA_KEY: contract.to_json()})
-    with atomically(model) as temporary:
-        onnx.save(network, str(temporary))
-    return contract

@@ -1,4 +1,4 @@
-"""A policy learns on in a twin, in the looks of before, and from what a person did.
+"""A shipped policy learns on in a twin, in the looks of before, and from what a person did.
 
 DAgger (Ross et al. 2011) in worlds of two kinds: the twin's, and the training's against forgetting.
 The expert knows the true path. Recorded frames come with the person's steering; what they did when
@@ -7,47 +7,85 @@ they took over counts most (HG-DAgger, Kelly et al. 2019).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
+from onnx import numpy_helper
 from torch.nn.functional import cross_entropy
 
 from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ContractError
+from robot.inference.policy import SHIPPED_MODELS, read_contract
 from robot.navigation.road_map import RoadMap, load_map
-from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.batch import BatchWorld
 from sim_pybullet.pool import Looks
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.spec import Choices, find_task
+from trainer.algorithms import find_algorithm
+from trainer.config import NetConfig, RunConfig
 from trainer.division import division
+from trainer.export import check_equal, noise_seen
 from trainer.learners.networks import GreedyNetwork
+from trainer.learners.policies import build_policy
 from trainer.twin.examples import Examples
-from trainer.twin.options import TeachConfig
 
 
-class _Seen:
-    """A ring of frames with the expert's choices."""
+@dataclass(frozen=True)
+class TeachConfig:
+    """How much of what."""
 
-    def __init__(self, size: int, contract: PolicyContract) -> None:
-        self._images = np.zeros((size, *contract.picture_shape), np.uint8)
-        self._paths = np.zeros((size, max(1, contract.path_points)), np.float32)
-        self._actions = np.zeros(size, np.int64)
-        self._guided = contract.path_points > 0
-        self.count = 0
+    steps: int = 900  # decisions of each robot
+    robots: int = 12  # in each of the two worlds
+    batch: int = 128  # frames of worlds in an update; recorded ones come on top
+    recorded: int = 32  # recorded frames in an update
+    every: int = 2  # decisions between updates
+    rate: float = 4e-4  # of learning, at first
+    expert_share: float = 0.15  # of the steps, while the expert's share of the driving falls to 0
+    random_share: float = 0.08  # of the actions, so that recoveries are seen
+    painted: int = 10  # worlds of each kind
 
-    def add(self, seen: Observation, actions: np.ndarray) -> None:
-        rows = (self.count + np.arange(len(actions))) % len(self._actions)
-        self._images[rows], self._actions[rows] = seen.image, actions
-        if seen.path is not None:
-            self._paths[rows] = seen.path
-        self.count += len(actions)
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[Any, Any, np.ndarray]:
-        rows = rng.integers(min(self.count, len(self._actions)), size=count)
-        paths = self._paths[rows] if self._guided else None
-        return self._images[rows], paths, self._actions[rows]
+def base_file(name: str) -> Path:
+    """A file, or a shipped policy by its name."""
+    shipped = SHIPPED_MODELS / f"{name}.onnx"
+    return shipped if shipped.exists() else Path(name)
+
+
+def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
+    """The network in an ONNX file that this trainer wrote, its weights with it.
+
+    ContractError: another network than this trainer's, or one in INT8.
+    """
+    contract = read_contract(path)
+    graph = onnx.load(str(path)).graph
+    weights = {w.name: torch.from_numpy(numpy_helper.to_array(w).copy()) for w in graph.initializer}
+    try:
+        learn = find_algorithm(contract.algorithm).learn
+        net, image = _widths(weights), contract.image
+        run = RunConfig(contract.task, contract.algorithm, "", learn, image=image, net=net)
+        network = GreedyNetwork(build_policy(run))
+        network.load_state_dict(weights)
+        check_equal(network, path, noise_seen(contract, 16))
+    except (KeyError, RuntimeError, ContractError) as error:
+        raise ContractError(
+            f"{path}: expected a policy in FP32 that this trainer exported, such as lane_coached"
+        ) from error
+    return network, contract
+
+
+def _widths(weights: dict[str, torch.Tensor]) -> NetConfig:
+    sizes = {name: len(w) for name, w in weights.items() if name.endswith("weight")}
+    path: list[int] = [n for name, n in sizes.items() if "path_fc" in name]
+    return NetConfig(
+        channels=tuple(n for name, n in sizes.items() if "convolutions" in name),
+        image_fc=sizes["features.image_fc.0.weight"],
+        path_fc=(path[0], path[1]) if path else (64, 128),
+        head_fc=next(n for name, n in sizes.items() if name.startswith("head")),
+    )
 
 
 def teach(
@@ -65,71 +103,70 @@ def teach(
     """
     if contract.actions != FIVE_ACTIONS or contract.frames != 1:
         raise ContractError("teach: expected a policy of one picture and the five actions")
-    rng, spec = np.random.default_rng(seed), find_task(contract.task)
-    maps = [road_map], _training_maps(contract.task)
-    looks: Sequence[Looks] = (twin, load_look_sampler("randomised"))
-    worlds = []
-    for k in range(2):
-        lane = "both" if spec.lanes else None
-        task = spec.build(maps[k], config.robots, Choices(lane, start_spread=1.6))
-        many = max(1, config.painted // len(maps[k]))
-        worlds.append(BatchWorld(task, looks[k], contract.image, seed + k, many))
+    rng, robots = np.random.default_rng(seed), config.robots
+    worlds = _worlds(contract, road_map, twin, config, seed)
     optimiser = torch.optim.Adam(network.parameters(), config.rate)
-    seen, observed = _Seen(config.buffer, contract), [world.reset() for world in worlds]
+    observed, frames = [world.reset() for world in worlds], 2 * robots * config.steps
+    seen = {"image": np.zeros((frames, *contract.picture_shape), np.uint8)}
+    if contract.path_points:
+        seen["path"] = np.zeros((frames, contract.path_points), np.float32)
+    actions, count = np.zeros(frames, np.int64), 0
     for step in range(config.steps):
         share = max(0.0, 1.0 - step / (config.expert_share * config.steps))
         for k, world in enumerate(worlds):
-            expert = world.expert_actions().astype(np.int64)
-            seen.add(observed[k], expert)
-            taken = _taken(network, observed[k], expert, share, config.random_share, rng)
+            now = {name: getattr(observed[k], name) for name in seen}
+            new, expert = slice(count, count + robots), world.expert_actions().astype(np.int64)
+            count += robots
+            for name, part in now.items():
+                seen[name][new] = part
+            actions[new] = expert
+            taken = np.where(rng.random(robots) < share, expert, network.actions(now))
+            chance = rng.integers(len(FIVE_ACTIONS), size=robots)
+            taken = np.where(rng.random(robots) < config.random_share, chance, taken)
             observed[k] = world.step(taken).observation
         if step % config.every == 0:
             for group in optimiser.param_groups:
                 group["lr"] = config.rate * (1.0 - 0.9 * step / config.steps)
-            _update(network, optimiser, seen.draw(rng, config.batch), person, config.recorded, rng)
+            rows = rng.integers(count, size=config.batch)
+            drawn = {name: part[rows] for name, part in seen.items()}
+            _update(network, optimiser, drawn, actions[rows], person, config.recorded, rng)
     for world in worlds:
         world.close()
 
 
-def _training_maps(task: str) -> list[RoadMap]:
-    rings = bool(find_task(task).lanes)
-    names = division().maps.training
+def _worlds(
+    contract: PolicyContract, road_map: RoadMap, twin: Looks, config: TeachConfig, seed: int
+) -> list[BatchWorld]:
+    """The twin's, and one of training maps and looks."""
+    spec, names = find_task(contract.task), division().maps.training
+    rings = bool(spec.lanes)
     fit = [name for name in names if (name == "loop" or name.startswith("rings/")) == rings]
-    return [load_map(name) for name in fit[:5]]
-
-
-def _taken(
-    network: GreedyNetwork,
-    seen: Observation,
-    expert: np.ndarray,
-    share: float,
-    random_share: float,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    parts = {"image": seen.image} if seen.path is None else {"image": seen.image, "path": seen.path}
-    learner = network.actions(parts)
-    taken = np.where(rng.random(len(expert)) < share, expert, learner)
-    chance = rng.integers(len(FIVE_ACTIONS), size=len(expert))
-    return np.where(rng.random(len(expert)) < random_share, chance, taken)
+    kinds = ([road_map], twin), ([load_map(n) for n in fit[:5]], load_look_sampler("randomised"))
+    worlds = []
+    for k, (maps, looks) in enumerate(kinds):
+        choices = Choices("both" if rings else None, start_spread=1.6)
+        task = spec.build(maps, config.robots, choices)
+        many = max(1, config.painted // len(maps))
+        worlds.append(BatchWorld(task, looks, contract.image, seed + k, many))
+    return worlds
 
 
 def _update(
     network: GreedyNetwork,
     optimiser: torch.optim.Optimizer,
-    drawn: tuple[Any, Any, np.ndarray],
+    seen: dict[str, np.ndarray],
+    actions: np.ndarray,
     person: Examples,
     recorded: int,
     rng: np.random.Generator,
 ) -> None:
-    images, paths, actions = drawn
     if len(person.actions):
         chosen = rng.choice(len(person.actions), recorded, p=person.weights / person.weights.sum())
-        images = np.concatenate((images, person.images[chosen]))
         actions = np.concatenate((actions, person.actions[chosen]))
-        if paths is not None and person.paths is not None:
-            paths = np.concatenate((paths, person.paths[chosen]))
-    told = None if paths is None else torch.from_numpy(paths)
-    loss = cross_entropy(network(torch.from_numpy(images), told), torch.from_numpy(actions))
+        told: dict[str, Any] = {"image": person.images, "path": person.paths}
+        seen = {name: np.concatenate((part, told[name][chosen])) for name, part in seen.items()}
+    parts = (torch.from_numpy(part) for part in seen.values())
+    loss = cross_entropy(network(*parts), torch.from_numpy(actions))
     optimiser.zero_grad()
     loss.backward()
     torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)

@@ -1,4 +1,4 @@
-"""``python -m trainer.twin.judge``: how near a fit comes to virtual robots that are known.
+"""``python -m tests.trainer.judge_twin``: how near a fit comes to virtual robots that are known.
 
 Robots are drawn from looks wider than ``randomised``, driven in the batched world under the arena's
 pose errors, recorded, and fitted.
@@ -19,12 +19,12 @@ from robot.command_line import SEED, OneLineParser, number, whole
 from robot.output import write_json
 from sim_pybullet.look import Look
 from sim_pybullet.randomise import load_look_sampler
+from tests.trainer.virtual_drive import record_drive
 from trainer.twin.camera import cover_scene
 from trainer.twin.colours import cover_of, members
 from trainer.twin.fit import Twin, fit_twin
 from trainer.twin.page import twin_pictures, write_page
 from trainer.twin.recorded import Recorded, read_recordings
-from trainer.twin.virtual import record_drive
 
 MAP = "rings/claw"
 PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
@@ -53,7 +53,7 @@ class Errors:
 
 def errors_of(twin: Twin, true: Look, drive: Recorded) -> Errors:
     """How far the likeliest look of a twin is from the true one."""
-    look, told = twin.look, twin.values
+    look, told = twin.look, twin.found
     pitches = [x.camera.pitch_rad for x in (look, true)]
     focals = [PX_PER_RAD * x.camera.focal_scale for x in (look, true)]
     middles = [
@@ -115,7 +115,7 @@ def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
 
 def main() -> int:
     """Print each robot's errors, and how many are within each aim."""
-    parser = OneLineParser(prog="python -m trainer.twin.judge", description=__doc__)
+    parser = OneLineParser(prog="python -m tests.trainer.judge_twin", description=__doc__)
     parser.add_argument("--robots", type=whole(1, 1000), default=30)
     parser.add_argument("--seconds", type=number(20, 600), default=90.0, help="of each drive")
     parser.add_argument("--look", default="wide/day", help="to draw robots from")
