@@ -80,8 +80,8 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         task = find_task(self.task, to_learn=True)
-        own_worlds = find_algorithm(self.algorithm).own_worlds
-        robots = 1 if own_worlds else self.learn.robots  # to be shared out
+        alone = find_algorithm(self.algorithm).own_workers
+        robots = 1 if alone else self.learn.robots  # to be shared out
         if not 1 <= self.workers <= robots or robots % self.workers:
             raise ConfigError(
                 f"workers: expected a number that divides {robots} robots, got {self.workers}"

@@ -57,7 +57,7 @@ class Algorithm:
     build: Callable[[Making], BaseAlgorithm]
     # By task, preset or style, see `trainer.presets`.
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    own_worlds: bool = False  # whether it makes its training environments itself
+    own_workers: bool = False  # whether it has processes of its own
     # What of ``learn`` is divided among the processes of a training, see `trainer.training.crew`.
     divided: tuple[str, ...] = ("robots",)
 

@@ -1,39 +1,47 @@
-"""A3C: asynchronous workers, one shared policy, as a stable-baselines3 algorithm among the others.
+"""A3C: asynchronous workers, one shared policy (Mnih et al. 2016, algorithm S3), on A2C.
 
-`trainer.learners.a3c_worker` learns; this module sends workers out, replaces those that were
-killed, and shows callbacks a still picture of the weights. A single worker learns in this very
-process, step by step with the callbacks: such a run is the same again for the same seed.
+Each process drives robots of its own and takes A2C's gradients of a few steps; the optimiser adds
+them to weights that all share, through RMSProp whose running mean of squares is shared as well.
+Unlike there a worker copies the weights once more before it takes the gradient, which would else
+lie behind by an update of every other worker. Nobody locks anything (Hogwild, Niu et al. 2011), so
+a worker that is killed leaves nothing locked, and another takes its place. The first worker is the
+process that trains; a single one is the same again for the same seed.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Generator
+import multiprocessing
+import signal
+import time
 from contextlib import closing
-from dataclasses import dataclass
-from multiprocessing import forkserver
-from multiprocessing.connection import Connection, wait
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Any, cast
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.vec_env import VecEnv
-from torch import multiprocessing
+from rich.console import Console
+from stable_baselines3 import A2C
+from stable_baselines3.common.logger import Logger
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from trainer.algorithms import Algorithm, EnvMaker
+from trainer.algorithms import Algorithm, EnvMaker, Making
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import Orders, Shared, Worker, run_worker
-from trainer.learners.actor_critic import CRUISE, ActorCriticConfig
-from trainer.learners.episode_count import EpisodeEnd
+from trainer.learners.actor_critic import (
+    CRUISE,
+    ActorCriticConfig,
+    FallingEntropy,
+    build_on_policy,
+)
+from trainer.learners.episode_count import EpisodeCount, EpisodeEnd, Tell
 from trainer.learners.networks import DrivingActorCritic
-from trainer.learners.policies import ChannelLast, build_policy
-from trainer.one_thread import one_thread_each
+from trainer.learners.policies import learning_rates, policy_arguments
+from trainer.one_thread import send_out
+from trainer.run import RunFolder
+from trainer.training.worlds import learning_world
 
-POLL_S = 0.1  # between two looks at what the workers did
 _LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
 _MOST_REPLACED = 100  # more deaths than that are no accidents
 
@@ -52,161 +60,213 @@ class A3cConfig(ActorCriticConfig):
     normalised: bool = False  # advantages to mean 0 and deviation 1 in each rollout, as in PPO
 
 
-class A3C(ChannelLast, BaseAlgorithm):
-    """Of a run with an `A3cConfig`; ``make_env`` builds a worker's world, in its process."""
+class Shared(NamedTuple):
+    """What A3C's processes read and write together, without locks: tensors in shared memory."""
 
-    def __init__(self, config: RunConfig, make_env: EnvMaker, env: VecEnv) -> None:
-        self._config, self._learn = config, cast(A3cConfig, config.learn)
-        self._make_env = make_env
-        self.replaced = 0  # workers that were killed
-        self.workers_cpu_s = 0.0  # CPU seconds of processes other than this one
-        super().__init__(
-            ActorCriticPolicy,
-            env,
-            config.learn.learning_rate,
-            seed=config.seed,
-            device="cpu",
-            support_multi_env=True,
-        )
-        self._setup_model()
+    weights: torch.Tensor  # (P,) of the policy
+    squares: torch.Tensor  # (P,) RMSProp's statistics
+    steps: torch.Tensor  # (W,) decisions of each worker
+    leave: torch.Tensor  # (1,) whether the workers shall
+
+
+class SharedRmsprop(torch.optim.Optimizer):
+    """RMSProp on weights and statistics that other processes change, too (Mnih et al. 2016)."""
+
+    def __init__(self, parameters: Any, lr: float, decay: float, epsilon: float, workers: int):
+        super().__init__(parameters, {"lr": lr})
+        self._own, self._decay, self._epsilon = self.param_groups[0]["params"], decay, epsilon
+        weights = parameters_to_vector(self._own).detach()
+        counts = (torch.zeros(size, dtype=torch.int64) for size in (workers, 1))
+        parts = (weights.clone(), torch.zeros_like(weights), *counts)
+        self.shared = Shared(*(part.share_memory_() for part in parts))
+
+    def pull(self) -> None:
+        """Take a copy of the shared weights, which go on changing."""
+        vector_to_parameters(self.shared.weights.clone(), self._own)
+
+    def step(self, closure: Any = None) -> None:  # type: ignore[override]  # noqa: ARG002
+        """Change the shared weights by the gradients of one's own."""
+        shared, gradient = self.shared, parameters_to_vector([p.grad for p in self._own])
+        shared.squares.mul_(self._decay).addcmul_(gradient, gradient, value=1.0 - self._decay)
+        root, rate = (shared.squares + self._epsilon).sqrt_(), self.param_groups[0]["lr"]
+        shared.weights.addcdiv_(gradient, root, value=-rate)
+        self.pull()
+
+    def state_dict(self) -> dict[str, Any]:
+        """The statistics."""
+        return {"squares": self.shared.squares.clone()}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Likewise."""
+        self.shared.squares.copy_(state_dict["squares"])
+
+
+class A3C(FallingEntropy, A2C):
+    """A worker; the first sends out the others when it begins to learn."""
+
+    making: Making
+    number = 0
 
     def _setup_model(self) -> None:
-        self.set_random_seed(self.seed)
-        policy = build_policy(self._config)
-        assert isinstance(policy, ActorCriticPolicy)
-        self.policy = policy
-        # Holds RMSProp's statistics in checkpoints; it never takes a step itself.
-        self.policy.optimizer = torch.optim.RMSprop(policy.parameters(), eps=1e-5)
+        super()._setup_model()
+        self.optimiser = cast(SharedRmsprop, self.policy.optimizer)
 
-    def set_random_seed(self, seed: int | None = None) -> None:
-        """What the next workers' random numbers follow from."""
-        self._seed = seed or 0
-        super().set_random_seed(seed)
-
-    def learn(self, total_timesteps: int, callback: Any = None, *_: Any, **options: Any) -> A3C:
+    def learn(self, total_timesteps: int, *arguments: Any, **options: Any) -> A3C:
         """So many decisions of all workers together, or until the callback says stop."""
-        anew = options.get("reset_num_timesteps", True)
-        total, callback = self._setup_learn(total_timesteps, callback, anew)
-        if self.num_timesteps >= total:
-            return self
-        assert isinstance(self.policy, ActorCriticPolicy)
-        weights = parameters_to_vector(self.policy.parameters()).detach()
-        shared = Shared.of(weights, self._squares(), self._learn.workers)
-        begun = self.num_timesteps
-        callback.on_training_start(locals(), globals())
-        with closing(self._episodes(shared)) as batches:
-            for ended in batches:
-                self._take(shared, begun)
-                callback.update_locals({"episodes": ended})
-                if not callback.on_step() or self.num_timesteps >= total:
-                    break
-        self._take(shared, begun)
-        callback.on_training_end()
-        return self
+        shared = self.optimiser.shared
+        if self.number:
+            return super().learn(total_timesteps, *arguments, **options)
+        shared.weights.copy_(parameters_to_vector(self.policy.parameters()).detach())
+        shared.steps.zero_()
+        self.begun = 0 if options.get("reset_num_timesteps", True) else self.num_timesteps
+        with closing(_Others(self.making, shared, self.begun)) as self.others:
+            return super().learn(total_timesteps, *arguments, **options)
 
-    def _episodes(self, shared: Shared) -> Generator[list[EpisodeEnd], None, None]:
-        """Again and again the episodes that ended meanwhile."""
-        seeds = np.random.SeedSequence((self._seed, self.num_timesteps))
-        orders = [
-            Orders(self._config, self._make_env, shared, k, int(seed), self.num_timesteps)
-            for k, seed in enumerate(seeds.generate_state(self._learn.workers) % 2**31)
+    def collect_rollouts(self, *arguments: Any, **options: Any) -> bool:
+        """By the weights of now; what the others drove meanwhile is counted."""
+        self.optimiser.pull()
+        before, steps = self.num_timesteps, self.optimiser.shared.steps
+        goes_on = super().collect_rollouts(*arguments, **options)
+        steps[self.number] += self.num_timesteps - before
+        self.num_timesteps = self.begun + int(steps.sum())
+        return goes_on
+
+    def train(self) -> None:
+        """The gradient is taken where it will be applied: others have changed the weights."""
+        self.optimiser.pull()
+        super().train()
+
+    def news(self) -> list[tuple[list[EpisodeEnd], float]]:
+        """Of each other worker the episodes that ended, and its seconds of the processor."""
+        return self.others.news()
+
+
+class _Orders(NamedTuple):
+    config: RunConfig
+    make_env: EnvMaker
+    shared: Shared
+    number: int  # of the worker
+    begun: int  # decisions before the workers began
+    cpu_s: float = 0.0  # of those whose place this one has taken
+
+
+class _Others:
+    """The worker processes beside the first; dead ones are replaced."""
+
+    def __init__(self, making: Making, shared: Shared, begun: int) -> None:
+        self.replaced, config, count = 0, making.config, len(shared.steps)
+        seeds = np.random.SeedSequence((config.seed, begun)).generate_state(count) % 2**31
+        configs = [replace(config, seed=int(seed)) for seed in seeds]
+        shared.leave.zero_()
+        self._orders = [
+            _Orders(configs[k], making.make_env, shared, k, begun) for k in range(1, count)
         ]
-        if len(orders) == 1:
-            with closing(Worker(orders[0])) as worker:
-                while True:
-                    yield worker.learn()
-        with closing(_Crew(orders)) as crew:
-            while True:
-                yield crew.episodes()
-                self.replaced = crew.replaced
+        self._leave, self._workers = shared.leave, [_send_out(each) for each in self._orders]
 
-    def _take(self, shared: Shared, begun: int) -> None:
-        """A copy of the shared weights and statistics, which go on changing."""
-        vector_to_parameters(shared.weights.clone(), self.policy.parameters())
-        parameters = list(self.policy.parameters())
-        sizes = [parameter.numel() for parameter in parameters]
-        for parameter, part in zip(parameters, shared.squares.clone().split(sizes), strict=True):
-            square = {"step": torch.tensor(0.0), "square_avg": part.view_as(parameter)}
-            self.policy.optimizer.state[parameter] = square
-        self.num_timesteps = begun + int(shared.steps.sum())
-        self.workers_cpu_s = float(shared.cpu_ms.sum()) / 1000.0
+    def news(self) -> list[tuple[list[EpisodeEnd], float]]:
+        """See `A3C.news`."""
+        return [(self._heard(k), self._orders[k].cpu_s) for k in range(len(self._workers))]
 
-    def _squares(self) -> torch.Tensor:
-        """(P,) the statistics of the run so far; zeros at its beginning."""
-        state = self.policy.optimizer.state
-        parts = [
-            state[p]["square_avg"].flatten() if p in state else torch.zeros(p.numel())
-            for p in self.policy.parameters()
-        ]
-        return torch.cat(parts)
+    def _heard(self, k: int) -> list[EpisodeEnd]:
+        ended: list[EpisodeEnd] = []
+        process, pipe = self._workers[k]
+        try:
+            while pipe.poll():
+                more, cpu_s = pipe.recv()
+                ended += more
+                self._orders[k] = self._orders[k]._replace(cpu_s=cpu_s)
+        except (EOFError, OSError):  # it has gone, perhaps while it was writing
+            pass
+        if process.exitcode:
+            pipe.close()
+            self._replace(k, process.exitcode)
+        return ended
 
-
-class _Crew:
-    """The worker processes; dead ones are replaced."""
-
-    def __init__(self, orders: list[Orders]) -> None:
-        # A server that has imported everything forks the workers: quick, and no threads are copied.
-        self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(["trainer.learners.a3c_worker"])
-        with one_thread_each():
-            forkserver.ensure_running()
-        self._orders, self._shared = orders, orders[0].shared
-        self._workers = [self._send_out(each) for each in orders]
-        self.replaced = 0
-
-    def episodes(self) -> list[EpisodeEnd]:
-        """What ended within the next moment."""
-        pipes = [pipe for _, pipe in self._workers]
-        deaths = [process.sentinel for process, _ in self._workers]
-        ready = wait([*pipes, *deaths], POLL_S)
-        ended = [_receive(pipe) for pipe in pipes if pipe in ready]
-        for k, (process, pipe) in enumerate(self._workers):
-            if process.exitcode is not None:
-                pipe.close()
-                self._replace(k, process.exitcode)
-        return list(itertools.chain.from_iterable(ended))
+    def _replace(self, k: int, exitcode: int) -> None:
+        self.replaced += 1
+        if exitcode > 0 or self.replaced > _MOST_REPLACED:
+            raise RuntimeError(
+                f"A3C: expected workers that go on until told to stop, worker {k + 1} left with "
+                f"exit status {exitcode} ({self.replaced} replaced so far); its error is above"
+            )
+        config = self._orders[k].config
+        again = replace(config, seed=config.seed + self.replaced)
+        self._orders[k] = self._orders[k]._replace(config=again)
+        self._workers[k] = _send_out(self._orders[k])
 
     def close(self) -> None:
         """Let the workers finish their rollouts and leave."""
-        self._shared.leave.fill_(1)
+        self._leave.fill_(1)
         for process, pipe in self._workers:
             process.join(_LEAVE_S)
             process.kill()
             process.join()
             pipe.close()
 
-    def _send_out(self, orders: Orders) -> tuple[BaseProcess, Connection]:
-        ours, theirs = self._context.Pipe(duplex=False)
-        process = self._context.Process(target=run_worker, args=(orders, theirs), daemon=True)
-        process.start()
-        theirs.close()
-        return process, ours
 
-    def _replace(self, k: int, exitcode: int) -> None:
-        self.replaced += 1
-        if exitcode >= 0 or self.replaced > _MOST_REPLACED:
-            raise RuntimeError(
-                f"A3C: expected workers that go on until told to stop, worker {k} left with exit "
-                f"status {exitcode} ({self.replaced} replaced so far); its error is above"
-            )
-        again = self._orders[k]._replace(seed=self._orders[k].seed + self.replaced)
-        self._workers[k] = self._send_out(again)
+def _send_out(orders: _Orders) -> tuple[BaseProcess, Connection]:
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    process = send_out(_work, orders, theirs)
+    theirs.close()
+    return process, ours
 
 
-def _receive(pipe: Connection) -> list[EpisodeEnd]:
-    """A worker's news; none when it died while it was writing."""
-    try:
-        news: list[EpisodeEnd] = pipe.recv()
-    except (EOFError, OSError):
-        return []
-    return news
+def _work(orders: _Orders, pipe: Connection) -> None:
+    """The main function of a worker's process: learns until it shall leave."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
+    config, make_env, shared, number, begun, cpu_s = orders
+    torch.set_num_threads(config.threads)
+    trainer = multiprocessing.parent_process()
+
+    def tell(ended: list[EpisodeEnd]) -> None:
+        if ended:
+            pipe.send((ended, cpu_s + time.process_time()))
+
+    def goes_on() -> bool:
+        return not shared.leave and trainer is not None and trainer.is_alive()
+
+    env = learning_world(config, make_env)
+    model = build(Making(config, env, RunFolder(Path()), make_env, Console(quiet=True)))
+    model.number, model.begun, model.optimiser.shared = number, begun, shared
+    model.set_logger(Logger(None, []))
+    model.num_timesteps = begun + int(shared.steps.sum())
+    robots = config.learn.robots
+    heard = Tell(EpisodeCount(robots, config.reward_scale, number * robots), tell, goes_on)
+    steps = max(0, config.steps - model.num_timesteps)
+    model.learn(steps, heard, log_interval=None, reset_num_timesteps=False)
+    env.close()
+
+
+def build(making: Making) -> A3C:
+    """A model ready to learn."""
+    config = replace(making.config, device="cpu")  # whose memory is shared
+    learn, rates = cast(A3cConfig, config.learn), learning_rates(config)
+
+    def rate(left: float) -> float:
+        warm = (1.0 - left) * config.steps / learn.warm_up if learn.warm_up else 1.0
+        return min(1.0, warm) * rates(left)
+
+    shared = {"decay": learn.rms_decay, "epsilon": learn.rms_epsilon, "workers": learn.workers}
+    optimiser = {"optimizer_class": SharedRmsprop, "optimizer_kwargs": shared}
+    model = build_on_policy(
+        A3C,
+        replace(making, config=config),
+        learning_rate=rate,
+        policy_kwargs=policy_arguments(config) | optimiser,
+        n_steps=learn.a3c_rollout,
+        gae_lambda=1.0,
+        normalize_advantage=learn.normalised,
+        use_rms_prop=False,
+    )
+    model.making = making
+    return model
 
 
 ALGORITHM = Algorithm(
     title="A3C",
     learn=A3cConfig(),
     policy=DrivingActorCritic,
-    build=lambda making: A3C(making.config, making.make_env, making.env),
+    build=build,
     presets={
         "navigation": {"steps": 60_000},
         "track": {
@@ -218,7 +278,7 @@ ALGORITHM = Algorithm(
                 "normalised": True,
             }
         },
-        "cruise": {**CRUISE, "relit": False},  # workers have worlds of their own
+        "cruise": {**CRUISE, "relit": False},
         "paper": {  # B, section 3.1
             "learn": {
                 "robots": 1,
@@ -232,5 +292,5 @@ ALGORITHM = Algorithm(
         },
         "debug": {"learn": {"robots": 1, "workers": 2}},
     },
-    own_worlds=True,
+    own_workers=True,
 )

@@ -49,13 +49,8 @@ class FallingEntropy(ChannelLast, OnPolicyAlgorithm):
 def build_on_policy(kind: type[Model], making: Making, **own: Any) -> Model:
     """A model of stable-baselines3's ready to learn, with arguments of its ``own``."""
     learn = cast(ActorCriticConfig, making.config.learn)
-    model = kind(
-        **common_arguments(making),
-        gamma=learn.gamma,
-        ent_coef=learn.entropy,
-        vf_coef=learn.value,
-        **own,
-    )
+    usual = {"gamma": learn.gamma, "ent_coef": learn.entropy, "vf_coef": learn.value}
+    model = kind(**{**common_arguments(making), **usual, **own})
     model.entropies = entropies(making.config)
     return model
 

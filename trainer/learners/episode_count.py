@@ -1,10 +1,12 @@
-"""Sums the rewards and decisions of episodes while they go on."""
+"""Sums the rewards and decisions of episodes while they go on, and tells of those that ended."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
 
 
 class EpisodeEnd(NamedTuple):
@@ -40,3 +42,26 @@ class EpisodeCount:
             ends.append(EpisodeEnd(self._first + i, total, length, success))
             self._rewards[i], self._lengths[i] = 0.0, 0
         return ends
+
+
+class Tell(BaseCallback):
+    """Tells of the episodes of each rollout when it ends; stops when it shall not go on."""
+
+    def __init__(
+        self,
+        count: EpisodeCount,
+        tell: Callable[[list[EpisodeEnd]], object],
+        goes_on: Callable[[], bool] = lambda: True,
+    ) -> None:
+        super().__init__()
+        self._count, self._tell, self._goes_on = count, tell, goes_on
+        self._ended: list[EpisodeEnd] = []
+
+    def _on_step(self) -> bool:
+        seen = self.locals
+        self._ended += self._count.ended(seen["rewards"], seen["dones"], seen["infos"])
+        return self._goes_on()
+
+    def _on_rollout_end(self) -> None:
+        self._tell(self._ended)
+        self._ended = []

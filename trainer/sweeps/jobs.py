@@ -80,7 +80,7 @@ class TrainJob:
     def _launcher(self) -> Launcher:
         """Who starts the other processes of the training."""
         from trainer.sweeps.workers import connect
-        from trainer.training.followers import LocalFollowers, RayFollowers
+        from trainer.training.crew import LocalFollowers, RayFollowers
 
         ray = None if self.alone is None else self.alone.ray
         return LocalFollowers() if ray is None else RayFollowers(connect(ray))
@@ -92,7 +92,7 @@ class TrainJob:
 
         if self.alone is not None and self.alone.workers is not None:
             return self.alone.workers
-        if self.alone is None or find_algorithm(config.algorithm).own_worlds:
+        if self.alone is None or find_algorithm(config.algorithm).own_workers:
             return 1
         return good_number(config.learn.robots, launcher.cores)
 

@@ -12,6 +12,9 @@ one is lost, the leader goes on with fresh ones from where its weights are.
 from __future__ import annotations
 
 import io
+import os
+import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,19 +25,26 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
+from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.logger import Logger
 from torch import distributed
 from torch.nn.utils import parameters_to_vector
 from torch.utils.hooks import RemovableHandle
 
-from trainer.algorithms import EnvMaker, find_algorithm
+from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
+from trainer.learners.episode_count import EpisodeCount, Tell
+from trainer.one_thread import send_out
+from trainer.run import RunFolder
 from trainer.training.checkpoint import content_of, put_back
+from trainer.training.worlds import learning_world
 
 _PATIENCE = timedelta(hours=1)  # the leader may be judging its policy
 _LOOK_S = 0.1  # between two looks whether followers are ready, or lost
 _MOST_IN_VAIN = 3  # times that followers are replaced before anything more is learned
-READY = "ready"  # with its rank, of a follower that has its world
+_READY = "ready"  # with its rank, of a follower that has its world
+_LEAVE_S = 5.0  # that a process gets to leave in order
 _FEWEST_ROBOTS = 8  # of a process: with fewer, what every step costs anyhow is most of it
 
 
@@ -117,7 +127,7 @@ class Peers:
 
 
 class Launcher(Protocol):
-    """Who runs `trainer.training.follow.follow` in other processes."""
+    """Who runs `follow` in other processes."""
 
     host: str  # of the leader, as they reach it
     cores: int  # for all processes of a training
@@ -180,7 +190,7 @@ class Crew:
         """Whether all have their worlds and begin with this model, or nobody wants it any more."""
         if self._config.workers == 1:
             return True
-        wanted = [f"{READY}{rank}" for rank in range(1, self._config.workers)]
+        wanted = [f"{_READY}{rank}" for rank in range(1, self._config.workers)]
         while not self._store.check(wanted):
             if told := self._launcher.lost():
                 raise PeerLostError(told)
@@ -218,3 +228,94 @@ def _unless_lost() -> Iterator[None]:
         yield
     except RuntimeError as error:  # all that torch says of a connection that is gone
         raise PeerLostError(str(error)) from error
+
+
+def follow(orders: Orders) -> None:
+    """Learn with the leader until it has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the leader's affair
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    torch.set_num_threads(orders.config.threads)
+    config, rank = share_of(orders.config, orders.rank), orders.rank
+    env = learning_world(config, orders.make_env)
+    workers = orders.config.workers
+    try:
+        store = distributed.TCPStore(orders.host, orders.port, workers, is_master=False)
+        store.set(f"{_READY}{rank}", "")
+        peers = Peers(rank, store, workers)
+        folder = RunFolder(orders.folder)
+        folder.replay /= f"worker{rank}"
+        making = Making(config, env, folder, orders.make_env, Console(quiet=True))
+        model = find_algorithm(config.algorithm).build(making)
+        peers.begin(model)
+        model.set_random_seed(config.seed + model.num_timesteps)
+        model.set_logger(Logger(None, []))
+        robots = config.learn.robots
+        count = EpisodeCount(robots, config.reward_scale, rank * robots)
+        tell = Tell(count, lambda ended: peers.gather((ended, time.process_time())))
+        steps = max(0, config.steps - model.num_timesteps)
+        model.learn(steps, tell, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # no log
+    except (PeerLostError, distributed.DistError):
+        return  # the leader has what it wanted; nothing here is worth keeping
+
+
+class LocalFollowers:
+    """Processes of this machine; see `Launcher`."""
+
+    host = "127.0.0.1"
+
+    def __init__(self) -> None:
+        self.cores = len(os.sched_getaffinity(0))
+        self._processes: list[Any] = []
+
+    def start(self, orders: list[Orders]) -> None:
+        """One process for each."""
+        self._processes = [send_out(follow, each) for each in orders]
+
+    def lost(self) -> str:
+        """What became of one that has ended; empty while all live."""
+        codes = (process.exitcode for process in self._processes)
+        return next((f"exit status {code}, see above" for code in codes if code is not None), "")
+
+    def close(self) -> None:
+        """End them all."""
+        for process in self._processes:
+            process.terminate()
+        for process in self._processes:
+            process.join(_LEAVE_S)
+            process.kill()
+            process.join()
+        self._processes = []
+
+
+class RayFollowers:
+    """Tasks of a Ray cluster, a core each; see `Launcher`.
+
+    Args:
+        ray: the module, connected to the cluster.
+    """
+
+    def __init__(self, ray: Any) -> None:
+        self._ray, self.host = ray, ray.util.get_node_ip_address()
+        self.cores = 1 + int(ray.cluster_resources().get("CPU", 0))  # with the leader's own
+        # one process each and no second try: the leader replaces who is lost
+        self._follow = ray.remote(num_cpus=1, max_retries=0, max_calls=1)(follow)
+        self._references: list[Any] = []
+
+    def start(self, orders: list[Orders]) -> None:
+        """One task for each."""
+        self._references = [self._follow.remote(each) for each in orders]
+
+    def lost(self) -> str:
+        """What became of one that has ended; empty while all live."""
+        ended, _ = self._ray.wait(self._references, timeout=0)
+        try:
+            self._ray.get(ended)
+        except self._ray.exceptions.RayError as error:
+            return str(error)
+        return "it ended" if ended else ""
+
+    def close(self) -> None:
+        """End them all."""
+        for reference in self._references:
+            self._ray.cancel(reference, force=True)
+        self._references = []

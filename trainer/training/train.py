@@ -21,10 +21,9 @@ from trainer.learners.replay import MappedReplayBuffer
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
-from trainer.training.crew import Crew, Launcher, share_of
-from trainer.training.followers import LocalFollowers
+from trainer.training.crew import Crew, Launcher, LocalFollowers, share_of
 from trainer.training.watch import Clock, Watch
-from trainer.training.worlds import as_learned, learning_world
+from trainer.training.worlds import learning_world
 
 
 @dataclass(frozen=True)
@@ -74,10 +73,8 @@ def train(
         judging_env = make_env(judged(config), drivers, config.seed)
         closing.callback(judging_env.close)
         algorithm = find_algorithm(config.algorithm)
-        env = as_learned(config, judging_env)
-        if not algorithm.own_worlds:
-            env = learning_world(own, make_env)
-            closing.callback(env.close)
+        env = learning_world(own, make_env)
+        closing.callback(env.close)
         folder.go_on(config)
         model = algorithm.build(Making(own, env, folder, make_env, console))
         state = TrainState()

@@ -78,7 +78,7 @@ class Watch(BaseCallback):
         return int(self.model.num_timesteps * self._config.workers)
 
     def _on_rollout_end(self) -> None:
-        told = self._crew.news()
+        told = getattr(self.model, "news", self._crew.news)()  # A3C has a crew of its own
         for ended, _ in told:
             self._remember(ended)
         self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
@@ -91,10 +91,7 @@ class Watch(BaseCallback):
 
     def _on_step(self) -> bool:
         seen = self.locals
-        if "episodes" in seen:
-            self._remember(seen["episodes"])
-        else:
-            self._remember(self._count.ended(seen["rewards"], seen["dones"], seen["infos"]))
+        self._remember(self._count.ended(seen["rewards"], seen["dones"], seen["infos"]))
         now = self._clock()
         if now - self._logged >= LOG_PERIOD_S:
             self._logged = now
@@ -186,8 +183,7 @@ class Watch(BaseCallback):
         """CPU seconds are kept, too: on a busy machine the wall clock says little."""
         state, budget_s = self.state, self._config.seconds
         state.seconds = self._clock() - self._started
-        workers_s = getattr(self.model, "workers_cpu_s", self._others_cpu_s)  # A3C's, or followers'
-        state.cpu_seconds = time.process_time() + workers_s - self._cpu_started
+        state.cpu_seconds = time.process_time() + self._others_cpu_s - self._cpu_started
         if budget_s is not None and state.seconds >= budget_s:
             state.stopped_by = "seconds"
         return not state.stopped_by

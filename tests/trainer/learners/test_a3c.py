@@ -1,4 +1,4 @@
-"""A3C: its arithmetic, that one worker repeats itself, and that workers may die."""
+"""A3C: what it shares, that one worker repeats itself, and that workers may die."""
 
 import multiprocessing
 import os
@@ -8,27 +8,37 @@ from typing import Any
 
 import numba
 import numpy as np
+import pytest
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from torch.nn.utils import parameters_to_vector
 
-from tests.trainer.toy import ToyVecEnv, make_toy, toy_config, train_toy
-from trainer.algorithms.a3c import A3C, A3cConfig
+from tests.trainer.toy import ToyVecEnv, build_model, make_toy, toy_config, train_toy
+from trainer.algorithms.a3c import A3C, A3cConfig, Shared, SharedRmsprop
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import Orders, Shared, Worker, n_step_returns, shared_rmsprop
 from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, save_checkpoint
 
 
-def a3c_config(steps: int, workers: int, seed: int = 0) -> RunConfig:
+def a3c_config(steps: int, seed: int = 0, **learn: Any) -> RunConfig:
     config = toy_config("a3c", steps, seed)
-    assert isinstance(config.learn, A3cConfig)
-    return replace(config, learn=replace(config.learn, workers=workers))
+    return replace(config, learn=replace(config.learn, **{"workers": 1, **learn}))
 
 
 def model_of(config: RunConfig) -> A3C:
-    return A3C(config, make_toy, make_toy(config, 2, 0))
+    model = build_model(config, make_toy(config, config.learn.robots, 0), Path())
+    assert isinstance(model, A3C)
+    return model
+
+
+def rolled(**learn: Any) -> A3C:
+    """One worker that has driven for a rollout, and not learned from it."""
+    model = model_of(a3c_config(10_000, **learn))
+    model.learn(0)
+    rollout = (model.env, model._init_callback(None), model.rollout_buffer, model.n_steps)
+    model.collect_rollouts(*rollout)
+    return model
 
 
 def test_the_papers_settings() -> None:
@@ -39,26 +49,44 @@ def test_the_papers_settings() -> None:
     assert len(preset("track", "a3c", "paper").net.channels) == 4
 
 
-def test_returns_discount_and_stop_where_an_episode_ends() -> None:
-    rewards = [torch.tensor([1.0, 1.0]), torch.tensor([2.0, 2.0]), torch.tensor([4.0, 4.0])]
-    going_on = [torch.tensor([1.0, 1.0]), torch.tensor([1.0, 0.0]), torch.tensor([1.0, 1.0])]
-    returns = n_step_returns(rewards, going_on, torch.tensor([8.0, 8.0]), 0.5)
-    assert returns[:, 0].tolist() == [1 + 0.5 * (2 + 0.5 * (4 + 0.5 * 8)), 2 + 0.5 * 8, 8.0]
-    assert returns[:, 1].tolist() == [1 + 0.5 * 2, 2.0, 8.0]
+def test_a_rollout_is_worth_what_it_earned_and_what_would_have_come() -> None:
+    """The toy cuts episodes off after 16 decisions; what comes then begins anew."""
+    model = rolled(a3c_rollout=20)
+    buffer, picture = model.rollout_buffer, model._last_obs
+    with torch.no_grad():
+        value = model.policy.predict_values(torch.from_numpy(np.array(picture))).flatten().numpy()
+    for t in reversed(range(20)):
+        ends = t == 15
+        value = buffer.rewards[t] + (0.0 if ends else model.gamma) * value
+        np.testing.assert_allclose(buffer.returns[t], value, rtol=1e-4)
+    plain = np.delete(buffer.rewards, 15, axis=0)
+    assert set(np.unique(plain)) <= {0.0, 1.0}
+    assert not np.isin(buffer.rewards[15], (0.0, 1.0)).any()  # with the value of the last picture
 
 
 def test_rmsprop_is_torchs_with_epsilon_inside_the_root() -> None:
     generator = torch.Generator().manual_seed(0)
-    weights, squares = torch.randn(6, generator=generator), torch.zeros(6)
-    shared = Shared.of(weights, squares, 1)
-    parameter = torch.nn.Parameter(weights.clone())
-    ours = torch.optim.RMSprop([parameter], lr=0.01, alpha=0.9, eps=0.0)
+    weights = torch.randn(6, generator=generator)
+    parameter, other = (torch.nn.Parameter(weights.clone()) for _ in range(2))
+    theirs = torch.optim.RMSprop([parameter], lr=0.01, alpha=0.9, eps=0.0)
+    ours = SharedRmsprop([other], 0.01, 0.9, 1e-16, 1)
     for _ in range(5):
         gradient = torch.randn(6, generator=generator)
-        parameter.grad = gradient
-        ours.step()
-        shared_rmsprop(shared, gradient, 0.01, 0.9, 1e-16)
-    torch.testing.assert_close(shared.weights, parameter.detach())
+        for each, optimiser in ((parameter, theirs), (other, ours)):
+            each.grad = gradient.clone()
+            optimiser.step()
+    torch.testing.assert_close(ours.shared.weights, parameter.detach())
+    assert torch.equal(other.detach(), ours.shared.weights)
+
+
+def test_shared_statistics_keep_their_share_of_the_past() -> None:
+    parameter = torch.nn.Parameter(torch.tensor([1.0]))
+    optimiser = SharedRmsprop([parameter], 0.5, 0.75, 5.0, 1)
+    optimiser.load_state_dict({"squares": torch.tensor([4.0])})
+    parameter.grad = torch.tensor([2.0])
+    optimiser.step()
+    assert optimiser.state_dict()["squares"].tolist() == [0.75 * 4.0 + 0.25 * 4.0]
+    assert parameter.item() == pytest.approx(1.0 - 0.5 * 2.0 / 3.0)
 
 
 def add_one(shared: Shared, number: int) -> None:
@@ -67,7 +95,9 @@ def add_one(shared: Shared, number: int) -> None:
 
 
 def test_a_process_shares_memory_and_not_a_copy() -> None:
-    shared = Shared.of(torch.arange(5.0), torch.zeros(5), 3)
+    parameter = torch.nn.Parameter(torch.arange(5.0))
+    optimiser = SharedRmsprop([parameter], 0.1, 0.9, 0.1, 3)
+    shared = optimiser.shared
     process = multiprocessing.get_context("forkserver").Process(target=add_one, args=(shared, 2))
     process.start()
     process.join()
@@ -75,28 +105,62 @@ def test_a_process_shares_memory_and_not_a_copy() -> None:
     assert shared.squares.tolist() == [0.0] * 5
     assert shared.steps.tolist() == [0, 0, 7]
     assert not shared.leave
+    assert parameter.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    optimiser.pull()
+    assert parameter.tolist() == shared.weights.tolist()
 
 
-def test_a_cut_off_episode_is_worth_what_would_have_come() -> None:
-    config = a3c_config(100, 1)
-    weights = parameters_to_vector(model_of(config).policy.parameters()).detach()
-    shared = Shared.of(weights, torch.zeros(1), 1)
-    worker = Worker(Orders(config, make_toy, shared, 0, 0, 0))
-    robots = config.learn.robots
-    last = np.full((36, 36, 3), 128, np.uint8)
-    infos: list[dict[str, Any]] = [{} for _ in range(robots)]
-    infos[0] = {"TimeLimit.truncated": True, "terminal_observation": last}
-    infos[1] = {"TimeLimit.truncated": False, "terminal_observation": last}
-    done = np.array([True, True, *[False] * (robots - 2)])
-    rewards = worker._with_future(np.ones(robots, np.float32), done, infos)
-    worker.close()
-    assert rewards[0] != 1.0
-    assert (rewards[1:] == 1.0).all()
+@pytest.mark.parametrize("limit", [1e-3, 1e-2])
+def test_a_step_goes_no_farther_than_its_gradient_may(limit: float) -> None:
+    model = rolled(max_grad_norm=limit)
+    model.rollout_buffer.returns[:] = 9.0
+    model.train()
+    gradient = parameters_to_vector([p.grad for p in model.policy.parameters()])  # type: ignore[misc]
+    assert gradient.norm() == pytest.approx(limit, rel=1e-3)
+
+
+def test_a_worker_is_paid_for_entropy_and_learns_its_values() -> None:
+    model = rolled(entropy=0.1, learning_rate=1e-3)
+    seen = torch.from_numpy(model.rollout_buffer.observations[:, 0])
+
+    def now() -> tuple[float, float]:
+        with torch.no_grad():
+            distribution, value = model.policy.get_distribution(seen), model.policy(seen)[1]
+        return float(distribution.entropy().mean()), float(value.mean())
+
+    with torch.no_grad():
+        model.policy.action_net.weight.mul_(500.0)  # choices that are far from even
+        weights = parameters_to_vector(model.policy.parameters())
+        model.optimiser.shared.weights.copy_(weights)
+    before = now()
+    model.rollout_buffer.advantages[:] = 0.0
+    model.rollout_buffer.returns[:] = 2.0
+    model.train()
+    after = now()
+    assert before[0] < after[0]
+    assert before[1] < after[1] < 2.0
+
+
+def test_the_rate_rises_over_the_warm_up_and_falls_to_what_shall_be_left() -> None:
+    config = replace(a3c_config(1_000, learning_rate=2e-3, warm_up=400), rate_left=0.5)
+    rate = model_of(config).lr_schedule
+    assert rate(0.9) == pytest.approx(0.25 * 2e-3 * 0.95)
+    assert rate(0.5) == pytest.approx(2e-3 * 0.75)
+    assert rate(0.0) == pytest.approx(2e-3 * 0.5)
+
+
+def test_what_a_worker_drove_is_counted() -> None:
+    model = rolled()  # four robots, eight steps of each
+    assert model.optimiser.shared.steps.tolist() == [32]
+    model.optimiser.shared.steps.add_(100)  # of others
+    rollout = (model.env, model._init_callback(None), model.rollout_buffer, model.n_steps)
+    model.collect_rollouts(*rollout)
+    assert model.num_timesteps == 164
 
 
 def test_one_worker_learns_the_toy_the_same_way_each_time(tmp_path: Path) -> None:
     def run(name: str, seed: int) -> list[tuple[int, float]]:
-        train_toy(a3c_config(600, 1, seed), tmp_path / name)
+        train_toy(a3c_config(600, seed), tmp_path / name)
         return [(e.step, e.reward) for e in RunFolder(tmp_path / name).episodes()]
 
     first, second, other = run("a", 1), run("b", 1), run("c", 2)
@@ -107,15 +171,16 @@ def test_one_worker_learns_the_toy_the_same_way_each_time(tmp_path: Path) -> Non
 
 
 def test_a_checkpoint_keeps_the_shared_statistics(tmp_path: Path) -> None:
-    config = a3c_config(600, 1)
+    config = a3c_config(600)
     model = model_of(config)
     model.learn(600)
     save_checkpoint(tmp_path / "checkpoint.pt", model, TrainState())
     fresh = model_of(config)
     load_checkpoint(tmp_path / "checkpoint.pt", fresh)
     assert fresh.num_timesteps == model.num_timesteps >= 600
-    assert torch.equal(fresh._squares(), model._squares())
-    assert model._squares().abs().sum() > 0.0
+    squares = model.optimiser.shared.squares
+    assert torch.equal(fresh.optimiser.shared.squares, squares)
+    assert squares.abs().sum() > 0.0
     weights = fresh.policy.state_dict()
     assert all(torch.equal(v, weights[k]) for k, v in model.policy.state_dict().items())
 
@@ -128,8 +193,14 @@ def make_toy_and_tell(config: RunConfig, robots: int, seed: int) -> ToyVecEnv:
 
 def learn_a_little(told: Path) -> None:
     os.environ |= {"TOLD": str(told), "NUMBA_NUM_THREADS": "2"}
-    config = a3c_config(200, 2)
-    A3C(config, make_toy_and_tell, make_toy(config, 2, 0)).learn(200)
+    model = model_of(a3c_config(200, workers=3))
+    model.making = replace(model.making, make_env=make_toy_and_tell)
+
+    class UntilTold(BaseCallback):
+        def _on_step(self) -> bool:
+            return len(list(told.iterdir())) < 2
+
+    model.learn(10**7, UntilTold())
     assert os.environ["NUMBA_NUM_THREADS"] == "2"
 
 
@@ -148,24 +219,30 @@ class KillOneWorker(BaseCallback):
     def __init__(self) -> None:
         super().__init__()
         self.killed = 0
-        self.robots: set[int] = set()  # that ended an episode after the killing
+        self.cpu_s = 0.0
+        self.robots: set[int] = set()  # of others, that ended an episode after the killing
 
     def _on_step(self) -> bool:
-        ended = [episode.robot for episode in self.locals["episodes"]]
+        return len(self.robots) < self.model.env.num_envs
+
+    def _on_rollout_end(self) -> None:
+        told = self.model.news()
+        ended = [episode.robot for episodes, _ in told for episode in episodes]
+        self.cpu_s = sum(cpu_s for _, cpu_s in told)
         if not self.killed and ended:
             worker = multiprocessing.active_children()[0]
             self.killed = worker.pid or 0
             worker.kill()
-        elif self.model.replaced:
+        elif self.model.others.replaced:
             self.robots.update(ended)
-        return len(self.robots) < 2 * self.model._learn.robots
 
 
 def test_a_killed_worker_is_replaced() -> None:
-    model, callback = model_of(a3c_config(10**7, 2)), KillOneWorker()
+    model, callback = model_of(a3c_config(10**7, workers=2)), KillOneWorker()
     model.learn(10**7, callback)
     assert callback.killed
-    assert model.replaced == 1
-    assert model.workers_cpu_s > 0.0
+    assert callback.robots == {4, 5, 6, 7}
+    assert model.others.replaced == 1
+    assert callback.cpu_s > 0.0
     assert not multiprocessing.active_children()
     assert model.num_timesteps > 0

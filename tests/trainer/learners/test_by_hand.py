@@ -15,31 +15,17 @@ from gymnasium import spaces
 from rich.console import Console
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
-from torch.nn.utils import parameters_to_vector
 
 from robot.errors import ConfigError
-from tests.trainer.toy import make_toy, toy_config
-from trainer.algorithms.a3c import A3C
 from trainer.learners import coach
-from trainer.learners.a3c_worker import Orders, Shared, Worker, _evaluate
 from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy
-from trainer.learners.episode_count import EpisodeEnd
+from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.networks import DrivingActorCritic, DrivingFeatures
 from trainer.learners.policies import build_policy, falling, observation_space, policy_arguments
 from trainer.learners.replay import MappedReplayBuffer
 from trainer.presets import preset
 
 ROBOTS = 4
-
-
-def worker(number: int = 0, **learn: Any) -> Worker:
-    config = toy_config("a3c", 10_000, 0)
-    learn = {"workers": 3, "robots": ROBOTS, **learn}
-    config = replace(config, learn=replace(config.learn, **learn), reward_scale=0.5)
-    model = A3C(config, make_toy, make_toy(config, 2, 0))
-    weights = parameters_to_vector(model.policy.parameters()).detach()
-    shared = Shared.of(weights, torch.zeros_like(weights), 3)
-    return Worker(Orders(config, make_toy, shared, number, 0, 0))
 
 
 @pytest.mark.parametrize("channels", [(4, 6, 8), (4, 6, 8, 10)])
@@ -91,80 +77,21 @@ def test_offsets_begin_at_nothing() -> None:
         assert not any(p.any() for p in biases)
 
 
-def test_a_worker_keeps_the_books_of_its_robots() -> None:
-    """Worker 2 of four robots each has robots 8 to 11; rewards are told as the task gives them."""
-    one = worker(2)
-    scale = one._config.reward_scale
+def test_a_process_keeps_the_books_of_its_robots() -> None:
+    """The third of four robots each has robots 8 to 11; rewards are told as the task gives them."""
+    count, scale = EpisodeCount(ROBOTS, 0.5, 8), 0.5
     nothing: list[dict[str, Any]] = [{} for _ in range(ROBOTS)]
     nobody = np.zeros(ROBOTS, dtype=bool)
-    assert one._count.ended(np.array([1.0, 2.0, 3.0, 4.0]), nobody, nothing) == []
+    assert count.ended(np.array([1.0, 2.0, 3.0, 4.0]), nobody, nothing) == []
     done = np.array([False, True, False, True])
     infos: list[dict[str, Any]] = [{}, {"is_success": True}, {}, {}]
-    ends = one._count.ended(np.array([1.0, 2.0, 3.0, 5.0]), done, infos)
+    ends = count.ended(np.array([1.0, 2.0, 3.0, 5.0]), done, infos)
     assert ends == [EpisodeEnd(9, 4.0 / scale, 2, True), EpisodeEnd(11, 9.0 / scale, 2, False)]
-    ends = one._count.ended(np.full(ROBOTS, 7.0), ~nobody, nothing)
+    ends = count.ended(np.full(ROBOTS, 7.0), ~nobody, nothing)
     assert [(end.robot, end.reward, end.length) for end in ends] == [
         *((8, 9.0 / scale, 3), (9, 7.0 / scale, 1)),
         *((10, 13.0 / scale, 3), (11, 7.0 / scale, 1)),
     ]
-    one.close()
-
-
-def test_what_a_cut_off_episode_would_still_have_earned() -> None:
-    one = worker()
-    picture = np.random.default_rng(0).integers(0, 256, (36, 36, 3), dtype=np.uint8)
-    with torch.no_grad():
-        _, value = _evaluate(one._policy, {"image": torch.from_numpy(picture[None])})
-    infos = [{"TimeLimit.truncated": True, "terminal_observation": picture}] * ROBOTS
-    done = np.array([True, False, False, True])
-    given = np.arange(4.0)
-    told = one._with_future(given, done, infos)
-    more = one._learn.gamma * float(value[0])
-    assert abs(more) > 1e-4
-    assert told == pytest.approx([0.0 + more, 1.0, 2.0, 3.0 + more])
-    assert given.tolist() == [0.0, 1.0, 2.0, 3.0]
-    one.close()
-
-
-def test_a_worker_learns_from_what_it_saw_did_and_got(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Row t of the batch is decision t, its return all that followed it, discounted."""
-    one = worker(a3c_rollout=3)
-    first, given = {k: v.clone() for k, v in one._seen.items()}, []
-    monkeypatch.setattr(one, "_descend", lambda *batch: given.append(batch))
-    step, steps = one._env.step, []
-
-    def heard(actions: np.ndarray) -> Any:
-        told = step(actions)
-        steps.append((actions, *told))
-        return told
-
-    monkeypatch.setattr(one._env, "step", heard)
-    one.learn()
-    ((seen, actions, returns),) = given
-    assert torch.equal(seen["image"][:ROBOTS], first["image"])
-    np.testing.assert_array_equal(seen["image"][ROBOTS : 2 * ROBOTS], steps[0][1])
-    np.testing.assert_array_equal(actions, np.concatenate([each[0] for each in steps]))
-    assert len(returns) == 3 * ROBOTS
-    with torch.no_grad():
-        _, value = _evaluate(one._policy, one._seen)
-    gamma, expected = one._learn.gamma, value.numpy()
-    for t in (2, 1, 0):
-        reward, done = steps[t][2], steps[t][3]
-        assert not done.any()
-        expected = reward + gamma * expected
-        np.testing.assert_allclose(returns[t * ROBOTS : (t + 1) * ROBOTS], expected, rtol=1e-5)
-    one.close()
-
-
-def test_no_part_of_the_shared_memory_is_another() -> None:
-    shared = Shared.of(torch.arange(5.0), torch.arange(5.0) + 10.0, 3)
-    shared.steps[:] = torch.tensor([1, 2, 3])
-    shared.cpu_ms[:] = torch.tensor([7, 8, 9])
-    shared.leave[0] = 1
-    assert shared.weights.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    assert shared.squares.tolist() == [10.0, 11.0, 12.0, 13.0, 14.0]
-    assert (shared.steps.tolist(), shared.cpu_ms.tolist()) == ([1, 2, 3], [7, 8, 9])
-    assert shared.leave.tolist() == [1]
 
 
 IMAGE = spaces.Box(0, 255, (2, 2, 3), np.uint8)

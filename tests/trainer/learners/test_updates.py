@@ -10,10 +10,8 @@ import torch
 from torch.nn.utils import parameters_to_vector
 
 from tests.trainer.toy import build_model, make_toy, toy_config
-from trainer.algorithms.a3c import A3C
 from trainer.algorithms.ddqn import DoubleDQN, QConfig
 from trainer.config import RunConfig
-from trainer.learners.a3c_worker import Orders, Shared, Tensors, Worker, _evaluate, shared_rmsprop
 
 
 def with_learn(algorithm: str, **changes: Any) -> RunConfig:
@@ -27,14 +25,6 @@ def q_model(folder: Path, **changes: Any) -> DoubleDQN:
     model = build_model(config, make_toy(config, 8, 0), folder)
     assert isinstance(model, DoubleDQN)
     return model
-
-
-def a3c_worker(**changes: Any) -> Worker:
-    config = with_learn("a3c", workers=1, **changes)
-    model = A3C(config, make_toy, make_toy(config, 2, 0))
-    weights = parameters_to_vector(model.policy.parameters()).detach()
-    shared = Shared.of(weights, torch.zeros_like(weights), 1)
-    return Worker(Orders(config, make_toy, shared, 0, 0, 0))
 
 
 def test_the_target_network_follows_by_its_share_each_step_of_all_robots(tmp_path: Path) -> None:
@@ -66,120 +56,6 @@ def test_the_limit_of_gradients_and_the_discount_reach_the_learner(
     assert model.gamma == (0.99 if algorithm == "dagger" else 0.5)
 
 
-def observation(count: int = 32) -> Tensors:
-    pictures = np.random.default_rng(0).integers(0, 256, (count, 36, 36, 3), dtype=np.uint8)
-    return {"image": torch.from_numpy(pictures)}
-
-
-def mean_entropy(worker: Worker, seen: Tensors) -> float:
-    worker._weights.copy_(worker._shared.weights)
-    with torch.no_grad():
-        logits, _ = _evaluate(worker._policy, seen)
-    return float(torch.distributions.Categorical(logits=logits).entropy().mean())
-
-
-def test_a3c_is_paid_for_entropy() -> None:
-    """Where nothing is better than expected, chance grows."""
-    worker, seen = a3c_worker(value=0.0, entropy=0.1, learning_rate=0.01), observation()
-    with torch.no_grad():
-        worker._policy.action_net.weight.mul_(500.0)  # choices that are far from even
-        worker._shared.weights.copy_(worker._weights)
-        _, values = _evaluate(worker._policy, seen)
-    before = mean_entropy(worker, seen)
-    worker._descend(seen, torch.zeros(32, dtype=torch.long), values)
-    after = mean_entropy(worker, seen)
-    worker.close()
-    assert before < 1.5 < np.log(5.0)
-    assert after > before + 1e-3
-
-
-def test_a3c_chooses_more_often_what_was_better_than_expected() -> None:
-    worker, seen = a3c_worker(entropy=0.0, value=0.0, learning_rate=1e-3), observation()
-    actions = torch.full((32,), 3)
-    with torch.no_grad():
-        logits, values = _evaluate(worker._policy, seen)
-        before = logits.softmax(1)[:, 3].mean()
-    worker._descend(seen, actions, values + 1.0)
-    worker._weights.copy_(worker._shared.weights)
-    with torch.no_grad():
-        after = _evaluate(worker._policy, seen)[0].softmax(1)[:, 3].mean()
-    worker.close()
-    assert after > before
-
-
-def test_a3cs_values_come_nearer_to_the_returns() -> None:
-    worker, seen = a3c_worker(entropy=0.0, learning_rate=1e-3), observation()
-    actions = torch.zeros(32, dtype=torch.long)
-    with torch.no_grad():
-        before = _evaluate(worker._policy, seen)[1].mean()
-    worker._descend(seen, actions, torch.full((32,), 2.0))
-    worker._weights.copy_(worker._shared.weights)
-    with torch.no_grad():
-        after = _evaluate(worker._policy, seen)[1].mean()
-    worker.close()
-    assert before < after < 2.0
-
-
-@pytest.mark.parametrize("limit", [1e-3, 1e-2])
-def test_a_step_of_a3c_goes_no_farther_than_its_gradient_may(limit: float) -> None:
-    worker, seen = a3c_worker(max_grad_norm=limit), observation()
-    worker._descend(seen, torch.zeros(32, dtype=torch.long), torch.full((32,), 9.0))
-    gradient = parameters_to_vector([p.grad for p in worker._policy.parameters()])  # type: ignore[misc]
-    worker.close()
-    assert gradient.norm() == pytest.approx(limit, rel=1e-3)
-
-
-def test_a3cs_rate_rises_over_the_warm_up_and_falls_to_what_shall_be_left() -> None:
-    """RMSProp's first step is rate / sqrt(1 - decay) in every weight that has a gradient."""
-
-    def first_step(done: int, **changes: Any) -> float:
-        worker, seen = a3c_worker(rms_decay=0.75, rms_epsilon=0.0, **changes), observation()
-        worker._shared.steps[0] = done
-        before = worker._shared.weights.clone()
-        worker._descend(seen, torch.zeros(32, dtype=torch.long), torch.full((32,), 9.0))
-        step = (worker._shared.weights - before).abs().nan_to_num()
-        worker.close()
-        return float(step.max())
-
-    assert first_step(0) == pytest.approx(2.0 * 1e-3, rel=1e-3)
-    assert first_step(100, warm_up=400) == pytest.approx(0.25 * 2.0 * 1e-3, rel=1e-3)
-    assert first_step(800, warm_up=400) == pytest.approx(2.0 * 1e-3, rel=1e-3)
-
-
-def test_normalised_advantages_have_no_mean_and_a_deviation_of_one() -> None:
-    """So returns that are all shifted and stretched alike lead to the same step of the actor."""
-
-    def step(shift: float, stretch: float) -> torch.Tensor:
-        worker = a3c_worker(normalised=True, value=0.0, entropy=0.0, max_grad_norm=1e9)
-        seen, rng = observation(), torch.Generator().manual_seed(0)
-        actions = torch.randint(0, 5, (32,), generator=rng)
-        gains = torch.randn(32, generator=rng)
-        with torch.no_grad():
-            _, values = _evaluate(worker._policy, seen)
-        worker._descend(seen, actions, values + shift + stretch * gains)
-        gradient = parameters_to_vector([p.grad for p in worker._policy.parameters()])  # type: ignore[misc]
-        worker.close()
-        return gradient
-
-    torch.testing.assert_close(step(0.0, 1.0), step(5.0, 3.0), rtol=1e-3, atol=1e-6)
-
-
-def test_shared_statistics_keep_their_share_of_the_past() -> None:
-    shared = Shared.of(torch.tensor([1.0]), torch.tensor([4.0]), 1)
-    shared_rmsprop(shared, torch.tensor([2.0]), rate=0.5, decay=0.75, epsilon=5.0)
-    assert shared.squares.tolist() == [0.75 * 4.0 + 0.25 * 4.0]
-    assert shared.weights.item() == pytest.approx(1.0 - 0.5 * 2.0 / 3.0)
-
-
-def test_what_a_worker_drove_is_counted() -> None:
-    worker = a3c_worker()  # four robots, eight steps of each
-    worker.learn()
-    assert worker._shared.steps.tolist() == [32]
-    worker.learn()
-    assert worker._shared.steps.tolist() == [64]
-    worker.close()
-
-
 def of(model: Any, names: str) -> list[Any]:
     return [getattr(model, name) for name in names.split()]
 
@@ -204,6 +80,12 @@ def test_the_settings_of_a_run_reach_its_learner(tmp_path: Path) -> None:
     a2c = model("a2c", **several, a2c_rollout=7)
     assert of(a2c, "gamma gae_lambda vf_coef ent_coef") == [0.91, 0.83, 0.7, 0.03]
     assert (a2c.n_steps, type(a2c.policy.optimizer).__name__) == (7, "Adam")
+
+    own = {"rms_decay": 0.7, "rms_epsilon": 0.2, "normalised": True}
+    a3c = model("a3c", gamma=0.91, value=0.7, entropy=0.03, a3c_rollout=6, workers=3, **own)
+    assert of(a3c, "gamma gae_lambda vf_coef ent_coef") == [0.91, 1.0, 0.7, 0.03]
+    assert (a3c.n_steps, a3c.normalize_advantage, len(a3c.optimiser.shared.steps)) == (6, True, 3)
+    assert of(a3c.optimiser, "_decay _epsilon") == [0.7, 0.2]
 
     several = {"batch": 33, "gradient_steps": 3, "buffer": 808, "warm_up": 17, "dagger_every": 6}
     dagger = model("dagger", **several, expert_steps=77, random_share=0.04)

@@ -18,7 +18,7 @@ from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import make_toy, toy_config
 from trainer.run import RunFolder
 from trainer.sweeps.workers import RayWorkers, connect, last_words
-from trainer.training.followers import RayFollowers
+from trainer.training.crew import RayFollowers
 from trainer.training.train import train
 
 ray = pytest.importorskip("ray")

@@ -22,8 +22,7 @@ from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
 from trainer.sweeps.sweep import WorkerOptions
-from trainer.training.crew import Crew, good_number, share_of
-from trainer.training.followers import LocalFollowers
+from trainer.training.crew import Crew, LocalFollowers, good_number, share_of
 from trainer.training.train import train
 
 
