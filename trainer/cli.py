@@ -6,6 +6,7 @@ A command is imported when it is asked for: to read what there is takes no torch
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import importlib
 import inspect
@@ -13,17 +14,38 @@ import io
 import itertools
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NoReturn
 
 from robot.command_line import WRONG, answer, one_line, spoken
-from robot.errors import DuckpilotError, nearest
-from trainer.limits import check
+from robot.errors import DuckpilotError, expect_between, nearest
+from robot.output import expect_folder, expect_writable
 
 PROGRAM = "python -m trainer"
 _LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look", "--models")
 _FRAME = "│╭╮╰╯┆ "
+
+# Of every command that has an option of this name.
+_LIMITS: Mapping[str, tuple[float, float]] = {
+    "seed": (0, 2**31 - 1),
+    "seeds": (1, 10_000),
+    "workers": (1, 1_000),
+    "steps": (1, 10**12),
+    "ppo_steps": (1, 10**12),
+    "lane_steps": (1, 10**12),
+    "translator_steps": (1, 10**12),
+    "episodes": (1, 10_000_000),
+    "lap_drives": (1, 1_000_000),
+    "judgings": (1, 1_000_000),
+    "frames": (1, 10_000_000),
+    "every": (1, 10_000_000),
+    "batch": (1, 100_000),
+    "structure": (0.0, 1e6),
+    "rate_hz": (0.1, 1e4),
+}
+_OUT_IS_FILE = ("export", "parse export")
 
 
 @dataclass(frozen=True)
@@ -86,7 +108,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = PROGRAM) -> int:
         module, _, function = command.place.partition(":")
         do = getattr(importlib.import_module(module), function)
         options = _read(do, rest, f"{prog} {name}")
-        check(name, options)
+        _check(name, options)
         status: int | None = do(**options)
         return status
 
@@ -168,3 +190,30 @@ def _first_of(box: str) -> str:
     said = " ".join(first).replace("Unrecognized options:", "unknown").strip()
     meant = next((line.split()[0] for line in rest if line.startswith("--")), "")
     return f"{said}; did you mean {meant}?" if meant and said.startswith("unknown") else said
+
+
+def _check(command: str, options: Mapping[str, Any]) -> None:
+    """Make sure that a command's options by name can be, and its results be written.
+
+    ConfigError for a number out of its range, an output that cannot be or is an input.
+    """
+    every = dict(_flat(options))
+    for name, value in every.items():
+        if name in _LIMITS and isinstance(value, (int, float)):
+            expect_between(name, value, *_LIMITS[name])
+    out, files = every.get("out"), [every.get("json")]
+    if out is not None and command in _OUT_IS_FILE:
+        files.append(out)
+    elif out is not None:
+        expect_folder(out)
+    names = ("model", "parser", "pictures", "images", "source", "contract")
+    inputs = (every[name] for name in names if every.get(name))
+    expect_writable(*files, inputs=[Path(path) for path in inputs])
+
+
+def _flat(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in options.items():
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            yield from _flat({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
+        else:
+            yield name, value

@@ -71,7 +71,7 @@ class RunConfig:
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
     start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
     relit: bool = False  # whether episodes are seen under lights of their own in training
-    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.true_path`
+    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.envs.with_true_path`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
     device: str = "cpu"  # of the network: cpu, cuda or auto

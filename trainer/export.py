@@ -22,18 +22,19 @@ from robot.inference.translator import OnnxTranslator, TranslatorContract
 from robot.vision.sight import SightContract
 from sim_pybullet.tasks.spec import find_task
 from trainer.config import RunConfig
+from trainer.envs import parts_of
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
 from trainer.run import RunFolder, atomically, write_json
 from trainer.torch_file import load_torch, reading
 from trainer.training.checkpoint import load_policy, read_state
-from trainer.training.greedy import collect_observations
 
 OPSET = 17
 IR_VERSION = 9  # onnxruntime 1.19, the last for Python 3.8, loads up to opset 21 and IR 10
 TOLERANCE = 1e-4  # of a value
 GREY_TOLERANCE = 1  # of a translator's pixels, by which rounding may go the other way
 CHECKED_FRAMES = 1_000
+RANDOM_SHARE = 0.2  # of the actions while observations are collected, so that recoveries are seen
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,22 @@ def check_translator(network: nn.Module, exported: OnnxTranslator, pictures: np.
             f"{exported.path}: expected torch and ONNX to agree within {GREY_TOLERANCE} grey "
             f"level, they differ by {difference}"
         )
+
+
+def collect_observations(
+    network: GreedyNetwork, env: VecEnv, count: int, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """``count`` observations from driving with some random actions: {input name: (count, ...)}."""
+    observation = env.reset()
+    batches = []
+    for _ in range(-(-count // env.num_envs)):
+        batches.append({n: np.array(part) for n, part in parts_of(observation).items()})
+        chosen = network.actions(observation)  # type: ignore[arg-type]
+        random = rng.integers(int(env.action_space.n), size=env.num_envs)  # type: ignore[attr-defined]
+        observation, *_ = env.step(
+            np.where(rng.random(env.num_envs) < RANDOM_SHARE, random, chosen)
+        )
+    return {name: np.concatenate([b[name] for b in batches])[:count] for name in batches[0]}
 
 
 def noise_seen(contract: PolicyContract, count: int) -> dict[str, np.ndarray]:

@@ -31,7 +31,6 @@ class Loop:
     parts: Mapping[str, Any]  # networks, optimisers: with state_dict and load_state_dict
     steps: int
     seed: int
-    clock: Callable[[], float] = time.monotonic
 
     def done(self) -> int:
         """Load the file, if there is one; how many steps were done when it was written."""
@@ -55,7 +54,7 @@ class Loop:
         Whoever stops it loses at most `SAVE_EVERY_S` of work.
         """
         torch.set_num_threads(1)  # with a second one networks as small as ours are slower
-        first, saved = self.done(), self.clock()
+        first, saved = self.done(), time.monotonic()
         columns = (*Progress.get_default_columns(), MofNCompleteColumn())
         with Progress(*columns, TextColumn("{task.fields[note]}"), console=console) as bar:
             row = bar.add_task(name, total=self.steps, completed=first, note="")
@@ -63,9 +62,9 @@ class Loop:
                 rng = np.random.default_rng((self.seed, k))
                 torch.manual_seed(int(rng.integers(2**31)))  # dropout's
                 bar.update(row, note=step(rng, k), advance=1)
-                if self.clock() - saved > SAVE_EVERY_S:
+                if time.monotonic() - saved > SAVE_EVERY_S:
                     self._save(k + 1)
-                    saved = self.clock()
+                    saved = time.monotonic()
         if first < self.steps:
             self._save(self.steps)
 

@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import VecEnv
 
-from trainer.envs import make_env
-from trainer.learners.true_path import TRUE_PATH, WithTruePath
+from trainer.envs import TRUE_PATH, make_env, under_other_lights, with_true_path
 from trainer.presets import preset
-from trainer.relit import GAINS, GAMMAS, Relit, draw_light, relit
+from trainer.relit import GAINS, GAMMAS, draw_light, relit
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -41,9 +40,13 @@ def test_whatever_is_seen_is_relit_and_nothing_else_changes(with_path: bool) -> 
 
     def world() -> VecEnv:
         env = make_env(config, cars, seed=3)
-        return WithTruePath(env) if with_path else env
+        return with_true_path(env) if with_path else env
 
-    plain, lit, rng = world(), Relit(world(), np.random.default_rng(0)), np.random.default_rng(0)
+    plain, lit, rng = (
+        world(),
+        under_other_lights(world(), np.random.default_rng(0)),
+        np.random.default_rng(0),
+    )
     assert lit.observation_space == plain.observation_space
 
     def compare(seen: Any, shown: Any) -> None:

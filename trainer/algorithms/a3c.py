@@ -29,6 +29,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from trainer.algorithms import Algorithm, EnvMaker, Making
 from trainer.config import RunConfig
+from trainer.envs import learning_world
 from trainer.learners.actor_critic import (
     CRUISE,
     ActorCriticConfig,
@@ -40,7 +41,6 @@ from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import learning_rates, policy_arguments
 from trainer.one_thread import send_out
 from trainer.run import RunFolder
-from trainer.training.worlds import learning_world
 
 _LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
 _MOST_REPLACED = 100  # more deaths than that are no accidents

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -44,27 +43,17 @@ class Coach:
         return self._policy.predict(told(world), deterministic=True)[0]
 
 
-class Told(SeenOtherwise):
-    """Robots that are told what a coach knows; when an episode ends, already of the next one."""
-
-    def __init__(self, env: DuckpilotVecEnv) -> None:
-        super().__init__(env, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32))
-        self._world = env.world
-
-    def see(self, seen: Any) -> np.ndarray:  # noqa: ARG002
-        """What a coach knows."""
-        return told(self._world)
-
-    def see_last(self, seen: Any, robot: int) -> np.ndarray:  # noqa: ARG002
-        """Likewise."""
-        return told(self._world)[robot]
-
-
 def told(world: BatchWorld) -> np.ndarray:
     """What a coach knows of N robots: (N, PATH_POINTS + 1) path inputs of true poses, and speed."""
     task = world.task
     path = path_inputs(task.paths, world.poses, task.course.arc_m)
     return np.concatenate((path, task.vehicle.counted[:, :1] / _SPEED_MPS), 1).astype(np.float32)
+
+
+def told_instead(env: DuckpilotVecEnv) -> SeenOtherwise:
+    """Robots that are told what a coach knows; when an episode ends, already of the next one."""
+    world, space = env.world, spaces.Box(-np.inf, np.inf, (PATH_POINTS + 1,), np.float32)
+    return SeenOtherwise(env, lambda _, k: told(world) if k is None else told(world)[k], space)
 
 
 def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> Coach:
@@ -83,7 +72,7 @@ def find_coach(path: Path, config: RunConfig, steps: int, console: Console) -> C
 
 def _teach(config: RunConfig, steps: int, console: Console) -> ActorCriticPolicy:
     blind = make_env(replace(config, translate=None), ROBOTS, config.seed, NoCamera(ROBOTS))
-    env = ScaledReward(Told(blind), config.reward_scale)
+    env = ScaledReward(told_instead(blind), config.reward_scale)
     model = PPO(
         "MlpPolicy",
         env,

@@ -23,7 +23,7 @@ from torch import nn
 from robot.contract import PATH_POINTS
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.learners.true_path import TRUE_PATH
+from trainer.envs import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 
@@ -91,7 +91,7 @@ class QPolicy(DQNPolicy):
     """Online and target network; orthogonal weights.
 
     Args:
-        true_path: weight of the auxiliary task, see `trainer.learners.true_path`.
+        true_path: weight of the auxiliary task, see `trainer.envs.with_true_path`.
     """
 
     network: type[QNetwork] = QNetwork
@@ -130,7 +130,7 @@ class DuelingPolicy(QPolicy):
 
 
 class DrivingActorCritic(ActorCriticPolicy):
-    """Actor and critic, with the auxiliary task of `true_path.py` where it has a weight.
+    """Actor and critic, with the auxiliary task of `with_true_path` where it has a weight.
 
     Values begin near 0, as the actor's logits do. Else the first thing that is learned is to take
     away the values of a fresh network: all that actor and critic share shrinks, and now and then

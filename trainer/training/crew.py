@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -34,11 +34,11 @@ from torch.utils.hooks import RemovableHandle
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
+from trainer.envs import learning_world
 from trainer.learners.episode_count import EpisodeCount, Tell
 from trainer.one_thread import send_out
 from trainer.run import RunFolder
 from trainer.training.checkpoint import content_of, put_back
-from trainer.training.worlds import learning_world
 
 _PATIENCE = timedelta(hours=1)  # the leader may be judging its policy
 _LOOK_S = 0.1  # between two looks whether followers are ready, or lost
@@ -126,22 +126,6 @@ class Peers:
             gradient.copy_(part.view_as(gradient))
 
 
-class Launcher(Protocol):
-    """Who runs `follow` in other processes."""
-
-    host: str  # of the leader, as they reach it
-    cores: int  # for all processes of a training
-
-    def start(self, orders: list[Orders]) -> None:
-        """One process for each."""
-
-    def lost(self) -> str:
-        """What became of one that has ended; empty while all live."""
-
-    def close(self) -> None:
-        """End them all."""
-
-
 class Crew:
     """The followers of a training, and what its leader does with them.
 
@@ -149,11 +133,15 @@ class Crew:
         config: of the run; of one process has no followers.
         make_env: makes their worlds.
         folder: of the run.
-        launcher: starts them, at once.
+        launcher: who starts them, at once.
     """
 
     def __init__(
-        self, config: RunConfig, make_env: EnvMaker, folder: Path, launcher: Launcher
+        self,
+        config: RunConfig,
+        make_env: EnvMaker,
+        folder: Path,
+        launcher: Launcher,
     ) -> None:
         self._config, self._make_env, self._folder = config, make_env, folder
         self._launcher = launcher
@@ -259,7 +247,7 @@ def follow(orders: Orders) -> None:
 
 
 class LocalFollowers:
-    """Processes of this machine; see `Launcher`."""
+    """Processes of this machine."""
 
     host = "127.0.0.1"
 
@@ -288,7 +276,7 @@ class LocalFollowers:
 
 
 class RayFollowers:
-    """Tasks of a Ray cluster, a core each; see `Launcher`.
+    """Tasks of a Ray cluster, a core each.
 
     Args:
         ray: the module, connected to the cluster.
@@ -319,3 +307,6 @@ class RayFollowers:
         for reference in self._references:
             self._ray.cancel(reference, force=True)
         self._references = []
+
+
+Launcher = LocalFollowers | RayFollowers

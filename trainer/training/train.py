@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -16,14 +15,14 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig, judged
+from trainer.envs import learning_world
 from trainer.export import export_run
 from trainer.learners.replay import MappedReplayBuffer
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
 from trainer.training.crew import Crew, Launcher, LocalFollowers, share_of
-from trainer.training.watch import Clock, Watch
-from trainer.training.worlds import learning_world
+from trainer.training.watch import Watch
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,6 @@ def train(
     folder: RunFolder,
     make_env: EnvMaker,
     console: Console,
-    clock: Clock = time.monotonic,
     checkpoint_period_s: float = 10.0,
     launcher: Launcher | None = None,
 ) -> Metrics:
@@ -87,7 +85,7 @@ def train(
         closing.callback(model.logger.close)
         log = EpisodeLog(folder, model.num_timesteps * config.workers)
         closing.callback(log.close)
-        beside = (judging_env, console, clock, checkpoint_period_s, crew)
+        beside = (judging_env, console, checkpoint_period_s, crew)
         watch = Watch(config, folder, state, log, *beside)
         watch.init_callback(model)
         closing.callback(watch.close)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -14,15 +15,14 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from robot.contract import CONTROL_DT_S
 from trainer.config import RunConfig
+from trainer.envs import parts_of
 from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.networks import GreedyNetwork
 from trainer.mp4 import enlarged, write_mp4
 from trainer.run import Episode, EpisodeLog, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint, save_policy
 from trainer.training.crew import Crew, share_of
-from trainer.training.greedy import drive_greedily
 
-Clock = Callable[[], float]
 DISPLAY_PERIOD_S = 0.25
 LOG_PERIOD_S = 2.0
 RECENT_EPISODES = 50  # the paper's running mean
@@ -45,19 +45,18 @@ class Watch(BaseCallback):
         log: EpisodeLog,
         env: VecEnv,
         console: Console,
-        clock: Clock,
         period_s: float,
         crew: Crew,
     ) -> None:
         super().__init__()
         self._config, self._folder, self.state, self._log = config, folder, state, log
-        self._env, self._clock, self._period_s = env, clock, period_s
+        self._env, self._period_s = env, period_s
         self._crew, self._others_cpu_s = crew, 0.0
         robots = share_of(config, rank=0).learn.robots
         self._count = EpisodeCount(robots, config.reward_scale)
         self._recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
-        self._saved = self._logged = self._shown = clock()
-        self._started = clock() - state.seconds
+        self._saved = self._logged = self._shown = time.monotonic()
+        self._started = time.monotonic() - state.seconds
         self._cpu_started = time.process_time() - state.cpu_seconds
         self._bar = Progress(
             TextColumn(f"{config.task} {config.algorithm}"),
@@ -92,14 +91,14 @@ class Watch(BaseCallback):
     def _on_step(self) -> bool:
         seen = self.locals
         self._remember(self._count.ended(seen["rewards"], seen["dones"], seen["infos"]))
-        now = self._clock()
+        now = time.monotonic()
         if now - self._logged >= LOG_PERIOD_S:
             self._logged = now
             self._log.flush()
             self._write_scalars()
         if self._evaluation_is_due():
             self.evaluate()
-        if self._clock() - self._saved >= self._period_s:
+        if time.monotonic() - self._saved >= self._period_s:
             self.save()
         if now - self._shown >= DISPLAY_PERIOD_S:
             self._shown = now
@@ -122,13 +121,13 @@ class Watch(BaseCallback):
 
     def evaluate(self) -> None:
         """Drive greedily on starts that were never used, and keep the policy if it is the best."""
-        began, cpu_began = self._clock(), time.process_time()
+        began, cpu_began = time.monotonic(), time.process_time()
         state, wanted = self.state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
         frames: list[np.ndarray] = []
         network = GreedyNetwork(self.model.policy)
         result = drive_greedily(network, self._env, seed, wanted.rounds, frames.append)
-        took, distance_m = self._clock() - began, float(result.distance_m.mean())
+        took, distance_m = time.monotonic() - began, float(result.distance_m.mean())
         state.evaluation_seconds += took
         evaluated = Evaluated(
             self.steps,
@@ -165,7 +164,7 @@ class Watch(BaseCallback):
         """A checkpoint now, and every episode before it."""
         self._log.flush()
         save_checkpoint(self._folder.checkpoint, self.model, self.state)
-        self._saved = self._clock()
+        self._saved = time.monotonic()
 
     def _show(self) -> None:
         """Returns are means of the reward of an episode; choices by chance lower that learning."""
@@ -182,7 +181,7 @@ class Watch(BaseCallback):
     def _goes_on(self) -> bool:
         """CPU seconds are kept, too: on a busy machine the wall clock says little."""
         state, budget_s = self.state, self._config.seconds
-        state.seconds = self._clock() - self._started
+        state.seconds = time.monotonic() - self._started
         state.cpu_seconds = time.process_time() + self._others_cpu_s - self._cpu_started
         if budget_s is not None and state.seconds >= budget_s:
             state.stopped_by = "seconds"
@@ -191,3 +190,43 @@ class Watch(BaseCallback):
     def close(self) -> None:
         """Give the terminal back."""
         self._bar.stop()
+
+
+class GreedyResult(NamedTuple):
+    """The first R episodes of each of N robots."""
+
+    rewards: np.ndarray  # (R, N) summed over the episode
+    steps: np.ndarray  # (R, N) decisions
+    success: np.ndarray  # (R, N) bool
+    distance_m: np.ndarray  # (R, N) from the path, mean of an episode; NaN where nothing tells it
+
+
+def drive_greedily(
+    network: GreedyNetwork,
+    env: VecEnv,
+    seed: int,
+    rounds: int = 1,
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> GreedyResult:
+    """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes.
+
+    ``watch`` is shown what the first robot sees, (H, W, 3) uint8, in its first episode.
+    """
+    env.seed(seed)
+    observation = env.reset()
+    shape = (rounds + 1, env.num_envs)  # one more, for what is driven while others are waited for
+    rewards, steps, success = np.zeros(shape), np.zeros(shape, dtype=int), np.zeros(shape, bool)
+    off_m = np.zeros(shape)
+    which, robots = np.zeros(env.num_envs, dtype=int), np.arange(env.num_envs)
+    while (which < rounds).any():
+        if watch is not None and not which[0]:
+            watch(parts_of(observation)["image"][0, ..., -3:].copy())
+        observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
+        rewards[which, robots] += reward
+        steps[which, robots] += 1
+        off_m[which, robots] += [abs(info.get("offset_m", np.nan)) for info in infos]
+        for robot in np.flatnonzero(done):
+            success[which[robot], robot] = bool(infos[robot].get("is_success", False))
+        which = np.minimum(which + done, rounds)
+    means = off_m[:rounds] / steps[:rounds]
+    return GreedyResult(rewards[:rounds], steps[:rounds], success[:rounds], means)

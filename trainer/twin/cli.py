@@ -71,8 +71,7 @@ def teach_command(
 
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
-    from trainer.twin.examples import examples_of
-    from trainer.twin.proof import prove
+    from trainer.twin.examples import examples_of, prove
     from trainer.twin.recorded import read_recordings
     from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 

@@ -18,7 +18,7 @@ from trainer.algorithms.dagger import Dagger
 from trainer.cli import main
 from trainer.config import RunConfig
 from trainer.envs import make_env
-from trainer.learners.coach import Coach, Told, find_coach
+from trainer.learners.coach import Coach, find_coach, told_instead
 from trainer.options import TrainOptions
 from trainer.run import RunFolder
 
@@ -36,7 +36,7 @@ def run(task: str = "track", **options: str) -> RunConfig:
 
 def test_a_coach_is_told_the_true_path_and_the_speed() -> None:
     env = make_blind_env(run(style="cruise"), 5, 0)
-    world, wrapped = env.world, Told(env)
+    world, wrapped = env.world, told_instead(env)
     known = wrapped.reset()
     ended = 0
     for _ in range(80):

@@ -27,8 +27,8 @@ from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy, learning_rates
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
-from trainer.training.greedy import drive_greedily
 from trainer.training.train import train
+from trainer.training.watch import drive_greedily
 
 STEPS = {"ddqn": 4_000, "dueling": 4_000, "dagger": 3_000, "ppo": 8_000, "a2c": 16_000}
 

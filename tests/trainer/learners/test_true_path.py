@@ -12,10 +12,9 @@ from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.trainer.toy import build_model
 from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
-from trainer.envs import make_env
+from trainer.envs import TRUE_PATH, SeenOtherwise, make_env, with_true_path
 from trainer.learners.networks import DrivingActorCritic, GreedyNetwork, QPolicy
 from trainer.learners.policies import build_policy, policy_arguments
-from trainer.learners.true_path import TRUE_PATH, WithTruePath
 from trainer.presets import preset
 
 ROBOTS = 3
@@ -26,8 +25,8 @@ def run(algorithm: str, pose_error: str) -> RunConfig:
     return RunConfig(**{**vars(config), "pose_error": pose_error})
 
 
-def world(pose_error: str) -> WithTruePath:
-    return WithTruePath(make_env(run("dueling", pose_error), ROBOTS, seed=4))
+def world(pose_error: str) -> SeenOtherwise:
+    return with_true_path(make_env(run("dueling", pose_error), ROBOTS, seed=4))
 
 
 @pytest.mark.parametrize("pose_error", ["none", "arena"])
@@ -55,7 +54,7 @@ def test_is_the_path_input_of_the_true_pose(pose_error: str) -> None:
 @pytest.mark.parametrize("algorithm", ["dueling", "ddqn", "a2c", "ppo"])
 def test_is_learned_and_then_left_behind(algorithm: str, tmp_path: Path) -> None:
     config = run(algorithm, "arena")
-    env = WithTruePath(make_env(config, config.learn.robots, seed=1))
+    env = with_true_path(make_env(config, config.learn.robots, seed=1))
     model = build_model(config, env, tmp_path / "replay")
     head = [value for name, value in model.policy.named_parameters() if "path_head" in name]
     before = [value.detach().clone() for value in head]
@@ -69,7 +68,7 @@ def test_is_learned_and_then_left_behind(algorithm: str, tmp_path: Path) -> None
 
 def test_who_has_pictures_only_learns_the_path_as_well(tmp_path: Path) -> None:
     config = replace(preset("track", "ppo", "debug"), true_path=1.0)
-    env = WithTruePath(make_env(config, config.learn.robots, seed=1))
+    env = with_true_path(make_env(config, config.learn.robots, seed=1))
     assert isinstance(env.observation_space, spaces.Dict)
     assert set(env.observation_space.spaces) == {"image", TRUE_PATH}
     model = build_model(config, env, tmp_path / "replay")
@@ -120,7 +119,7 @@ def test_loss_is_none_where_the_head_is_right() -> None:
 def test_wraps_the_worlds_of_the_simulator() -> None:
     env = make_env(run("ppo", "none"), ROBOTS, seed=0)
     assert isinstance(env, DuckpilotVecEnv)
-    wrapped = WithTruePath(env)
+    wrapped = with_true_path(env)
     assert wrapped.num_envs == ROBOTS
     wrapped.close()
 
@@ -129,7 +128,7 @@ def test_wraps_the_worlds_of_the_simulator() -> None:
 def test_entropy_and_path_loss_are_logged_apart(algorithm: str, tmp_path: Path) -> None:
     """An entropy lies between 0 and that of a draw by lot, whatever the path's loss is."""
     config = run(algorithm, "arena")
-    env = WithTruePath(make_env(config, config.learn.robots, seed=1))
+    env = with_true_path(make_env(config, config.learn.robots, seed=1))
     model = build_model(config, env, tmp_path / "replay")
     assert isinstance(model.policy, DrivingActorCritic)
     torch.nn.init.constant_(model.policy.path_head.bias, 30.0)
