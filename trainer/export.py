@@ -26,7 +26,6 @@ from trainer.envs import parts_of
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
 from trainer.run import RunFolder, atomically, write_json
-from trainer.torch_file import load_torch, reading
 from trainer.training.checkpoint import load_policy, read_state
 
 OPSET = 17
@@ -84,10 +83,8 @@ def export_checkpoint(checkpoint: Path, out: Path) -> None:
     """
     folder = RunFolder(checkpoint.parent)
     config = folder.load_config()
-    policy, what = build_policy(config), "a policy of the run that it lies in"
-    content = load_torch(checkpoint, what)
-    with reading(checkpoint, what):
-        policy.load_state_dict(content.get("policy", content))
+    policy = build_policy(config)
+    load_policy(checkpoint, policy)
     export_network(GreedyNetwork(policy), _contract(folder, config), out)
 
 

@@ -93,13 +93,8 @@ def read_state(path: Path) -> TrainState:
     return state
 
 
-def save_policy(path: Path, policy: BasePolicy) -> None:
-    """Atomically write the weights alone."""
-    save_torch(path, policy.state_dict())
-
-
 def load_policy(path: Path, policy: BasePolicy) -> None:
-    """Read what `save_policy` wrote, into a policy of the same shape."""
+    """Put the weights of ``best.pt`` or ``checkpoint.pt`` into a policy of the same shape."""
     content = load_torch(path, POLICY, policy.device)
     with reading(path, POLICY):
-        policy.load_state_dict(content)
+        policy.load_state_dict(content.get("policy", content))

@@ -20,7 +20,8 @@ from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.networks import GreedyNetwork
 from trainer.mp4 import enlarged, write_mp4
 from trainer.run import Episode, EpisodeLog, RunFolder
-from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint, save_policy
+from trainer.torch_file import save_torch
+from trainer.training.checkpoint import Evaluated, TrainState, save_checkpoint
 from trainer.training.crew import Crew, share_of
 
 DISPLAY_PERIOD_S = 0.25
@@ -83,9 +84,8 @@ class Watch(BaseCallback):
         self._others_cpu_s = sum(cpu_s for _, cpu_s in told)
 
     def _remember(self, ended: list[EpisodeEnd]) -> None:
-        for robot, reward, length, success in ended:
-            seconds = self.state.seconds
-            self._recent.append(Episode(self.steps, seconds, robot, reward, length, success))
+        for end in ended:
+            self._recent.append(Episode(self.steps, self.state.seconds, *end))
             self._log.add(self._recent[-1])
 
     def _on_step(self) -> bool:
@@ -140,7 +140,7 @@ class Watch(BaseCallback):
         )
         state.evaluations.append(evaluated)
         if state.best is evaluated:
-            save_policy(self._folder.best, self.model.policy)
+            save_torch(self._folder.best, self.model.policy.state_dict())
         if frames[0].ndim == 3:
             write_mp4(self._folder.film, map(enlarged, frames[:LONGEST_FILM]), 1 / CONTROL_DT_S)
         self._tell(evaluated)

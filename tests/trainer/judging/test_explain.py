@@ -31,7 +31,7 @@ from trainer.learners.policies import build_policy
 from trainer.mp4 import write_mp4
 from trainer.presets import preset
 from trainer.run import RunFolder
-from trainer.training.checkpoint import save_policy
+from trainer.torch_file import save_torch
 
 MODELS = Path(__file__).parents[3] / "robot" / "models"
 SHIPPED = MODELS / "lane_dueling.onnx"
@@ -211,7 +211,7 @@ def test_a_checkpoint_looks_where_its_export_looks(tmp_path: Path) -> None:
     config = preset("navigation", "ppo", "debug")
     run.go_on(config)
     policy = build_policy(config)
-    save_policy(run.best, policy)
+    save_torch(run.best, policy.state_dict())
     torch.save({"policy": policy.state_dict()}, run.checkpoint.with_name("last.pt"))
     contract = PolicyContract("navigation", "ppo", config.image, path_points=10)
     export_network(GreedyNetwork(policy), contract, tmp_path / "model.onnx")
