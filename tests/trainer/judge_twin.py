@@ -24,7 +24,7 @@ from trainer.twin.camera import cover_scene
 from trainer.twin.colours import cover_of, members
 from trainer.twin.fit import Twin, fit_twin
 from trainer.twin.page import twin_pictures, write_page
-from trainer.twin.recorded import Recorded, read_recordings
+from trainer.twin.recorded import Recorded, read_drive
 
 MAP = "rings/claw"
 PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
@@ -101,7 +101,7 @@ def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
     for k in range(options.robots):
         look = load_look_sampler(options.look)(np.random.default_rng((options.seed, k)))
         path = record_drive(look, MAP, options.seconds, options.seed + k, folder / f"{k}.mcap")
-        (drive,) = read_recordings([path])
+        drive = read_drive(path)
         path.unlink()
         twin = fit_twin([drive])
         found.append(errors_of(twin, look, drive))

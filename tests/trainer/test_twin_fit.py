@@ -15,7 +15,7 @@ from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin.fit import fit_twin, write_twin
 from trainer.twin.motion import NAMES, fit_motion, from_above, reckoned
-from trainer.twin.recorded import read_recordings
+from trainer.twin.recorded import read_drive
 
 OWN = replace(
     NOMINAL,
@@ -63,7 +63,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_recording_has_what_a_fit_needs(recording: Path) -> None:
-    (drive,) = read_recordings([recording])
+    drive = read_drive(recording)
     assert drive.images.shape[1:] == (120, 160, 3)
     assert len(drive.images) == len(drive.times_s) == len(drive.turns) > 300
     assert drive.seconds == pytest.approx(40.0, abs=0.3)
@@ -74,12 +74,12 @@ def test_a_recording_has_what_a_fit_needs(recording: Path) -> None:
 def test_a_recording_without_poses_is_refused(tmp_path: Path) -> None:
     short = record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path / "short.mcap")
     with pytest.raises(ConfigError, match="20 s and more of driving"):
-        read_recordings([short])
+        read_drive(short)
 
 
 @pytest.mark.slow
 def test_the_look_of_a_known_robot_is_found(recording: Path, tmp_path: Path) -> None:
-    twin = fit_twin(read_recordings([recording]))
+    twin = fit_twin([read_drive(recording)])
     found: Look = twin.look
     assert found.camera.height_m == pytest.approx(OWN.camera.height_m, abs=0.004)
     middle = found.camera.pitch_rad - found.camera.centre_down_px / 76.0

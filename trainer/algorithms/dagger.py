@@ -19,8 +19,7 @@ from trainer.algorithms import Algorithm, LearnConfig, Making
 from trainer.algorithms.ddqn import DoubleDQN
 from trainer.learners.coach import Coach, find_coach
 from trainer.learners.networks import QPolicy
-from trainer.learners.policies import common_arguments
-from trainer.learners.replay import MappedReplayBuffer
+from trainer.learners.replay import off_policy
 
 
 @dataclass(frozen=True)
@@ -76,17 +75,8 @@ class Dagger(DoubleDQN):
 def build(making: Making) -> Dagger:
     """A model ready to learn; its coach is taught before, if it has one."""
     learn = cast(DaggerConfig, making.config.learn)
-    model = Dagger(
-        **common_arguments(making),
-        batch_size=learn.batch,
-        gradient_steps=learn.gradient_steps,
-        train_freq=learn.dagger_every,
-        buffer_size=learn.buffer,
-        learning_starts=learn.warm_up,
-        target_update_interval=learn.robots,
-        replay_buffer_class=MappedReplayBuffer,
-        replay_buffer_kwargs={"folder": making.folder.replay, "n_steps": 1, "gamma": 0.0},
-    )
+    arguments = off_policy(making, n_steps=1, gamma=0.0)
+    model = Dagger(**arguments, train_freq=learn.dagger_every)
     model.expert_steps, model.random_share = learn.expert_steps, learn.random_share
     if learn.coach_steps:
         path, steps = making.folder.coach, learn.coach_steps

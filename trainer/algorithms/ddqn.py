@@ -1,6 +1,6 @@
 """Double DQN (van Hasselt et al. 2016) on stable-baselines3's DQN, with advantage learning.
 
-The rest is stable-baselines3's; plain or dueling is the policy's affair.
+Plain or dueling is the policy's affair.
 
 Advantage learning (Baird 1999; Bellemare et al. 2016, "Increasing the Action Gap", eq. 7) takes a
 share of what the action is worth less than the best one off its target. With a decision every 0.1 s
@@ -19,8 +19,8 @@ from torch.nn.functional import smooth_l1_loss
 
 from trainer.algorithms import Algorithm, LearnConfig, Making
 from trainer.learners.networks import QPolicy
-from trainer.learners.policies import ChannelLast, common_arguments
-from trainer.learners.replay import MappedReplayBuffer
+from trainer.learners.policies import ChannelLast
+from trainer.learners.replay import MappedReplayBuffer, off_policy
 
 
 @dataclass(frozen=True)
@@ -81,23 +81,12 @@ def build(making: Making) -> DoubleDQN:
     """A model ready to learn, or to go on with the replay buffer in its folder."""
     config, learn = making.config, cast(QConfig, making.config.learn)
     model = DoubleDQN(
-        **common_arguments(making),
+        **off_policy(making, n_steps=learn.n_step, gamma=learn.gamma),
         gamma=learn.gamma,
-        batch_size=learn.batch,
-        gradient_steps=learn.gradient_steps,
         train_freq=1,
-        buffer_size=learn.buffer,
-        learning_starts=learn.warm_up,
         tau=learn.target_tau,
-        target_update_interval=learn.robots,  # that is, every step of all robots
         exploration_fraction=min(1.0, learn.epsilon_steps / config.steps),
         exploration_final_eps=learn.epsilon_final,
-        replay_buffer_class=MappedReplayBuffer,
-        replay_buffer_kwargs={
-            "folder": making.folder.replay,
-            "n_steps": learn.n_step,
-            "gamma": learn.gamma,
-        },
     )
     model.action_gap = learn.action_gap
     return model

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -19,10 +19,26 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
 from robot.errors import ConfigError
+from trainer.algorithms import Making
+from trainer.learners.policies import common_arguments
 
 _NUMBER = spaces.Box(0, np.iinfo(np.int64).max, shape=(), dtype=np.int64)
 _PICTURE = "image"
 _SCALARS = ("actions", "rewards", "dones", "timeouts")
+
+
+def off_policy(making: Making, **own: Any) -> dict[str, Any]:
+    """What those who learn from a replay buffer in the run's folder are told."""
+    learn, replay = cast(Any, making.config.learn), making.folder.replay
+    return common_arguments(making) | {
+        "batch_size": learn.batch,
+        "gradient_steps": learn.gradient_steps,
+        "buffer_size": learn.buffer,
+        "learning_starts": learn.warm_up,
+        "target_update_interval": learn.robots,  # that is, every step of all robots
+        "replay_buffer_class": MappedReplayBuffer,
+        "replay_buffer_kwargs": {"folder": replay, **own},
+    }
 
 
 class MappedReplayBuffer(NStepReplayBuffer):

@@ -26,12 +26,12 @@ def fit_command(
     """
     from trainer.twin.fit import fit_twin, write_twin
     from trainer.twin.page import write_page
-    from trainer.twin.recorded import read_recordings
+    from trainer.twin.recorded import read_drive
 
     if not recordings:
         raise ConfigError("fit: expected one recording or more, got none")
     console = Console(soft_wrap=True, highlight=False)
-    drives = read_recordings(recordings)
+    drives = [read_drive(path) for path in recordings]
     with console.status("fitting"):
         twin = fit_twin(drives)
     write_twin(twin, out)
@@ -72,7 +72,7 @@ def teach_command(
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
     from trainer.twin.examples import examples_of, prove
-    from trainer.twin.recorded import read_recordings
+    from trainer.twin.recorded import read_drive
     from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 
     torch.set_num_threads(1)
@@ -80,7 +80,7 @@ def teach_command(
     path = base_file(base)
     network, contract = load_base(path)
     fit_command(recordings, out / "twin.yaml")
-    seen = read_recordings(recordings)
+    seen = [read_drive(path) for path in recordings]
     looks, road_map = load_look_sampler(out / "twin.yaml"), seen[0].road_map
     person = examples_of(seen, contract, held_out=False)
     options = TeachConfig(steps)

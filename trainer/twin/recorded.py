@@ -54,15 +54,8 @@ class Recorded:
         return len(self.commands) * PHYSICS_DT_S
 
 
-def read_recordings(paths: Sequence[Path]) -> list[Recorded]:
-    """Each file as a drive.
-
-    ConfigError: no recording, too short a drive, or one without a map or any pose.
-    """
-    return [_read(path) for path in paths]
-
-
-def _read(path: Path) -> Recorded:
+def read_drive(path: Path) -> Recorded:
+    """ConfigError: no recording, too short a drive, or one without a map or any pose."""
     turns: list[Turn] = []
     frames: dict[int, Any] = {}
     overhead: list[list[float]] = []
@@ -84,8 +77,8 @@ def _read(path: Path) -> Recorded:
             f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
         )
     begin_s = turns[0].time_s
-    fresh = [t for b, t in zip([None, *turns], turns, strict=False) if b is None or _new(b, t)]
-    fresh = [t for t in fresh if t.frame in frames]
+    before = [None, *(turn.frame for turn in turns)]
+    fresh = [t for t, b in zip(turns, before, strict=False) if t.frame != b and t.frame in frames]
     images = [picture(topics.image_bytes(frames[t.frame or 0].message())) for t in fresh]
     begun = np.array((begin_s, 0.0, 0.0, 0.0))
     return Recorded(
@@ -98,10 +91,6 @@ def _read(path: Path) -> Recorded:
         1.0 - len(fresh) / max(1, sum(t.frame is not None for t in turns)),
         tuple(fresh),
     )
-
-
-def _new(before: Turn, turn: Turn) -> bool:
-    return turn.frame is not None and turn.frame != before.frame
 
 
 def _commands(turns: Sequence[Turn]) -> np.ndarray:
