@@ -84,7 +84,7 @@ def _late_s(look: Look) -> float:
 def _levels(twin: Twin, drive: Recorded) -> float:
     """The greatest difference of a kind's median colour between recorded and twin's pictures."""
     scene = cover_scene(drive.road_map, twin.camera.width)
-    cover = cover_of(scene, twin.camera.values, twin.poses)
+    cover = cover_of(scene, twin.camera.values, twin.camera.poses)
     ours, worst = twin_pictures(twin, drive), 0.0
     masks = [members(each) for each in cover]
     for kind in masks[0]:

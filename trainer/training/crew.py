@@ -11,7 +11,6 @@ one is lost, the leader goes on with fresh ones from where its weights are.
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import sys
@@ -92,13 +91,11 @@ class Peers:
 
     def begin(self, model: BaseAlgorithm) -> None:
         """Give every process the leader's weights; from now on they change alike."""
-        content = io.BytesIO()
-        torch.save(content_of(model), content)
-        told = [content.getvalue()]
+        told = [content_of(model)]
         with _unless_lost():
             distributed.broadcast_object_list(told, src=0)
         if self.rank > 0:
-            put_back(model, torch.load(io.BytesIO(told[0]), map_location=model.device))
+            put_back(model, told[0])
         self._hook = model.policy.optimizer.register_step_pre_hook(self._average)
 
     def gather(self, news: Any) -> list[Any]:
@@ -137,11 +134,7 @@ class Crew:
     """
 
     def __init__(
-        self,
-        config: RunConfig,
-        make_env: EnvMaker,
-        folder: Path,
-        launcher: Launcher,
+        self, config: RunConfig, make_env: EnvMaker, folder: Path, launcher: Launcher
     ) -> None:
         self._config, self._make_env, self._folder = config, make_env, folder
         self._launcher = launcher

@@ -61,8 +61,7 @@ class Twin:
 
     found: Found
     unseen: tuple[str, ...]  # sentences: what the drive could not show
-    camera: seen.Fitted
-    poses: np.ndarray  # (F, 3) of the key pictures' eye
+    camera: seen.Fitted  # with the poses of the key pictures' eye
     pictures: np.ndarray  # (F, 120, 160, 3) key pictures
 
     @property
@@ -134,7 +133,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
         found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
     for name, (value, sd) in found.items():
         found[name] = value, max(sd, LEAST_SD.get(name.split(".")[1], 0.0))
-    return Twin(found, tuple(unseen), camera, camera.poses, images[chosen])
+    return Twin(found, tuple(unseen), camera, images[chosen])
 
 
 def _still(drive: Recorded) -> list[np.ndarray]:

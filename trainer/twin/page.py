@@ -32,7 +32,7 @@ def twin_pictures(twin: Twin, drive: Recorded) -> np.ndarray:
     scene = Scene(paint_ground(drive.road_map, look.ground), (), look.sky, look.light)
     camera = RayCamera(ImageSpec(), 1)
     camera.set_robot(0, scene, rig_of(twin.camera.values))
-    drawn = np.concatenate([camera.render(pose[None]) for pose in twin.poses])
+    drawn = np.concatenate([camera.render(pose[None]) for pose in twin.camera.poses])
     return apply_sensor(drawn, [look.sensor] * len(drawn), np.random.default_rng(0))
 
 
