@@ -21,7 +21,7 @@ from sim_pybullet.look import Look
 from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin.camera import cover_scene
-from trainer.twin.colours import cover_of, members
+from trainer.twin.colours import members, seen_from
 from trainer.twin.fit import Twin, fit_twin
 from trainer.twin.page import twin_pictures, write_page
 from trainer.twin.recorded import Recorded, read_drive
@@ -84,7 +84,7 @@ def _late_s(look: Look) -> float:
 def _levels(twin: Twin, drive: Recorded) -> float:
     """The greatest difference of a kind's median colour between recorded and twin's pictures."""
     scene = cover_scene(drive.road_map, twin.camera.width)
-    cover = cover_of(scene, twin.camera.values, twin.camera.poses)
+    cover = seen_from(scene, twin.camera.values, twin.camera.poses)
     ours, worst = twin_pictures(twin, drive), 0.0
     masks = [members(each) for each in cover]
     for kind in masks[0]:

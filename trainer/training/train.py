@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
@@ -81,7 +81,7 @@ def train(
             state.stopped_by = ""
             model.set_random_seed(own.seed + model.num_timesteps)
         closing.callback(_close_replay, model, state)
-        model.set_logger(_logger(folder))
+        model.set_logger(configure(str(folder.tensorboard), ["tensorboard"]))
         closing.callback(model.logger.close)
         log = EpisodeLog(folder, model.num_timesteps * config.workers)
         closing.callback(log.close)
@@ -127,12 +127,6 @@ def _finish(
         export_run(folder, config, env, frames=10 * env.num_envs, int8=False)
         write_json(folder.metrics, metrics)
     return metrics
-
-
-def _logger(folder: RunFolder) -> Logger:
-    folder.tensorboard.mkdir(parents=True, exist_ok=True)
-    path = str(folder.tensorboard)
-    return Logger(path, [TensorBoardOutputFormat(path)])
 
 
 def _close_replay(model: BaseAlgorithm, state: TrainState) -> None:

@@ -37,8 +37,8 @@ def members(drawn: np.ndarray) -> dict[str, np.ndarray]:
     return {**masks, "asphalt": rest > PURE}
 
 
-def cover_of(scene: Scene, values: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """(F, 120, 160, 3) uint8: how much white, yellow and floor a camera sees from poses (F, 3)."""
+def seen_from(scene: Scene, values: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """(F, 120, 160, 3) uint8: what a camera of values (7,) sees of a scene from poses (F, 3)."""
     camera = RayCamera(ImageSpec(), 1)
     camera.set_robot(0, scene, rig_of(values))
     return np.concatenate([camera.render(pose[None]) for pose in poses])

@@ -19,7 +19,7 @@ from sim_pybullet.look import NOMINAL, Look, look_from_plain
 from sim_pybullet.randomise import LOOKS_DIR, look_sampler
 from trainer.twin import camera as seen
 from trainer.twin import motion as moved
-from trainer.twin.colours import Colours, cover_of, fit_colours
+from trainer.twin.colours import Colours, fit_colours, seen_from
 from trainer.twin.recorded import Recorded
 
 KEY_PICTURES, TRACKED = 30, 400
@@ -120,7 +120,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
         told = [_track(d, at, scene, camera) for d, at in zip(drives, near, strict=True)]
         motion = moved.fit_motion([t for t in told if len(t.times_s) >= 30], eye=True)
         found |= _camera_of(camera, motion)
-        cover = cover_of(scene, camera.values, camera.poses)
+        cover = seen_from(scene, camera.values, camera.poses)
         colours = fit_colours(images[chosen], cover, _still(drives[0]))
         found |= _colours_of(colours, camera.width, unseen)
     else:

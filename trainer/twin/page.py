@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from robot.contract import ImageSpec
 from robot.output import write_text
 from robot.recording.drive_file import png
 from sim_pybullet.painting.ground import paint_ground
-from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import apply_sensor
-from trainer.twin.camera import rig_of
+from trainer.twin.colours import seen_from
 from trainer.twin.fit import Twin
 from trainer.twin.recorded import Recorded
 
@@ -30,9 +28,7 @@ def twin_pictures(twin: Twin, drive: Recorded) -> np.ndarray:
     """(F, 120, 160, 3) what the twin's camera sees where the key pictures were taken."""
     look = twin.look
     scene = Scene(paint_ground(drive.road_map, look.ground), (), look.sky, look.light)
-    camera = RayCamera(ImageSpec(), 1)
-    camera.set_robot(0, scene, rig_of(twin.camera.values))
-    drawn = np.concatenate([camera.render(pose[None]) for pose in twin.camera.poses])
+    drawn = seen_from(scene, twin.camera.values, twin.camera.poses)
     return apply_sensor(drawn, [look.sensor] * len(drawn), np.random.default_rng(0))
 
 
