@@ -14,7 +14,7 @@ from rich.console import Console
 from robot.errors import ConfigError
 from trainer.one_thread import ONE_THREAD
 from trainer.options import EvaluateOptions, TrainOptions
-from trainer.sweeps.sweep import SweepOptions, combinations, run_sweep
+from trainer.sweeps.sweep import SweepOptions, run_sweep
 
 EXPORT_ROBOTS = 32
 _TRAIN = TrainOptions()
@@ -40,7 +40,7 @@ def train_command(
         many: several at once.
         given: the names of the options that were given.
     """
-    from trainer.sweeps.jobs import TrainJob
+    from trainer.sweeps.jobs import TrainJob, combinations
 
     if many.wanted:
         jobs = [TrainJob(out / n, each, resume=True) for n, each in combinations(options, many)]

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TypeVar
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError, expect_between, nearest
-from robot.typed_config import from_plain, read_yaml
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import LearnConfig, find_algorithm
 
 T = TypeVar("T")
 
 LARGEST_SEED = 2**31 - 1
-MOST_STEPS = 10**12
-
 WHOLE_FRAME = ImageSpec()
 
 
@@ -71,7 +67,7 @@ class RunConfig:
     style: str = "race"  # of driving on tracks, see `sim_pybullet.tasks.track_racing.STYLES`
     start_spread: float = 1.0  # in training, see `sim_pybullet.tasks.navigation`, `track_racing`
     relit: bool = False  # whether episodes are seen under lights of their own in training
-    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.envs.with_true_path`
+    true_path: float = 0.0  # weight of the auxiliary task, see `trainer.learners.world`
     rate_left: float = 1.0  # of the learning rate at the last step; it falls on a straight line
     entropy_left: float = 1.0  # of the weight of the actor's entropy, after 60 % of the steps
     device: str = "cpu"  # of the network: cpu, cuda or auto
@@ -97,7 +93,7 @@ class RunConfig:
             )
         limits = {
             "seed": (0, LARGEST_SEED),
-            "steps": (1, MOST_STEPS),
+            "steps": (1, 10**12),
             "start_spread": (1.0, 4.0),
             "true_path": (0.0, 100.0),
             "rate_left": (0.0, 1.0),
@@ -105,25 +101,6 @@ class RunConfig:
         }
         for name, (least, most) in limits.items():
             expect_between(name, getattr(self, name), least, most)
-
-
-def load_run(path: Path) -> RunConfig:
-    """A training's ``config.yaml``; ConfigError if it is absent or wrong."""
-    plain = read_yaml(path)
-    if not (isinstance(plain, dict) and isinstance(plain.get("algorithm"), str)):
-        raise ConfigError(f"{path}: expected the configuration of a training, got another file")
-    usual = find_algorithm(plain["algorithm"]).learn
-    learn = from_plain(type(usual), plain.pop("learn", {}), f"{path}.learn")
-    return replace(from_plain(RunConfig, {**plain, "learn": {}}, str(path)), learn=learn)
-
-
-def judged(config: RunConfig) -> RunConfig:
-    """The run in whose world the greedy driving between updates takes place."""
-    elsewhere = config.evaluation
-    config = replace(config, start_spread=1.0, maps=elsewhere.maps or config.maps)
-    if not elsewhere.look:
-        return config
-    return replace(config, look=elsewhere.look, translate=None, without=())
 
 
 def choose(what: str, name: str, valid: Mapping[str, T]) -> T:

@@ -14,8 +14,9 @@ import yaml
 
 from robot.errors import ConfigError
 from robot.output import atomically, expect_folder, write_text
-from robot.typed_config import load_yaml, to_plain
-from trainer.config import RunConfig, load_run
+from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
+from trainer.algorithms import find_algorithm
+from trainer.config import RunConfig
 
 CONFIG = "config.yaml"  # of every kind of run: what it was begun with
 
@@ -132,10 +133,18 @@ class RunFolder:
         _begin_run(self.path, config)
 
     def load_config(self) -> RunConfig:
-        """The configuration that this run was begun with; ConfigError if there is none."""
+        """The configuration that this run was begun with; ConfigError if it is absent or wrong."""
         if not self.config.exists():
             raise ConfigError(f"{self.path}: expected the folder of a run, found no {CONFIG}")
-        return load_run(self.config)
+        plain = read_yaml(self.config)
+        if not (isinstance(plain, dict) and isinstance(plain.get("algorithm"), str)):
+            raise ConfigError(
+                f"{self.config}: expected the configuration of a training, got another file"
+            )
+        usual = find_algorithm(plain["algorithm"]).learn  # has fields that others have not
+        learn = from_plain(type(usual), plain.pop("learn", {}), f"{self.config}.learn")
+        found = from_plain(RunConfig, {**plain, "learn": {}}, str(self.config))
+        return replace(found, learn=learn)
 
     def episodes(self) -> list[Episode]:
         """All of ``progress.csv``."""

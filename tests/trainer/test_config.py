@@ -7,11 +7,11 @@ from robot.errors import ConfigError
 from sim_pybullet.tasks.spec import learned_tasks
 from trainer.algorithms import NAMES
 from trainer.algorithms.ppo import PpoConfig
-from trainer.config import judged
 from trainer.learners.policies import build_policy
 from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.run import RunFolder
+from trainer.training.train import judged
 
 PRESETS = ("paper", "fast", "debug")
 

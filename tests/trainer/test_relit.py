@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import VecEnv
 
-from trainer.envs import TRUE_PATH, make_env, under_other_lights, with_true_path
+from trainer.envs import make_env
+from trainer.learners.world import TRUE_PATH, under_other_lights, with_true_path
 from trainer.presets import preset
 from trainer.relit import GAINS, GAMMAS, draw_light, relit
 

@@ -16,9 +16,9 @@ from robot.navigation.road_map import load_map
 from robot.recording.turn import Turn
 from sim_pybullet.look import NOMINAL
 from trainer.export import export_network
-from trainer.twin.examples import Examples, examples_of, foretold, told
+from trainer.twin.examples import Examples, examples_of, foretold
 from trainer.twin.recorded import Recorded
-from trainer.twin.teach import TeachConfig, base_file, load_base, teach
+from trainer.twin.teach import TeachConfig, base_file, load_base, teach, told
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)

@@ -29,7 +29,6 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from trainer.algorithms import Algorithm, EnvMaker, Making
 from trainer.config import RunConfig
-from trainer.envs import learning_world
 from trainer.learners.actor_critic import (
     CRUISE,
     ActorCriticConfig,
@@ -39,10 +38,10 @@ from trainer.learners.actor_critic import (
 from trainer.learners.episode_count import EpisodeCount, EpisodeEnd, Tell
 from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import learning_rates, policy_arguments
+from trainer.learners.world import learning_world
 from trainer.one_thread import send_out
 from trainer.run import RunFolder
 
-_LEAVE_S = 20.0  # a worker that shall stop gets so long to finish its rollout
 _MOST_REPLACED = 100  # more deaths than that are no accidents
 
 
@@ -66,7 +65,6 @@ class Shared(NamedTuple):
     weights: torch.Tensor  # (P,) of the policy
     squares: torch.Tensor  # (P,) RMSProp's statistics
     steps: torch.Tensor  # (W,) decisions of each worker
-    leave: torch.Tensor  # (1,) whether the workers shall
 
 
 class SharedRmsprop(torch.optim.Optimizer):
@@ -76,8 +74,8 @@ class SharedRmsprop(torch.optim.Optimizer):
         super().__init__(parameters, {"lr": lr})
         self._own, self._decay, self._epsilon = self.param_groups[0]["params"], decay, epsilon
         weights = parameters_to_vector(self._own).detach()
-        counts = (torch.zeros(size, dtype=torch.int64) for size in (workers, 1))
-        parts = (weights.clone(), torch.zeros_like(weights), *counts)
+        steps = torch.zeros(workers, dtype=torch.int64)
+        parts = (weights.clone(), torch.zeros_like(weights), steps)
         self.shared = Shared(*(part.share_memory_() for part in parts))
 
     def pull(self) -> None:
@@ -157,11 +155,10 @@ class _Others:
         self.replaced, config, count = 0, making.config, len(shared.steps)
         seeds = np.random.SeedSequence((config.seed, begun)).generate_state(count) % 2**31
         configs = [replace(config, seed=int(seed)) for seed in seeds]
-        shared.leave.zero_()
         self._orders = [
             _Orders(configs[k], making.make_env, shared, k, begun) for k in range(1, count)
         ]
-        self._leave, self._workers = shared.leave, [_send_out(each) for each in self._orders]
+        self._workers = [_send_out(each) for each in self._orders]
 
     def news(self) -> list[tuple[list[EpisodeEnd], float]]:
         """See `A3C.news`."""
@@ -195,10 +192,8 @@ class _Others:
         self._workers[k] = _send_out(self._orders[k])
 
     def close(self) -> None:
-        """Let the workers finish their rollouts and leave."""
-        self._leave.fill_(1)
+        """End the workers, wherever they are: nothing is locked, or theirs alone."""
         for process, pipe in self._workers:
-            process.join(_LEAVE_S)
             process.kill()
             process.join()
             pipe.close()
@@ -212,7 +207,7 @@ def _send_out(orders: _Orders) -> tuple[BaseProcess, Connection]:
 
 
 def _work(orders: _Orders, pipe: Connection) -> None:
-    """The main function of a worker's process: learns until it shall leave."""
+    """The main function of a worker's process: learns until it is killed, or alone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
     config, make_env, shared, number, begun, cpu_s = orders
     torch.set_num_threads(config.threads)
@@ -223,7 +218,7 @@ def _work(orders: _Orders, pipe: Connection) -> None:
             pipe.send((ended, cpu_s + time.process_time()))
 
     def goes_on() -> bool:
-        return not shared.leave and trainer is not None and trainer.is_alive()
+        return trainer is not None and trainer.is_alive()
 
     env = learning_world(config, make_env)
     model = build(Making(config, env, RunFolder(Path()), make_env, Console(quiet=True)))

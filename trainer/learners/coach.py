@@ -23,7 +23,8 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.rendering.camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.config import RunConfig
-from trainer.envs import ScaledReward, SeenOtherwise, make_env
+from trainer.envs import SeenOtherwise, make_env
+from trainer.learners.world import ScaledReward
 from trainer.run import atomically
 from trainer.torch_file import reading
 

@@ -23,7 +23,7 @@ from torch import nn
 from robot.contract import PATH_POINTS
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.envs import TRUE_PATH
+from trainer.learners.world import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
 
@@ -91,7 +91,7 @@ class QPolicy(DQNPolicy):
     """Online and target network; orthogonal weights.
 
     Args:
-        true_path: weight of the auxiliary task, see `trainer.envs.with_true_path`.
+        true_path: weight of the auxiliary task, see `trainer.learners.world.with_true_path`.
     """
 
     network: type[QNetwork] = QNetwork

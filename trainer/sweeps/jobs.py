@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 
 from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.output import expect_folder
+from robot.typed_config import from_plain, read_yaml, to_plain
 from trainer.config import RunConfig
 from trainer.options import EvaluateOptions, TrainOptions, extended, refuse_others
 from trainer.run import RunFolder, read_json, refuse_run
-from trainer.sweeps.sweep import SweepOptions, WorkerOptions, combinations
+from trainer.sweeps.sweep import SweepOptions, WorkerOptions
+
+T = TypeVar("T")
 
 if TYPE_CHECKING:
     from trainer.training.crew import Launcher
@@ -163,3 +168,50 @@ def evaluate_jobs(
         path = beside.with_name("_".join(filter(None, (beside.stem, name))) + beside.suffix)
         jobs.append(EvaluateJob(path, each, drives))
     return jobs
+
+
+def combinations(options: T, many: SweepOptions, seed_step: int = 1) -> list[tuple[str, T]]:
+    """Every combination of what is to vary: a name that tells what is its own, and its options.
+
+    ``options`` is a frozen dataclass; ``seed_step`` from one of ``--seeds`` to the next.
+    ConfigError for an unknown option, a value of the wrong kind, or two equal combinations.
+    """
+    choices = _choices(options, many, seed_step)
+    found: dict[str, T] = {}
+    for values in itertools.product(*choices.values()):
+        chosen = dict(zip(choices, values, strict=True))
+        name = "_".join(f"{key}-{_slug(value)}" for key, value in chosen.items())
+        if name in found:
+            raise ConfigError(f"{many.matrix}: expected different values, got {name} twice")
+        plain = {**to_plain(options), **chosen}
+        found[name] = from_plain(type(options), plain, where=str(many.matrix or "options"))
+    return list(found.items())
+
+
+def _choices(options: Any, many: SweepOptions, seed_step: int) -> dict[str, list[Any]]:
+    """For each option that varies the values that it has, in the order of the file."""
+    choices: dict[str, list[Any]] = {}
+    given = {} if many.matrix is None else read_yaml(many.matrix)
+    if not isinstance(given, dict):
+        raise ConfigError(
+            f"{many.matrix}: expected options with lists of values, got {type(given).__name__}"
+        )
+    for key, values in given.items():
+        if not isinstance(values, list) or not values:
+            raise ConfigError(f"{many.matrix}: {key}: expected a list of values, got {values!r}")
+        name = str(key).replace("-", "_")
+        several = isinstance(getattr(options, name, None), tuple)
+        choices[name] = [[v] if several and isinstance(v, str) else v for v in values]
+    if many.seeds is not None:
+        if many.seeds < 1 or "seed" in choices:
+            raise ConfigError(
+                f"seeds: expected 1 or more, and no seed in the matrix, got {many.seeds}"
+            )
+        choices["seed"] = [options.seed + k * seed_step for k in range(many.seeds)]
+    return choices
+
+
+def _slug(value: Any) -> str:
+    if isinstance(value, list):
+        return "+".join(map(_slug, value))
+    return re.sub(r"[^A-Za-z0-9.]+", "-", str(value)).strip("-")

@@ -33,8 +33,8 @@ from torch.utils.hooks import RemovableHandle
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
-from trainer.envs import learning_world
 from trainer.learners.episode_count import EpisodeCount, Tell
+from trainer.learners.world import learning_world
 from trainer.one_thread import send_out
 from trainer.run import RunFolder
 from trainer.training.checkpoint import content_of, put_back

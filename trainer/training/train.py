@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from rich.console import Console
@@ -14,10 +14,10 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
 from trainer.algorithms import EnvMaker, Making, find_algorithm
-from trainer.config import RunConfig, judged
-from trainer.envs import learning_world
+from trainer.config import RunConfig
 from trainer.export import export_run
 from trainer.learners.replay import MappedReplayBuffer
+from trainer.learners.world import learning_world
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
@@ -95,6 +95,15 @@ def train(
             crew.close()
         state.stopped_by = state.stopped_by or "steps"
         return _finish(config, folder, judging_env, watch, log.count)
+
+
+def judged(config: RunConfig) -> RunConfig:
+    """The run in whose world the greedy driving between updates takes place."""
+    elsewhere = config.evaluation
+    config = replace(config, start_spread=1.0, maps=elsewhere.maps or config.maps)
+    if not elsewhere.look:
+        return config
+    return replace(config, look=elsewhere.look, translate=None, without=())
 
 
 def _finish(

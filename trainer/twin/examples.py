@@ -1,27 +1,20 @@
-"""What a person did in a recording, as examples to learn from; and the proof of who has learned."""
+"""What a person did in a recording, as pictures with an action for each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import DRIVE, PolicyContract, Proof
-from robot.inference.policy import OnnxPolicy
+from robot.contract import DRIVE, PolicyContract
 from robot.inference.preprocess import preprocess
-from robot.navigation.road_map import RoadMap
 from robot.recording.turn import Turn
-from sim_pybullet.pool import Looks
-from sim_pybullet.tasks.spec import find_task
-from trainer.judging.evaluate import evaluate, wilson_low
 from trainer.twin.recorded import Recorded
 
 HELD_OUT = 0.3  # of each drive, its last part
 MOVES_MPS = 0.05
 CLEAR_PM = 2.5  # curvature from which on somebody steers, not only drives on
-FIRST = 50_000  # number of the first drive of a proof
 TAKEOVER_S, TAKEOVER_WEIGHT = 3.0, 4.0  # after a person took the wheel from the policy
 
 
@@ -72,42 +65,6 @@ def foretold(actions: np.ndarray, seen: Examples, contract: PolicyContract) -> t
     clear = np.abs(seen.bends_pm) > CLEAR_PM
     same = np.sign(ours[actions[clear]]) == np.sign(seen.bends_pm[clear])
     return int(same.sum()), int(clear.sum())
-
-
-def prove(
-    model: Path,
-    road_map: RoadMap,
-    twin: Looks,
-    held_out: Examples,
-    drives: int,
-    finished: Callable[[Any], None],
-) -> Proof:
-    """Drive a policy in its twin, and ask it about recordings that it did not learn from."""
-    policy = OnnxPolicy(model)
-    contract = policy.contract
-    rings = bool(find_task(contract.task).lanes)
-    numbers = range(FIRST, FIRST + drives)
-    lane = "both" if rings else None
-    done = evaluate(policy, contract.task, [road_map], twin, numbers, finished, lane=lane)
-    succeeded = sum(drive.success for drive in done)
-    low, high = wilson_low(succeeded, drives), 1.0 - wilson_low(drives - succeeded, drives)
-    same, steered = told(policy, held_out)
-    what = "two-lap drives" if rings else "missions"
-    share = 100.0 * succeeded / drives
-    sentence = f"{share:.0f} % of {drives} {what} in its twin (95 %: {low:.0%} to {high:.0%})"
-    if steered:
-        sentence += f"; steers as the person did in {same} of {steered} held-out moments"
-    return Proof(drives, succeeded, low, high, steered, same, sentence)
-
-
-def told(policy: OnnxPolicy, seen: Examples) -> tuple[int, int]:
-    """See `foretold`."""
-    if not len(seen.actions):
-        return 0, 0
-    rows = range(len(seen.actions))
-    paths = [None if seen.paths is None else seen.paths[k : k + 1] for k in rows]
-    chosen = [policy.act(seen.images[k : k + 1], paths[k])[0] for k in rows]
-    return foretold(np.array(chosen), seen, policy.contract)
 
 
 def _bend(wheels: Sequence[float]) -> float | None:

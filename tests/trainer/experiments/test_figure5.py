@@ -9,7 +9,7 @@ import pytest
 
 from sim_pybullet.randomise import looks_of
 from trainer.cli import main
-from trainer.config import RunConfig, judged
+from trainer.config import RunConfig
 from trainer.experiments.figure5 import (
     VARIANTS,
     Curve,
@@ -20,6 +20,7 @@ from trainer.experiments.figure5 import (
     trainings,
 )
 from trainer.report.curves import half_interval
+from trainer.training.train import judged
 
 OPTIONS = Figure5Options(seeds=2)
 TRANSLATOR = Path("translator.onnx")

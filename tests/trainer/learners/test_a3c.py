@@ -104,7 +104,6 @@ def test_a_process_shares_memory_and_not_a_copy() -> None:
     assert shared.weights.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert shared.squares.tolist() == [0.0] * 5
     assert shared.steps.tolist() == [0, 0, 7]
-    assert not shared.leave
     assert parameter.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     optimiser.pull()
     assert parameter.tolist() == shared.weights.tolist()

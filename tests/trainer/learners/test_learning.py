@@ -21,10 +21,10 @@ from tests.trainer.toy import (
 )
 from trainer.algorithms.ddqn import DoubleDQN
 from trainer.config import RunConfig
-from trainer.envs import ScaledReward
 from trainer.learners.actor_critic import ActorCriticConfig, entropies
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy, learning_rates
+from trainer.learners.world import ScaledReward
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, load_policy, save_checkpoint
 from trainer.training.train import train

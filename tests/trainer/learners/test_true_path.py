@@ -12,9 +12,10 @@ from sim_pybullet.vec_env import DuckpilotVecEnv
 from tests.trainer.toy import build_model
 from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
-from trainer.envs import TRUE_PATH, SeenOtherwise, make_env, with_true_path
+from trainer.envs import SeenOtherwise, make_env
 from trainer.learners.networks import DrivingActorCritic, GreedyNetwork, QPolicy
 from trainer.learners.policies import build_policy, policy_arguments
+from trainer.learners.world import TRUE_PATH, with_true_path
 from trainer.presets import preset
 
 ROBOTS = 3

@@ -10,8 +10,8 @@ from trainer.cli import main
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.presets import preset
 from trainer.run import RunFolder, write_json
-from trainer.sweeps.jobs import TrainJob, evaluate_jobs
-from trainer.sweeps.sweep import SweepOptions, combinations, run_sweep
+from trainer.sweeps.jobs import TrainJob, combinations, evaluate_jobs
+from trainer.sweeps.sweep import SweepOptions, run_sweep
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from robot.errors import ContractError
 from robot.inference.translator import TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from trainer.cli import main
-from trainer.config import judged
 from trainer.envs import make_env
 from trainer.experiments.racing_policy import named_policies
 from trainer.options import TrainOptions
 from trainer.presets import preset
+from trainer.training.train import judged
 from trainer.transfer.classes import ROAD
 from trainer.transfer.options import ParseOptions
 from trainer.transfer.parser import Parser

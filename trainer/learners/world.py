@@ -1,0 +1,83 @@
+"""The world of a run, as what learns there sees it."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from robot.contract import PATH_POINTS
+from robot.navigation.guidance import path_inputs
+from sim_pybullet.vec_env import DuckpilotVecEnv
+from trainer.algorithms import EnvMaker
+from trainer.config import RunConfig
+from trainer.envs import SeenOtherwise, parts_of
+from trainer.relit import relit
+
+TRUE_PATH = "true_path"
+
+
+def with_true_path(env: VecEnv) -> SeenOtherwise:
+    """Adds ``true_path``, the path inputs (PATH_POINTS,) of true poses, to what N robots see.
+
+    An auxiliary task for navigation, after Jaderberg et al. 2017 ("Reinforcement Learning with
+    Unsupervised Auxiliary Tasks"). Reward says little of where on its lane a robot is: a wrong
+    decision costs next to nothing. So while it learns, a network also says that path, from the
+    layer that its choice is made of, and the picture soon corrects the path that comes of a wrong
+    pose. Nothing of it is in what is exported. See `robot.navigation.guidance`.
+    """
+    world, space = cast(DuckpilotVecEnv, env).world, env.observation_space
+    parts = space.spaces if isinstance(space, spaces.Dict) else {"image": space}
+
+    def see(seen: Any, robot: int | None) -> dict[str, np.ndarray]:
+        true = np.zeros(PATH_POINTS, np.float32)  # of an ended episode: nobody learns from it
+        if robot is None:
+            true = path_inputs(world.task.paths, world.poses, world.task.course.arc_m)
+        return {**parts_of(seen), TRUE_PATH: true}
+
+    true_path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+    return SeenOtherwise(env, see, spaces.Dict({**parts, TRUE_PATH: true_path}))
+
+
+def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
+    """Whatever a robot sees, it sees under a light of its own: one for all frames of a stack.
+
+    Pictures are (H, W, 3 F) uint8, or a dict with them as ``image``.
+    """
+
+    def see(seen: Any, robot: int | None) -> Any:
+        shown = parts_of(seen)["image"]
+        lit = np.stack([relit(each, rng) for each in shown]) if robot is None else relit(shown, rng)
+        return {**seen, "image": lit} if isinstance(seen, dict) else lit
+
+    return SeenOtherwise(env, see)
+
+
+class ScaledReward(VecEnvWrapper):
+    """Multiplies rewards, so that values lie near 1, where losses and gradients are made for."""
+
+    def __init__(self, env: VecEnv, scale: float) -> None:
+        super().__init__(env)
+        self._scale = scale
+
+    def reset(self) -> VecEnvObs:
+        """As of the environment."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """As of the environment, the rewards (N,) scaled."""
+        observation, rewards, done, infos = self.venv.step_wait()
+        return observation, rewards * self._scale, done, infos
+
+
+def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
+    """Of so many robots as learn at once, as they see it; DuckpilotError as of ``make_env``."""
+    env = make_env(config, config.learn.robots, config.seed)
+    if config.true_path:
+        env = with_true_path(env)
+    if config.relit:
+        env = under_other_lights(env, np.random.default_rng(config.seed))
+    return ScaledReward(env, config.reward_scale)
