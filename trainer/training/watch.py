@@ -197,7 +197,7 @@ class GreedyResult(NamedTuple):
 
     rewards: np.ndarray  # (R, N) summed over the episode
     steps: np.ndarray  # (R, N) decisions
-    success: np.ndarray  # (R, N) bool
+    success: np.ndarray  # (R, N) 1 or 0
     distance_m: np.ndarray  # (R, N) from the path, mean of an episode; NaN where nothing tells it
 
 
@@ -214,19 +214,15 @@ def drive_greedily(
     """
     env.seed(seed)
     observation = env.reset()
-    shape = (rounds + 1, env.num_envs)  # one more, for what is driven while others are waited for
-    rewards, steps, success = np.zeros(shape), np.zeros(shape, dtype=int), np.zeros(shape, bool)
-    off_m = np.zeros(shape)
-    which, robots = np.zeros(env.num_envs, dtype=int), np.arange(env.num_envs)
-    while (which < rounds).any():
-        if watch is not None and not which[0]:
+    count, off_m = EpisodeCount(env.num_envs, 1.0), np.zeros(env.num_envs)
+    ends: list[list[tuple[float, ...]]] = [[] for _ in range(env.num_envs)]
+    while min(map(len, ends)) < rounds:
+        if watch is not None and not ends[0]:
             watch(parts_of(observation)["image"][0, ..., -3:].copy())
         observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
-        rewards[which, robots] += reward
-        steps[which, robots] += 1
-        off_m[which, robots] += [abs(info.get("offset_m", np.nan)) for info in infos]
-        for robot in np.flatnonzero(done):
-            success[which[robot], robot] = bool(infos[robot].get("is_success", False))
-        which = np.minimum(which + done, rounds)
-    means = off_m[:rounds] / steps[:rounds]
-    return GreedyResult(rewards[:rounds], steps[:rounds], success[:rounds], means)
+        off_m += [abs(info.get("offset_m", np.nan)) for info in infos]
+        for k, *told in count.ended(reward, done, infos):
+            if len(ends[k]) < rounds:  # others are waited for
+                ends[k].append((*told, off_m[k] / told[1]))
+            off_m[k] = 0.0
+    return GreedyResult(*np.ascontiguousarray(np.array(ends, dtype=float).T))
