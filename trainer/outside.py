@@ -26,13 +26,7 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from torch import nn
 
 from robot.command_line import one_line
-from robot.contract import (
-    FIVE_ACTIONS,
-    MAX_WHEEL_MPS,
-    PATH_POINTS,
-    ImageSpec,
-    PolicyContract,
-)
+from robot.contract import FIVE_ACTIONS, MAX_WHEEL_MPS, PATH_POINTS, ImageSpec, PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.output import atomically

@@ -8,12 +8,7 @@ from typing import cast
 from stable_baselines3 import A2C
 
 from trainer.algorithms import Algorithm, Making
-from trainer.learners.actor_critic import (
-    CRUISE,
-    ActorCriticConfig,
-    FallingEntropy,
-    build_on_policy,
-)
+from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, on_policy
 from trainer.learners.networks import DrivingActorCritic
 
 
@@ -34,7 +29,7 @@ def build(making: Making) -> DrivingA2C:
     """A model ready to learn."""
     learn = cast(A2cConfig, making.config.learn)
     own = {"n_steps": learn.a2c_rollout, "gae_lambda": learn.gae_lambda, "use_rms_prop": False}
-    return build_on_policy(DrivingA2C, making, **own)
+    return on_policy(DrivingA2C, making, **own)
 
 
 ALGORITHM = Algorithm(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -29,12 +29,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from trainer.algorithms import Algorithm, EnvMaker, Making
 from trainer.config import RunConfig
-from trainer.learners.actor_critic import (
-    CRUISE,
-    ActorCriticConfig,
-    FallingEntropy,
-    build_on_policy,
-)
+from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, on_policy
 from trainer.learners.episode_count import EpisodeCount, EpisodeEnd, Tell
 from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import learning_rates, policy_arguments
@@ -162,22 +157,18 @@ class _Others:
 
     def news(self) -> list[tuple[list[EpisodeEnd], float]]:
         """See `A3C.news`."""
-        return [(self._heard(k), self._orders[k].cpu_s) for k in range(len(self._workers))]
-
-    def _heard(self, k: int) -> list[EpisodeEnd]:
-        ended: list[EpisodeEnd] = []
-        process, pipe = self._workers[k]
-        try:
-            while pipe.poll():
-                more, cpu_s = pipe.recv()
-                ended += more
-                self._orders[k] = self._orders[k]._replace(cpu_s=cpu_s)
-        except (EOFError, OSError):  # it has gone, perhaps while it was writing
-            pass
-        if process.exitcode:
-            pipe.close()
-            self._replace(k, process.exitcode)
-        return ended
+        told = []
+        for k, (process, pipe) in enumerate(self._workers):
+            ended: list[EpisodeEnd] = []
+            with suppress(EOFError, OSError):  # of one that has gone, perhaps while it was writing
+                while pipe.poll():
+                    more, cpu_s = pipe.recv()
+                    ended += more
+                    self._orders[k] = self._orders[k]._replace(cpu_s=cpu_s)
+            told.append((ended, self._orders[k].cpu_s))
+            if process.exitcode:
+                self._replace(k, process.exitcode)
+        return told
 
     def _replace(self, k: int, exitcode: int) -> None:
         self.replaced += 1
@@ -186,6 +177,7 @@ class _Others:
                 f"A3C: expected workers that go on until told to stop, worker {k + 1} left with "
                 f"exit status {exitcode} ({self.replaced} replaced so far); its error is above"
             )
+        self._workers[k][1].close()
         config = self._orders[k].config
         again = replace(config, seed=config.seed + self.replaced)
         self._orders[k] = self._orders[k]._replace(config=again)
@@ -243,7 +235,7 @@ def build(making: Making) -> A3C:
 
     shared = {"decay": learn.rms_decay, "epsilon": learn.rms_epsilon, "workers": learn.workers}
     optimiser = {"optimizer_class": SharedRmsprop, "optimizer_kwargs": shared}
-    model = build_on_policy(
+    model = on_policy(
         A3C,
         replace(making, config=config),
         learning_rate=rate,

@@ -8,12 +8,7 @@ from typing import cast
 from stable_baselines3 import PPO
 
 from trainer.algorithms import Algorithm, Making
-from trainer.learners.actor_critic import (
-    CRUISE,
-    ActorCriticConfig,
-    FallingEntropy,
-    build_on_policy,
-)
+from trainer.learners.actor_critic import CRUISE, ActorCriticConfig, FallingEntropy, on_policy
 from trainer.learners.networks import DrivingActorCritic
 
 
@@ -35,7 +30,7 @@ class DrivingPPO(FallingEntropy, PPO):
 def build(making: Making) -> DrivingPPO:
     """A model ready to learn."""
     learn = cast(PpoConfig, making.config.learn)
-    return build_on_policy(
+    return on_policy(
         DrivingPPO,
         making,
         n_steps=learn.rollout,

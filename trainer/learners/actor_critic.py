@@ -46,7 +46,7 @@ class FallingEntropy(ChannelLast, OnPolicyAlgorithm):
         losses.clear()
 
 
-def build_on_policy(kind: type[Model], making: Making, **own: Any) -> Model:
+def on_policy(kind: type[Model], making: Making, **own: Any) -> Model:
     """A model of stable-baselines3's ready to learn, with arguments of its ``own``."""
     learn = cast(ActorCriticConfig, making.config.learn)
     usual = {"gamma": learn.gamma, "ent_coef": learn.entropy, "vf_coef": learn.value}
