@@ -173,6 +173,7 @@ def test_a_conversion_that_is_killed_leaves_nothing_and_the_next_completes_it(
 HUNDRED = """
 import random, sys
 from pathlib import Path
+from robot.recording.samples import Piece, mark
 from tests.robot.recording.killed import kill_at
 from tools.data.donkeycar import to_tub
 folder, rng = Path(sys.argv[1]), random.Random(0)

@@ -76,8 +76,8 @@ def judge_command(
                 bar.advance(row)
                 found.append(episode)
                 if not verdicts:
-                    title = f"Episode {episode.seed} on {episode.map}: {episode.end}"
-                    worst.add(episode.badness, f"{title}, {episode.tiles:.1f} tiles", film)
+                    title = f"Episode {episode.seed} on {episode.map} - {episode.end}"
+                    worst.add(episode.badness, f"{title} - {episode.tiles:.1f} tiles", film)
             verdicts.append(Verdict(Path(name).name, sorted(found)))
     _tell(console, challenge, verdicts)
     if json is not None:

@@ -201,7 +201,7 @@ def _offer(worst: Worst, drive: Drive, ride: Ride) -> None:
     if failed or ride.farthest_m > ride.half_lane_m:
         film = tuple(ride.frames) if failed else ride.farthest
         told = ride.end if failed else "out of its lane for a while"
-        title = f"Episode {drive.seed} on {drive.map}: {told}"
+        title = f"Episode {drive.seed} on {drive.map} - {told}"
         worst.add((failed, ride.farthest_m, -drive.seed), title, film)
 
 

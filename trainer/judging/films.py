@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from glob import escape
 from pathlib import Path
 
 from robot.contract import CONTROL_DT_S
@@ -28,14 +30,14 @@ class Worst:
         for _, old in films(out, prefix):
             old.unlink()
         for rank, (_, title, film) in enumerate(self.kept, start=1):
-            path = out / f"{prefix}_{rank}_{title.replace(' ', '_')}.mp4"
-            write_mp4(path, map(enlarged, film), 1.0 / CONTROL_DT_S)
+            name = re.sub(r"[^\w.-]+", "_", f"{prefix}_{rank}_{title}")
+            write_mp4(out / f"{name}.mp4", map(enlarged, film), 1.0 / CONTROL_DT_S)
         return films(out, prefix)
 
 
 def films(folder: Path, prefix: str) -> list[tuple[str, Path]]:
     """Titles and files of what `Worst.write` wrote, the worst first."""
-    found = sorted(folder.glob(f"{prefix}_[1-9]_*.mp4"))
+    found = sorted(folder.glob(f"{escape(prefix)}_[1-9]_*.mp4"))
     return [(path.stem[len(prefix) + 3 :].replace("_", " "), path) for path in found]
 
 

@@ -78,9 +78,9 @@ def test_what_failed_or_left_its_lane_is_filmed_and_films_of_before_go(tmp_path:
     ends = [(DONE, 0.01), ("left its path", 0.05), (DONE, 0.12), ("collided", 0.0), (DONE, 0.1)]
     told = offered(ends).write(*films_of(tmp_path / "e.json"))
     assert [title for title, _ in told] == [
-        "Episode 1 on arena: left its path",
-        "Episode 3 on arena: collided",
-        "Episode 2 on arena: out of its lane for a while",
+        "Episode 1 on arena - left its path",
+        "Episode 3 on arena - collided",
+        "Episode 2 on arena - out of its lane for a while",
     ]
     assert sorted(path.name for _, path in told) == sorted(os.listdir(tmp_path))
     assert not offered(ends[:1]).write(*films_of(tmp_path / "e.json"))

@@ -79,7 +79,7 @@ def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) 
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "96.4 % of 1000" in page
     assert "95.0 % (19 of 20" in page
-    assert "Episode 1 on arena: collided" in page
+    assert "Episode 1 on arena - collided" in page
     assert "The latest evaluation of a" in page
     assert sections(page)[0] == "films"
     assert "worst" in sections(page)
