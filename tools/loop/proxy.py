@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import select
 import socket
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,15 +15,6 @@ from robot.computer.threads import Worker
 TURN_S = 0.05  # real time between two looks at an idle network
 BUSY_S = 0.0005
 PART_BYTES = 65536
-
-
-@dataclass
-class _Pipe:
-    """One direction of a connection; parts wait here until they are due."""
-
-    source: socket.socket
-    sink: socket.socket
-    waiting: deque[tuple[float, bytes]] = field(default_factory=deque)
 
 
 class Proxy(Worker):
@@ -46,7 +35,8 @@ class Proxy(Worker):
         self.again_s = 0.4  # which takes so long
         self.cut = False
         self._clock, self._rng = clock, rng
-        self._pipes: list[_Pipe] = []
+        # Where each end's parts go to, and those that wait until they are due.
+        self._pipes: dict[socket.socket, tuple[socket.socket, deque[tuple[float, bytes]]]] = {}
         self._listeners = {
             socket.create_server(("127.0.0.1", port)): to for port, to in ports.items()
         }
@@ -61,11 +51,10 @@ class Proxy(Worker):
 
     def _work(self) -> None:
         while not self._ending.is_set():
-            waiting = any(pipe.waiting for pipe in self._pipes)
-            sources = [pipe.source for pipe in self._pipes]
+            waiting = any(parts for _, parts in self._pipes.values())
             wait_s = BUSY_S if waiting else TURN_S
             try:
-                ready = select.select([*sources, *self._listeners], [], [], wait_s)[0]
+                ready = select.select([*self._pipes, *self._listeners], [], [], wait_s)[0]
             except (OSError, ValueError):
                 ready = []
             if self.cut:
@@ -73,10 +62,9 @@ class Proxy(Worker):
             for listener, port in self._listeners.items():
                 if listener in ready:
                     self._accept(listener, port)
-            for pipe in list(self._pipes):
-                if pipe.source in ready:
-                    self._read(pipe)
-                self._forward(pipe)
+            for source in list(self._pipes):
+                if source in self._pipes:
+                    self._carry(source, source in ready)
 
     def _accept(self, listener: socket.socket, port: int) -> None:
         near, far = listener.accept()[0], socket.socket()
@@ -89,41 +77,31 @@ class Proxy(Worker):
             far.close()
             time.sleep(BUSY_S)
             return
-        for end in (near, far):
+        for end, other in ((near, far), (far, near)):
             end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._pipes += [_Pipe(near, far), _Pipe(far, near)]
+            self._pipes[end] = (other, deque())
 
-    def _read(self, pipe: _Pipe) -> None:
+    def _carry(self, source: socket.socket, ready: bool) -> None:
+        sink, waiting = self._pipes[source]
         try:
-            data = pipe.source.recv(PART_BYTES)
+            if ready:
+                data = source.recv(PART_BYTES)
+                if not data:
+                    raise OSError("hung up")
+                lost = self.loss and self._rng.random() < self.loss
+                due_s = self._clock() + self.delay_s + (self.again_s if lost else 0.0)
+                before_s = waiting[-1][0] if waiting else due_s
+                waiting.append((max(due_s, before_s), data))  # TCP keeps the order
+            while waiting and waiting[0][0] <= self._clock():
+                sink.sendall(waiting.popleft()[1])
         except OSError:
-            data = b""
-        if not data:
-            self._drop(pipe)
-            return
-        due_s = self._clock() + self.delay_s
-        if self.loss and self._rng.random() < self.loss:
-            due_s += self.again_s
-        if pipe.waiting:  # TCP keeps the order
-            due_s = max(due_s, pipe.waiting[-1][0])
-        pipe.waiting.append((due_s, data))
+            self._drop(source)
 
-    def _forward(self, pipe: _Pipe) -> None:
-        while pipe.waiting and pipe.waiting[0][0] <= self._clock():
-            data = pipe.waiting.popleft()[1]
-            try:
-                pipe.sink.sendall(data)
-            except OSError:
-                self._drop(pipe)
-                return
-
-    def _drop(self, pipe: _Pipe) -> None:
-        ends = {pipe.source, pipe.sink}
-        self._pipes = [p for p in self._pipes if not ends & {p.source, p.sink}]
-        for end in ends:
-            end.close()
+    def _drop(self, end: socket.socket) -> None:
+        for one in (end, self._pipes[end][0]):
+            del self._pipes[one]
+            one.close()
 
     def _hang_up(self) -> None:
-        for pipe in list(self._pipes):
-            with contextlib.suppress(OSError):
-                self._drop(pipe)
+        while self._pipes:
+            self._drop(next(iter(self._pipes)))
