@@ -12,7 +12,7 @@ from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from sim_pybullet.look import Look
 from sim_pybullet.scenery.objects import build_scene
-from tools.lap_drive import LapDrive, LapRecord
+from tools.loop.laps import LapDrive, LapRecord
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 LAPS = float(sys.argv[2]) if len(sys.argv) > 2 else 0.5

@@ -18,7 +18,7 @@ from robot.parts import Tick
 from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder
 from sim_pybullet.look import NOMINAL
-from tools.lap_drive import LapDrive, LapRecord
+from tools.loop.laps import LapDrive, LapRecord
 
 MODEL = Path("robot/models/lane_dueling.onnx")
 TARGET = Path("tests/data/golden_drive.mcap")

@@ -17,9 +17,9 @@ from robot.parts import Tick
 from robot.safety.state_machine import State
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.vehicle import expert_actions
-from tools.lap_drive import LapDrive, LapRecord
 from tools.loop import laps
 from tools.loop.__main__ import main, parse
+from tools.loop.laps import LapDrive, LapRecord
 from trainer.export import export_translator
 
 

@@ -6,18 +6,19 @@ sites, the token keeps out everybody else (OWASP cross-site request forgery chea
 
 from __future__ import annotations
 
-import ipaddress
+import contextlib
 import secrets
 import socket
+from ipaddress import ip_address
 from urllib.parse import urlsplit
 
+from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 BODY_LIMIT_BYTES = 4096  # as of any message on the link
-WILDCARDS = ("0.0.0.0", "::")
 SAFE_METHODS = ("GET", "HEAD")
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
@@ -36,13 +37,11 @@ NO_TOKEN = "Open the address that the monitor printed when it started: it holds 
 
 
 class AccessGate:
-    """ASGI middleware around the whole application."""
+    """ASGI middleware around the whole application; ``host`` is where the server listens."""
 
     def __init__(self, app: ASGIApp, token: str, host: str) -> None:
-        """``host`` is the address that the server listens at."""
-        self._app = app
-        self._token = token
-        self._any_address = host in WILDCARDS
+        self._app, self._token = app, token
+        self._any_address = host in ("0.0.0.0", "::")
         self._hosts = {*LOOPBACK_NAMES, host}
         if self._any_address:
             name = socket.gethostname().lower()
@@ -69,7 +68,9 @@ class AccessGate:
         if not self._known_host(host):
             return PlainTextResponse(f"unknown host {host!r}\n", 400)
         method = connection.scope.get("method", "WEBSOCKET")
-        if method not in SAFE_METHODS and not _same_origin(connection, host):
+        origin = urlsplit(connection.headers.get("origin", ""))
+        ours = origin.scheme in ("http", "https") and origin.netloc.lower() == host.lower()
+        if method not in SAFE_METHODS and not ours:
             return PlainTextResponse("this request came from another site\n", 403)
         cookie = f"duckpilot_{urlsplit(f'//{host}').port or 80}"
         given = connection.query_params.get("token")
@@ -85,13 +86,10 @@ class AccessGate:
         return secrets.compare_digest(token.encode(), self._token.encode())
 
     def _known_host(self, host: str) -> bool:
-        try:
+        with contextlib.suppress(ValueError):  # of what is no address
             name = urlsplit(f"//{host}").hostname or ""
-            if name not in self._hosts:
-                ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return name in self._hosts or self._any_address
+            return name in self._hosts or (self._any_address and bool(ip_address(name)))
+        return False
 
 
 def _size_problem(connection: HTTPConnection) -> Response | None:
@@ -106,17 +104,10 @@ def _size_problem(connection: HTTPConnection) -> Response | None:
     return None
 
 
-def _same_origin(connection: HTTPConnection, host: str) -> bool:
-    origin = urlsplit(connection.headers.get("origin", ""))
-    return origin.scheme in ("http", "https") and origin.netloc.lower() == host.lower()
-
-
 def _with_headers(send: Send) -> Send:
-    extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", ()), *extra]}
+            MutableHeaders(scope=message).update(HEADERS)
         await send(message)
 
     return sending
