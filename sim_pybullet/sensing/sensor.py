@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
+import cv2
 import numpy as np
+from numba import njit
 
 from robot.contract import FRAME_WIDTH_PX
 from sim_pybullet.look import SensorLook
-from sim_pybullet.sensing.jpeg_kernel import quantisers
-from sim_pybullet.sensing.optics import PX_PER_RAD, smeared
-from sim_pybullet.sensing.sensor_kernel import Grain, SensorTable, sense
+from sim_pybullet.sensing.optics import PX_PER_RAD, fma, smeared
 
 _NOISE_SIZE = 1 << 16  # values in the noise table; each row of a picture starts anywhere in it
 _SMALLEST_BLUR_PX = 0.2  # a narrower one changes no grey level
@@ -35,48 +35,25 @@ class Sensors:
     def __init__(self, count: int, shape: tuple[int, ...], crop_top_px: int = 0) -> None:
         height, width = shape[:2]
         self._height, self._scale = height, width / FRAME_WIDTH_PX
-        self._shutters_s = np.zeros(count)
-        self._table = SensorTable(
-            np.zeros((count, 1), np.float32),
-            np.zeros((count, 3, 3), np.int32),
-            np.ones((count, 3), np.float32),
-            np.zeros(count, np.float32),
-            np.zeros(count, np.float32),
-            np.zeros((count, 2, 2, 256)),
-            np.zeros((count, 4), bool),
-        )
+        self._looks = [SensorLook()] * count
+        self._kernels: list[np.ndarray | None] = [None] * count  # of the blur, where there is one
+        self._mixing, self._gains = np.zeros((count, 3, 3)), np.ones((count, 3))
+        self._noise = _noise_table(3 * width)
         whole = height + crop_top_px - 1
         row = np.arange(height) - 0.5 * whole + crop_top_px
         column = np.arange(width) - 0.5 * (width - 1)
         corner = max(0.25 * ((width - 1) ** 2 + whole**2), 1.0)  # r is 1 in the whole's corners
-        self._grain = Grain(
-            np.zeros((count, height), np.int64),
-            _noise_table(3 * width),
-            (row * row / corner).astype(np.float32),
-            np.repeat(column * column / corner, 3).astype(np.float32),
-        )
+        self._rows = (row * row / corner).astype(np.float32)  # of r^2
+        self._columns = np.repeat(column * column / corner, 3).astype(np.float32)
 
     def put(self, i: int, look: SensorLook) -> None:
         """Robot ``i`` has this sensor."""
-        table, sigma = self._table, self._scale * look.blur_px
-        gains = look.exposure * np.array(look.white_balance)
-        shaded = look.vignetting > 0.0 or look.noise > 0.0 or bool((gains != 1.0).any())
-        self._shutters_s[i] = look.shutter_s
-        table.stages[i] = (
-            sigma >= _SMALLEST_BLUR_PX,
-            look.infrared > 0.0,
-            shaded,
-            look.jpeg_quality < 100,
-        )
-        if sigma >= _SMALLEST_BLUR_PX:
-            self._put_blur(i, sigma)
+        self._looks[i] = look
         towards = look.infrared * np.outer(_INFRARED_RGB, np.full(3, 1 / 3))
-        mixing = (1.0 - look.infrared) * np.eye(3) + towards
-        table.infrared[i] = np.rint(mixing.astype(np.float32) * 1024.0)
-        table.gains[i], table.vignetting[i] = gains, look.vignetting
-        table.noise[i] = min(1.0, self._scale) * look.noise
-        if look.jpeg_quality < 100:
-            table.steps[i] = quantisers(look.jpeg_quality)
+        self._mixing[i] = (1.0 - look.infrared) * np.eye(3) + towards
+        self._gains[i] = look.exposure * np.array(look.white_balance)
+        sigma_px = self._scale * look.blur_px
+        self._kernels[i] = _gaussian(sigma_px) if sigma_px >= _SMALLEST_BLUR_PX else None
 
     def take(
         self,
@@ -89,27 +66,32 @@ class Sensors:
 
         ``rng`` is used only where a sensor has noise; M robots turn at ``turns_radps`` (M,).
         """
+        looks = [self._looks[i] for i in robots.tolist()]
         if turns_radps is not None:
-            shutters_s = self._shutters_s[robots]
+            shutters_s = np.array([look.shutter_s for look in looks])
             frames = smeared(frames, self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps))
-        if self._table.stages[robots].any():
-            grain = self._grain
-            if self._table.noise[robots].any():
-                starts = rng.integers(0, _NOISE_SIZE, (len(robots), self._height))
-                grain = grain._replace(starts=starts)
-            sense(frames.reshape(len(frames), self._height, -1), robots, self._table, grain)
+        starts = np.zeros((len(looks), self._height), np.int64)
+        if any(look.noise for look in looks):
+            starts = rng.integers(0, _NOISE_SIZE, starts.shape)
+        for i, frame, begins in zip(robots.tolist(), frames, starts, strict=True):
+            self._sense(i, frame, begins)
         return frames
 
-    def _put_blur(self, i: int, sigma_px: float) -> None:
-        radius = math.ceil(3.0 * sigma_px)
-        kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma_px) ** 2)
-        missing = radius - self._table.blur.shape[1] // 2
-        if missing > 0:
-            wider = np.pad(self._table.blur, ((0, 0), (missing, missing)))
-            self._table = self._table._replace(blur=wider)
-        room = self._table.blur.shape[1] // 2
-        self._table.blur[i] = 0.0
-        self._table.blur[i, room - radius : room + radius + 1] = kernel / kernel.sum()
+    def _sense(self, i: int, frame: np.ndarray, starts: np.ndarray) -> None:
+        look, gains, line = self._looks[i], self._gains[i], frame.reshape(self._height, -1)
+        kernel = self._kernels[i]
+        if kernel is not None:
+            _blur(line, kernel)
+        if look.infrared > 0.0:
+            frame[:] = cv2.transform(frame, self._mixing[i])
+        if look.vignetting > 0.0 or look.noise > 0.0 or (gains != 1.0).any():
+            shade = look.vignetting, min(1.0, self._scale) * look.noise
+            _expose(line, gains, shade, starts, self._noise, self._rows, self._columns)
+        if look.jpeg_quality < 100:
+            bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
+            _, data = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, look.jpeg_quality))
+            seen = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
+            cv2.cvtColor(seen, cv2.COLOR_BGR2RGB, dst=frame)
 
 
 def apply_sensor(
@@ -131,3 +113,67 @@ def _noise_table(longest_row: int) -> np.ndarray:
     """A fixed stretch of unit normal noise that any row may be read from, float32."""
     noise = np.random.default_rng(0).standard_normal(_NOISE_SIZE, np.float32)
     return np.concatenate((noise, noise[:longest_row]))
+
+
+@lru_cache(maxsize=256)
+def _gaussian(sigma_px: float) -> np.ndarray:
+    """(2 R + 1,) float32, cut at three standard deviations."""
+    radius = math.ceil(3.0 * sigma_px)
+    kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma_px) ** 2)
+    return np.asarray(kernel / kernel.sum(), np.float32)
+
+
+@njit(nogil=True, cache=True)
+def _expose(
+    frame: np.ndarray,
+    gains: np.ndarray,
+    shade: tuple[float, float],
+    starts: np.ndarray,
+    table: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """A frame (H, 3 W) times (1 - vignetting r^2) times gains (3,) plus noise; shade: both shares.
+
+    The noise of each row begins at ``starts`` (H,) in the ``table``; r^2 is the sum of ``rows``
+    (H,) and ``columns`` (3 W,).
+    """
+    low, half, high = np.float32(0.0), np.float32(0.5), np.float32(255.0)
+    vignetting, noise, width = np.float32(shade[0]), np.float32(shade[1]), frame.shape[1]
+    each = np.empty(width, np.float32)
+    for k in range(width):
+        each[k] = gains[k % 3]
+    for v in range(len(frame)):
+        row, noisy = frame[v], table[starts[v] : starts[v] + width]
+        middle = np.float32(1.0) - vignetting * rows[v]
+        for k in range(width):
+            light = fma(-vignetting, columns[k], middle) * each[k]
+            value = fma(noise, noisy[k], fma(np.float32(row[k]), light, half))
+            row[k] = np.uint8(np.int32(min(max(value, low), high)))
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def _blur(frame: np.ndarray, kernel: np.ndarray) -> None:
+    """A frame (H, 3 W) convolved in both directions with a kernel (2 R + 1,); edges repeat."""
+    height, width = frame.shape
+    radius = len(kernel) // 2
+    pad = 3 * radius
+    before = frame.copy()
+    line = np.empty(width + 2 * pad, np.float32)
+    total = np.empty(width, np.float32)
+    for v in range(height):
+        line[:] = np.float32(0.0)
+        for j in range(len(kernel)):
+            source = before[min(max(v + j - radius, 0), height - 1)]
+            for k in range(width):
+                line[pad + k] += kernel[j] * np.float32(source[k])
+        for k in range(pad):
+            line[k] = line[pad + k % 3]
+            line[pad + width + k] = line[pad + width - 3 + k % 3]
+        total[:] = np.float32(0.5)
+        for j in range(len(kernel)):
+            shifted = line[3 * j : 3 * j + width]
+            for k in range(width):
+                total[k] += kernel[j] * shifted[k]
+        for k in range(width):
+            frame[v, k] = np.uint8(np.int32(total[k]))
