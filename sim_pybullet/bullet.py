@@ -18,10 +18,9 @@ from typing import Any, Final, NamedTuple
 import cv2
 import numpy as np
 
-from sim_pybullet.look import Rgb
+from robot.geometry import Pose
 from sim_pybullet.rendering.pinhole_cover import PinholeView
-from sim_pybullet.rendering.solid_mesh import Mesh
-from sim_pybullet.scene import Solid
+from sim_pybullet.scene import Ground, Mover, Scene, Solid
 
 _stderr, _nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
 os.dup2(_nowhere, 2)  # it announces its build time
@@ -37,6 +36,7 @@ ROBOT: Final = 2
 _COMPOUND = 16  # PyBullet's greatest number of shapes in one body
 _TOUCH_M = 1e-3  # Bullet reports pairs of bodies already when they are 20 mm apart
 _NEAR_M, _FAR_M = 0.01, 300.0  # what a camera sees
+_BELOW_M = 2e-3  # the floor's picture: what goes on beyond it
 _DISTANCE = 8  # place of the distance in a contact point
 
 
@@ -225,40 +225,72 @@ class Drawing(NamedTuple):
 
 
 class Stage:
-    """Meshes to be looked at, in a client without a window, drawn by PyBullet's TinyRenderer."""
+    """A scene to be looked at, in a client without a window, drawn by PyBullet's TinyRenderer.
 
-    def __init__(self) -> None:
-        self._client = _Client()
+    ``movers`` are away until `move` says where they are.
+    """
+
+    def __init__(self, scene: Scene, movers: Sequence[Mover] = ()) -> None:
+        self._client, ground = _Client(), scene.ground
+        self._add_floor(ground)
+        middle_m = 0.5 * np.array(ground.classes.shape) * ground.texel_m
+        x_m, y_m = ground.west_m + middle_m[1], ground.north_m - middle_m[0]
+        far = (2.0 * _FAR_M, 2.0 * _FAR_M, 1.0)
+        below = Solid("box", x_m, y_m, 0.0, far, ground.outside_rgb, base_m=-1.0 - _BELOW_M)
+        for solid in (below, *scene.solids):
+            self._place(self._add(solid), solid, Pose(0.0, 0.0, 0.0))
+        self._movers = [[(self._add(solid), solid) for solid in mover] for mover in movers]
+        self.move([Pose(np.nan, np.nan, np.nan)] * len(movers))
 
     def close(self) -> None:
         """Free the client; it cannot be used afterwards."""
         self._client.close()
 
-    def add(self, mesh: Mesh, rgb: Rgb = (255.0, 255.0, 255.0)) -> int:
-        """A mesh of one colour at the origin; its body number."""
+    def move(self, poses: Sequence[Pose]) -> None:
+        """Put every mover's origin somewhere; away where that is NaN."""
+        for parts, pose in zip(self._movers, poses, strict=True):
+            for body, solid in parts:
+                self._place(body, solid, pose)
+
+    def _add_floor(self, ground: Ground) -> None:
+        height, width = ground.classes.shape
+        west, north = ground.west_m, ground.north_m
+        east, south = west + width * ground.texel_m, north - height * ground.texel_m
         shape = self._client.createVisualShape(
             pybullet.GEOM_MESH,
-            vertices=mesh.vertices.tolist(),
-            normals=mesh.normals.tolist(),
-            uvs=mesh.uvs.tolist(),
-            indices=mesh.faces.ravel().tolist(),
-            rgbaColor=(rgb[0] / 255.0, rgb[1] / 255.0, rgb[2] / 255.0, 1.0),
+            vertices=[(west, south, 0), (east, south, 0), (east, north, 0), (west, north, 0)],
+            normals=[(0, 0, 1)] * 4,
+            uvs=[(0, 0), (1, 0), (1, 1), (0, 1)],
+            indices=[0, 1, 2, 0, 2, 3],
+            specularColor=(0.0, 0.0, 0.0),
+        )
+        body = self._client.createMultiBody(0.0, -1, shape)
+        with tempfile.TemporaryDirectory() as folder:
+            path = str(Path(folder) / "texture.png")
+            cv2.imwrite(path, ground.rgb[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 1))
+            number = self._client.loadTexture(path)
+        self._client.changeVisualShape(body, -1, textureUniqueId=number)
+
+    def _add(self, solid: Solid) -> int:
+        length, width, height = solid.size_m
+        shape = self._client.createVisualShape(
+            pybullet.GEOM_CYLINDER if solid.shape == "cylinder" else pybullet.GEOM_BOX,
+            radius=0.5 * length,
+            length=height,
+            halfExtents=(0.5 * length, 0.5 * width, 0.5 * height),
+            rgbaColor=(*(value / 255.0 for value in solid.rgb), 1.0),
             specularColor=(0.0, 0.0, 0.0),
         )
         return int(self._client.createMultiBody(0.0, -1, shape))
 
-    def texture(self, body: int, rgb: np.ndarray) -> None:
-        """Cover a body with a picture (H, W, 3) uint8 whose bottom left is u = v = 0."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = str(Path(folder) / "texture.png")
-            cv2.imwrite(path, rgb[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 1))
-            number = self._client.loadTexture(path)
-        self._client.changeVisualShape(body, -1, textureUniqueId=number)
-
-    def place(self, body: int, position_m: tuple[float, ...], heading_rad: float = 0.0) -> None:
-        """Put a body's origin somewhere, turned about the vertical."""
-        turn = (0.0, 0.0, math.sin(0.5 * heading_rad), math.cos(0.5 * heading_rad))
-        self._client.resetBasePositionAndOrientation(body, position_m, turn)
+    def _place(self, body: int, solid: Solid, origin: Pose) -> None:
+        """Put a solid down that stands about an origin."""
+        away = math.isnan(origin.x_m)
+        x_m, y_m = (0.0, 0.0) if away else origin.to_world(np.array([solid.x_m, solid.y_m]))
+        half = 0.0 if away else 0.5 * (origin.heading_rad + solid.heading_rad)
+        z_m = -_FAR_M if away else solid.base_m + 0.5 * solid.size_m[2]
+        turn = (0.0, 0.0, math.sin(half), math.cos(half))
+        self._client.resetBasePositionAndOrientation(body, (x_m, y_m, z_m), turn)
 
     def draw(
         self, view: PinholeView, eye_m: np.ndarray, turn: np.ndarray, light: np.ndarray
@@ -272,19 +304,11 @@ class Stage:
         world_to_gl[:3, :3] = (turn * (1.0, -1.0, -1.0)).T  # OpenGL looks along -z, y up
         world_to_gl[:3, 3] = -world_to_gl[:3, :3] @ eye_m
         # TinyRenderer takes a pixel's colour at its bottom left corner, we at its centre.
-        right = 0.5 * (view.right - view.left) / view.width_px
-        down = 0.5 * (view.bottom - view.top) / view.height_px
-        frustum = self._client.computeProjectionMatrix(
-            _NEAR_M * (view.left + right),
-            _NEAR_M * (view.right + right),
-            _NEAR_M * (down - view.bottom),
-            _NEAR_M * (down - view.top),
-            _NEAR_M,
-            _FAR_M,
-        )
+        shift = 0.5 * (view.high - view.low) / view.size_px * (1.0, -1.0)
+        (left, bottom), (right, top) = _NEAR_M * (view.low + shift), _NEAR_M * (view.high + shift)
+        frustum = self._client.computeProjectionMatrix(left, right, -top, -bottom, _NEAR_M, _FAR_M)
         width, height, rgba, _, bodies = self._client.getCameraImage(
-            view.width_px,
-            view.height_px,
+            *view.size_px,
             viewMatrix=world_to_gl.T.ravel().tolist(),
             projectionMatrix=frustum,
             lightDirection=light[:3].tolist(),

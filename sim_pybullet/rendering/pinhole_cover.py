@@ -23,30 +23,28 @@ MARGIN_PX = 2
 @dataclass(frozen=True)
 class PinholeView:
     """One pinhole picture: ``turn`` (3, 3) takes the view's axes (x right, y down, z forward) to
-    the robot frame; left, right, top and bottom are tangents, x / z and y / z, of its edges."""
+    the robot frame; ``low`` and ``high`` (2,) are tangents, x / z and y / z, of its edges, and
+    ``size_px`` (2,) its width and height."""
 
     turn: np.ndarray
-    left: float
-    right: float
-    top: float
-    bottom: float
-    width_px: int
-    height_px: int
+    low: np.ndarray
+    high: np.ndarray
+    size_px: np.ndarray
 
     def directions(self) -> np.ndarray:
         """(height, width, 3) unit rays in the robot frame, one per pixel."""
-        x = self.left + (np.arange(self.width_px) + 0.5) / self.width_px * (self.right - self.left)
-        y = self.top + (np.arange(self.height_px) + 0.5) / self.height_px * (self.bottom - self.top)
+        sides = zip(self.low, self.high, self.size_px, strict=True)
+        x, y = (low + (np.arange(n) + 0.5) / n * (high - low) for low, high, n in sides)
         plane = np.stack((*np.meshgrid(x, y), np.ones((len(y), len(x)))), axis=-1) @ self.turn.T
         return np.asarray(plane / np.linalg.norm(plane, axis=-1, keepdims=True))
 
     def locate(self, directions: np.ndarray) -> np.ndarray:
         """Robot-frame rays (..., 3) -> pixels (..., 2) of this view, for rays in front of it."""
         local = directions @ self.turn
-        depth = np.maximum(local[..., 2:], 1e-9)
-        spans = np.array((self.right - self.left, self.bottom - self.top))
-        share = (local[..., :2] / depth - (self.left, self.top)) / spans
-        return np.asarray(share * (self.width_px, self.height_px) - 0.5)
+        share = (local[..., :2] / np.maximum(local[..., 2:], 1e-9) - self.low) / (
+            self.high - self.low
+        )
+        return np.asarray(share * self.size_px - 0.5)
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,8 @@ def cover(rig: CameraRig, image: ImageSpec, oversample: int) -> Cover:
     local = np.stack([rays.directions @ turn for turn in turns])  # (K, sH, sW, 3)
     owner = np.argmax(local[..., 2] / np.abs(local).max(axis=-1), axis=0)
     used = [k for k in range(len(turns)) if (rays.seen & (owner == k)).any()]
-    views = tuple(_view(turns[k], local[k], rays.seen & (owner == k)) for k in used)
+    focal_px = rig.lens.scaled(large.width_px, large.height_px).fx_px  # as sharp as in its middle
+    views = tuple(_view(turns[k], local[k][rays.seen & (owner == k)], focal_px) for k in used)
     maps = tuple(
         np.ascontiguousarray(np.moveaxis(view.locate(rays.directions), -1, 0), np.float32)
         for view in views
@@ -101,26 +100,13 @@ def _turns(rig: CameraRig, directions: np.ndarray) -> list[np.ndarray]:
     local = directions @ front
     if (np.abs(local[:, :2]) < WIDEST_TAN * local[:, 2:]).all():
         return [front]
-    turns = []
-    for pitch, yaw in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (0, 2)):
-        a, b = 0.5 * math.pi * pitch, 0.5 * math.pi * yaw
-        about_x = [[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]]
-        about_y = [[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]]
-        turns.append(front @ np.array(about_y) @ np.array(about_x))
-    return turns
+    quarters = np.array([(0, 0, 0), (0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 2, 0)])
+    return [front @ cv2.Rodrigues(0.5 * math.pi * turn)[0] for turn in quarters]
 
 
-def _view(turn: np.ndarray, local: np.ndarray, mine: np.ndarray) -> PinholeView:
-    """The smallest view that holds all of these pixels, as sharp as the picture in its middle."""
-    plane = local[..., :2] / np.maximum(local[..., 2:], 1e-9)
-    steps = []
-    for axis in (1, 0):
-        both = np.take(mine, range(1, mine.shape[axis]), axis) & np.take(
-            mine, range(mine.shape[axis] - 1), axis
-        )
-        step = np.linalg.norm(np.diff(plane, axis=axis), axis=-1)[both]
-        steps.append(float(np.percentile(step, 10)) if step.size else 0.01)
-    low, high = plane[mine].min(axis=0), plane[mine].max(axis=0)
-    low, high = low - MARGIN_PX * np.array(steps), high + MARGIN_PX * np.array(steps)
-    width, height = (math.ceil((high[k] - low[k]) / steps[k]) for k in (0, 1))
-    return PinholeView(turn, low[0], high[0], low[1], high[1], width, height)
+def _view(turn: np.ndarray, local: np.ndarray, focal_px: float) -> PinholeView:
+    """The smallest view that holds these rays (M, 3) in its axes."""
+    plane = local[:, :2] / local[:, 2:]
+    margin = MARGIN_PX / focal_px
+    low, high = plane.min(axis=0) - margin, plane.max(axis=0) + margin
+    return PinholeView(turn, low, high, np.ceil((high - low) * focal_px).astype(int))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,19 +16,18 @@ from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.pinhole_cover import PinholeView, cover
 from sim_pybullet.rendering.rays import pixel_rays, sky_rgb
-from sim_pybullet.rendering.solid_mesh import floor_mesh, outside_mesh, solid_mesh
 from sim_pybullet.rendering.solid_table import light_row
 from sim_pybullet.scene import Mover, Scene, Solid
 
-_LABEL_STEP = 20  # grey levels between two classes in the floor's class texture
-_AWAY_M = (0.0, 0.0, -1000.0)
+_LABEL_STEP = 20  # grey levels between two classes
 
 
 class PyBulletCamera:
     """Draws one scene through one rig, robot after robot.
 
     PyBullet draws pinhole views that cover the whole lens, ``oversample`` times as fine as the
-    picture; each pixel then averages the views where its exact rays meet them.
+    picture; each pixel then averages the views where its exact rays meet them. Classes are drawn
+    as colours under an even light.
     """
 
     def __init__(
@@ -38,22 +38,15 @@ class PyBulletCamera:
         oversample: int = 2,
         movers: tuple[Mover, ...] = (),
     ) -> None:
-        self._scene, self._rig, self._image = scene, rig, image
+        self._light, self._rig, self._image = light_row(scene.light), rig, image
         self.cover = cover(rig, image, oversample)
         self._skies = [sky_rgb(view.directions(), scene.sky) for view in self.cover.views]
-        self._stage = Stage()
-        ground = scene.ground
-        self._floor = self._stage.add(floor_mesh(ground))
-        self._stage.texture(self._floor, ground.rgb)
-        self._labels = self._stage.add(floor_mesh(ground))
-        self._stage.texture(
-            self._labels, np.repeat(ground.classes[..., None] * _LABEL_STEP, 3, axis=-1)
-        )
-        outside = self._stage.add(outside_mesh(ground), ground.outside_rgb)
-        self._kinds = {outside: SemanticClass.OUTSIDE, -1: SemanticClass.SKY}
-        for solid in scene.solids:
-            self._put(self._add(solid), solid, Pose(0.0, 0.0, 0.0))
-        self._movers = [[(self._add(solid), solid) for solid in mover] for mover in movers]
+        self._seen = Stage(scene, movers)
+        labels = np.repeat(scene.ground.classes[..., None] * _LABEL_STEP, 3, axis=-1)
+        floor = replace(scene.ground, rgb=labels, outside_rgb=_label(SemanticClass.OUTSIDE))
+        solids = tuple(map(_labelled, scene.solids))
+        kinds = [tuple(map(_labelled, mover)) for mover in movers]
+        self._kinds = Stage(replace(scene, ground=floor, solids=solids), kinds)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -61,58 +54,39 @@ class PyBulletCamera:
         return self._image.shape
 
     def close(self) -> None:
-        """Free PyBullet's client."""
-        self._stage.close()
+        """Free PyBullet's clients."""
+        self._seen.close()
+        self._kinds.close()
 
     def render(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB, before any sensor effect; poses (N, 3): x, y [m], heading.
 
         ``movers`` as of `sim_pybullet.rendering.camera.BatchCamera`.
         """
-        self._stage.place(self._labels, _AWAY_M)
-        self._stage.place(self._floor, (0.0, 0.0, 0.0))
-        return self._each(self._frame, poses, movers)
+        return self._each(self._seen, self._frame, poses, movers)
 
     def segment(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
-        """(N, H, W) uint8, values of SemanticClass, from object ids and the floor's class map."""
-        self._stage.place(self._floor, _AWAY_M)
-        self._stage.place(self._labels, (0.0, 0.0, 0.0))
-        return self._each(self._classes, poses, movers)
+        """(N, H, W) uint8, values of SemanticClass."""
+        return self._each(self._kinds, self._classes, poses, movers)
 
     def _each(
         self,
+        stage: Stage,
         draw: Callable[[np.ndarray], np.ndarray],
         poses: np.ndarray,
         movers: np.ndarray | None,
     ) -> np.ndarray:
         pictures = []
         for i, pose in enumerate(poses):
-            for k, parts in enumerate(self._movers):
-                for body, solid in parts:
-                    at = Pose(*(np.full(3, np.nan) if movers is None else movers[i, k]))
-                    self._put(body, solid, at)
+            if movers is not None:
+                stage.move([Pose(*each) for each in movers[i]])
             pictures.append(draw(pose))
         return np.array(pictures, np.uint8)
 
-    def _add(self, solid: Solid) -> int:
-        body = self._stage.add(solid_mesh(solid), solid.rgb)
-        self._kinds[body] = solid.kind
-        return body
-
-    def _put(self, body: int, solid: Solid, origin: Pose) -> None:
-        """Put a solid down that stands about an origin; away where that is nowhere."""
-        if math.isnan(origin.x_m):
-            self._stage.place(body, _AWAY_M)
-        else:
-            x_m, y_m = origin.to_world(np.array([solid.x_m, solid.y_m])).tolist()
-            turned_rad = origin.heading_rad + solid.heading_rad
-            self._stage.place(body, (x_m, y_m, solid.base_m), turned_rad)
-
     def _frame(self, pose: np.ndarray) -> np.ndarray:
         pictures = []
-        light = light_row(self._scene.light)
         for view, sky in zip(self.cover.views, self._skies, strict=True):
-            drawing = self._draw(view, pose, light)
+            drawing = self._draw(self._seen, view, pose, self._light)
             pictures.append(np.where((drawing.bodies < 0)[..., None], sky, drawing.rgb))
         return self.cover.warp(pictures)
 
@@ -120,25 +94,30 @@ class PyBulletCamera:
         rays = pixel_rays(self._rig, self._image)
         labels = np.full(rays.seen.shape, SemanticClass.SKY, np.uint8)
         owner = np.argmax([rays.directions @ view.turn[:, 2] for view in self.cover.views], axis=0)
+        even = light_row(LightLook(ambient=1.0, diffuse=0.0))
         for k, view in enumerate(self.cover.views):
-            drawing = self._draw(view, pose, light_row(LightLook(ambient=1.0, diffuse=0.0)))
-            column, row = np.moveaxis(np.round(view.locate(rays.directions)).astype(int), -1, 0)
-            column = np.clip(column, 0, view.width_px - 1)
-            row = np.clip(row, 0, view.height_px - 1)
-            labels = np.where(owner == k, self._kinds_of(drawing)[row, column], labels)
+            drawing = self._draw(self._kinds, view, pose, even)
+            kinds = np.round(drawing.rgb[..., 0] / _LABEL_STEP)
+            kinds[drawing.bodies < 0] = SemanticClass.SKY
+            pixels = np.round(view.locate(rays.directions)).astype(int)
+            column, row = np.moveaxis(np.clip(pixels, 0, view.size_px - 1), -1, 0)
+            labels = np.where(owner == k, kinds[row, column], labels)
         return np.where(rays.seen, labels, SemanticClass.SKY).astype(np.uint8)
 
-    def _kinds_of(self, drawing: Drawing) -> np.ndarray:
-        lookup = np.full(drawing.bodies.max(initial=0) + 2, SemanticClass.SKY, np.uint8)
-        for body, kind in self._kinds.items():
-            if body + 1 < len(lookup):
-                lookup[body + 1] = kind
-        painted = np.round(drawing.rgb[..., 0] / _LABEL_STEP).astype(np.uint8)
-        return np.where(drawing.bodies == self._labels, painted, lookup[drawing.bodies + 1])
-
-    def _draw(self, view: PinholeView, pose: np.ndarray, light: np.ndarray) -> Drawing:
+    def _draw(
+        self, stage: Stage, view: PinholeView, pose: np.ndarray, light: np.ndarray
+    ) -> Drawing:
         x, y, heading = pose
         c, s = math.cos(heading), math.sin(heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         eye = turn @ self._rig.mount.position_m + (x, y, 0.0)
-        return self._stage.draw(view, eye, turn @ view.turn, light)
+        return stage.draw(view, eye, turn @ view.turn, light)
+
+
+def _label(kind: SemanticClass) -> tuple[float, float, float]:
+    level = float(_LABEL_STEP * kind)
+    return level, level, level
+
+
+def _labelled(solid: Solid) -> Solid:
+    return replace(solid, rgb=_label(solid.kind))

@@ -130,7 +130,7 @@ def test_a_view_covers_the_whole_lens() -> None:
             for k, (view, where) in enumerate(zip(cover.views, cover.maps, strict=True)):
                 mine = where[:, (cover.owner == k) & cover.seen].T
                 assert (mine >= 0).all()
-                assert (mine <= (view.width_px - 1, view.height_px - 1)).all()
+                assert (mine <= view.size_px - 1).all()
 
 
 def test_the_reference_repeats_itself_in_fresh_memory() -> None:
