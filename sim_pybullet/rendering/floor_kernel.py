@@ -1,44 +1,105 @@
-"""The compiled loops that draw the floor: filtered texture reads for many robots at once."""
+"""The floor as compiled code reads it, and the loops that draw it.
+
+The floor is a mip pyramid of packed 32-bit texels: red in bits 0..7, green in bits 12..19 and blue
+in bits 24..31, so that ``(t | t << 32) & LANES`` spreads the colours over a 64-bit word with room
+to add up sixteen weighted texels. Each level has a border of one texel of the outside colour.
+"""
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import carray, njit, prange, types
-from numba.extending import intrinsic
+from numba import njit, prange
 
-from sim_pybullet.rendering.rays import FloorTable
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.rendering.rays import LEVELS, FloorTable
+from sim_pybullet.scene import Ground
 
 Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 LANES = np.uint64(0xFF | 0xFF << 24 | 0xFF << 44)  # red, blue, green with room for carries
 HALF = np.uint64(128 | 128 << 24 | 128 << 44)
 
 
-class FloorViews(NamedTuple):
-    """What N robots look at.
+class MipTexture(NamedTuple):
+    """All levels one after the other: ``texels`` (T,) uint32; ``levels`` (L, 3) int32 rows of
+    offset, width and height, borders included."""
 
-    ``placed`` (N, 4) float64 is where they stand in the texture: column and row of the robot's
-    origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables, which
-    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) their
-    ``MipTexture``.
-    """
-
-    placed: np.ndarray
-    slots: np.ndarray
-    addresses: np.ndarray
+    texels: np.ndarray
     levels: np.ndarray
 
 
-@intrinsic
-def _as_texels(_context: Any, _address: Any) -> Any:
-    """An address as a pointer to uint32, so that one call reads textures of many sizes."""
+_PACKED: WeakKeyDictionary[Ground, dict[float, MipTexture]] = WeakKeyDictionary()
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
-    return types.CPointer(types.uint32)(types.int64), generate
+def mip_texture(ground: Ground, shade: float) -> MipTexture:
+    """The pyramid of a floor under light that multiplies its colours by ``shade``.
+
+    It is kept as long as the Ground lives: all cameras read the same one.
+    """
+    packed = _PACKED.setdefault(ground, {})
+    if shade not in packed:
+        packed[shade] = _build(ground, shade)
+    return packed[shade]
+
+
+def _build(ground: Ground, shade: float) -> MipTexture:
+    step = 1 << (LEVELS - 1)
+    rows, columns = (-(-n // step) * step for n in ground.classes.shape)
+    shapes = [((rows >> i) + 2, (columns >> i) + 2) for i in range(LEVELS)]
+    offsets = np.concatenate(([0], np.cumsum([h * w for h, w in shapes])))
+    levels = np.array([(o, w, h) for o, (h, w) in zip(offsets, shapes, strict=False)], np.int32)
+    outside = np.clip(np.array(ground.outside_rgb) * shade + 0.5, 0.0, 255.0).astype(np.uint32)
+    code = outside[0] | outside[1] << 12 | outside[2] << 24
+    texels = np.full(int(offsets[-1]), code, np.uint32)
+    views = [texels[o : o + h * w].reshape(h, w) for o, w, h in levels]
+    height, width = ground.classes.shape
+    _pack(ground.rgb, np.float32(shade), views[0][1 : height + 1, 1 : width + 1])
+    for finer, coarser in pairwise(views):
+        _halve(finer[1:-1, 1:-1], coarser[1:-1, 1:-1])
+    return MipTexture(texels, levels)
+
+
+@njit(parallel=True, nogil=True, cache=True, fastmath=True)
+def _pack(rgb: np.ndarray, shade: np.float32, out: np.ndarray) -> None:
+    half, top = np.float32(0.5), np.float32(255.0)
+    for v in prange(out.shape[0]):
+        for u in range(out.shape[1]):
+            red = np.uint32(min(rgb[v, u, 0] * shade + half, top))
+            green = np.uint32(min(rgb[v, u, 1] * shade + half, top))
+            blue = np.uint32(min(rgb[v, u, 2] * shade + half, top))
+            out[v, u] = red | green << np.uint32(12) | blue << np.uint32(24)
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def _halve(finer: np.ndarray, coarser: np.ndarray) -> None:
+    """Average squares of four texels, three colours in one word."""
+    lanes = np.uint64(0xFF | 0xFF << 12 | 0xFF << 24)
+    rounding, two = np.uint64(2 | 2 << 12 | 2 << 24), np.uint64(2)
+    for v in prange(coarser.shape[0]):
+        above, below, target = finer[2 * v], finer[2 * v + 1], coarser[v]
+        for u in range(len(target)):
+            total = (np.uint64(above[2 * u]) & lanes) + (np.uint64(above[2 * u + 1]) & lanes)
+            total += (np.uint64(below[2 * u]) & lanes) + (np.uint64(below[2 * u + 1]) & lanes)
+            target[u] = np.uint32(((total + rounding) >> two) & lanes)
+
+
+def label_floor(labels: np.ndarray, placed: np.ndarray, table: FloorTable, ground: Ground) -> None:
+    """Fill in of labels (P,) uint8 what pixels' rays meet on the floor; ``placed`` as drawn."""
+    first, last, level, log_taps = table.runs.T
+    count = last - first
+    pixels = np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
+    middle, size = np.repeat(0.5 * (2.0**log_taps - 1.0), count), np.repeat(2.0**level, count)
+    ahead = (table.x[pixels] + middle * table.dx[pixels]) * size
+    left = (table.y[pixels] + middle * table.dy[pixels]) * size
+    column0, row0, c, s = placed
+    column = np.floor(c * ahead - s * left + column0).astype(int)
+    row = np.floor(row0 - s * ahead - c * left).astype(int)
+    beside = np.pad(ground.classes, 1, constant_values=SemanticClass.OUTSIDE)
+    high, wide = ground.classes.shape
+    labels[pixels] = beside[np.clip(row, -1, high) + 1, np.clip(column, -1, wide) + 1]
 
 
 class _Row(NamedTuple):
@@ -49,53 +110,39 @@ class _Row(NamedTuple):
     sums: np.ndarray
 
 
-@njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def draw_floor(
-    pictures: np.ndarray,
-    skies: np.ndarray,
-    views: FloorViews,
-    tables: FloorTable,
-    blocks: int,
-) -> None:
-    """Fill pictures (N, 3 P) uint8 with floor and, where no run covers, with skies (N, 3 P).
-
-    ``blocks``: into how many bands of rows each picture is cut, to be drawn in parallel.
-    """
-    height = tables.first_run.shape[1] - 1
-    for task in prange(len(pictures) * blocks):
-        i, block = np.int64(task) // blocks, np.int64(task) % blocks
-        first, last = height * block // blocks, height * (block + 1) // blocks
-        _draw_rows(pictures[i], skies[i], views, tables, i, first, last)
-
-
-@njit(cache=True)
-def _draw_rows(
     picture: np.ndarray,
     sky: np.ndarray,
-    views: FloorViews,
-    tables: FloorTable,
-    i: np.int64,
-    first_row: int,
-    last_row: int,
+    placed: np.ndarray,
+    table: FloorTable,
+    texture: MipTexture,
 ) -> None:
-    slot, levels = views.slots[i], views.levels[i]
-    texels = carray(_as_texels(views.addresses[i]), levels[-1, 0] + levels[-1, 1] * levels[-1, 2])  # type: ignore[call-arg]
-    width = len(picture) // (3 * (tables.first_run.shape[1] - 1))
-    row = _Row(np.empty(width, np.uint32), np.empty(width, np.uint32), np.empty(width, np.uint64))
-    x, y, dx, dy = tables.x[slot], tables.y[slot], tables.dx[slot], tables.dy[slot]
-    done = 3 * first_row * width
-    for run in range(tables.first_run[slot, first_row], tables.first_run[slot, last_row]):
-        first, last, level, log_taps = tables.runs[slot, run]
+    """Fill a picture (3 P,) uint8 with floor and, where no run covers, with sky (3 P,).
+
+    ``placed`` (4,) float64 is where the robot stands in the texture: column and row of its origin
+    [texels], cosine and sine of its heading.
+    """
+    texels, levels = texture
+    longest, done = 0, 0
+    for run in range(len(table.runs)):
+        longest = max(longest, table.runs[run, 1] - table.runs[run, 0])
+    row = _Row(
+        np.empty(longest, np.uint32), np.empty(longest, np.uint32), np.empty(longest, np.uint64)
+    )
+    for run in range(len(table.runs)):
+        first, last, level, log_taps = table.runs[run]
         _copy(sky[done : 3 * first], picture[done : 3 * first])
         done = 3 * last
-        points = (x[first:last], y[first:last], dx[first:last], dy[first:last])
+        x, y = table.x[first:last], table.y[first:last]
+        points = (x, y, table.dx[first:last], table.dy[first:last])
         offset, stride = levels[level, 0], levels[level, 1]
         row.sums[: last - first] = HALF << np.uint64(log_taps)
         for tap in range(1 << log_taps):
-            _find_texels(row, points, np.float32(tap), views.placed[i], level, levels[level])
+            _find_texels(row, points, np.float32(tap), placed, level, levels[level])
             _add_texels(row, texels[offset:], np.uint64(stride), last - first)
         _store(picture[3 * first : done], row.sums, np.uint64(8 + log_taps))
-    _copy(sky[done : 3 * last_row * width], picture[done : 3 * last_row * width])
+    _copy(sky[done:], picture[done:])
 
 
 @njit(cache=True)
@@ -155,26 +202,3 @@ def _store(picture: np.ndarray, sums: np.ndarray, shift: np.uint64) -> None:
         picture[3 * k] = np.uint8(total & byte)
         picture[3 * k + 1] = np.uint8((total >> green) & byte)
         picture[3 * k + 2] = np.uint8((total >> blue) & byte)
-
-
-@njit(parallel=True, nogil=True, cache=True, fastmath=True, error_model="numpy")
-def label_floor(labels: np.ndarray, views: FloorViews, tables: FloorTable) -> None:
-    """Fill labels (N, P) uint8 with the class that each pixel's ray meets."""
-    x, y, dx, dy, runs, first_run = tables
-    placed, slots, addresses, levels = views
-    for i in prange(len(labels)):
-        slot = slots[i]
-        wide, high = levels[i, 0, 1], levels[i, 0, 2]
-        texels = carray(_as_texels(addresses[i]), wide * high)  # type: ignore[call-arg]
-        column0, row0, c, s = placed[i]
-        for run in range(first_run[slot, -1]):
-            first, last, level, log_taps = runs[slot, run]
-            middle = 0.5 * ((1 << log_taps) - 1)
-            scale = float(1 << level)
-            for p in range(first, last):
-                px = (x[slot, p] + middle * dx[slot, p]) * scale
-                py = (y[slot, p] + middle * dy[slot, p]) * scale
-                u = min(max(c * px - s * py + column0 + 1.0, 0.0), wide - 1.0)
-                v = min(max(row0 - s * px - c * py + 1.0, 0.0), high - 1.0)
-                texel = texels[np.int64(math.floor(v)) * wide + np.int64(math.floor(u))]
-                labels[i, p] = np.uint8((texel >> np.uint32(8)) & np.uint32(15))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numba
@@ -9,77 +12,37 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
-from sim_pybullet.rendering.mip_texture import mip_texture
-from sim_pybullet.rendering.rays import (
-    LEVELS,
-    FloorTable,
-    background,
-    floor_shade,
-    floor_table,
-    pixel_rays,
-)
-from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids, place_movers
+from sim_pybullet.rendering.floor_kernel import MipTexture, draw_floor, label_floor, mip_texture
+from sim_pybullet.rendering.rays import Background, FloorTable, background, floor_shade, floor_table
+from sim_pybullet.rendering.solid_kernel import draw_solids
 from sim_pybullet.rendering.solid_table import (
-    AZIMUTHS,
-    ELEVATIONS,
-    direction_table,
+    Directions,
+    Solids,
+    directions_of,
     light_row,
     mover_rows,
     solid_rows,
 )
-from sim_pybullet.scene import Mover, Scene
+from sim_pybullet.scene import Ground, Mover, Scene
 
 _ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
-class RigTables:
-    """The tables of all robots' rigs in stacked arrays; robots with equal rigs share a slot."""
+class _View(NamedTuple):
+    """What one robot looks at, and how."""
 
-    def __init__(self, n_robots: int, image: ImageSpec) -> None:
-        height, width, _ = image.shape
-        self._image = image
-        self._wanted: list[FloorTable | None] = [None] * n_robots
-        self._stored: list[FloorTable | None] = [None] * n_robots
-        self.slots = np.zeros(n_robots, np.int64)
-        self._points = np.zeros((4, n_robots, height * width), np.float32)
-        self._runs = np.zeros((n_robots, 4 * height, 4), np.int32)
-        self._first_run = np.zeros((n_robots, height + 1), np.int32)
-        self.directions = np.zeros((n_robots, 3, height, width), np.float32)
-        self.cells = np.zeros((n_robots, AZIMUTHS, ELEVATIONS, 4), np.int16)
-        self.pixel_rad = np.zeros(n_robots)
+    ground: Ground
+    behind: Background
+    floor: FloorTable
+    texture: MipTexture
+    solids: Solids
+    directions: Directions
 
-    @property
-    def floor(self) -> FloorTable:
-        """The floor tables of all slots."""
-        x, y, dx, dy = self._points  # each contiguous, or the kernel is half as fast
-        return FloorTable(x, y, dx, dy, self._runs, self._first_run)
-
-    def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
-        """Let robot ``i`` see through this rig, over a floor of this texel size."""
-        floor = floor_table(rig, self._image, texel_m)
-        self._wanted[i] = floor
-        for slot, stored in enumerate(self._stored):
-            if stored is floor:
-                self.slots[i] = slot
-                return
-        used = {id(table) for table in self._wanted if table is not None}
-        slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
-        self.slots[i] = slot
-        self._stored[slot] = floor
-        self._points[:, slot] = floor.x, floor.y, floor.dx, floor.dy
-        self._runs = _with_room(self._runs, len(floor.runs))
-        self._runs[slot, : len(floor.runs)] = floor.runs
-        self._first_run[slot] = floor.first_run
-        self.directions[slot] = np.moveaxis(pixel_rays(rig, self._image).directions, -1, 0)
-        self.cells[slot], self.pixel_rad[slot] = direction_table(rig, self._image)
-
-
-def _with_room(array: np.ndarray, length: int) -> np.ndarray:
-    """An array (N, K, ...) that has at least this length in its second axis."""
-    missing = max(0, length - array.shape[1])
-    pad = [(0, missing) if axis == 1 else (0, 0) for axis in range(array.ndim)]
-    return np.pad(array, pad) if missing else array
+    def placed(self, pose: np.ndarray) -> np.ndarray:
+        """(4,) where a robot stands in the texture, see `draw_floor`."""
+        (x, y, heading), ground = pose, self.ground
+        column, row = (x - ground.west_m) / ground.texel_m, (ground.north_m - y) / ground.texel_m
+        return np.array((column, row, np.cos(heading), np.sin(heading)))
 
 
 class RayCamera:
@@ -92,19 +55,9 @@ class RayCamera:
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
-        height, width, _ = image.shape
-        self._scenes: list[Scene | None] = [None] * n_robots
-        self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
-        self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
-        self._addresses = np.zeros(n_robots, np.int64)
-        self._levels = np.zeros((n_robots, LEVELS, 3), np.int32)
-        self._origins = np.zeros((n_robots, 3))  # west [m], north [m], texel [m]
-        self._eyes = np.zeros((n_robots, 3))
-        self._lights = np.zeros((n_robots, 5))
-        self._tables = RigTables(n_robots, image)
-        self._rows = np.zeros((n_robots, 0, 13))  # of the solids in each robot's scene
-        self._counts = np.zeros(n_robots, np.int64)
-        self._parts, self._owners = mover_rows(movers)
+        self._views: list[_View | None] = [None] * n_robots
+        self._away = np.full((len(movers), 3), np.nan)
+        self._moving = mover_rows(movers)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -113,21 +66,17 @@ class RayCamera:
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
-        ground, light = scene.ground, scene.light
-        texture = mip_texture(ground, floor_shade(light))
-        self._scenes[i] = scene
         if scene not in _ROWS:
             _ROWS[scene] = solid_rows(scene.solids)
-        rows = _ROWS[scene]
-        self._rows = _with_room(self._rows, len(rows) + len(self._parts))
-        self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
-        self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
-        self._addresses[i] = texture.texels.ctypes.data
-        self._levels[i] = texture.levels
-        self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
-        self._eyes[i] = rig.mount.position_m
-        self._lights[i] = light_row(light)
-        self._tables.put(i, rig, ground.texel_m)
+        eye = np.array(rig.mount.position_m, dtype=np.float64)
+        self._views[i] = _View(
+            scene.ground,
+            background(rig, self._image, scene),
+            floor_table(rig, self._image, scene.ground.texel_m),
+            mip_texture(scene.ground, floor_shade(scene.light)),
+            Solids(_ROWS[scene], *self._moving, light_row(scene.light), eye),
+            directions_of(rig, self._image),
+        )
 
     def render(
         self,
@@ -140,68 +89,52 @@ class RayCamera:
         With ``robots``, indices of some of them, poses and pictures are only theirs. ``movers``
         (N, U, 3): poses of what moves around each, NaN where it is not there.
         """
-        skies = self._skies if robots is None else self._skies[robots]
-        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
-        poses = self._checked(poses, len(robots))
-        pictures = np.empty((len(poses), *self.shape), np.uint8)
-        flat = pictures.reshape(len(poses), self._skies.shape[1])
-        blocks = -(-2 * numba.get_num_threads() // max(1, len(poses)))
-        draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
-        self._draw_solids(pictures, poses, robots, movers)
-        return pictures
+
+        def draw(picture: np.ndarray, view: _View, placed: np.ndarray) -> None:
+            draw_floor(picture.ravel(), view.behind[0], placed, view.floor, view.texture)
+
+        return self._each(draw, 3, poses, robots, movers)
 
     def segment(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
-        robots = np.arange(len(self._scenes))
-        poses = self._checked(poses, len(robots))
-        labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
-        flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
-        label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
-        self._draw_solids(labels[..., None], poses, robots, movers)
-        return labels
 
-    def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
-        poses = np.ascontiguousarray(poses, dtype=np.float64)
-        ready = sum(scene is not None for scene in self._scenes)
-        if poses.shape != (robots, 3) or ready < len(self._scenes):
-            raise ValueError(
-                f"RayCamera: expected poses ({robots}, 3) and set_robot for each robot, "
-                f"got poses {poses.shape} and {ready} robots set"
-            )
-        return poses
+        def draw(labels: np.ndarray, view: _View, placed: np.ndarray) -> None:
+            labels[:] = view.behind[1].reshape(labels.shape)
+            label_floor(labels.ravel(), placed, view.floor, view.ground)
 
-    def _floor_views(self, poses: np.ndarray, robots: np.ndarray) -> FloorViews:
-        west, north, texel = self._origins[robots].T
-        x, y, heading = poses.T
-        placed = np.stack(
-            ((x - west) / texel, (north - y) / texel, np.cos(heading), np.sin(heading)), axis=-1
-        )
-        slots = self._tables.slots[robots]
-        return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
+        return self._each(draw, 1, poses, None, movers)[..., 0]
 
-    def _draw_solids(
+    def _each(
         self,
-        pictures: np.ndarray,
+        draw: Callable[[np.ndarray, _View, np.ndarray], None],
+        channels: int,
         poses: np.ndarray,
-        robots: np.ndarray,
+        robots: np.ndarray | None,
         movers: np.ndarray | None,
-    ) -> None:
-        if not self._rows.size:
-            return
-        tables, first = self._tables, robots * self._rows.shape[1]
-        rows, last = self._rows.reshape(-1, 13), first + self._counts[robots]
-        if movers is not None:
-            place_movers(rows, last, self._parts, self._owners, movers)
-        views = SolidViews(
-            poses,
-            self._eyes[robots],
-            self._lights[robots],
-            rows,
-            first,
-            last,
-            tables.slots[robots],
-            tables.directions,
-            tables.cells,
-            tables.pixel_rad,
-        )
-        draw_solids(pictures, views)
+    ) -> np.ndarray:
+        """Pictures (N, H, W, channels): floors as ``draw`` has them, and what stands on them."""
+        chosen = self._views if robots is None else [self._views[i] for i in robots.tolist()]
+        views = [view for view in chosen if view is not None]
+        poses = np.ascontiguousarray(poses, dtype=np.float64)
+        if poses.shape != (len(views), 3) or len(views) < len(chosen):
+            raise ValueError(
+                f"RayCamera: expected poses ({len(chosen)}, 3) and set_robot for each robot, "
+                f"got poses {poses.shape} and {len(views)} robots set"
+            )
+        pictures = np.empty((len(views), *self.shape[:2], channels), np.uint8)
+
+        def work(some: np.ndarray) -> None:
+            for k in some.tolist():
+                draw(pictures[k], views[k], views[k].placed(poses[k]))
+            for k in some.tolist():  # after all floors, or tables are read from far memory
+                solids, around = views[k].solids, self._away if movers is None else movers[k]
+                if len(solids.rows) or len(around):
+                    draw_solids(pictures[k], solids, around, poses[k], views[k].directions)
+
+        threads = min(numba.get_num_threads(), len(views))
+        if threads <= 1:
+            work(np.arange(len(views)))
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(work, np.array_split(np.arange(len(views)), threads)))
+        return pictures

@@ -18,7 +18,23 @@ CYLINDER = 1  # in the column SHAPE; a box is 0
 # Columns of a row: position, heading, half extents, underside and top [m], looks.
 X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
 
+
 AZIMUTHS, ELEVATIONS = 120, 60  # cells of 3 by 3 degrees
+
+
+class Solids(NamedTuple):
+    """What stands around a robot and from where it is seen.
+
+    ``rows`` (K, 13) in the world frame; ``parts`` (D, 13) of what moves, each about its own
+    origin, and ``owners`` (D,), whose part each is; ``light`` (5,) as of `light_row`; ``eye`` (3,)
+    the camera in the robot frame [m].
+    """
+
+    rows: np.ndarray
+    parts: np.ndarray
+    owners: np.ndarray
+    light: np.ndarray
+    eye: np.ndarray
 
 
 def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
@@ -58,21 +74,23 @@ def light_row(light: LightLook) -> np.ndarray:
     return np.array((*direction, math.sin(light.elevation_rad), light.ambient, light.diffuse))
 
 
-class DirectionTable(NamedTuple):
-    """Which way a picture's pixels look, for finding the pixels that look at something.
+class Directions(NamedTuple):
+    """Which way a picture's pixels look, for finding those that look at something.
 
-    ``cells`` (AZIMUTHS, ELEVATIONS, 4) int16: first and last row, first and last column of the
-    pixels that look into a cell, one pixel more on each side; an empty cell has first above last.
-    Azimuths count from behind, elevations from straight down. ``pixel_rad``: the widest pixel.
+    ``rays`` (3, H, W) float32 in the robot frame. ``cells`` (AZIMUTHS, ELEVATIONS, 4) int16: first
+    and last row, first and last column of the pixels that look into a cell, one pixel more on each
+    side; an empty cell has first above last. Azimuths count from behind, elevations from straight
+    down. ``pixel_rad``: the widest pixel.
     """
 
+    rays: np.ndarray
     cells: np.ndarray
     pixel_rad: float
 
 
 @lru_cache(maxsize=256)
-def direction_table(rig: CameraRig, image: ImageSpec) -> DirectionTable:
-    """The directions of a rig's pixels in the robot frame."""
+def directions_of(rig: CameraRig, image: ImageSpec) -> Directions:
+    """The directions of a rig's pixels."""
     rays = pixel_rays(rig, image)
     d = rays.directions
     azimuth, elevation = np.arctan2(d[..., 1], d[..., 0]), np.arcsin(np.clip(d[..., 2], -1.0, 1.0))
@@ -89,7 +107,8 @@ def direction_table(rig: CameraRig, image: ImageSpec) -> DirectionTable:
     bounds[:, 0::2] = np.maximum(bounds[:, 0::2], 0)
     bounds[:, 1::2] = np.minimum(bounds[:, 1::2], last)
     steps = [np.linalg.norm(np.diff(d, axis=k), axis=-1).max(initial=0.0) for k in (0, 1)]
-    return DirectionTable(
+    return Directions(
+        np.ascontiguousarray(np.moveaxis(d, -1, 0)),
         bounds.reshape(AZIMUTHS, ELEVATIONS, 4).astype(np.int16),
         float(max(steps)),
     )
