@@ -16,6 +16,7 @@ from pathlib import Path
 
 from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.threads import Worker
+from robot.errors import HardwareError
 from sim_pybullet.virtual.clock import VirtualClock
 from tools.loop.devices import Listener
 from tools.loop.shared_time import SharedTime
@@ -26,7 +27,7 @@ PATIENCE_S = 120.0  # real time that a process may work on one moment
 START_S = 1000.0  # no process may take the beginning of time for "never"
 
 
-class BenchError(RuntimeError):
+class BenchError(HardwareError):
     """A process of the bench died or hangs."""
 
 
