@@ -13,9 +13,8 @@ from robot.geometry import Pose
 from robot.inference.translator import Translator
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
-from sim_pybullet.episodes import DrawnEpisodes, NumberedEpisodes
+from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.pool import Looks
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene

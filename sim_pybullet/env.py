@@ -1,4 +1,4 @@
-"""``DriveEnv``: one robot as a Gymnasium environment."""
+"""One robot, or N, as environments of Gymnasium."""
 
 from __future__ import annotations
 
@@ -7,12 +7,145 @@ from typing import Any, Literal
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 
-from robot.contract import CONTROL_DT_S, ImageSpec
-from sim_pybullet import spaces
-from sim_pybullet.batch import BatchWorld, Observation
+from robot.contract import CONTROL_DT_S, PATH_POINTS, ImageSpec
+from robot.errors import ConfigError
+from sim_pybullet.batch import BatchStep, BatchWorld, Observation
 from sim_pybullet.tasks.spec import Choices, find_task
-from sim_pybullet.vector_env import DriveVectorEnv
+
+SEEDS = 2**31
+
+
+def action_space(world: BatchWorld, continuous: bool = False) -> spaces.Space[Any]:
+    """One number per action of the task's vehicle; or any pair of its two speeds, -1 to 1."""
+    if continuous:
+        return spaces.Box(-1.0, 1.0, (2,), np.float32)
+    return spaces.Discrete(len(world.task.vehicle.actions))
+
+
+def observation_space(world: BatchWorld) -> spaces.Space[Any]:
+    """The picture or stacked pictures, with ``path`` beside it in a Dict where the task guides."""
+    image = spaces.Box(0, 255, world.image_shape, np.uint8)
+    if not world.task.guided:
+        return image
+    path = spaces.Box(-1.0, 1.0, (PATH_POINTS,), np.float32)
+    return spaces.Dict({"image": image, "path": path})
+
+
+def start_poses(options: dict[str, Any] | None, n_robots: int) -> np.ndarray | None:
+    """The poses (N, 3) of ``reset(options={"pose": ...})``; ConfigError for anything else in it."""
+    if not options:
+        return None
+    if set(options) != {"pose"}:
+        raise ConfigError(f"expected no options of reset but 'pose', got {options!r}")
+    try:
+        poses = np.broadcast_to(np.asarray(options["pose"], dtype=float), (n_robots, 3))
+    except (TypeError, ValueError):
+        poses = np.full((n_robots, 3), np.nan)
+    if not np.isfinite(poses).all():
+        raise ConfigError(
+            "pose: expected x [m], y [m] and heading [rad], one for all or one for each of "
+            f"{n_robots} robots, got {options['pose']!r}"
+        )
+    return poses.copy()
+
+
+def as_space_member(observation: Observation, i: int | None = None) -> Any:
+    """All robots' observations in the form of the space; or one's, in arrays of its own."""
+    image, path = observation
+    if i is not None:
+        image, path = image[i].copy(), None if path is None else path[i].copy()
+    return image if path is None else {"image": image, "path": path}
+
+
+def newest_picture(image: np.ndarray) -> np.ndarray:
+    """The last frame (..., H, W, 3) of stacked ones (..., H, W, 3 F)."""
+    return image[..., -3:]
+
+
+def step_infos(world: BatchWorld, step: BatchStep) -> list[dict[str, Any]]:
+    """One info per robot: see ``DriveEnv`` for the keys."""
+    task, judged = world.task, step.task
+    columns = {
+        **step.course._asdict(),
+        **dict(zip(task.fact_names, judged.facts, strict=True)),
+        "collided": step.collided,
+        "is_success": judged.success,
+    }
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    infos: list[dict[str, Any]] = [dict(zip(columns, row, strict=True)) for row in rows]
+    for info, terms in zip(infos, judged.terms.T.tolist(), strict=True):
+        info["terms"] = dict(zip(task.term_names, terms, strict=True))
+    for i, metrics in zip(step.finished.robots, step.finished.metrics, strict=True):
+        infos[i]["drive"] = metrics._asdict()
+    return infos
+
+
+class DriveVectorEnv(VectorEnv[Any, Any, Any]):
+    """The robots of a ``BatchWorld``: arguments and all else as of `sim_pybullet.env.DriveEnv`.
+
+    A robot whose episode ends begins the next one within the same step
+    (``AutoresetMode.SAME_STEP``): ``final_obs`` and ``final_info`` hold the end of the old one.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class has it)
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1.0 / CONTROL_DT_S),
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self, world: BatchWorld, render_mode: str | None = None, continuous: bool = False
+    ) -> None:
+        self.world, self.render_mode, self.num_envs = world, render_mode, world.n_robots
+        self.single_observation_space = observation_space(world)
+        self.single_action_space = action_space(world, continuous)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._seen = np.zeros((self.num_envs, *world.image_shape[:2], 3), np.uint8)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of every robot; of several seeds the first counts for all.
+
+        DuckpilotError for options other than ``pose``, (3,) for all or (N, 3), or where no episode
+        can begin.
+        """
+        poses = start_poses(options, self.num_envs)
+        first = seed if seed is None or isinstance(seed, int) else seed[0]
+        super().reset(seed=first)
+        if first is not None:
+            self.world.seed(int(self.np_random.integers(SEEDS)))
+        observation = self.world.reset(poses)
+        self._seen = newest_picture(observation.image)
+        return as_space_member(observation), {}
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Carry out one action of each robot for 0.1 s."""
+        step = self.world.step(actions)
+        ended = {int(i): k for k, i in enumerate(step.finished.robots)}
+        infos: dict[str, Any] = {}
+        for i, info in enumerate(step_infos(self.world, step)):
+            if i in ended:
+                last = as_space_member(step.finished.observation, ended[i])
+                info = {"final_obs": last, "final_info": info}
+            infos = self._add_info(infos, info, i)
+        self._seen = newest_picture(step.observation.image)
+        seen = as_space_member(step.observation)
+        return seen, step.reward, step.task.terminated, step.task.truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The picture (H, W, 3) uint8 that each robot saw last; None unless ``rgb_array``."""
+        return tuple(self._seen.copy()) if self.render_mode == "rgb_array" else None
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
+        """Free the world."""
+        self.world.close()
+
 
 RenderMode = Literal["human", "rgb_array"]
 
@@ -40,14 +173,14 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     Reward, start and ends: as the task says, see `sim_pybullet.tasks`.
 
     Info of every step: ``terms`` (reward by name), ``arc_m``, ``offset_m``, ``heading_error_rad``,
-    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.following.Course`), ``laps`` or
+    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.base.Course`), ``laps`` or
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
     (`sim_pybullet.drive_metrics.DriveMetrics`).
 
     Traffic: Discrete(7), the five, slow and stop, `sim_pybullet.tasks.traffic`; pictures are
     (H, W, 9), the last three frames.
 
-    Track racing: Discrete(9), `sim_pybullet.racing.racing_cars.RACING_ACTIONS`; pictures are (H, W,
+    Track racing: Discrete(9), `sim_pybullet.tasks.track_racing.RACING_ACTIONS`; pictures are (H, W,
     12), the last four frames.
 
     Args:
@@ -67,8 +200,8 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     ) -> None:
         self.world = world
         self.render_mode = render_mode
-        self.observation_space = spaces.observation_space(world)
-        self.action_space = spaces.action_space(world, continuous)
+        self.observation_space = observation_space(world)
+        self.action_space = action_space(world, continuous)
         self._window: Any = None  # matplotlib's picture
         self._seen = np.zeros((*world.image_shape[:2], 3), np.uint8)
 
@@ -80,10 +213,10 @@ class DriveEnv(gymnasium.Env[Any, Any]):
         ``options``: ``pose``, (x [m], y [m], heading [rad]), where the robot begins; DuckpilotError
         for others, or where no episode can begin.
         """
-        poses = spaces.start_poses(options, 1)
+        poses = start_poses(options, 1)
         super().reset(seed=seed)
         if seed is not None:
-            self.world.seed(int(self.np_random.integers(spaces.SEEDS)))
+            self.world.seed(int(self.np_random.integers(SEEDS)))
         return self._show(self.world.reset(poses)), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -96,7 +229,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
             float(step.reward[0]),
             bool(step.task.terminated[0]),
             bool(step.task.truncated[0]),
-            spaces.step_infos(self.world, step)[0],
+            step_infos(self.world, step)[0],
         )
 
     def render(self) -> np.ndarray | None:
@@ -112,10 +245,10 @@ class DriveEnv(gymnasium.Env[Any, Any]):
             plt.close(self._window.figure)
 
     def _show(self, observation: Observation) -> Any:
-        self._seen = spaces.newest_picture(observation.image[0])
+        self._seen = newest_picture(observation.image[0])
         if self.render_mode == "human":
             self._show_in_window()
-        return spaces.as_space_member(observation, 0)
+        return as_space_member(observation, 0)
 
     def _show_in_window(self) -> None:
         """By matplotlib, which draws nothing where there is no screen."""

@@ -9,8 +9,14 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from sim_pybullet import spaces
 from sim_pybullet.batch import BatchWorld
+from sim_pybullet.env import (
+    action_space,
+    as_space_member,
+    newest_picture,
+    observation_space,
+    step_infos,
+)
 
 
 class DuckpilotVecEnv(VecEnv):
@@ -25,8 +31,8 @@ class DuckpilotVecEnv(VecEnv):
         self._actions = np.zeros(world.n_robots, dtype=int)
         self._seen = np.zeros((world.n_robots, *world.image_shape[:2], 3), np.uint8)
         self.render_mode = "rgb_array"
-        actions = spaces.action_space(world, continuous)
-        super().__init__(world.n_robots, spaces.observation_space(world), actions)
+        actions = action_space(world, continuous)
+        super().__init__(world.n_robots, observation_space(world), actions)
 
     def expert_actions(self) -> np.ndarray:
         """(N,) what the expert would do now, who knows the true poses."""
@@ -39,8 +45,8 @@ class DuckpilotVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         observation = self.world.reset()
-        self._seen = spaces.newest_picture(observation.image)
-        return spaces.as_space_member(observation)
+        self._seen = newest_picture(observation.image)
+        return as_space_member(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take note of the actions (N,)."""
@@ -49,15 +55,15 @@ class DuckpilotVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Carry them out for 0.1 s."""
         step = self.world.step(self._actions)
-        infos = spaces.step_infos(self.world, step)
+        infos = step_infos(self.world, step)
         for info, truncated in zip(infos, step.task.truncated.tolist(), strict=True):
             info["TimeLimit.truncated"] = truncated
         for k, i in enumerate(step.finished.robots):
-            last = spaces.as_space_member(step.finished.observation, k)
+            last = as_space_member(step.finished.observation, k)
             infos[i]["terminal_observation"] = last
         done = step.task.terminated | step.task.truncated
-        self._seen = spaces.newest_picture(step.observation.image)
-        seen = spaces.as_space_member(step.observation)
+        self._seen = newest_picture(step.observation.image)
+        seen = as_space_member(step.observation)
         return seen, step.reward.astype(np.float32), done, infos
 
     def close(self) -> None:

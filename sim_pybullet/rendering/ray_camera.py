@@ -4,25 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
+from numba import njit, prange
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.rendering.floor_kernel import MipTexture, draw_floor, label_floor, mip_texture
-from sim_pybullet.rendering.rays import Background, FloorTable, background, floor_shade, floor_table
-from sim_pybullet.rendering.solid_kernel import draw_solids
-from sim_pybullet.rendering.solid_table import (
+from sim_pybullet.classes import SemanticClass
+from sim_pybullet.rendering.rays import (
+    LEVELS,
+    Background,
     Directions,
+    FloorTable,
     Solids,
+    background,
     directions_of,
+    floor_shade,
+    floor_table,
     light_row,
     mover_rows,
     solid_rows,
 )
+from sim_pybullet.rendering.solid_kernel import draw_solids
 from sim_pybullet.scene import Ground, Mover, Scene
 
 _ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
@@ -138,3 +145,189 @@ class RayCamera:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(work, np.array_split(np.arange(len(views)), threads)))
         return pictures
+
+
+Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+LANES = np.uint64(0xFF | 0xFF << 24 | 0xFF << 44)  # red, blue, green with room for carries
+HALF = np.uint64(128 | 128 << 24 | 128 << 44)
+
+
+class MipTexture(NamedTuple):
+    """All levels one after the other: ``texels`` (T,) uint32; ``levels`` (L, 3) int32 rows of
+    offset, width and height, borders included."""
+
+    texels: np.ndarray
+    levels: np.ndarray
+
+
+_PACKED: WeakKeyDictionary[Ground, dict[float, MipTexture]] = WeakKeyDictionary()
+
+
+def mip_texture(ground: Ground, shade: float) -> MipTexture:
+    """The pyramid of a floor under light that multiplies its colours by ``shade``.
+
+    It is kept as long as the Ground lives: all cameras read the same one.
+    """
+    packed = _PACKED.setdefault(ground, {})
+    if shade not in packed:
+        packed[shade] = _build(ground, shade)
+    return packed[shade]
+
+
+def _build(ground: Ground, shade: float) -> MipTexture:
+    step = 1 << (LEVELS - 1)
+    rows, columns = (-(-n // step) * step for n in ground.classes.shape)
+    shapes = [((rows >> i) + 2, (columns >> i) + 2) for i in range(LEVELS)]
+    offsets = np.concatenate(([0], np.cumsum([h * w for h, w in shapes])))
+    levels = np.array([(o, w, h) for o, (h, w) in zip(offsets, shapes, strict=False)], np.int32)
+    outside = np.clip(np.array(ground.outside_rgb) * shade + 0.5, 0.0, 255.0).astype(np.uint32)
+    code = outside[0] | outside[1] << 12 | outside[2] << 24
+    texels = np.full(int(offsets[-1]), code, np.uint32)
+    views = [texels[o : o + h * w].reshape(h, w) for o, w, h in levels]
+    height, width = ground.classes.shape
+    _pack(ground.rgb, np.float32(shade), views[0][1 : height + 1, 1 : width + 1])
+    for finer, coarser in pairwise(views):
+        _halve(finer[1:-1, 1:-1], coarser[1:-1, 1:-1])
+    return MipTexture(texels, levels)
+
+
+@njit(parallel=True, nogil=True, cache=True, fastmath=True)
+def _pack(rgb: np.ndarray, shade: np.float32, out: np.ndarray) -> None:
+    half, top = np.float32(0.5), np.float32(255.0)
+    for v in prange(out.shape[0]):
+        for u in range(out.shape[1]):
+            red = np.uint32(min(rgb[v, u, 0] * shade + half, top))
+            green = np.uint32(min(rgb[v, u, 1] * shade + half, top))
+            blue = np.uint32(min(rgb[v, u, 2] * shade + half, top))
+            out[v, u] = red | green << np.uint32(12) | blue << np.uint32(24)
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def _halve(finer: np.ndarray, coarser: np.ndarray) -> None:
+    """Average squares of four texels, three colours in one word."""
+    lanes = np.uint64(0xFF | 0xFF << 12 | 0xFF << 24)
+    rounding, two = np.uint64(2 | 2 << 12 | 2 << 24), np.uint64(2)
+    for v in prange(coarser.shape[0]):
+        above, below, target = finer[2 * v], finer[2 * v + 1], coarser[v]
+        for u in range(len(target)):
+            total = (np.uint64(above[2 * u]) & lanes) + (np.uint64(above[2 * u + 1]) & lanes)
+            total += (np.uint64(below[2 * u]) & lanes) + (np.uint64(below[2 * u + 1]) & lanes)
+            target[u] = np.uint32(((total + rounding) >> two) & lanes)
+
+
+def label_floor(labels: np.ndarray, placed: np.ndarray, table: FloorTable, ground: Ground) -> None:
+    """Fill in of labels (P,) uint8 what pixels' rays meet on the floor; ``placed`` as drawn."""
+    first, last, level, log_taps = table.runs.T
+    count = last - first
+    pixels = np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
+    middle, size = np.repeat(0.5 * (2.0**log_taps - 1.0), count), np.repeat(2.0**level, count)
+    ahead = (table.x[pixels] + middle * table.dx[pixels]) * size
+    left = (table.y[pixels] + middle * table.dy[pixels]) * size
+    column0, row0, c, s = placed
+    column = np.floor(c * ahead - s * left + column0).astype(int)
+    row = np.floor(row0 - s * ahead - c * left).astype(int)
+    beside = np.pad(ground.classes, 1, constant_values=SemanticClass.OUTSIDE)
+    high, wide = ground.classes.shape
+    labels[pixels] = beside[np.clip(row, -1, high) + 1, np.clip(column, -1, wide) + 1]
+
+
+class _Row(NamedTuple):
+    """Scratch for one row of pixels: which texel, where in it (8 + 8 bits), colours so far."""
+
+    texel: np.ndarray
+    within: np.ndarray
+    sums: np.ndarray
+
+
+@njit(nogil=True, cache=True)
+def draw_floor(
+    picture: np.ndarray,
+    sky: np.ndarray,
+    placed: np.ndarray,
+    table: FloorTable,
+    texture: MipTexture,
+) -> None:
+    """Fill a picture (3 P,) uint8 with floor and, where no run covers, with sky (3 P,).
+
+    ``placed`` (4,) float64 is where the robot stands in the texture: column and row of its origin
+    [texels], cosine and sine of its heading.
+    """
+    texels, levels = texture
+    longest, done = 0, 0
+    for run in range(len(table.runs)):
+        longest = max(longest, table.runs[run, 1] - table.runs[run, 0])
+    row = _Row(
+        np.empty(longest, np.uint32), np.empty(longest, np.uint32), np.empty(longest, np.uint64)
+    )
+    for run in range(len(table.runs)):
+        first, last, level, log_taps = table.runs[run]
+        _copy(sky[done : 3 * first], picture[done : 3 * first])
+        done = 3 * last
+        x, y = table.x[first:last], table.y[first:last]
+        points = (x, y, table.dx[first:last], table.dy[first:last])
+        offset, stride = levels[level, 0], levels[level, 1]
+        row.sums[: last - first] = HALF << np.uint64(log_taps)
+        for tap in range(1 << log_taps):
+            _find_texels(row, points, np.float32(tap), placed, level, levels[level])
+            _add_texels(row, texels[offset:], np.uint64(stride), last - first)
+        _store(picture[3 * first : done], row.sums, np.uint64(8 + log_taps))
+    _copy(sky[done:], picture[done:])
+
+
+@njit(cache=True)
+def _copy(source: np.ndarray, target: np.ndarray) -> None:
+    for k in range(len(source)):  # a slice assignment does not become SIMD code
+        target[k] = source[k]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _find_texels(
+    row: _Row, points: Points, tap: np.float32, pose: np.ndarray, level: int, shape: np.ndarray
+) -> None:
+    """Fixed-point positions of one tap, kept within the level's border; this becomes SIMD code."""
+    scale = 256.0 / (1 << level)
+    column0 = np.float32(pose[0] * scale + 128.0)  # texel centres lie at halves; border: one
+    row0 = np.float32(pose[1] * scale + 128.0)
+    c, s = np.float32(256.0 * pose[2]), np.float32(256.0 * pose[3])
+    zero, fraction, eight = np.float32(0.0), np.uint32(255), np.uint32(8)
+    right = np.float32((shape[1] - 1) * 256 - 1)
+    bottom = np.float32((shape[2] - 1) * 256 - 1)
+    stride = np.uint32(shape[1])
+    x, y, dx, dy = points
+    for k in range(len(x)):
+        ahead, left = x[k] + tap * dx[k], y[k] + tap * dy[k]
+        u = np.uint32(np.int32(min(max(c * ahead - s * left + column0, zero), right)))
+        v = np.uint32(np.int32(min(max(row0 - s * ahead - c * left, zero), bottom)))
+        row.texel[k] = (v >> eight) * stride + (u >> eight)
+        row.within[k] = (u & fraction) | (v & fraction) << eight
+
+
+@njit(cache=True)
+def _add_texels(row: _Row, texels: np.ndarray, stride: np.uint64, count: int) -> None:
+    """Bilinear: four texels around each position, weighted to a sum of 256."""
+    one, eight, fraction = np.uint64(1), np.uint64(8), np.uint64(255)
+    for k in range(count):
+        above, within = np.uint64(row.texel[k]), np.uint64(row.within[k])
+        below = above + stride
+        fx, fy = within & fraction, within >> eight
+        both = (fx * fy + np.uint64(128)) >> eight
+        total = _spread(texels[above]) * (np.uint64(256) - fx - fy + both)
+        total += _spread(texels[above + one]) * (fx - both)
+        total += _spread(texels[below]) * (fy - both)
+        row.sums[k] += total + _spread(texels[below + one]) * both
+
+
+@njit(inline="always")
+def _spread(texel: np.uint32) -> np.uint64:
+    wide = np.uint64(texel)
+    return (wide | wide << np.uint64(32)) & LANES
+
+
+@njit(cache=True)
+def _store(picture: np.ndarray, sums: np.ndarray, shift: np.uint64) -> None:
+    byte, green, blue = np.uint64(255), np.uint64(44), np.uint64(24)
+    for k in range(len(picture) // 3):
+        total = sums[k] >> shift
+        picture[3 * k] = np.uint8(total & byte)
+        picture[3 * k + 1] = np.uint8((total >> green) & byte)
+        picture[3 * k + 2] = np.uint8((total >> blue) & byte)

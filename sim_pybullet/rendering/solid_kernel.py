@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sim_pybullet.rendering.solid_table import (
+from sim_pybullet.rendering.rays import (
     AZIMUTHS,
     BASE,
     BLUE,
@@ -30,7 +30,8 @@ from sim_pybullet.rendering.solid_table import (
 )  # fmt: skip
 
 NO_HIT = 1e9
-_FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be level with a face
+# Not nnan, ninf: a ray may be level with a face.
+_FAST = {"contract", "arcp", "nsz", "reassoc"}
 
 
 class Canvas(NamedTuple):

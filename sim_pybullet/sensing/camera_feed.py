@@ -4,7 +4,6 @@ translator."""
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
 from robot.contract import ImageSpec
 from robot.geometry import wrap_angle
@@ -14,8 +13,7 @@ from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.optics import Gloss
-from sim_pybullet.sensing.sensor import Sensors
+from sim_pybullet.sensing.sensor import Gloss, Sensors
 
 
 class CameraFeed:
@@ -136,22 +134,6 @@ def _as_vectors(poses: np.ndarray) -> np.ndarray:
     return np.stack((poses[..., 0], poses[..., 1], np.cos(heading), np.sin(heading)), axis=-1)
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def _push(stack: np.ndarray, robots: np.ndarray, pictures: np.ndarray, shown: np.ndarray) -> None:
-    """Let the oldest picture of robots (M,) go; the stacks as they are then into ``shown``."""
-    newest = pictures.shape[3]
-    for k in prange(len(robots)):
-        mine, height, width, channels = stack[robots[k]], *stack.shape[1:]
-        for v in range(height):
-            for u in range(width):
-                for c in range(channels - newest):
-                    mine[v, u, c] = mine[v, u, c + newest]
-                for c in range(newest):
-                    mine[v, u, channels - newest + c] = pictures[k, v, u, c]
-                for c in range(channels):
-                    shown[k, v, u, c] = mine[v, u, c]
-
-
 class FrameStack:
     """Keeps ``frames`` pictures (H, W, 3) of each robot; the newest comes last."""
 
@@ -164,9 +146,10 @@ class FrameStack:
         """The next picture of every robot, or of robots (M,); their stacks in a fresh array."""
         if self._frames == 1:
             return pictures
-        chosen = np.arange(len(self._stack)) if robots is None else robots
-        shown = np.empty((len(chosen), *self.shape), np.uint8)
-        _push(self._stack, chosen, pictures, shown)
+        chosen = slice(None) if robots is None else robots
+        kept = self._stack[chosen][..., pictures.shape[-1] :]
+        shown = np.concatenate((kept, pictures), axis=-1)
+        self._stack[chosen] = shown
         return shown
 
     def restart(self, robots: np.ndarray, pictures: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What an image sensor makes of the light behind the lens."""
+"""Light that goes astray on its way to the sensor: smears, and lamps in the floor."""
 
 from __future__ import annotations
 
@@ -10,14 +10,76 @@ import cv2
 import numpy as np
 from numba import njit
 
-from robot.contract import FRAME_WIDTH_PX
-from sim_pybullet.look import SensorLook
-from sim_pybullet.sensing.optics import PX_PER_RAD, fma, smeared
+from robot.contract import FRAME_WIDTH_PX, ImageSpec
+from robot.lens import DUCKIEBOT_LENS, CameraRig
+from sim_pybullet.look import LightLook, SensorLook
+from sim_pybullet.rendering.rays import pixel_rays
 
+# A turn by one radian moves the middle of a 160 px wide frame by so many pixels.
+PX_PER_RAD = DUCKIEBOT_LENS.fx_px * FRAME_WIDTH_PX / DUCKIEBOT_LENS.width_px
+_SMALLEST_SMEAR_PX = 0.3
+_LAMP = 200.0  # grey levels of a lamp that the floor mirrors fully
+_BARELY = 1e-3
 _NOISE_SIZE = 1 << 16  # values in the noise table; each row of a picture starts anywhere in it
 _SMALLEST_BLUR_PX = 0.2  # a narrower one changes no grey level
 # Foam, cloth and paint alike reflect near infrared; red and blue pixels let most of it through.
 _INFRARED_RGB = np.array((1.15, 0.85, 1.05))
+
+
+def smeared(frames: np.ndarray, lengths_px: np.ndarray) -> np.ndarray:
+    """Frames (N, H, W, 3) averaged over so many pixels along the rows, one length per frame.
+
+    A robot on the floor turns about the vertical, so that its picture moves sideways.
+    """
+    if not (lengths_px > _SMALLEST_SMEAR_PX).any():
+        return frames
+    seen = frames.copy()
+    for k in np.flatnonzero(lengths_px > _SMALLEST_SMEAR_PX):
+        half = int(np.ceil(0.5 * lengths_px[k]))
+        offsets = np.abs(np.arange(-half, half + 1))
+        weights = np.clip(0.5 * lengths_px[k] + 0.5 - offsets, 0.0, 1.0)[None]
+        seen[k] = cv2.filter2D(
+            frames[k], -1, weights / weights.sum(), borderType=cv2.BORDER_REPLICATE
+        )
+    return seen
+
+
+class Gloss:
+    """The light's mirror image in the floors of N robots.
+
+    Phong's model: the spot lies where a ray mirrored by the floor meets the light. Solids are not
+    told from the floor: the spot lies over them.
+    """
+
+    def __init__(self, n_robots: int, image: ImageSpec) -> None:
+        self._image = image
+        self._lit: list[tuple[np.ndarray, LightLook] | None] = [None] * n_robots
+
+    def put(self, i: int, rig: CameraRig, light: LightLook) -> None:
+        """Robot ``i`` sees this light, whose direction is in the world frame, through this rig."""
+        rays = pixel_rays(rig, self._image).directions.reshape(-1, 3) if light.gloss else None
+        self._lit[i] = None if rays is None else (rays, light)
+
+    def add(self, frames: np.ndarray, headings: np.ndarray, robots: np.ndarray) -> None:
+        """To frames (M, H, W, 3) uint8 of robots (M,) at headings (M,) [rad], in place."""
+        for frame, heading, i in zip(frames, headings.tolist(), robots.tolist(), strict=True):
+            lit = self._lit[i]
+            if lit is not None:
+                _brighten(frame.reshape(-1, 3), lit[0], lit[1], heading)
+
+
+def _brighten(pixels: np.ndarray, rays: np.ndarray, light: LightLook, heading_rad: float) -> None:
+    """Add the spot of a light to pixels (P, 3) with these rays (P, 3), in place."""
+    ahead, level = light.azimuth_rad - heading_rad, math.cos(light.elevation_rad)
+    towards = (level * math.cos(ahead), level * math.sin(ahead), -math.sin(light.elevation_rad))
+    lamp, variance = np.array(towards, np.float32), light.gloss_width_rad**2
+    alike = rays @ lamp
+    seen = np.flatnonzero((alike > 1.0 + variance * math.log(_BARELY)) & (rays[:, 2] < 0.0))
+    (x, y, z), (_, b, c) = rays[seen].T, lamp.astype(float)
+    near = (c * z + (b * y + x * lamp[0]).astype(np.float32)).astype(np.float32)  # fused
+    spot = np.exp((np.clip(near, -1.0, 1.0) - np.float32(1.0)) / np.float32(variance))
+    bright = pixels[seen] + np.float32(light.gloss * _LAMP) * spot[:, None]
+    pixels[seen] = np.minimum(bright + np.float32(0.5), 255.0)
 
 
 class Sensors:
@@ -138,7 +200,6 @@ def _expose(
     The noise of each row begins at ``starts`` (H,) in the ``table``; r^2 is the sum of ``rows``
     (H,) and ``columns`` (3 W,).
     """
-    low, half, high = np.float32(0.0), np.float32(0.5), np.float32(255.0)
     vignetting, noise, width = np.float32(shade[0]), np.float32(shade[1]), frame.shape[1]
     each = np.empty(width, np.float32)
     for k in range(width):
@@ -146,10 +207,11 @@ def _expose(
     for v in range(len(frame)):
         row, noisy = frame[v], table[starts[v] : starts[v] + width]
         middle = np.float32(1.0) - vignetting * rows[v]
-        for k in range(width):
-            light = fma(-vignetting, columns[k], middle) * each[k]
-            value = fma(noise, noisy[k], fma(np.float32(row[k]), light, half))
-            row[k] = np.uint8(np.int32(min(max(value, low), high)))
+        for k in range(width):  # products in full, rounded once, so that every processor agrees
+            light = np.float32(middle - np.float64(vignetting) * columns[k]) * each[k]
+            value = np.float32(0.5 + np.float64(light) * row[k])
+            value = np.float32(value + np.float64(noise) * noisy[k])
+            row[k] = np.uint8(np.int32(min(max(value, np.float32(0.0)), np.float32(255.0))))
 
 
 @njit(nogil=True, cache=True, fastmath=True)

@@ -18,7 +18,7 @@ from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.base import Task
 
 if TYPE_CHECKING:
-    from sim_pybullet.pool import Looks
+    from sim_pybullet.episodes import Looks
     from sim_pybullet.scenery.objects import Place
 
 WHEELED: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)

@@ -16,8 +16,7 @@ from sim_pybullet.motors import MotorModel
 from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M, following_terms
 from sim_pybullet.tasks.spec import Choices, TaskSpec, register
-from sim_pybullet.traffic.ahead import behind
-from sim_pybullet.traffic.crowd import Body, Crowd
+from sim_pybullet.traffic.crowd import Body, Crowd, behind
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
 from sim_pybullet.traffic.right_of_way import Approach
 from sim_pybullet.traffic.scenario import Scenario, load_scenario

@@ -7,10 +7,9 @@ import threading
 import numpy as np
 
 from robot.computer.clock import Clock
-from sim_pybullet.virtual.coil import CoilDrive, bridge_spans, coil_drive
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
-from sim_pybullet.virtual.rotor import Rotor, RotorModel
+from sim_pybullet.virtual.rotor import CoilDrive, Rotor, RotorModel, bridge_spans, coil_drive
 
 # From the schematic of the Adafruit DC+Stepper Motor HAT (product 2348), which the 0x6F boards
 # copy: terminal -> PCA9685 channels at the bridge's IN1, IN2 and PWM. Not the driver's table:

@@ -1,16 +1,116 @@
-"""A two-phase stepper with its load: where the rotor goes when its windings are driven.
+"""One winding of a stepper behind a TB6612FNG bridge: an inductance and a resistance.
 
-Torque is holding torque times the sine of the angle between field and rotor (Acarnley, Stepping
-Motors, 4th ed., chapter 3); a field that moves too fast, or against too much load, leaves the rotor
-behind by whole electrical turns of four full steps, and that is counted.
+Currents are in units of supply voltage / resistance. A bridge that drives pulls the current towards
++1 or -1, one that brakes lets it decay towards 0, both with the time constant L / R. With the
+outputs at high impedance what is left flows through the body diodes against the supply, as if the
+voltage were reversed, until it is gone; then nothing flows (drops of the diodes left out).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import NamedTuple
 
-from sim_pybullet.virtual.coil import RELEASED, CoilDrive, relax
+from sim_pybullet.virtual.pca9685_registers import PwmOutputs
+
+
+class BridgeState(Enum):
+    """What the outputs of a bridge do."""
+
+    CW = "OUT1 high, OUT2 low"
+    CCW = "OUT1 low, OUT2 high"
+    SHORT_BRAKE = "both low: the winding is shorted, its current goes round and decays slowly"
+    STOP = "high impedance: the current flows back into the supply and is gone soon"
+
+
+H, L = True, False
+# "H-SW Control Function" of Toshiba's data sheet: IN1, IN2, PWM -> outputs, with STBY high as on
+# the boards. The sheet lists two low inputs with PWM high only; no transistor conducts.
+H_SW_CONTROL = {
+    (H, H, H): BridgeState.SHORT_BRAKE,
+    (H, H, L): BridgeState.SHORT_BRAKE,
+    (L, H, H): BridgeState.CCW,
+    (L, H, L): BridgeState.SHORT_BRAKE,
+    (H, L, H): BridgeState.CW,
+    (H, L, L): BridgeState.SHORT_BRAKE,
+    (L, L, H): BridgeState.STOP,
+    (L, L, L): BridgeState.STOP,
+}
+PULL = {BridgeState.CW: 1.0, BridgeState.CCW: -1.0, BridgeState.SHORT_BRAKE: 0.0}
+PERIODS = 400  # until a period repeats itself; a time constant is a handful of periods at most
+REPEATS = 1e-9
+
+
+class Span(NamedTuple):
+    """A part of the PWM period in which the outputs do not change."""
+
+    share: float
+    state: BridgeState
+
+
+class CoilDrive(NamedTuple):
+    """What a bridge does to its winding, averaged over a PWM period."""
+
+    current: float  # mean, once it repeats itself; positive for CW
+    closed: float  # share of the period in which the winding is not at high impedance
+
+
+RELEASED = CoilDrive(0.0, 0.0)
+
+
+def bridge_spans(outputs: PwmOutputs, in1: int, in2: int, pwm: int) -> tuple[Span, ...]:
+    """The PWM period, from the PCA9685 channels wired to IN1, IN2 and PWM."""
+    spans = outputs.spans(in1, in2, pwm)
+    return tuple(Span(share, H_SW_CONTROL[levels]) for share, levels in spans)  # type: ignore[index]
+
+
+@lru_cache(maxsize=4096)
+def coil_drive(spans: tuple[Span, ...], period_s: float, time_constant_s: float) -> CoilDrive:
+    """What a winding of this L / R [s] makes of the states within a PWM period of ``period_s``."""
+    closed = sum(span.share for span in spans if span.state is not BridgeState.STOP)
+    if closed == 0.0:
+        return RELEASED
+    if all(span.state is not BridgeState.STOP for span in spans):
+        # Linear, so that the mean current is what the mean voltage would drive.
+        return CoilDrive(sum(span.share * PULL[span.state] for span in spans), 1.0)
+    current = mean = 0.0
+    for _ in range(PERIODS):
+        before, charge = current, 0.0
+        for span in spans:
+            current, part = _follow(current, span.state, span.share * period_s, time_constant_s)
+            charge += part
+        mean = charge / period_s
+        if abs(current - before) < REPEATS:
+            break
+    return CoilDrive(mean, closed)
+
+
+def relax(current: float, drive: CoilDrive, keep: float) -> float:
+    """The current after a time in which a share of ``keep`` = exp(-time / (L / R)) is left."""
+    if drive.closed > 0.0:
+        return drive.current + (current - drive.current) * keep
+    if current > 0.0:
+        return max((current + 1.0) * keep - 1.0, 0.0)
+    return min((current - 1.0) * keep + 1.0, 0.0)
+
+
+def _follow(
+    current: float, state: BridgeState, duration_s: float, time_constant_s: float
+) -> tuple[float, float]:
+    """Current at the end of a span, and the integral of it over the span [s]."""
+    if state is BridgeState.STOP:
+        empty_s = time_constant_s * math.log1p(abs(current))
+        pull = -math.copysign(1.0, current)
+        flows_s = min(duration_s, empty_s)
+    else:
+        pull, flows_s, empty_s = PULL[state], duration_s, math.inf
+    keep = math.exp(-flows_s / time_constant_s)
+    charge = pull * flows_s + (current - pull) * time_constant_s * (1.0 - keep)
+    return (pull + (current - pull) * keep if empty_s > duration_s else 0.0), charge
+
 
 FULL_STEPS = 4  # of one electrical turn
 

@@ -13,9 +13,9 @@ from robot.contract import CONTROL_DT_S, Action
 from robot.errors import ConfigError, ContractError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchStep, BatchWorld
+from sim_pybullet.episodes import LookPool
 from sim_pybullet.look import NOMINAL, DriveLook, GroundLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S
-from sim_pybullet.pool import LookPool
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from tests.sim_pybullet.db18 import DB18_DRIVE

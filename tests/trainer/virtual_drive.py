@@ -16,7 +16,7 @@ from robot.recording.drive_file import DriveFile, png
 from robot.recording.turn import Turn
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, Look
-from sim_pybullet.sensing.pose_error import PoseError
+from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.vehicle import pursuit
 

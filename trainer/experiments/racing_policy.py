@@ -11,8 +11,8 @@ from robot.errors import ConfigError, ContractError
 from robot.inference.policy import REMEDY, OnnxPolicy, read_contract
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import open_translator
-from sim_pybullet.racing.racing_cars import RACING_ACTIONS
 from sim_pybullet.tasks.spec import find_task
+from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.experiments.drive_pictures import STACK
 from trainer.experiments.records import FULL_LOCK_DEG, Turn, turns
 

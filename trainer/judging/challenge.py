@@ -10,7 +10,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.pool import Looks
+from sim_pybullet.episodes import Looks
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario

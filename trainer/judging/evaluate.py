@@ -19,7 +19,7 @@ from robot.inference.policy import TOLERANCE, OnnxPolicy
 from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.pool import Looks
+from sim_pybullet.episodes import Looks
 from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task

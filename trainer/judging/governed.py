@@ -22,7 +22,7 @@ from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.look import ARENA_POSE
-from sim_pybullet.sensing.pose_error import PoseError
+from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.traffic import Traffic
 from sim_pybullet.traffic.crowd import Body
 from trainer.judging.drivers import Pilot

@@ -21,7 +21,7 @@ from robot.navigation.others import Other
 from robot.navigation.road_map import RoadMap
 from robot.output import atomically
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.pool import LookPool, Looks
+from sim_pybullet.episodes import LookPool, Looks
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import apply_sensor

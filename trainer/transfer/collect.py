@@ -24,7 +24,7 @@ from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap
 from robot.recording.reader import read_frames
 from robot.typed_config import to_plain
-from sim_pybullet.pool import LookPool
+from sim_pybullet.episodes import LookPool
 from sim_pybullet.racing.track import SCALE, Track, is_track
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import Place, lane_poses

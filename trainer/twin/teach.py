@@ -23,7 +23,7 @@ from robot.errors import ContractError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, read_contract
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
-from sim_pybullet.pool import Looks
+from sim_pybullet.episodes import Looks
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.algorithms import find_algorithm

@@ -12,8 +12,7 @@ from robot.hat.pca9685 import Pca9685, channel_bytes
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
-from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
-from sim_pybullet.virtual.pwm import Output
+from sim_pybullet.virtual.pca9685_registers import Output, Pca9685Registers
 
 
 class RealTimeClockChip:

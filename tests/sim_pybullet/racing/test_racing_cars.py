@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sim_pybullet.look import DriveLook
-from sim_pybullet.racing.racing_cars import (
+from sim_pybullet.racing.track import SCALE
+from sim_pybullet.tasks.track_racing import (
     GRASS_GRIP_MPS2,
     GRIP_MPS2,
     RACING_ACTIONS,
@@ -12,7 +13,6 @@ from sim_pybullet.racing.racing_cars import (
     TOP_SPEED_MPS,
     RacingCars,
 )
-from sim_pybullet.racing.track import SCALE
 from tests.sim_pybullet.racing.actions import RacingAction
 
 CALM = DriveLook(noise=0.0)

@@ -5,7 +5,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.look import LightLook
-from sim_pybullet.sensing.optics import Gloss
+from sim_pybullet.sensing.sensor import Gloss
 
 
 def add_gloss(

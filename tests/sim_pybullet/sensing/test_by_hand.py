@@ -12,10 +12,8 @@ from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from sim_pybullet.look import ARENA_POSE, LightLook, Look, PoseLook, SensorLook
 from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
-from sim_pybullet.sensing.guidance_feed import GuidanceFeed
-from sim_pybullet.sensing.optics import smeared
-from sim_pybullet.sensing.pose_error import PoseError
-from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.sensing.guidance_feed import GuidanceFeed, PoseError
+from sim_pybullet.sensing.sensor import apply_sensor, smeared
 from tests.sim_pybullet.sensing.gloss import add_gloss
 
 PX_PER_RAD = 76.393  # of a frame 160 px wide: 305.57 px of a lens 640 px wide

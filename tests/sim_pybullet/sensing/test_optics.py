@@ -4,8 +4,7 @@ import pytest
 from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from sim_pybullet.look import LightLook, SensorLook
-from sim_pybullet.sensing.optics import PX_PER_RAD, smeared
-from sim_pybullet.sensing.sensor import apply_sensor
+from sim_pybullet.sensing.sensor import PX_PER_RAD, apply_sensor, smeared
 from tests.sim_pybullet.sensing.gloss import add_gloss
 
 POST = np.zeros((1, 20, 60, 3), np.uint8)

@@ -3,7 +3,7 @@ import math
 import numpy as np
 
 from sim_pybullet.look import ARENA_POSE, PoseLook
-from sim_pybullet.sensing.pose_error import PoseError
+from sim_pybullet.sensing.guidance_feed import PoseError
 
 DT = 0.1
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sim_pybullet.look import SensorLook
-from sim_pybullet.sensing.optics import PX_PER_RAD, smeared
-from sim_pybullet.sensing.sensor import Sensors, apply_sensor
+from sim_pybullet.sensing.sensor import PX_PER_RAD, Sensors, apply_sensor, smeared
 
 PICTURE = np.random.default_rng(2).integers(0, 256, (1, 24, 160, 3), dtype=np.uint8)
 

@@ -9,16 +9,14 @@ from robot.errors import ConfigError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
-from sim_pybullet.rendering.solid_table import mover_rows
-from sim_pybullet.traffic.ahead import AHEAD_M, look_ahead
+from sim_pybullet.rendering.rays import mover_rows
+from sim_pybullet.traffic.crowd import AHEAD_M, look_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
-from sim_pybullet.traffic.layout import Layout
 from sim_pybullet.traffic.lights import Lights, lamps
 from sim_pybullet.traffic.right_of_way import Approach, RightOfWay
 from sim_pybullet.traffic.scenario import Scenario, load_scenario, shipped_scenarios
-from sim_pybullet.traffic.streets import Streets
-from sim_pybullet.traffic.tours import tours
+from sim_pybullet.traffic.streets import Layout, Streets, tours
 
 NOBODY = np.full((1, 1, 2), np.nan)
 

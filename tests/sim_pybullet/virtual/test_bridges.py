@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_pybullet.virtual.coil import (
+from sim_pybullet.virtual.pca9685_registers import PwmOutputs
+from sim_pybullet.virtual.rotor import (
     H_SW_CONTROL,
     BridgeState,
     CoilDrive,
@@ -15,7 +16,6 @@ from sim_pybullet.virtual.coil import (
     coil_drive,
     relax,
 )
-from sim_pybullet.virtual.pwm import PwmOutputs
 
 CW, CCW, BRAKE, STOP = (
     BridgeState.CW,

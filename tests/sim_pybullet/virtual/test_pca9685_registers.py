@@ -7,8 +7,7 @@ import pytest
 
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.i2c import VirtualI2cBus
-from sim_pybullet.virtual.pca9685_registers import Pca9685Registers
-from sim_pybullet.virtual.pwm import ChipMisuseError
+from sim_pybullet.virtual.pca9685_registers import ChipMisuseError, Pca9685Registers
 
 ADDRESS = 0x6F
 FULL_ON, FULL_OFF = bytes((0, 0x10, 0, 0)), bytes((0, 0, 0, 0x10))

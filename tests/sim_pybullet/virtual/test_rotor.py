@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_pybullet.virtual.coil import RELEASED, CoilDrive
-from sim_pybullet.virtual.rotor import Rotor, RotorModel
+from sim_pybullet.virtual.rotor import RELEASED, CoilDrive, Rotor, RotorModel
 
 FREE = RotorModel(friction_nm=0.0, damping_nms=0.0)
 DAMPED = RotorModel(damping_nms=0.02)

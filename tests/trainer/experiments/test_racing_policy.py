@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from robot.errors import ContractError
-from sim_pybullet.racing.racing_cars import RACING_ACTIONS
+from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.cli import main
 from trainer.experiments.drive_pictures import STACK
 from trainer.experiments.racing_policy import SteeringPolicy, named_policies

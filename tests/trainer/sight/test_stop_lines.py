@@ -22,8 +22,8 @@ from robot.safety.road_ahead import RoadAhead
 from robot.safety.wheel_limits import limit_speed
 from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import BatchWorld
+from sim_pybullet.episodes import Looks
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.pool import Looks
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.navigation import Navigation

@@ -7,7 +7,7 @@ import pytest
 
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
-from sim_pybullet.racing.racing_cars import RACING_ACTIONS
+from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.cli import main
 from trainer.judging.evaluate import open_policy
 from trainer.run import RunFolder
