@@ -86,9 +86,7 @@ def _levels(twin: Twin, drive: Recorded) -> float:
     scene = cover_scene(drive.road_map, twin.camera.width)
     cover = seen_from(scene, twin.camera.values, twin.camera.poses)
     ours, worst = twin_pictures(twin, drive), 0.0
-    masks = [members(each) for each in cover]
-    for kind in masks[0]:
-        mask = np.array([each[kind] for each in masks])
+    for mask in members(cover).values():
         if mask.sum() >= LEAST_PIXELS:
             medians = [np.median(pictures[mask], axis=0) for pictures in (ours, twin.pictures)]
             worst = max(worst, float(np.abs(medians[0] - medians[1]).max()))

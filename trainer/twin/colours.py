@@ -29,11 +29,11 @@ class Colours(NamedTuple):
 
 
 def members(drawn: np.ndarray) -> dict[str, np.ndarray]:
-    """(H, W) bool for each kind: the pixels that show nothing else; of a picture of cover."""
+    """(F, H, W) bool for each kind: the pixels that show nothing else; of pictures of cover."""
     share = drawn.astype(float) / 255.0
     rest = 1.0 - share.sum(axis=-1)
     masks = {kind: share[..., k] > PURE for k, kind in enumerate(KINDS[:3])}
-    masks["outside"][: len(drawn) // 2] = False  # far away it may be anything
+    masks["outside"][:, : drawn.shape[1] // 2] = False  # far away it may be anything
     return {**masks, "asphalt": rest > PURE}
 
 
@@ -51,14 +51,9 @@ def fit_colours(images: np.ndarray, drawn: np.ndarray, still: Sequence[np.ndarra
     """
     rows, columns = np.mgrid[-1:1:120j, -1:1:160j]
     far = 0.5 * (rows**2 + columns**2)  # 1 in the corners
-    found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
-    places: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
-    for image, cover in zip(images, drawn, strict=True):
-        for kind, mask in members(cover).items():
-            found[kind].append(image[mask].astype(float))
-            places[kind].append(far[mask])
-    levels = {kind: np.concatenate(parts) for kind, parts in found.items()}
-    radii = {kind: np.concatenate(parts) for kind, parts in places.items()}
+    masks = members(drawn)
+    levels = {kind: images[mask].astype(float) for kind, mask in masks.items()}
+    radii = {kind: np.broadcast_to(far, mask.shape)[mask] for kind, mask in masks.items()}
     shade = _vignetting(levels["asphalt"], radii["asphalt"])
     rgb = {
         kind: np.median(levels[kind] / (1.0 - shade * radii[kind])[:, None], axis=0).clip(0, 255)
