@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -39,37 +40,21 @@ def change(part: Callable[[Stage], object], **values: object) -> Act:
 
 @dataclass(frozen=True)
 class Case:
-    """One fault, met while the robot drives a mission (unless ``moving`` is False).
+    """One fault, met while the robot drives a mission (unless ``moving`` is False)."""
 
-    Attributes:
-        name: short, unique in its family.
-        what: the fault in words.
-        inject: breaks something.
-        threshold_s: age at which the fault counts as one [s]; the wheels must have stopped
-            ``STOP_BUDGET_S`` later.
-        says: what the reason shown must contain, a regular expression.
-        states: one of which the robot must show; empty where it must go on driving.
-        heal: mends it; nothing may begin to move by that.
-        before: prepares the bench, before the robot drives off.
-        approach: lets it drive on to where the fault comes.
-        silent: the page must say that the robot is silent.
-        check: a last look before mending; what is wrong, or "".
-        drives_again: mended, and armed by a person, it must drive without a new start.
-    """
-
-    name: str
-    what: str
-    inject: Act
-    threshold_s: float = 0.0
-    says: str = ""
-    states: tuple[str, ...] = ("FAULT",)
-    heal: Act = nothing
-    before: Act = nothing
-    approach: Act = nothing
+    name: str  # short, unique in its family
+    what: str  # the fault in words
+    inject: Act  # breaks something
+    threshold_s: float = 0.0  # age at which it counts; the wheels stop ``STOP_BUDGET_S`` later
+    says: str = ""  # what the reason shown must contain, a regular expression
+    states: tuple[str, ...] = ("FAULT",)  # to be shown, any of them; none: it must drive on
+    heal: Act = nothing  # mends it; nothing may begin to move by that
+    before: Act = nothing  # prepares the bench, before the robot drives off
+    approach: Act = nothing  # lets it drive on to where the fault comes
     moving: bool = True
-    silent: bool = False
-    check: Callable[[Stage], str] = nothing
-    drives_again: bool = False
+    silent: bool = False  # the page must say that the robot is silent
+    check: Callable[[Stage], str] = nothing  # a last look before mending; what is wrong, or ""
+    drives_again: bool = False  # mended, and armed by a person, without a new start
 
 
 @dataclass(frozen=True)
@@ -79,11 +64,11 @@ class Outcome:
     family: str
     name: str
     what: str
-    stopped_s: float  # from the fault to the last step of a motor
-    threshold_s: float
-    state: str
-    reason: str
-    problem: str  # "" when all was as it must be
+    stopped_s: float = math.nan  # from the fault to the last step of a motor
+    threshold_s: float = 0.0
+    state: str = ""
+    reason: str = ""
+    problem: str = ""  # none when all was as it must be
 
     @property
     def passed(self) -> bool:

@@ -53,12 +53,7 @@ class Stage:
 
     def play(self, family: str, case: Case) -> Outcome:
         """Meet one fault; whatever goes wrong with that is told in the outcome."""
-        outcome = Outcome(
-            *(family, case.name, case.what, math.nan, case.threshold_s),
-            state="",
-            reason="",
-            problem="",
-        )
+        outcome = Outcome(family, case.name, case.what, threshold_s=case.threshold_s)
         try:
             self.ready()
             case.before(self)

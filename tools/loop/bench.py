@@ -284,11 +284,7 @@ class Bench:
 def connect(
     keys: dict[str, Path], time: Timekeeper, seed: int
 ) -> tuple[dict[str, LinkConfig], dict[str, Proxy]]:
-    """How each program reaches the others: through networks that can be made bad.
-
-    Returns:
-        The links of each program, and the networks ``poses`` (localizer to robot) and ``monitor``.
-    """
+    """Each program's links, through the networks ``poses`` (localizer to robot) and ``monitor``."""
     ports = {name: free_ports(len(BOUND_BY)) for name in keys}
     configs = {name: LinkConfig(str(keys[name]), base_port=ports[name]) for name in keys}
     to_robot = {ports["robot"]: ports["localizer"]}

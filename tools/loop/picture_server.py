@@ -17,10 +17,7 @@ from tools.loop.devices import Listener
 class PictureServer(Listener):
     """A virtual camera: who asked gets the picture of the next moment.
 
-    Args:
-        path: of the socket.
-        see: the picture (H, W, 3) uint8 RGB of now.
-        answered: told after a picture went out.
+    ``see`` gives that of now, (H, W, 3) uint8 RGB; ``answered`` is told after it went out.
     """
 
     def __init__(

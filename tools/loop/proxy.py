@@ -18,13 +18,7 @@ PART_BYTES = 65536
 
 
 class Proxy(Worker):
-    """Forwards ``ports``: from each key, on loopback, to its value.
-
-    Args:
-        ports: listened at, and where they lead.
-        clock: time of the delays [s].
-        rng: draws what is lost.
-    """
+    """Forwards ``ports``: from each key, on loopback, to its value; delays are by ``clock`` [s]."""
 
     def __init__(
         self, ports: dict[int, int], clock: Callable[[], float], rng: np.random.Generator

@@ -159,12 +159,7 @@ class Participant:
 
 
 class Conductor(Timekeeper):
-    """Lock-step. ``run_until`` lets everybody live up to a moment.
-
-    Args:
-        folder: for the sockets of time.
-        order: names of the processes; who is due at the same moment runs in this order.
-    """
+    """Lock-step, by sockets in ``folder``; who is due at the same moment runs in this order."""
 
     def __init__(self, folder: Path, order: tuple[str, ...]) -> None:
         self._time = VirtualClock(START_S)
