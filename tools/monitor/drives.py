@@ -10,7 +10,7 @@ import json
 import struct
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -29,6 +29,7 @@ from robot.recording.reader import entries, recover_folder
 from robot.recording.samples import Piece, mark, read_pieces
 
 FLUSH_S = 0.5
+DAMAGES = (OSError, McapError, ValueError, LookupError, TypeError, RecursionError, struct.error)
 PICTURE_AGE_S = 2.0  # an older one is not what the robot saw then
 _MARKING = threading.Lock()  # a recording is written anew for it
 
@@ -119,12 +120,11 @@ class DriveRecorder:
 
 def list_drives(folder: Path) -> list[DriveSummary]:
     """The complete drives in a folder, newest first; files that are none are left out."""
-    found = [_summary(path) for path in folder.glob(f"*{SUFFIX}")]
-    return sorted(
-        (drive for drive in found if drive is not None),
-        key=lambda drive: (drive.began, drive.name),
-        reverse=True,
-    )
+    found = []
+    for path in folder.glob(f"*{SUFFIX}"):
+        with suppress(ConfigError):
+            found.append(_summary(path))
+    return sorted(found, key=lambda drive: (drive.began, drive.name), reverse=True)
 
 
 def read_drive(folder: Path, name: str) -> list[dict[str, Any]]:
@@ -134,7 +134,7 @@ def read_drive(folder: Path, name: str) -> list[dict[str, Any]]:
     """
     reports: list[dict[str, Any]] = []
     path: Any = None
-    with _opened(folder, name) as reader:
+    with _opened(_path(folder, name)) as reader:
         began_ns = None
         for _, _, message in reader.iter_messages([topics.TELEMETRY.name], log_time_order=False):
             report = json.loads(message.data)
@@ -150,7 +150,7 @@ def read_picture(folder: Path, name: str, t_s: float) -> tuple[bytes, str] | Non
 
     ConfigError: no such drive.
     """
-    with _opened(folder, name) as reader:
+    with _opened(_path(folder, name)) as reader:
         times = reader.iter_messages([topics.TELEMETRY.name], log_time_order=False)
         first = next(times, None)
         if first is None:
@@ -195,27 +195,21 @@ def _path(folder: Path, name: str) -> Path:
 
 
 @contextmanager
-def _opened(folder: Path, name: str) -> Iterator[SeekingReader]:
-    with _path(folder, name).open("rb") as stream:
-        try:
-            yield SeekingReader(stream)
-        except (McapError, ValueError, KeyError, TypeError, RecursionError, struct.error) as error:
-            raise ConfigError(f"drive {name!r} is damaged: {error}") from error
-
-
-def _summary(path: Path) -> DriveSummary | None:
+def _opened(path: Path) -> Iterator[SeekingReader]:
     try:
         with path.open("rb") as stream:
-            reader = SeekingReader(stream)
-            facts = {record.name: record.metadata for record in reader.iter_metadata()}
-            summary = reader.get_summary()
-    except (OSError, McapError, ValueError, struct.error):
-        return None
-    about, statistics = facts.get(ABOUT), summary.statistics if summary else None
-    if about is None or statistics is None:
-        return None
+            yield SeekingReader(stream)
+    except DAMAGES as error:
+        raise ConfigError(f"{path.name}: a damaged drive: {error}") from error
+
+
+def _summary(path: Path) -> DriveSummary:
+    with _opened(path) as reader:
+        facts = {record.name: record.metadata for record in reader.iter_metadata()}
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None:
+            raise ValueError("no summary")
+        about, statistics = facts[ABOUT], summary.statistics
     duration_s = (statistics.message_end_time - statistics.message_start_time) / topics.NS
-    phase = facts.get(END, {}).get("phase", "stopped")
-    return DriveSummary(
-        path.name[: -len(SUFFIX)], about.get("began", ""), about.get("map", ""), duration_s, phase
-    )
+    phase, name = facts.get(END, {}).get("phase", "stopped"), path.name[: -len(SUFFIX)]
+    return DriveSummary(name, about.get("began", ""), about.get("map", ""), duration_s, phase)
