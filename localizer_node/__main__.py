@@ -29,20 +29,12 @@ Publish = Callable[[Tuple[Sighting, ...], float], None]  # of poses, and when th
 
 def main(argv: Optional[Sequence[str]] = None, prog: str = "python -m localizer_node") -> int:
     """Run one command; 0 done, 2 wrong input, 130 Ctrl-C, 1 a device that does not answer."""
-    arguments = _parser(prog).parse_args(argv)
-    return answer(spoken(prog), lambda: arguments.command(arguments))
-
-
-def _parser(prog: str) -> argparse.ArgumentParser:
     parser = OneLineParser(prog=prog, description=__doc__)
     actions = parser.add_subparsers(required=True, metavar="COMMAND")
     run = actions.add_parser("run", help="follow the robots and publish their poses")
     run.add_argument("--calibration", required=True)
-    run.add_argument(
-        "--source",
-        default="0",
-        help="camera number, csi, socket:PATH, video, or picture folder",
-    )
+    source = "camera number, csi, socket:PATH, video, or picture folder"
+    run.add_argument("--source", default="0", help=source)
     run.add_argument("--fps", type=whole(1, 240), default=30)
     run.add_argument("--link", help="YAML of the link; without it poses are printed as JSON lines")
     run.set_defaults(command=run_command)
@@ -54,10 +46,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     locate.add_argument("--picture", type=Path, metavar="PNG", help="draw what was found")
     locate.set_defaults(command=locate_command)
-    calibrate.add_arguments(
-        actions.add_parser("calibrate", help="make the calibration of an arena")
-    )
-    return parser
+    calibrate.add_arguments(actions.add_parser("calibrate", help="make an arena's calibration"))
+    arguments = parser.parse_args(argv)
+    return answer(spoken(prog), lambda: arguments.command(arguments))
 
 
 def run_command(arguments: argparse.Namespace) -> None:

@@ -236,7 +236,12 @@ def make(arguments: argparse.Namespace) -> None:
     save_calibration(report.calibration, arguments.out)
     if arguments.picture:
         write_png(arguments.picture, annotated(image, report.calibration, ()))
-    _tell(report, arguments.out)
+    x, y, height = report.calibration.camera_m
+    print(f"{arguments.out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
+    print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
+    print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")
+    if not report.checked:
+        print("so few points fit almost any lens: add the map's middle and edges to check it")
 
 
 def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
@@ -250,12 +255,3 @@ def _lens(name: str, width_px: int, height_px: int) -> Tuple[Lens, bool]:
             f"as {width_px}x{height_px}"
         )
     return lens.scaled(width_px, height_px), True
-
-
-def _tell(report: Report, out: Path) -> None:
-    x, y, height = report.calibration.camera_m
-    print(f"{out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
-    print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
-    print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")
-    if not report.checked:
-        print("so few points fit almost any lens: add the map's middle and edges to check it")

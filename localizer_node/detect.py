@@ -81,17 +81,14 @@ class Detector:
         robots = calibration.robots
         self._of = {kind: [m for m in robots if m.kind == kind] for kind in KINDS}
         self._board_height_m = float(np.mean([m.board.height_m for m in robots] or [0.0]))
-        self._scales = self._px_per_m()
         self._roi = np.array(calibration.roi_px, dtype=np.float32)
-
-    def _px_per_m(self) -> Tuple[float, float]:
-        """Least and greatest scale on the map, at the boards' height."""
-        size = np.array(self.calibration.map_size_m)
+        # Least and greatest scale on the map [px/m], at the boards' height.
+        size = np.array(calibration.map_size_m)
         grid = np.stack(np.meshgrid((0.02, 0.5, 0.98), (0.02, 0.5, 0.98)), axis=-1).reshape(-1, 2)
-        pixels = self.calibration.to_pixels(grid * size, self._board_height_m)
-        inverse = np.linalg.inv(self.calibration.linearised(pixels, self._board_height_m)[1])
+        pixels = calibration.to_pixels(grid * size, self._board_height_m)
+        inverse = np.linalg.inv(calibration.linearised(pixels, self._board_height_m)[1])
         scales = np.linalg.svd(inverse, compute_uv=False)
-        return float(np.nanmin(scales)), float(np.nanmax(scales))
+        self._scales = float(np.nanmin(scales)), float(np.nanmax(scales))
 
     def detect(self, image: np.ndarray) -> Tuple[Detection, ...]:
         """The robots in an RGB picture (H, W, 3), inside the region of interest."""

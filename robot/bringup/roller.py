@@ -65,7 +65,10 @@ class Roller:
                     f"the wheels went {done.left_m:.3f} and {done.right_m:.3f} m instead of "
                     f"{left_m:.3f} and {right_m:.3f} m; do the motors get their commands?"
                 )
-            share = self._speed(rest_m, speed_mps) / longest_m
+            # Fast enough to arrive, slow enough to stop: half of the way is kept for the ramp.
+            ramp_mps = math.sqrt(self.config.acceleration_mps2 * rest_m)
+            creep_mps = CREEP_SHARE * self.config.start_stop_mps
+            share = min(speed_mps, max(creep_mps, ramp_mps)) / longest_m
             self.motors.set_wheels(WheelSpeeds(share * left_m, share * right_m))
             self.clock.sleep(REFRESH_S)
         self.come_to_rest()
@@ -79,12 +82,6 @@ class Roller:
             self.clock.sleep(REFRESH_S)
             if self.motors.counts != last:
                 last, since_s = self.motors.counts, self.clock.now()
-
-    def _speed(self, rest_m: float, most_mps: float) -> float:
-        """Fast enough to arrive, slow enough to stop: half of the way is kept for the ramp."""
-        ramp_mps = math.sqrt(self.config.acceleration_mps2 * rest_m)
-        creep_mps = CREEP_SHARE * self.config.start_stop_mps
-        return min(most_mps, max(creep_mps, ramp_mps))
 
     def _since(self, began: Steps) -> Rolled:
         ways = (

@@ -7,7 +7,6 @@ one line; 130: Ctrl-C; 1: anything else.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import sys
 from typing import List, Optional
@@ -33,26 +32,20 @@ PROGRAM = "python -m robot"
 def main(arguments: Optional[List[str]] = None, prog: str = PROGRAM) -> int:
     """Run one command of ``prog``; returns its exit status."""
     words = sys.argv[1:] if arguments is None else arguments
-    command = words[0] if words[:1] and words[0] in COMMANDS else ""
+    asked = words[0] if words[:1] and words[0] in COMMANDS else ""
 
     def work() -> Optional[int]:
-        options = make_parser(words, prog).parse_args(words)
+        parser = OneLineParser(prog=prog, description="The robot's commands.")
+        commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+        for name, purpose in COMMANDS.items():
+            command = commands.add_parser(name, help=purpose)
+            if name == asked:
+                module = importlib.import_module(f"robot.cli.{name}")
+                command.description = module.__doc__
+                module.add_arguments(command)
+                command.set_defaults(run=module.run)
+        options = parser.parse_args(words)
         status: Optional[int] = options.run(options)
         return status
 
-    return answer(f"{spoken(prog)} {command}".strip(), work)
-
-
-def make_parser(arguments: List[str], prog: str = PROGRAM) -> argparse.ArgumentParser:
-    """The parser of all commands; it knows the options of the one in ``arguments`` only."""
-    parser = OneLineParser(prog=prog, description="The robot's commands.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, purpose in COMMANDS.items():
-        if name in arguments[:1]:
-            module = importlib.import_module(f"robot.cli.{name}")
-            command = commands.add_parser(name, help=purpose, description=module.__doc__)
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
-        else:
-            commands.add_parser(name, help=purpose)
-    return parser
+    return answer(f"{spoken(prog)} {asked}".strip(), work)

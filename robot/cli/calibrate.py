@@ -54,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Do it; ConfigError for what is implausible, HardwareError when a device fails."""
     if options.what == "target":
-        write_target(options.out)
+        if options.out.suffix != ".pdf":
+            raise ConfigError(f"--out: expected a name that ends in .pdf, got {options.out}")
+        write_bytes(options.out, chessboard.SHEET.read_bytes())
+        print(f"{options.out}: print it on A4 or Letter at 100 %, and check the 100 mm line")
         return
     on_ending(interrupt)
     config = load_yaml(RobotConfig, options.config)
@@ -62,7 +65,10 @@ def run(options: argparse.Namespace) -> None:
     if options.what == "camera":
         values = measure_camera(config, options.image, options.ahead_m, person)
     elif options.what == "lens":
-        values = measure_lens(options.images, person)
+        boards, size = chessboard.boards_from_files(options.images)
+        lens, residual_px = chessboard.fit_lens(boards, size)
+        person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
+        values = {("camera", "lens", name): _rounded(v) for name, v in to_plain(lens).items()}
     else:
         motors, guide = real_motors(config.hat), GUIDES[options.what]
         values = measure_motion(guide, config.hat, motors, person, MonotonicClock())
@@ -73,14 +79,6 @@ def keep(path: Path, values: Values, person: Prompts) -> None:
     """Write the values, and show what changed; ConfigError when the robot would refuse them."""
     for edit in edit_yaml(path, values):
         person.tell(edit)
-
-
-def write_target(path: Path) -> None:
-    """The chessboard to print; ConfigError for another ending than .pdf."""
-    if path.suffix != ".pdf":
-        raise ConfigError(f"--out: expected a name that ends in .pdf, got {path}")
-    write_bytes(path, chessboard.SHEET.read_bytes())
-    print(f"{path}: print it on A4 or Letter at 100 %, and check the 100 mm line with a ruler")
 
 
 def measure_motion(
@@ -115,14 +113,6 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
     )
     names = ("pitch_rad", "roll_rad", "height_m")
     return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}
-
-
-def measure_lens(folder: Path, person: Prompts) -> Values:
-    """The lens, from a folder of pictures of the board."""
-    boards, size = chessboard.boards_from_files(folder)
-    lens, residual_px = chessboard.fit_lens(boards, size)
-    person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
-    return {("camera", "lens", name): _rounded(value) for name, value in to_plain(lens).items()}
 
 
 def _rounded(value: object) -> object:

@@ -57,7 +57,14 @@ class SmbusBus:
         try:
             self._bus = SMBus(number)
         except OSError as error:
-            raise HardwareError(self._cannot_open(error)) from error
+            present = ", ".join(sorted(glob.glob("/dev/i2c-*"))) or "none"
+            told = (
+                f"expected an I2C bus, got: {error.strerror or error}; present: {present}; "
+                "pins 3 and 5 are bus 1 on a Jetson Nano, bus 7 on an Orin Nano"
+            )
+            if error.errno == errno.EACCES:
+                told = "may not be opened; add the user to the group i2c, and log in again"
+            raise HardwareError(f"{self.name}: {told}") from error
 
     def write(self, address: int, data: bytes) -> None:
         """One write message; OSError from the kernel when it is not acknowledged."""
@@ -72,18 +79,6 @@ class SmbusBus:
     def close(self) -> None:
         """Give the device file back."""
         self._bus.close()
-
-    def _cannot_open(self, error: OSError) -> str:
-        if error.errno == errno.EACCES:
-            return (
-                f"{self.name}: this user may not open it; "
-                "add the user to the group i2c (sudo usermod -aG i2c $USER) and log in again"
-            )
-        present = ", ".join(sorted(glob.glob("/dev/i2c-*"))) or "none"
-        return (
-            f"{self.name}: expected an I2C bus, got: {error.strerror or error}; "
-            f"present: {present}; pins 3 and 5 are bus 1 on a Jetson Nano, bus 7 on an Orin Nano"
-        )
 
 
 REQUEST = struct.Struct("!cBBH")  # kind, address, register, number of bytes

@@ -86,7 +86,9 @@ class HatConfig:
     command_timeout_s: float = 0.5  # a wheel speed older than this is taken as zero
 
     def __post_init__(self) -> None:
-        self._check_bus()
+        _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
+        _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
+        self._check_addresses()
         for name in _POSITIVE:
             _expect(0.0 < getattr(self, name) < math.inf, name, "a positive number", self)
         if self.microsteps not in MICROSTEPS:
@@ -99,9 +101,7 @@ class HatConfig:
             raise ConfigError(f"right.port: expected another port than left's {self.left.port}")
         self._check_bus_share()
 
-    def _check_bus(self) -> None:
-        _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
-        _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
+    def _check_addresses(self) -> None:
         # The six address pins span 0x40-0x7F; 0x70 is the all-call address, 0x78 on reserved.
         wrong = [f"0x{a:02X}" for a in self.addresses if not 0x40 <= a <= 0x77 or a == 0x70]
         if wrong or not self.addresses:
@@ -112,20 +112,16 @@ class HatConfig:
 
     def _check_bus_share(self) -> None:
         rate_hz = self.max_speed_mps / min(self.wheel_steps_m)
-        carries_hz = BUS_SHARE_MAX / self._update_s
+        step_s = bus_time_s(41, self.bus_hz)  # of both motors; see ``StepperHat``
+        if self.microsteps > 2:
+            step_s = bus_time_s(49, self.bus_hz) + bus_read_time_s(4, self.bus_hz)
+        carries_hz = BUS_SHARE_MAX / step_s
         if rate_hz > carries_hz:
             raise ConfigError(
                 f"max_speed_mps {self.max_speed_mps:g} with microsteps {self.microsteps}: needs "
                 f"{rate_hz:.0f} updates per second, a bus of {self.bus_hz // 1000} kHz carries "
                 f"{carries_hz:.0f}; use fewer microsteps, a lower speed or a faster bus"
             )
-
-    @property
-    def _update_s(self) -> float:
-        """Time on the bus for a step of both motors [s]; see ``StepperHat``."""
-        if self.microsteps <= 2:
-            return bus_time_s(41, self.bus_hz)
-        return bus_time_s(49, self.bus_hz) + bus_read_time_s(4, self.bus_hz)
 
     @property
     def full_step_m(self) -> float:

@@ -79,7 +79,10 @@ class StepperHat:
 
     def _write(self, motors: Sequence[MotorConfig], beside: float = 0.0) -> None:
         """Write the run of channels that covers the coils of ``motors`` in one transaction."""
-        levels = self._all_levels(beside)
+        levels: Dict[int, float] = {}
+        for motor, position in zip(self._motors, self._positions):
+            inputs = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
+            levels.update(zip(motor.channels, inputs))
         pwms = [c for motor in motors for c in (motor.channels.pwma, motor.channels.pwmb)]
         with_pwm = any(self._sent.get(c) != levels[c] for c in pwms)
         if with_pwm and self._sent:
@@ -90,13 +93,6 @@ class StepperHat:
         run = range(min(span), max(span) + 1)
         self.chip.set_channels(run[0], [levels[channel] for channel in run])
         self._sent.update((channel, levels[channel]) for channel in run)
-
-    def _all_levels(self, beside: float) -> Dict[int, float]:
-        levels: Dict[int, float] = {}
-        for motor, position in zip(self._motors, self._positions):
-            inputs = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
-            levels.update(zip(motor.channels, inputs))
-        return levels
 
 
 def _looks(motors: Sequence[MotorConfig]) -> Sequence[Optional[int]]:

@@ -46,7 +46,12 @@ class StreamGate:
         elif session in self._retired and now_s - self._heard_s < TAKEOVER_S:
             self._conflict_until_s = now_s + TAKEOVER_S
         else:
-            self._change_session(session, now_s)
+            if self._session is not None:
+                self._retired.append(self._session)
+            if session in self._retired:
+                self._retired.remove(session)
+            self._session, self._sequence, self._heard_s = session, -1, now_s
+            self._fastest_s = math.inf
         if self.conflict(now_s):
             return "two publishers"
         return "" if sequence > self._sequence else "out of order"
@@ -55,10 +60,12 @@ class StreamGate:
         self, sequence: int, t_sent_s: float, now_s: float, t_capture_s: Optional[float] = None
     ) -> None:
         """Note a message that has no ``problem`` as the newest."""
-        self._sequence = sequence
-        self._arrival_s = now_s
+        self._sequence, self._arrival_s = sequence, now_s
+        lag_s, drift_s = now_s - t_sent_s, CLOCK_DRIFT * (now_s - self._fastest_at_s)
+        self._fastest_s = min(lag_s, self._fastest_s + drift_s)
+        self._fastest_at_s = now_s
         capture_s = t_sent_s if t_capture_s is None else min(t_capture_s, t_sent_s)
-        self._delay_s = self._queueing_s(t_sent_s, now_s) + (t_sent_s - capture_s)
+        self._delay_s = (lag_s - self._fastest_s) + (t_sent_s - capture_s)
 
     def age_s(self, now_s: float) -> float:
         """Age [s] of the newest message taken; infinite when there was none."""
@@ -67,21 +74,6 @@ class StreamGate:
     def conflict(self, now_s: float) -> bool:
         """Whether two publishers are at work on this stream."""
         return now_s < self._conflict_until_s
-
-    def _change_session(self, session: str, now_s: float) -> None:
-        if self._session is not None:
-            self._retired.append(self._session)
-        if session in self._retired:
-            self._retired.remove(session)
-        self._session, self._sequence, self._heard_s = session, -1, now_s
-        self._fastest_s = math.inf
-
-    def _queueing_s(self, t_sent_s: float, now_s: float) -> float:
-        lag_s = now_s - t_sent_s
-        drift_s = CLOCK_DRIFT * (now_s - self._fastest_at_s)
-        self._fastest_s = min(lag_s, self._fastest_s + drift_s)
-        self._fastest_at_s = now_s
-        return lag_s - self._fastest_s
 
 
 MAX_SPEED_MPS = 1.25 * MAX_WHEEL_MPS  # at which a pose may move
