@@ -38,8 +38,8 @@ VARIANTS = {  # titles and colours, in the paper's order, the best first
 def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     """The ONNX translator from the training's look into the test's; made where it is missing."""
     from trainer.run import take_up
+    from trainer.transfer.cli import ThroughOptions
     from trainer.transfer.collect import Source, collect
-    from trainer.transfer.options import ThroughOptions
     from trainer.transfer.through_parsing import translate_through
 
     path = out / "translator"

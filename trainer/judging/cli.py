@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
-from rich.table import Table
 
 from robot.errors import ConfigError
 from robot.output import expect_writable
 
 if TYPE_CHECKING:
     from trainer.judging.drivers import Driver
-    from trainer.judging.verdict import Verdict
 
 _RINGS = ("judging/rings",)
 MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
@@ -57,7 +54,7 @@ def judge_command(
     from trainer.division import maps_named
     from trainer.judging.challenge import drive, robots_of
     from trainer.judging.films import Worst
-    from trainer.judging.verdict import Verdict
+    from trainer.judging.verdict import Verdict, tell
     from trainer.report.worst import write_worst
     from trainer.run import write_json
 
@@ -79,7 +76,7 @@ def judge_command(
                     title = f"Episode {episode.seed} on {episode.map} - {episode.end}"
                     worst.add(episode.badness, f"{title} - {episode.tiles:.1f} tiles", film)
             verdicts.append(Verdict(Path(name).name, sorted(found)))
-    _tell(console, challenge, verdicts)
+    tell(console, challenge, verdicts)
     if json is not None:
         asked: dict[str, object] = {"challenge": challenge, "episodes": episodes, "seed": seed}
         asked |= {"look": look, "poses": poses, "maps": [m.name for m in road_maps]}
@@ -104,23 +101,3 @@ def _driver(name: str, model: str, poses: str) -> Driver:
     if not path.exists():
         raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; there is no file")
     return Pilot(open_policy(path)) if bare else Governed(open_policy(path), poses)
-
-
-def _tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
-    from trainer.judging.verdict import MEASURES
-
-    table = Table("", *(v.driver for v in verdicts), title=f"{challenge}, medians and 95 %")
-    every = [verdict.figures for verdict in verdicts]
-    for name in every[0]:
-        told = ([round(figure, 2) + 0.0 for figure in each[name]] for each in every)  # no -0.00
-        cells = [f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in told]
-        table.add_row(f"{name} [{MEASURES[name]}]" if name in MEASURES else name, *cells)
-    ends = [", ".join(f"{k} {n}" for k, n in v.ends.items()) or "none" for v in verdicts]
-    table.add_row("infractions", *ends)
-    console.print(table, markup=False)
-    if len(verdicts) > 1:
-        found = verdicts[0].against(verdicts[1])
-        console.print(
-            f"only {verdicts[0].driver} succeeded: {found['only_first']}, only "
-            f"{verdicts[1].driver}: {found['only_second']}; McNemar p = {found['p_value']:.3g}"
-        )

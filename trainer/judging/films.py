@@ -30,8 +30,8 @@ class Worst:
         for _, old in films(out, prefix):
             old.unlink()
         for rank, (_, title, film) in enumerate(self.kept, start=1):
-            name = re.sub(r"[^\w.-]+", "_", f"{prefix}_{rank}_{title}")
-            write_mp4(out / f"{name}.mp4", map(enlarged, film), 1.0 / CONTROL_DT_S)
+            words = re.sub(r"[^\w.-]+", "_", title)
+            write_mp4(out / f"{prefix}_{rank}_{words}.mp4", map(enlarged, film), 1.0 / CONTROL_DT_S)
         return films(out, prefix)
 
 

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+
 from trainer.judging.challenge import SURVIVED, Episode
 from trainer.judging.statistics import Estimate, median, paired, share
 
@@ -73,3 +76,22 @@ class Verdict:
         """Both on the same episodes: who succeeded where the other did not."""
         mine, theirs = ([e.success for e in v.episodes] for v in (self, other))
         return {**other.plain(), **paired(mine, theirs)._asdict()}
+
+
+def tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
+    """A column for each driver, and who did better where there are two."""
+    table = Table("", *(v.driver for v in verdicts), title=f"{challenge}, medians and 95 %")
+    every = [verdict.figures for verdict in verdicts]
+    for name in every[0]:
+        told = ([round(figure, 2) + 0.0 for figure in each[name]] for each in every)  # no -0.00
+        cells = [f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high in told]
+        table.add_row(f"{name} [{MEASURES[name]}]" if name in MEASURES else name, *cells)
+    ends = [", ".join(f"{k} {n}" for k, n in v.ends.items()) or "none" for v in verdicts]
+    table.add_row("infractions", *ends)
+    console.print(table, markup=False)
+    if len(verdicts) > 1:
+        found = verdicts[0].against(verdicts[1])
+        console.print(
+            f"only {verdicts[0].driver} succeeded: {found['only_first']}, only "
+            f"{verdicts[1].driver}: {found['only_second']}; McNemar p = {found['p_value']:.3g}"
+        )

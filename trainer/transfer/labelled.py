@@ -21,7 +21,7 @@ from robot.errors import ConfigError, nearest
 from robot.typed_config import load_yaml
 from sim_pybullet.classes import SemanticClass
 from trainer.transfer.classes import CAMVID, ROAD, VOID, LabelSet
-from trainer.transfer.options import Sources, is_collection
+from trainer.transfer.cli import Sources, is_collection
 from trainer.transfer.pictures import label_of, pictures_in
 
 SHIPPED = {path.stem: path for path in (Path(__file__).parent / "annotations").glob("*.yaml")}

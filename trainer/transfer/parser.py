@@ -25,9 +25,9 @@ from trainer.relit import relit
 from trainer.resumable import fit
 from trainer.torch_file import load_torch, reading, save_torch
 from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet
+from trainer.transfer.cli import ParseOptions
 from trainer.transfer.labelled import Labelled
 from trainer.transfer.networks import SEGNETS, SegNet, painted, through
-from trainer.transfer.options import ParseOptions
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
 LEARNING_RATE = 2e-3  # falls to zero along a cosine

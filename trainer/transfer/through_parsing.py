@@ -25,9 +25,9 @@ from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
 from trainer.presets import preset
 from trainer.transfer.classes import LABEL_SETS, ROAD, LabelSet
+from trainer.transfer.cli import ThroughOptions
 from trainer.transfer.labelled import load_pairs
 from trainer.transfer.networks import as_bytes, as_floats, painted, through
-from trainer.transfer.options import ThroughOptions
 from trainer.transfer.parser import Parser, load_parser
 from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
 from trainer.transfer.pix2pix import PIX2PIX, Pairs, Pix2Pix, fitted, teach_pairs

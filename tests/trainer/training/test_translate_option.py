@@ -19,7 +19,7 @@ from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.training.train import judged
 from trainer.transfer.classes import ROAD
-from trainer.transfer.options import ParseOptions
+from trainer.transfer.cli import ParseOptions
 from trainer.transfer.parser import Parser
 from trainer.transfer.through_parsing import FRAME
 

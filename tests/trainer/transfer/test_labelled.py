@@ -9,6 +9,7 @@ from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
 from trainer.transfer.classes import CAMVID, ROAD, VOID
+from trainer.transfer.cli import Sources
 from trainer.transfer.labelled import (
     SHIPPED,
     Annotations,
@@ -20,7 +21,6 @@ from trainer.transfer.labelled import (
     load_pairs,
     load_sources,
 )
-from trainer.transfer.options import Sources
 from trainer.transfer.parser import draw_batch
 
 SIZE = (12, 16)

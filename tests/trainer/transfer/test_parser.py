@@ -11,9 +11,9 @@ from robot.inference.translator import PARSING, OnnxTranslator
 from trainer.cli import main
 from trainer.resumable import Loop
 from trainer.transfer.classes import ROAD
+from trainer.transfer.cli import ParseOptions
 from trainer.transfer.labelled import Labelled
 from trainer.transfer.networks import SegNet, unpooled
-from trainer.transfer.options import ParseOptions
 from trainer.transfer.parser import (
     class_weights,
     load_parser,
