@@ -40,7 +40,7 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     from trainer.run import take_up
     from trainer.transfer.cli import ThroughOptions
     from trainer.transfer.collect import Source, collect
-    from trainer.transfer.through_parsing import translate_through
+    from trainer.transfer.pix2pix import translate_through
 
     path = out / "translator"
     if (path / "sim_to_real.onnx").exists():

@@ -1,22 +1,159 @@
-"""The report: PNG pictures and one HTML page that holds them all."""
+"""The report: runs and their evaluations in PNG pictures and one HTML page that holds them all."""
 
 from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from robot.errors import ConfigError
 from robot.output import write_text
-from sim_pybullet.tasks.spec import TaskSpec, learned_tasks
-from trainer.algorithms import NAMES
+from robot.typed_config import from_plain
+from sim_pybullet.tasks.spec import TASKS, PaperRow, TaskSpec, find_task, learned_tasks
+from trainer.algorithms import NAMES, find_algorithm
+from trainer.config import RunConfig
+from trainer.judging.evaluate import Evaluation
 from trainer.judging.films import films, films_of
 from trainer.judging.rides import FILM_S
-from trainer.report.curves import draw_panels
-from trainer.report.runs import Run, read_runs
+from trainer.options import EvaluateOptions
+from trainer.report.curves import SKILLED, draw_panels
+from trainer.run import Episode, RunFolder, read_json
+from trainer.training.checkpoint import Evaluated, TrainState, read_state
+
+_NAMED_MAPS = 2  # at most, where there is little room
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """One evaluation of a run's exported policy."""
+
+    path: Path
+    result: Evaluation
+    where: str  # on which maps, in which looks, with which pose error
+    paper: PaperRow  # under conditions like these
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One training."""
+
+    folder: RunFolder
+    config: RunConfig
+    state: TrainState
+    episodes: tuple[Episode, ...]
+    judgements: tuple[Judgement, ...]
+
+    @property
+    def name(self) -> str:
+        """Algorithm, preset, seed, and what of maps, look and pose error is not the default."""
+        config = self.config
+        parts = [find_algorithm(config.algorithm).title, config.preset]
+        maps = [Path(name).stem for name in config.maps]
+        parts.append(" + ".join(maps) if len(maps) <= _NAMED_MAPS else f"{len(maps)} maps")
+        if config.look != "nominal":
+            parts.append(Path(config.look).stem)
+        if config.pose_error is not None:
+            parts.append(f"pose error {config.pose_error}")
+        return " · ".join([*parts, f"seed {config.seed}"])
+
+    @property
+    def paper(self) -> PaperRow:
+        """What paper A says of it."""
+        return find_task(self.config.task).paper.get(self.config.algorithm, PaperRow())
+
+    @property
+    def beside_paper(self) -> bool:
+        """Whether the paper has figures for it."""
+        return any(row != PaperRow() for row in (self.paper, *(j.paper for j in self.judgements)))
+
+    @property
+    def steps(self) -> int:
+        """Of the training so far."""
+        ended = [e.step for e in self.episodes[-1:]]
+        return max([0, *ended, *(e.step for e in self.state.evaluations)])
+
+    @property
+    def skilled(self) -> Evaluated | None:
+        """The first evaluation during training with at least `SKILLED` success."""
+        return next((e for e in self.state.evaluations if e.success_rate >= SKILLED), None)
+
+    @property
+    def first(self) -> Judgement | None:
+        """Its first evaluation with all that a policy sees."""
+        return next((each for each in self.judgements if not each.result.inputs.zero), None)
+
+
+def find_runs(paths: Iterable[Path]) -> list[Path]:
+    """Run folders: the paths, or all that lie below them; ConfigError where there is none."""
+    found: list[Path] = []
+    for path in paths:
+        below = sorted(file.parent for file in path.rglob("config.yaml"))
+        if not below:
+            raise ConfigError(f"{path}: expected the folder of a run, or of runs: no config.yaml")
+        found += [path] if path in below else below
+    return list(dict.fromkeys(found))
+
+
+def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
+    """The runs of `find_runs` by task, algorithm and seed; ConfigError for one that is damaged.
+
+    What of their evaluations cannot be read is told in ``problems``.
+    """
+    tasks, runs = list(TASKS), []
+    for path in find_runs(paths):
+        folder = RunFolder(path)
+        config = folder.load_config()
+        state = read_state(folder.checkpoint) if folder.checkpoint.exists() else TrainState()
+        found = (_judgement(file, config, problems) for file in sorted(path.glob("*.json")))
+        judgements = tuple(each for each in found if each is not None)
+        runs.append(Run(folder, config, state, tuple(folder.episodes()), judgements))
+
+    def order(run: Run) -> tuple[int, int, int]:
+        config = run.config
+        return tasks.index(config.task), NAMES.index(config.algorithm), config.seed
+
+    return sorted(runs, key=order)
+
+
+def _judgement(file: Path, config: RunConfig, problems: list[str]) -> Judgement | None:
+    """None where the file holds something else than an evaluation."""
+    try:
+        data = read_json(file)
+        if "inputs" not in data or "success_rate" not in data:
+            return None
+        inputs = {k: v for k, v in data["inputs"].items() if k != "maps"}
+        inputs["map"] = data["inputs"].get("maps", [])
+        result = from_plain(Evaluation, {**data, "inputs": inputs}, where=str(file))
+    except ConfigError as error:
+        problems.append(str(error))
+        return None
+    asked = result.inputs
+    # Ours under their conditions: nothing of the paper's is like an input zeroed.
+    like = asked.zero is None and asked.task == config.task
+    papers = find_task(asked.task).paper if like else {}
+    paper = papers.get(config.algorithm, PaperRow())
+    return Judgement(file, result, _where(asked, config.task), paper)
+
+
+def _where(asked: EvaluateOptions, learned: str) -> str:
+    maps = ", ".join(Path(name).stem for name in asked.map)
+    parts = [maps if asked.task == learned else f"{asked.task} on {maps}", Path(asked.look).stem]
+    if find_task(asked.task).path_points:
+        true = asked.pose_error == "none" or (asked.pose_error is None and asked.look == "nominal")
+        parts.append("true pose" if true else f"pose error {asked.pose_error or 'of the look'}")
+    if asked.zero:
+        parts.append(f"{asked.zero} zeroed")
+    if asked.translate:
+        parts.append(f"through {Path(asked.translate).stem}")
+    if (model := Path(asked.model).name) != "model.onnx":
+        parts.append(model)
+    return " · ".join(parts)
+
 
 PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page

@@ -138,8 +138,7 @@ def translate_train_command(
     from robot.camera.files import picture_files
     from trainer.run import take_up
     from trainer.transfer.cyclegan import TranslationConfig, translation_preset
-    from trainer.transfer.judge import LANE_OVERLAP
-    from trainer.transfer.unpaired import train_translation
+    from trainer.transfer.unpaired import LANE_OVERLAP, train_translation
 
     def fresh() -> TranslationConfig:
         if not sim or not real:
@@ -174,7 +173,7 @@ def translate_judge_command(
     """
     from robot.inference.translator import OnnxTranslator
     from trainer.run import write_json
-    from trainer.transfer.judge import LANE_OVERLAP, judge
+    from trainer.transfer.unpaired import LANE_OVERLAP, judge
 
     found = judge(OnnxTranslator(model), sim, real)
     if json is not None:
@@ -269,7 +268,7 @@ def parse_translate_command(
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
-    from trainer.transfer.through_parsing import translate_through
+    from trainer.transfer.pix2pix import translate_through
 
     run = take_up(ThroughOptions, out, resume, lambda: options)
     _say(translate_through(out, run, Console()))

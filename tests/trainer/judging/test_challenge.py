@@ -12,8 +12,7 @@ from sim_pybullet.tasks import traffic
 from trainer.cli import main
 from trainer.judging.challenge import Episode
 from trainer.judging.lane_rules import LaneFigures
-from trainer.judging.statistics import median, paired, share
-from trainer.judging.verdict import Verdict
+from trainer.judging.verdict import Verdict, median, paired, share
 
 
 def test_shares_have_wilsons_interval() -> None:

@@ -19,9 +19,8 @@ from trainer.judging.films import films_of
 from trainer.judging.rides import DONE
 from trainer.options import EvaluateOptions
 from trainer.presets import preset
-from trainer.report import runs as module
-from trainer.report.page import write_report
-from trainer.report.runs import find_runs, read_runs
+from trainer.report import page as module
+from trainer.report.page import find_runs, read_runs, write_report
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState
 

@@ -21,7 +21,7 @@ from trainer.training.train import judged
 from trainer.transfer.classes import ROAD
 from trainer.transfer.cli import ParseOptions
 from trainer.transfer.parser import Parser
-from trainer.transfer.through_parsing import FRAME
+from trainer.transfer.pix2pix import FRAME
 
 
 @pytest.fixture

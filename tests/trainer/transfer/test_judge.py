@@ -12,10 +12,16 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from trainer.presets import preset
 from trainer.transfer.cyclegan import CycleGan, translation_preset
-from trainer.transfer.judge import Judge, Score
 from trainer.transfer.networks import as_bytes
 from trainer.transfer.pictures import Pictures, load_paint, load_pictures
-from trainer.transfer.unpaired import Best, UnpairedPictures, held_out, held_out_photographs
+from trainer.transfer.unpaired import (
+    Best,
+    Judge,
+    Score,
+    UnpairedPictures,
+    held_out,
+    held_out_photographs,
+)
 
 FAST: ImageSpec = preset("lane", "dueling", "fast").image
 SCORES = [Score(kid, lanes) for kid, lanes in product((0.5, 2.0), (0.7, 0.855, 0.87, 0.95))]
@@ -85,7 +91,7 @@ def test_nobody_is_judged_by_photographs_that_taught(
     """Every photograph has a colour of its own; which are drawn, and which are judged by?"""
     judged: set[int] = set()
     monkeypatch.setattr(
-        "trainer.transfer.judge.features",
+        "trainer.transfer.unpaired.features",
         lambda pictures: judged.update(pictures[:, 0, 0, 0].tolist()),
     )
     for folder, first in (("a", 20), ("b", 120)):

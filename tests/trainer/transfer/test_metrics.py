@@ -1,6 +1,6 @@
 import numpy as np
 
-from trainer.transfer.judge import features, kernel_distance
+from trainer.transfer.unpaired import features, kernel_distance
 
 
 def pictures(count: int, seed: int, brightness: float = 128.0) -> np.ndarray:

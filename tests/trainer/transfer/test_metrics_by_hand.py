@@ -10,13 +10,13 @@ import torch
 
 from trainer.transfer.classes import CAMVID, ROAD, TRACK
 from trainer.transfer.cyclegan import structure
-from trainer.transfer.judge import (
+from trainer.transfer.parser import score_classes
+from trainer.transfer.unpaired import (
     bright_lines,
     features,
     kernel_distance,
     overlap,
 )
-from trainer.transfer.parser import score_classes
 
 
 def draws(count: int, width: int, seed: int, scale: float = 1.0, shift: float = 0.0) -> np.ndarray:

@@ -21,9 +21,9 @@ from trainer.transfer.pix2pix import (
     Pairs,
     Pix2Pix,
     Pix2PixConfig,
+    ThroughParsing,
     fitted,
 )
-from trainer.transfer.through_parsing import ThroughParsing
 
 CLASS = {name: k for k, name in enumerate(ROAD.classes)}
 

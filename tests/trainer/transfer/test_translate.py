@@ -11,9 +11,8 @@ import torch
 from robot.inference.translator import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
-from trainer.transfer.judge import bright_lines, overlap
 from trainer.transfer.pictures import load_paint, load_pictures
-from trainer.transfer.unpaired import onnx_file
+from trainer.transfer.unpaired import bright_lines, onnx_file, overlap
 
 FAST = preset("lane", "dueling", "fast").image
 
