@@ -19,11 +19,11 @@ from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
 from robot.hat.config import HatConfig
 from robot.hat.pca9685 import Pca9685
 from robot.inference.policy import time_decisions
+from robot.inference.translator import open_policy
 from robot.lens import Mount
 from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
 from robot.navigation.road_map import load_map
-from robot.runtime.assemble import open_policy
 from robot.typed_config import load_yaml
 
 OK = "OK"
@@ -206,7 +206,7 @@ def _mount(mount: Mount) -> Finding:
 def check_policy(config: RobotConfig) -> Finding:
     """Whether the policy (with its translator) loads and decides fast enough on this computer."""
     try:
-        policy = open_policy(config)
+        policy = open_policy(config.model, config.translator)
         timing = time_decisions(policy, DECISIONS)
     except DuckpilotError as error:
         return _refused("policy", error, "set `model` to a policy of python -m trainer export")

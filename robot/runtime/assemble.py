@@ -16,8 +16,7 @@ from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.hat.thread import MotorThread, motors_on, own_bus
-from robot.inference.policy import OnnxPolicy
-from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.inference.translator import open_policy
 from robot.lens import CameraRig
 from robot.link import sockets
 from robot.link.command_server import CommandServer
@@ -31,7 +30,7 @@ from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
 from robot.navigation.road_watch import RoadWatch
 from robot.navigation.way_seen import WaySeen
-from robot.parts import Motors, Operator, Policy, Subscriber, Tick
+from robot.parts import Motors, Operator, Subscriber, Tick
 from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder
 from robot.runtime.loop import Runtime
@@ -41,7 +40,7 @@ from robot.runtime.timing import Watchdog
 from robot.safety.rules import Rules
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
-from robot.vision.road_fit import LaneFit, MapFit
+from robot.vision.road_fit import RoadFit
 from robot.vision.sight import OnnxSight
 
 FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
@@ -72,7 +71,7 @@ def open_robot(
     """
     clock = MonotonicClock()
     watchdog = Watchdog(lambda: runtime.watch())
-    policy = open_policy(config)
+    policy = open_policy(config.model, config.translator)
     navigates, unproven = policy.contract.path_points > 0, policy.contract.unproven
     if navigates and not config.map:
         raise ConfigError(
@@ -115,24 +114,11 @@ def open_robot(
         yield runtime
 
 
-def open_policy(config: RobotConfig) -> Policy:
-    """The configured policy, behind the configured translator if there is one.
-
-    ContractError for a file that cannot be used, or a translator of other pictures.
-    """
-    policy = OnnxPolicy(config.model)
-    if not config.translator:
-        return policy
-    translator = open_translator(config.translator, policy.contract.image, "real-to-sim")
-    return TranslatingPolicy(policy, translator)
-
-
 def open_eyes(config: RobotConfig) -> PictureDoubts:
     """Doubts the pictures, also by where the road lies in them: the map's, or that of any lane."""
     rig = CameraRig(config.camera.lens, config.camera.mount)
-    if not config.map:
-        return PictureDoubts(LaneFit(rig))
-    return PictureDoubts(MapFit(road_paint(load_map(config.map)), rig))
+    paint = road_paint(load_map(config.map)) if config.map else None
+    return PictureDoubts(RoadFit(rig, paint))
 
 
 def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:

@@ -107,50 +107,56 @@ def washed_out(frame: np.ndarray) -> bool:
     return float((floor.min(axis=-1) >= WHITE_LEVEL).mean()) > 0.5
 
 
-def small_picture(frame: np.ndarray) -> np.ndarray:
-    """What stands out in brightness and in yellow, (1200, 2) float32, of a frame (H, W, 3)."""
-    import cv2
-
-    small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA).astype(np.float32)
-    red, green, blue = small[..., 0], small[..., 1], small[..., 2]
-    planes = np.stack(((red + green + blue) / 3.0, (red + green) / 2.0 - blue), axis=-1)
-    planes -= cv2.blur(planes, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
-    return np.asarray(planes.reshape(-1, 2), np.float32)
-
-
 class RoadFit:
-    """Holds a road against pictures as each reading would have them; see ``MapFit``, ``LaneFit``.
+    """Holds a road against pictures as each reading would have them.
 
-    The robot may be turned by ``yaws_rad``, and too far to the left by ``aside_m``, from where it
-    is believed to be.
+    With the ``paint`` of a map that is its road, from where the robot believes to be; a mounting
+    and an overhead pose may be off. Without, any road, straight or bent, as a robot sees it that
+    keeps to its right lane. A picture that is shifted, rolled or sheared a little cannot be told
+    then from a robot that is turned, or from a bend; one that is mirrored shows the same as one
+    from the wrong side of the yellow line, which is as bad.
     """
 
-    def __init__(
-        self, rig: CameraRig, yaws_rad: Tuple[float, ...], aside_m: Tuple[float, ...]
-    ) -> None:
+    def __init__(self, rig: CameraRig, paint: Optional[RoadPaint] = None) -> None:
+        self._paint = paint
         rows, columns = np.mgrid[:ROWS, :COLUMNS]
         floors = np.array([_floor(rig, pitch_rad) for pitch_rad in PITCHES_RAD])
         with np.errstate(invalid="ignore"):
             near = (np.hypot(floors[..., 0], floors[..., 1]) < FAR_M) & (floors[..., 0] > 0.0)
         chosen = near.any(axis=0) & ((rows + columns) % 2 == 0)
-        self._near = np.tile(near[:, chosen], (len(aside_m) * len(yaws_rad), 1)).astype(np.float32)
+        middle = 0.5 * (COLUMNS - 1), 0.5 * (ROWS - 1)
+        told = readings(columns[chosen] - middle[0], rows[chosen] - middle[1])
+        self.readings = tuple(each for each in told if each.anywhere or paint is not None)
+        self._pixels = np.array([_pixels(reading) for reading in self.readings])
         points = np.nan_to_num(floors[:, chosen])
+        yaws_rad, aside_m = (LANE_YAWS_RAD, LANE_ASIDE_M) if paint is None else (YAWS_RAD, ASIDE_M)
         around = [Pose(0.0, left_m, yaw_rad) for left_m in aside_m for yaw_rad in yaws_rad]
         turned = [pose.to_world(points) for pose in around]
         self._points_m = np.concatenate(turned).astype(np.float32)  # (A, N, 2), robot frame
-        middle = 0.5 * (COLUMNS - 1), 0.5 * (ROWS - 1)
-        self.readings = readings(columns[chosen] - middle[0], rows[chosen] - middle[1])
-        self._pixels = np.array([_pixels(reading) for reading in self.readings])
+        self._near = np.tile(near[:, chosen], (len(around), 1)).astype(np.float32)
+        if paint is None:
+            bends = [_bent_lane(self._points_m.astype(float), bend_pm) for bend_pm in BENDS_PM]
+            self._near = np.tile(self._near, (len(BENDS_PM), 1))
+            self._lane = _lines(np.concatenate(bends), self._near)
 
     def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
         """How well each reading fits a frame (pitches, readings): the best of the poses around.
 
-        None where ``pose`` is, which the robot does not know then.
+        None where a map's paint needs a pose, and the robot knows none.
         """
-        raise NotImplementedError
+        import cv2
 
-    def _fits(self, frame: np.ndarray, bright: np.ndarray, yellow: np.ndarray) -> np.ndarray:
-        picture = small_picture(frame)
+        if self._paint is None:
+            bright, yellow = self._lane
+        elif pose is not None:
+            bright, yellow = _lines(self._paint.at(*self._on_map(pose)), self._near)
+        else:
+            return None
+        small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA).astype(np.float32)
+        red, green, blue = small[..., 0], small[..., 1], small[..., 2]
+        planes = np.stack(((red + green + blue) / 3.0, (red + green) / 2.0 - blue), axis=-1)
+        planes -= cv2.blur(planes, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
+        picture = planes.reshape(-1, 2)  # what stands out in brightness and in yellow
         deviation = 1.2 * np.abs(picture[self._pixels[0]]).mean(axis=0) + LEAST_LEVELS
         scaled = np.clip(picture / deviation, -CLIPPED, CLIPPED)
         beyond = np.zeros((1, 2), np.float32)  # a reading's pixels beyond the picture
@@ -159,55 +165,22 @@ class RoadFit:
         per_pixel = fit * np.float32(10.0 / self._near.shape[1])
         return np.asarray(per_pixel.reshape(-1, len(PITCHES_RAD), len(self.readings)).max(axis=0))
 
-
-class MapFit(RoadFit):
-    """The road of a map, from where the robot believes to be."""
-
-    def __init__(self, paint: RoadPaint, rig: CameraRig) -> None:
-        super().__init__(rig, YAWS_RAD, ASIDE_M)
-        self._paint = paint
-
-    def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
-        """See ``RoadFit.fits``."""
-        if pose is None:
-            return None
+    def _on_map(self, pose: Pose) -> Tuple[np.ndarray, np.ndarray]:
+        """The pixels' places in the world (A, N); in single precision, as everything here."""
         c, s = np.float32(math.cos(pose.heading_rad)), np.float32(math.sin(pose.heading_rad))
         ahead, left = self._points_m[..., 0], self._points_m[..., 1]
         x_m = np.float32(pose.x_m) + c * ahead - s * left
-        cover = self._paint.at(x_m, np.float32(pose.y_m) + s * ahead + c * left)
-        return self._fits(frame, *_lines(cover, self._near))
-
-
-class LaneFit(RoadFit):
-    """Any road, straight or bent, as a robot sees it that keeps to its right lane.
-
-    A picture that is shifted, rolled or sheared a little cannot be told from a robot that is
-    turned, or from a bend; a picture that is mirrored shows the same as one from the wrong side of
-    the yellow line, which is as bad.
-    """
-
-    def __init__(self, rig: CameraRig) -> None:
-        super().__init__(rig, LANE_YAWS_RAD, LANE_ASIDE_M)
-        bends = [_bent_lane(self._points_m.astype(float), bend_pm) for bend_pm in BENDS_PM]
-        self._near = np.tile(self._near, (len(BENDS_PM), 1))
-        self._lines = _lines(np.concatenate(bends), self._near)
-        chosen = [k for k, reading in enumerate(self.readings) if reading.anywhere]
-        self.readings = tuple(self.readings[k] for k in chosen)
-        self._pixels = self._pixels[chosen]
-
-    def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:  # noqa: ARG002
-        """See ``RoadFit.fits``; no pose is needed."""
-        return self._fits(frame, *self._lines)
+        return x_m, np.float32(pose.y_m) + s * ahead + c * left
 
 
 class Verdict:
     """Adds up the fits of the last turns."""
 
     def __init__(self, kinds: Tuple[Reading, ...]) -> None:
-        self._sentences = [reading.sentence for reading in kinds[1:]]
-        self._margins = np.array([reading.margin for reading in kinds[1:]])
-        self._shares = np.array([reading.share for reading in kinds[1:]])
-        self._turns = np.array([reading.turns for reading in kinds[1:]])
+        self._others = kinds[1:]
+        self._margins = np.array([reading.margin for reading in self._others])
+        self._shares = np.array([reading.share for reading in self._others])
+        self._turns = np.array([reading.turns for reading in self._others])
         self._fits: Deque[np.ndarray] = deque(maxlen=ROLL_TURNS)
 
     def forget(self) -> None:
@@ -225,7 +198,7 @@ class Verdict:
             clearly = (others - mean[0] > self._margins) & (mean[0] < self._shares * others)
             best = int(np.where(clearly, others, 0.0).argmax())
             if clearly[best] and others[best] > worst:
-                worst, seems = float(others[best]), self._sentences[best]
+                worst, seems = float(others[best]), self._others[best].sentence
         return seems
 
 

@@ -26,7 +26,7 @@ from robot.navigation.road_paint import road_paint
 from robot.safety.gates import SafetyLimits
 from robot.safety.wheel_limits import STILL
 from robot.vision.plausibility import PictureDoubts
-from robot.vision.road_fit import MapFit
+from robot.vision.road_fit import RoadFit
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.spec import find_task
@@ -68,7 +68,7 @@ def missions(options: argparse.Namespace) -> Iterator[Eyes]:
     task = find_task(policy.contract.task)
     maps = [load_map(name) for name in options.map]
     # Of the mounting that the look draws the robot knows nothing.
-    roads = [MapFit(road_paint(road_map), CameraRig(DUCKIEBOT_LENS)) for road_map in maps]
+    roads = [RoadFit(CameraRig(DUCKIEBOT_LENS), road_paint(road_map)) for road_map in maps]
     look = load_look_sampler(options.look, "arena")
     seed = options.seed
     while True:
@@ -77,7 +77,7 @@ def missions(options: argparse.Namespace) -> Iterator[Eyes]:
         seed += 1
 
 
-def _drive(world: BatchWorld, policy: Any, roads: list[MapFit]) -> Iterator[Eyes]:
+def _drive(world: BatchWorld, policy: Any, roads: list[RoadFit]) -> Iterator[Eyes]:
     observation, ended = world.reset(), 0
     eyes = [Eyes(PictureDoubts(roads[world.maps[robot]])) for robot in range(ROBOTS)]
     actions: list[int | None] = [None] * ROBOTS

@@ -16,18 +16,17 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from robot.config import RobotConfig
 from robot.contract import CONTROL_DT_S
 from robot.geometry import Pose, wrap_angle
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
+from robot.inference.translator import open_policy
 from robot.navigation.path import Path as LanePath
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import RoadMap, load_map
 from robot.output import expect_writable, write_json
 from robot.parts import Policy, Tick
-from robot.runtime.assemble import open_policy
 from robot.runtime.loop import Runtime
 from robot.safety.state_machine import Command, Safety
 from robot.vision.plausibility import PictureDoubts
@@ -141,7 +140,7 @@ def tell(options: argparse.Namespace) -> int:
 def drive(options: argparse.Namespace) -> dict[str, Any]:
     """Drive as asked; the summary."""
     site = sites_of(options.look, options.seed)(0)
-    policy = open_policy(RobotConfig(str(options.model), translator=options.translator or ""))
+    policy = open_policy(options.model, options.translator)
     lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
     with ExitStack() as stack:
         stack.callback(lap_drive.close)

@@ -7,7 +7,6 @@ from typing import Optional
 import numpy as np
 import pytest
 
-from robot.config import RobotConfig
 from robot.contract import Action, ImageSpec
 from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
@@ -17,9 +16,9 @@ from robot.inference.translator import (
     OnnxTranslator,
     TranslatingPolicy,
     TranslatorContract,
+    open_policy,
     open_translator,
 )
-from robot.runtime.assemble import open_policy
 from tests.robot.tiny_onnx import (
     FIXTURES,
     lane_contract,
@@ -108,7 +107,7 @@ def test_refuses_a_policy_file_and_foreign_metadata(tmp_path: Path) -> None:
 
 def test_the_robots_policy_sees_the_translation(tmp_path: Path, negative: Path) -> None:
     model = write_policy(tmp_path / "policy.onnx", lane_contract(image=SMALL, score=1.0))
-    seen = open_policy(RobotConfig(str(model), translator=str(negative)))
+    seen = open_policy(model, negative)
     assert isinstance(seen, TranslatingPolicy)
     assert seen.contract == OnnxPolicy(model).contract
     cyan = np.full((1, *SMALL.shape), (0, 255, 255), np.uint8)
@@ -116,4 +115,4 @@ def test_the_robots_policy_sees_the_translation(tmp_path: Path, negative: Path) 
     assert OnnxPolicy(model).act(cyan) != Action.LEFT
     wrong = write_translator(tmp_path / "wrong.onnx", contract("sim-to-real"))
     with pytest.raises(ContractError, match="expected a translator real-to-sim"):
-        open_policy(RobotConfig(str(model), translator=str(wrong)))
+        open_policy(model, wrong)

@@ -14,7 +14,7 @@ from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from robot.navigation.road_paint import road_paint
-from robot.vision.road_fit import LaneFit, MapFit, Reading, RoadFit, Verdict, washed_out
+from robot.vision.road_fit import Reading, RoadFit, Verdict, washed_out
 
 ROAD: RoadMap = read_map({"tile_size": 0.585, "tiles": [["straight/E"] * 8]}, "straight")
 MIDDLE_M = 0.5 * 0.585 - 0.2 * 0.585  # of the lane that leads east, north of the south edge
@@ -67,13 +67,13 @@ def drive(
 
 
 @pytest.fixture(scope="module")
-def on_map() -> MapFit:
-    return MapFit(road_paint(ROAD), CameraRig(DUCKIEBOT_LENS))
+def on_map() -> RoadFit:
+    return RoadFit(CameraRig(DUCKIEBOT_LENS), road_paint(ROAD))
 
 
 @pytest.fixture(scope="module")
-def in_lane() -> LaneFit:
-    return LaneFit(CameraRig(DUCKIEBOT_LENS))
+def in_lane() -> RoadFit:
+    return RoadFit(CameraRig(DUCKIEBOT_LENS))
 
 
 ROLL = cv2.getRotationMatrix2D((79.5, 59.5), 30.0, 1.0)
@@ -88,7 +88,7 @@ SPOILS = {
 
 @pytest.mark.parametrize("name", SPOILS)
 def test_a_spoiled_picture_is_called_by_its_name(
-    name: str, on_map: MapFit, in_lane: LaneFit
+    name: str, on_map: RoadFit, in_lane: RoadFit
 ) -> None:
     turns = 60 if name == "rolled" else 20  # 6 s for what is most like a bend, else 2 s
     assert drive(on_map, SPOILS[name], turns=turns) == name
@@ -96,7 +96,9 @@ def test_a_spoiled_picture_is_called_by_its_name(
 
 
 @pytest.mark.parametrize("degrees", [-90.0, 90.0])
-def test_a_camera_on_its_side_is_noticed_within_two_seconds(degrees: float, on_map: MapFit) -> None:
+def test_a_camera_on_its_side_is_noticed_within_two_seconds(
+    degrees: float, on_map: RoadFit
+) -> None:
     turn = cv2.getRotationMatrix2D((79.5, 59.5), degrees, 1.0)
     spoil = lambda picture: cv2.warpAffine(picture, turn, (160, 120))  # noqa: E731
     assert drive(on_map, spoil, turns=20) == "rolled"
@@ -117,7 +119,7 @@ def test_a_floor_that_is_mostly_white_is_washed_out(share: float, level: int, wa
 
 @pytest.mark.parametrize("columns", [-40, 40, 80])
 def test_a_shifted_picture_is_found_where_a_map_says_where_the_road_lies(
-    columns: int, on_map: MapFit
+    columns: int, on_map: RoadFit
 ) -> None:
     assert drive(on_map, lambda picture: np.roll(picture, columns, axis=1)) == "shifted"
 
@@ -126,7 +128,7 @@ def test_a_shifted_picture_is_found_where_a_map_says_where_the_road_lies(
 @pytest.mark.parametrize("turned_deg", [-8.0, 0.0, 8.0])
 @pytest.mark.parametrize("pitched_deg", [-6.0, 0.0, 8.0])
 def test_a_pose_and_a_mounting_may_be_off(
-    left_m: float, turned_deg: float, pitched_deg: float, on_map: MapFit, in_lane: LaneFit
+    left_m: float, turned_deg: float, pitched_deg: float, on_map: RoadFit, in_lane: RoadFit
 ) -> None:
     off = Pose(0.05, left_m, math.radians(turned_deg))
     mount = Mount(pitch_rad=Mount().pitch_rad + math.radians(pitched_deg), roll_rad=0.05)
@@ -134,7 +136,7 @@ def test_a_pose_and_a_mounting_may_be_off(
     assert drive(in_lane, mount=mount) == ""
 
 
-def test_a_robot_beyond_the_yellow_line_sees_what_a_mirror_shows(in_lane: LaneFit) -> None:
+def test_a_robot_beyond_the_yellow_line_sees_what_a_mirror_shows(in_lane: RoadFit) -> None:
     verdict = Verdict(in_lane.readings)
     beyond = draw(START._replace(y_m=0.585 - MIDDLE_M))
     for _ in range(20):
@@ -144,18 +146,18 @@ def test_a_robot_beyond_the_yellow_line_sees_what_a_mirror_shows(in_lane: LaneFi
     assert said, "as mirrored or sheared"
 
 
-def test_without_a_pose_the_map_says_nothing(on_map: MapFit) -> None:
+def test_without_a_pose_the_map_says_nothing(on_map: RoadFit) -> None:
     assert on_map.fits(draw(), None) is None
 
 
-def test_off_the_map_nothing_fits_better_than_anything(on_map: MapFit) -> None:
+def test_off_the_map_nothing_fits_better_than_anything(on_map: RoadFit) -> None:
     fits = on_map.fits(draw(), Pose(50.0, 50.0, 0.0))
     assert fits is not None
     assert np.abs(fits).max() == 0.0
 
 
 def test_pictures_of_any_map_are_judged() -> None:
-    fit = MapFit(road_paint(load_map("town")), CameraRig(DUCKIEBOT_LENS))
+    fit = RoadFit(CameraRig(DUCKIEBOT_LENS), road_paint(load_map("town")))
     fits = fit.fits(draw(), Pose(1.0, 1.0, 0.3))
     assert fits is not None
     assert np.isfinite(fits).all()
