@@ -61,10 +61,6 @@ class Guidance(NamedTuple):
     duplicate_publisher: bool = False
 
 
-# The flags, which the gates know by the same names.
-WAY_DOUBTS = Guidance._fields[Guidance._fields.index("off_path") :]
-
-
 class Navigator(Protocol):
     """Follows the mission; without one the robot keeps its lane."""
 

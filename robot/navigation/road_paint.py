@@ -56,20 +56,17 @@ def road_paint(road_map: RoadMap) -> RoadPaint:
     """The lines of a whole map."""
     import cv2
 
-    shape = tuple(
-        math.ceil((side_m + 2.0 * MARGIN_M) / TEXEL_M)
-        for side_m in (road_map.height_m, road_map.width_m)
-    )
+    extent_m = np.array((road_map.height_m, road_map.width_m)) + 2.0 * MARGIN_M
+    shape = np.ceil(extent_m / TEXEL_M).astype(int)
     white, yellow, known = (np.zeros(shape, np.uint8) for _ in range(3))
-    size_m = road_map.tile_size_m
     for tile in road_map.road_tiles:
         _fill(known, (0.0, 0.0, 1.0, 1.0), tile, road_map, 255)
     for lane in road_map.lanes:
         tile = road_map.tiles[lane.tile_row][lane.tile_column]
         if not tile.is_junction:
-            _draw(yellow, lane, YELLOW_TILES * size_m, YELLOW_M)
+            _draw(yellow, lane, YELLOW_TILES * road_map.tile_size_m, YELLOW_M)
         if not tile.is_junction or _has_edge(lane, tile):
-            _draw(white, lane, WHITE_TILES * size_m, WHITE_M)
+            _draw(white, lane, WHITE_TILES * road_map.tile_size_m, WHITE_M)
     for tile in road_map.road_tiles:
         for side in tile.road_sides if tile.is_junction else ():
             _fill(known, _STOPS[side], tile, road_map, 0)

@@ -9,7 +9,7 @@ Kristensen, IEEE Transactions on Robotics and Automation 17, 2001).
 from __future__ import annotations
 
 import math
-from typing import List, NamedTuple, Optional, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -38,11 +38,8 @@ _DRIVEN_M = 0.5  # before which nobody is asked
 _WITHIN_M = 0.12  # how well the place is known
 
 
-class Place(NamedTuple):
-    """The place that is left: pose, and deviations of x [m], y [m] and heading [rad]."""
-
-    pose: Pose
-    deviations: Tuple[float, float, float]
+# The place that is left: pose, and deviations of x [m], y [m] and heading [rad].
+Place = Tuple[Pose, Tuple[float, float, float]]
 
 
 class Whereabouts:
@@ -53,7 +50,14 @@ class Whereabouts:
 
     def __init__(self, road_map: RoadMap, view: LaneView) -> None:
         self._view = view
-        poses = _all_over(road_map)
+        found = []
+        for lane in road_map.lanes:  # poses along it
+            control = lane.control_points_m
+            count = max(1, round(float(np.hypot(*(control[3] - control[0]))) / _APART_M))
+            t = (np.arange(count) + 0.5) / count
+            headings = np.arctan2(*bezier_tangents(control, t).T[::-1])
+            found.append(np.column_stack((bezier_points(control, t), headings)))
+        poses = np.concatenate(found)
         self._fusion = PoseFusion(len(poses), FusionConfig(sight=True))
         self._fix = SightFix(self._fusion, [self._view] * len(poses))
         self._fusion.put(np.arange(len(poses)), poses, (_FIRST[0], _FIRST[0], _FIRST[2]))
@@ -124,7 +128,7 @@ class Whereabouts:
         if shares[0] < _SURE * shares.sum() or within_m > _WITHIN_M or self._driven_m < _DRIVEN_M:
             return ()
         beside_m = within_m / 2.0
-        return (Place(Pose(*poses[best].tolist()), (beside_m, beside_m, turned_rad / 2.0)),)
+        return ((Pose(*poses[best].tolist()), (beside_m, beside_m, turned_rad / 2.0)),)
 
 
 def _likely(seen: Seen, road: Optional[LaneAhead], along_sd_m: float) -> float:
@@ -155,16 +159,3 @@ def _likely(seen: Seen, road: Optional[LaneAhead], along_sd_m: float) -> float:
         error = float(figures[figure]) - expected
         told -= min(_WORST, 0.5 * error**2 / variance)
     return told
-
-
-def _all_over(road_map: RoadMap) -> np.ndarray:
-    """(K, 3) poses along every lane of a map."""
-    found = []
-    for lane in road_map.lanes:
-        control = lane.control_points_m
-        count = max(1, round(float(np.hypot(*(control[3] - control[0]))) / _APART_M))
-        t = (np.arange(count) + 0.5) / count
-        tangents = bezier_tangents(control, t)
-        headings = np.arctan2(tangents[:, 1], tangents[:, 0])
-        found.append(np.column_stack((bezier_points(control, t), headings)))
-    return np.concatenate(found)

@@ -6,7 +6,6 @@ Every function raises ConfigError where there is no such file, or no MCAP.
 from __future__ import annotations
 
 import json
-import os
 import struct
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple, Union
@@ -14,6 +13,7 @@ from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple, U
 import numpy as np
 
 from robot.errors import ConfigError, ContractError
+from robot.output import atomically
 from robot.recording import topics
 from robot.recording.drive_file import ABOUT, MASK, SUFFIX, UNFINISHED, picture
 from robot.recording.turn import Turn
@@ -174,17 +174,13 @@ def copy(
     from mcap.writer import Writer
 
     next(records(source), None)  # refuses another kind of file before anything is written
-    hidden = Path(target).with_name(f".{Path(target).name}.tmp")
-    with hidden.open("wb") as stream:
+    with atomically(Path(target)) as hidden, hidden.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="duckpilot")
         count = _copy(records(source), writer, keeps, notes)
         for name, facts in notes.items():
             writer.add_metadata(name, facts or {"messages": str(count)})
         writer.finish()
-        stream.flush()
-        os.fsync(stream.fileno())
-    os.replace(hidden, target)
     return count
 
 

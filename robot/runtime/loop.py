@@ -21,7 +21,6 @@ from robot.geometry import WheelSpeeds
 from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
 from robot.parts import (
-    WAY_DOUBTS,
     Guidance,
     Motors,
     Navigator,
@@ -39,6 +38,8 @@ from robot.safety.wheel_limits import STILL, Drive
 from robot.vision.plausibility import PictureDoubts
 
 T = TypeVar("T")
+# The flags of the way, which the gates know by the same names.
+WAY_DOUBTS = Guidance._fields[Guidance._fields.index("off_path") :]
 logger = logging.getLogger(__name__)
 
 

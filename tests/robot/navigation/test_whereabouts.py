@@ -77,8 +77,8 @@ def found_right(seeds: range) -> List[bool]:
         search, place, truth = drive(TOWN, seed)
         if place is None or search.junctions > 3:
             continue
-        apart_m = math.dist(place.pose[:2], truth[:2])
-        turned = abs(float(wrap_angle(place.pose.heading_rad - truth.heading_rad)))
+        apart_m = math.dist(place[0][:2], truth[:2])
+        turned = abs(float(wrap_angle(place[0].heading_rad - truth.heading_rad)))
         right.append(apart_m < 0.12 and turned < 0.35)
     return right
 
