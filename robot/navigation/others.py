@@ -8,8 +8,8 @@ from typing import Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from robot.geometry import Pose
+from robot.navigation.lanes import ORIENTATIONS, STEPS, Tile
 from robot.navigation.road_map import RoadMap
-from robot.navigation.tiles import ORIENTATIONS, STEPS, Tile
 from robot.safety.governors import NOSE_M
 from robot.safety.road_ahead import AtJunction, Junction, Stage, Turn
 

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
-from robot.navigation.lanes import Lane, LaneIndex, tile_lanes
-from robot.navigation.tiles import Tile, parse_tile
+from robot.navigation.lanes import Lane, LaneIndex, Tile, parse_tile, tile_lanes
 from robot.typed_config import read_yaml
 
 MAPS_FOLDER = Path(__file__).parent.parent / "maps"

@@ -15,7 +15,7 @@ from robot.navigation.map_objects import MapObject, blocked, footprint, objects_
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
-from robot.navigation.tiles import STEPS
+from robot.navigation.lanes import STEPS
 from sim_pybullet.traffic.scenario import Scenario
 
 TOURS = 16  # of a map

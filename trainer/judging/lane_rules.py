@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.geometry import Pose, wrap_angle
+from robot.navigation.lanes import ORIENTATIONS, Tile
 from robot.navigation.road_map import RoadMap
-from robot.navigation.tiles import ORIENTATIONS, Tile
 
 LANE_TILES = 0.376
 # Poses that a lane leads through, in tiles and degrees; it comes from the west. By the quarters of
