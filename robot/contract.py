@@ -49,6 +49,9 @@ ACTION_WHEELS: Tuple[WheelSpeeds, ...] = tuple(DRIVE.wheels(twist) for twist in 
 MAX_WHEEL_MPS = max(max(wheels) for wheels in ACTION_WHEELS)
 
 
+_FULL = Twist(ACTION_TWISTS[Action.STRAIGHT].forward_mps, ACTION_TWISTS[Action.LEFT].turn_radps)
+
+
 class Stick(NamedTuple):
     """How a person drives: 1 steers as hard to the left as a hard turn, -1 to the right; speed 1 is
     that of straight on, -1 as fast backwards.
@@ -60,18 +63,13 @@ class Stick(NamedTuple):
     @property
     def wheels(self) -> WheelSpeeds:
         """What the wheels should do; more than they can where both are great."""
-        forward_mps = self.speed * ACTION_TWISTS[Action.STRAIGHT].forward_mps
-        return DRIVE.wheels(Twist(forward_mps, self.steer * ACTION_TWISTS[Action.LEFT].turn_radps))
+        return DRIVE.wheels(Twist(self.speed * _FULL.forward_mps, self.steer * _FULL.turn_radps))
 
     @classmethod
     def of(cls, wheels: WheelSpeeds) -> Stick:
         """The stick that asks for these wheels."""
         twist = DRIVE.twist(wheels)
-        fastest_mps = ACTION_TWISTS[Action.STRAIGHT].forward_mps
-        return cls(
-            twist.turn_radps / ACTION_TWISTS[Action.LEFT].turn_radps,
-            twist.forward_mps / fastest_mps,
-        )
+        return cls(twist.turn_radps / _FULL.turn_radps, twist.forward_mps / _FULL.forward_mps)
 
 
 ActionTable = Tuple[Tuple[float, float], ...]
