@@ -23,8 +23,7 @@ from robot.link.telemetry import Telemetry
 from robot.link.wire import plain
 from robot.parts import Tick
 from robot.recording import topics
-from robot.recording.topics import Json, Topic, to_ns
-from robot.recording.turn import Turn
+from robot.recording.topics import Json, Topic, Turn, to_ns
 from robot.typed_config import to_plain
 
 SUFFIX = ".mcap"

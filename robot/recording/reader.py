@@ -16,7 +16,7 @@ from robot.errors import ConfigError, ContractError
 from robot.output import atomically
 from robot.recording import topics
 from robot.recording.drive_file import ABOUT, MASK, SUFFIX, UNFINISHED, picture
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from robot.typed_config import from_plain
 
 RECORD_LIMIT_BYTES = 1 << 28  # a damaged length must not ask for all memory

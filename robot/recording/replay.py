@@ -21,7 +21,7 @@ from robot.inference.translator import open_policy
 from robot.parts import Policy
 from robot.recording.drive_file import MODEL, TRANSLATOR, arithmetic
 from robot.recording.reader import PathLike, read_about, read_attachment, read_turns
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 
 # Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
 TOLERANCE = 1e-3

@@ -13,7 +13,7 @@ from robot.contract import PolicyContract, Proof
 from robot.errors import ContractError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
 from robot.navigation.road_map import load_map
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL
 from trainer.export import export_network
 from trainer.twin.examples import Examples, examples_of, foretold

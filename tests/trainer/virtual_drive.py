@@ -13,7 +13,7 @@ from robot.link.messages import PoseMessage
 from robot.navigation.road_map import load_map
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile, png
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, Look
 from sim_pybullet.sensing.guidance_feed import PoseError

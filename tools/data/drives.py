@@ -18,7 +18,7 @@ from robot.recording import topics
 from robot.recording.drive_file import SUFFIX, DriveFile
 from robot.recording.reader import read_about
 from robot.recording.samples import DRIVERS, Sample, read_pieces, read_samples, runs, take_overs
-from robot.recording.turn import Driven, Turn
+from robot.recording.topics import Driven, Turn
 
 STATES = {driver: state for state, driver in DRIVERS.items()}
 FLUSH_EVERY = 100  # turns

@@ -9,7 +9,7 @@ import numpy as np
 
 from robot.contract import DRIVE, PolicyContract
 from robot.inference.preprocess import preprocess
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from trainer.twin.recorded import Recorded
 
 HELD_OUT = 0.3  # of each drive, its last part

@@ -14,7 +14,7 @@ from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import picture
 from robot.recording.reader import entries, read_about, turn_of
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from sim_pybullet.motors import PHYSICS_DT_S
 
 LEAST_S = 20.0  # that a drive must last

@@ -18,7 +18,7 @@ from robot.errors import ConfigError
 from robot.recording.drive_file import MODEL, UNFINISHED
 from robot.recording.reader import read_about, read_attachment, read_frames, read_turns
 from robot.recording.recorder import LONGEST_S, QUEUE_TURNS, Recorder
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from robot.safety.state_machine import Command
 from robot.typed_config import from_plain
 from tests.robot.recording.drives import WALL_S, Robot, record

@@ -10,7 +10,7 @@ from robot.contract import ACTION_WHEELS, Action
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
 from robot.link.telemetry import Telemetry
-from robot.recording.turn import Turn
+from robot.recording.topics import Turn
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
 from robot.safety.governors import Cap, Road
