@@ -21,6 +21,10 @@ Ask = Callable[[Command, Optional[WheelSpeeds]], Answer]
 class Motors(Protocol):
     """Both wheels; `robot.hat.thread.MotorThread` on the robot. HardwareError from every method."""
 
+    @property
+    def pose(self) -> Pose:
+        """Step odometry, from anywhere."""
+
     def set_wheels(self, wheels: WheelSpeeds) -> object:
         """Aim for these rim speeds [m/s]; what it returns does not matter."""
 
@@ -66,14 +70,6 @@ class Navigator(Protocol):
 
     def look(self, now_s: float) -> Guidance:
         """The guidance of this moment."""
-
-
-class Sight(NamedTuple):
-    """What may be wrong with the pictures; see `robot.safety.gates.Inputs`."""
-
-    blind_s: float = 0.0
-    still_s: float = 0.0
-    wrong: str = ""
 
 
 class Operator(Protocol):

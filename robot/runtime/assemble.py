@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Callable, ContextManager, Iterator, List, Optional, Protocol, Tuple
+from typing import Callable, ContextManager, Iterator, List, Optional, Tuple
 
 from robot.camera.source import Camera, NewestFrame, Stream
 from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
@@ -14,7 +14,6 @@ from robot.computer.health import Health
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
-from robot.geometry import Pose
 from robot.hat.thread import MotorThread, motors_on, own_bus
 from robot.inference.translator import open_policy
 from robot.lens import CameraRig
@@ -47,21 +46,13 @@ FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
 
 
-class DrivenMotors(Motors, Protocol):
-    """Motors that count their steps."""
-
-    @property
-    def pose(self) -> Pose:
-        """Step odometry."""
-
-
 @contextmanager
 def open_robot(
     config: RobotConfig,
     operators: Tuple[Operator, ...] = (),
     subscribers: Tuple[Subscriber, ...] = (),
     camera: Optional[ContextManager[Camera]] = None,
-    motors: Optional[ContextManager[DrivenMotors]] = None,
+    motors: Optional[ContextManager[Motors]] = None,
 ) -> Iterator[Runtime]:
     """Everything that ``config`` names, put together, with a watchdog; DISARMED.
 
@@ -98,6 +89,8 @@ def open_robot(
                 audience.append(navigator)
             everybody.append(RemoteOperator(CommandServer(link), navigator))
         audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
+        rig = CameraRig(config.camera.lens, config.camera.mount)
+        paint = road_paint(load_map(config.map)) if config.map else None
         runtime = Runtime(
             eye,
             policy,
@@ -107,18 +100,11 @@ def open_robot(
             audience,
             everybody,
             navigator,
-            open_eyes(config),
+            PictureDoubts(RoadFit(rig, paint)),
             rules,
         )
         stack.enter_context(watchdog)
         yield runtime
-
-
-def open_eyes(config: RobotConfig) -> PictureDoubts:
-    """Doubts the pictures, also by where the road lies in them: the map's, or that of any lane."""
-    rig = CameraRig(config.camera.lens, config.camera.mount)
-    paint = road_paint(load_map(config.map)) if config.map else None
-    return PictureDoubts(RoadFit(rig, paint))
 
 
 def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
@@ -141,7 +127,7 @@ def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
 def open_navigator(
     config: RobotConfig,
     receive: Callable[[], Optional[PosesMessage]],
-    motors: DrivenMotors,
+    motors: Motors,
     camera: Camera,
 ) -> MissionNavigator:
     """Plans on the configured map, from overhead poses, the motors' steps, and sight if there is.
@@ -163,7 +149,7 @@ def open_reports(
     contract: PolicyContract,
     link: Optional[Link],
     navigator: Optional[MissionNavigator],
-    motors: DrivenMotors,
+    motors: Motors,
     stack: ExitStack,
 ) -> List[Subscriber]:
     """What tells of each turn: reports and pictures for the monitor, and the recording."""

@@ -12,6 +12,7 @@ import numpy as np
 from robot.camera.source import Frame
 from robot.computer.clock import Clock, MonotonicClock
 from robot.contract import PATH_POINTS
+from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance
@@ -43,6 +44,8 @@ class _NoiseCamera:
 
 
 class _NoMotors:
+    pose = Pose(0.0, 0.0, 0.0)
+
     def _nothing(self, *_: object) -> None:
         pass
 

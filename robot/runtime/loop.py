@@ -26,7 +26,6 @@ from robot.parts import (
     Navigator,
     Operator,
     Policy,
-    Sight,
     Subscriber,
     Tick,
 )
@@ -35,7 +34,7 @@ from robot.safety.gates import Inputs, Reason
 from robot.safety.governors import Cap, Road, Rule, govern
 from robot.safety.state_machine import COILS_OFF, MOVING, Answer, Command, Safety, State
 from robot.safety.wheel_limits import STILL, Drive
-from robot.vision.plausibility import PictureDoubts
+from robot.vision.plausibility import PictureDoubts, Sight
 
 T = TypeVar("T")
 # The flags of the way, which the gates know by the same names.

@@ -1,10 +1,16 @@
-"""``RightOfWay``: who may enter a junction. Never two whose ways cross; nobody waits for ever.
+"""Who may enter a junction. Never two whose ways cross; nobody waits for ever.
 
-Who came first goes first; of those who came together, who has nobody on the right. Four who came
-together all have somebody on the right: then the least name goes, and without names whose random
-patience ends first. Before it enters, a robot claims the junction for `CLAIM_S` and stands: whoever
-claims at the same time sees it, and both fall back on patience. So two never enter together, though
-each sees the other only late. Robots that cannot talk have `robot.safety.first_come`.
+``RightOfWay`` is of robots that can talk. Who came first goes first; of those who came together,
+who has nobody on the right. Four who came together all have somebody on the right: then the least
+name goes, and without names whose random patience ends first. Before it enters, a robot claims the
+junction for `CLAIM_S` and stands: whoever claims at the same time sees it, and both fall back on
+patience. So two never enter together, though each sees the other only late.
+
+``FirstCome`` is of robots that see each other but cannot talk. Each sees the others late, and takes
+other moments for those of their arrival, up to `VIEWS_S` apart. So a robot goes only if all others
+would let it, whatever of that they saw: it came clearly first, or at about the same time and from
+the right of them (of those who face each other the lesser name is first). Before it enters it looks
+around for `LOOK_S`. Where nobody goes, robots go by their names.
 """
 
 from __future__ import annotations
@@ -19,8 +25,12 @@ from robot.safety.road_ahead import AtJunction, Junction, Light, Stage
 
 CLAIM_S = 0.8  # longer than any other robot needs to see a claim
 PATIENCE_S = 2.0  # at most, at first; longer after each clash
-QUIET_S = 4.0  # in which nobody goes, although all wait: then patience decides, too
+QUIET_S = 4.0  # in which nobody goes, although all wait: then patience decides, too, or names
 _MOST_CLASHES = 3  # that make patience longer
+VIEWS_S = 0.4
+TOGETHER_S = 0.3  # so near to each other two arrive together
+LOOK_S = 1.2  # longer than it takes to see who came together with it
+_STAND = Cap(0.0, "others go first at the junction")
 
 
 @dataclass(frozen=True)
@@ -83,9 +93,6 @@ class RightOfWay:
         return float(self.rng.uniform(0.0, PATIENCE_S * (1 + self.clashes)))
 
 
-_STAND = Cap(0.0, "others go first at the junction")
-
-
 def next_at(junction: Junction) -> Optional[bool]:
     """Whether the robot is the next among those who wait; None where chance must decide.
 
@@ -115,3 +122,35 @@ def _before(one: AtJunction, other: AtJunction) -> bool:
     if one.arrived_s == other.arrived_s:
         return one.arm == (other.arm + 1) % 4
     return one.arrived_s < other.arrived_s
+
+
+@dataclass(frozen=True)
+class FirstCome:
+    """See `robot.safety.governors.Rule`; a robot waits with its nose before the line."""
+
+    quiet_s: Optional[float] = None  # since when it waits and nobody is inside
+    look_s: Optional[float] = None  # since when it is its turn
+
+    def after(self, road: Road) -> Tuple[FirstCome, Cap]:
+        """See `robot.safety.governors.Rule`."""
+        at = road.ahead.junction
+        if at is None or at.own.stage is Stage.INSIDE:
+            return FirstCome(), Cap()
+        if any(other.stage is Stage.INSIDE for other in at.others):
+            return FirstCome(), _STAND
+        quiet_s = road.now_s if self.quiet_s is None else self.quiet_s
+        lesser = sum(other.name < at.own.name for other in at.others)
+        turn = all(_lets(other, at.own) for other in at.others)
+        if not turn and road.now_s - quiet_s < QUIET_S * (1 + lesser):
+            return FirstCome(quiet_s), _STAND
+        look_s = road.now_s if self.look_s is None else self.look_s
+        goes = road.now_s - look_s >= LOOK_S
+        return FirstCome(quiet_s, look_s), Cap() if goes else _STAND
+
+
+def _lets(other: AtJunction, own: AtJunction) -> bool:
+    """Whether another surely lets this one go first."""
+    earlier_s = other.arrived_s - own.arrived_s
+    side = (own.arm - other.arm) % 4
+    first = side == 1 or (side != 3 and own.name < other.name)
+    return earlier_s > (-TOGETHER_S if first else TOGETHER_S + VIEWS_S)

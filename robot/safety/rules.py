@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Tuple
 
 from robot.errors import ConfigError
-from robot.safety.first_come import FirstCome
-from robot.safety.governors import Rule, StopLines
-from robot.safety.headway import KeepApart
+from robot.safety.governors import KeepApart, Rule, StopLines
+from robot.safety.right_of_way import FirstCome
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ is that of `robot.vision.road_fit`.
 from __future__ import annotations
 
 import math
-from typing import Optional
+from typing import NamedTuple, Optional
 
 import numpy as np
 
 from robot.camera.source import Frame
 from robot.geometry import Pose, WheelSpeeds
-from robot.parts import Sight
 from robot.safety.wheel_limits import STILL
 from robot.vision.road_fit import RoadFit, Verdict, washed_out
 
@@ -81,6 +80,14 @@ def has_moved(before: np.ndarray, now: np.ndarray) -> bool:
     noise = _MAD * float(np.median(rough)) / _HIGH_PASS / BLOCK_PX
     least = max(CHANGED_NOISE * noise, CHANGED_LEVELS)
     return float((np.abs(blocks(change)) > least).mean()) >= CHANGED_SHARE
+
+
+class Sight(NamedTuple):
+    """What may be wrong with the pictures; see `robot.safety.gates.Inputs`."""
+
+    blind_s: float = 0.0
+    still_s: float = 0.0
+    wrong: str = ""
 
 
 class PictureDoubts:

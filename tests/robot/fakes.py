@@ -12,8 +12,9 @@ from robot.contract import MAX_WHEEL_MPS, PolicyContract
 from robot.errors import HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
-from robot.parts import Ask, Guidance, Sight, Tick
+from robot.parts import Ask, Guidance, Tick
 from robot.safety.state_machine import Answer, Command
+from robot.vision.plausibility import Sight
 from tests.robot.clocks import FakeClock
 from tests.robot.tiny_onnx import lane_contract
 

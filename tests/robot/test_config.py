@@ -7,9 +7,8 @@ import pytest
 
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
-from robot.safety.first_come import FirstCome
-from robot.safety.governors import StopLines
-from robot.safety.headway import KeepApart
+from robot.safety.governors import KeepApart, StopLines
+from robot.safety.right_of_way import FirstCome
 from robot.safety.rules import Rules
 from robot.typed_config import from_plain, load_yaml, to_plain
 

@@ -14,10 +14,8 @@ from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import DUCK, SIGMA_M, Neighbours, Told
 from robot.navigation.others import AHEAD_M, turn_ahead
 from robot.navigation.road_watch import RoadWatch
-from robot.safety.first_come import FirstCome
-from robot.safety.governors import Lights, Road, Rule, StopLines, govern
-from robot.safety.headway import KeepApart
-from robot.safety.right_of_way import RightOfWay
+from robot.safety.governors import KeepApart, Lights, Road, Rule, StopLines, govern
+from robot.safety.right_of_way import FirstCome, RightOfWay
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation

@@ -18,13 +18,13 @@ from robot.contract import ACTION_WHEELS, CONTROL_DT_S, MAX_WHEEL_MPS, Action, P
 from robot.errors import ContractError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
-from robot.parts import Sight
 from robot.runtime.loop import Runtime
 from robot.runtime.timing import Watchdog
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.governors import Rule
 from robot.safety.state_machine import Command, Safety, State
 from robot.safety.wheel_limits import STILL
+from robot.vision.plausibility import Sight
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import (
     FakeCamera,

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
-from robot.safety.governors import Cap, Lights, Road, StopLines, govern
-from robot.safety.headway import KeepApart
+from robot.safety.governors import Cap, KeepApart, Lights, Road, StopLines, govern
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import Drive
 

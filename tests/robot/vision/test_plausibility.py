@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from robot.camera.source import Frame
 from robot.geometry import Pose, WheelSpeeds
-from robot.parts import Sight
-from robot.vision.plausibility import PictureDoubts
+from robot.vision.plausibility import PictureDoubts, Sight
 from robot.vision.road_fit import Reading, RoadFit
 
 SHAPE = (120, 160, 3)
