@@ -35,7 +35,7 @@ from robot.navigation.whereabouts import Whereabouts
 from robot.parts import Guidance, Tick
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import State
-from robot.vision.sight import OnnxSight, Seen
+from robot.vision.sight import OnnxSight
 
 ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
 # The middle of the yellow line, seen from the middle of the lane: beyond it the robot is on the
@@ -63,13 +63,10 @@ class Glimpse(NamedTuple):
 class MissionNavigator:
     """Plans and follows missions on one map; a ``Navigator`` and a ``Subscriber`` of the runtime.
 
-    Args:
-        road_map: where it drives; MapError where it has no road.
-        receive: the newest overhead poses since the last call, or None; never blocks.
-        odometry: step odometry, from anywhere.
-        robot: its name among them.
-        glimpse: what sees, and the newest frame; without it overhead poses alone tell the place.
-        watch: tells what lies ahead; without it the road is empty.
+    ``receive`` gives the newest overhead poses since the last call, or None, and never blocks;
+    ``robot`` is its name among them. ``odometry`` counts steps from anywhere. Without a ``glimpse``
+    overhead poses alone tell the place, without a ``watch`` the road ahead is empty. MapError for a
+    map without road.
     """
 
     def __init__(
@@ -197,10 +194,18 @@ class MissionNavigator:
         pose, doubt = self.pose, self._way.doubt
         if not self._fusion.at_bound[0]:
             self._within_s = now_s
+        within: Optional[Tuple[float, float]] = None  # asked where not only overhead poses tell
+        if self._glimpse is not None:
+            place_m, turned_rad = self._fusion.certainty[0].tolist()
+            within = (place_m, turned_rad) if pose is not None else (math.inf, math.inf)
         guidance = Guidance(
             pose=pose,
-            pose_age_s=self._pose_age_s(now_s),
-            pose_within=self._pose_within(),
+            # Time without a pose, and the delay of the last one beyond what is usual. Steps bridge
+            # gaps, whatever the poses' steady delay: it is in the estimate already.
+            pose_age_s=max(
+                now_s - self._arrived_s, float(self._fusion.age_s(now_s)[0]) - USUAL_DELAY_S
+            ),
+            pose_within=within,
             driven_m=self._driven_m,
             off_map=pose is not None and self._road_map.tile_at(pose.x_m, pose.y_m) is None,
             pose_jump=self._jumps >= JUMPS,
@@ -283,9 +288,10 @@ class MissionNavigator:
         if message is None:
             return
         self.overhead = message
-        jumps = self._refused_places
+        refused, places = self._gate.stream.refused, ("jump", "off the map")
+        before = sum(refused[why] for why in places)
         if not self._gate.take(message, now_s):
-            self._jumps += self._refused_places - jumps
+            self._jumps += sum(refused[why] for why in places) - before
             return
         age_s = float(self._fusion.age_s(now_s)[0])
         heading_rad = math.nan if message.heading_rad is None else message.heading_rad
@@ -307,19 +313,15 @@ class MissionNavigator:
         self._seen, sight = frame.sequence, self._glimpse.sight
         seen = sight(preprocess(frame.image, sight.contract.image)[None])
         self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
-        self._look_around(seen, frame.time_s)
-        if self._watch is not None:
-            self._watch.saw(seen, self._driven_m, frame.time_s)
-
-    def _look_around(self, seen: Seen, now_s: float) -> None:
-        """A robot that nothing tells its place looks for it, while a person drives it by hand."""
         if self.pose is not None:
             self._search = None
-        elif self._search is None:
+        elif self._search is None:  # who is told nothing looks for its place, driven by hand
             self._search = Whereabouts(self._road_map, self._views[0])
         else:
-            for pose, deviations in self._search.see(seen, now_s):
+            for pose, deviations in self._search.see(seen, frame.time_s):
                 self._fusion.put(np.arange(1), np.array([pose]), deviations)
+        if self._watch is not None:
+            self._watch.saw(seen, self._driven_m, frame.time_s)
 
     def _ahead(self, now_s: float, path: Path, pose: Pose) -> RoadAhead:
         if self._watch is None:
@@ -328,22 +330,3 @@ class MissionNavigator:
         within_m = float(self._fusion.certainty[0, 0])
         way_m = path.batch.points_at(arc_m + AHEAD_M[None])[0]
         return self._watch.look(now_s, pose, within_m, self._driven_m, way_m)
-
-    def _pose_within(self) -> Optional[Tuple[float, float]]:
-        """How surely the place is known; nobody asks where only overhead poses tell it."""
-        if self._glimpse is None:
-            return None
-        place_m, turned_rad = self._fusion.certainty[0].tolist()
-        return (place_m, turned_rad) if self.pose is not None else (math.inf, math.inf)
-
-    def _pose_age_s(self, now_s: float) -> float:
-        """Time without a pose [s], and the delay of the last one beyond what is usual.
-
-        Steps bridge gaps, whatever the poses' steady delay: it is in the estimate already.
-        """
-        captured_ago_s = float(self._fusion.age_s(now_s)[0])
-        return max(now_s - self._arrived_s, captured_ago_s - USUAL_DELAY_S)
-
-    @property
-    def _refused_places(self) -> int:
-        return sum(self._gate.stream.refused[why] for why in ("jump", "off the map"))

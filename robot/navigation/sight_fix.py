@@ -32,9 +32,7 @@ _NOTHING = 1e6  # standard deviation of what was not seen
 class SightFix:
     """Corrects the estimates of N robots by what they see.
 
-    Args:
-        fusion: with ``sight`` in its configuration.
-        views: of the map of each robot.
+    The ``fusion`` has ``sight`` in its configuration; ``views`` are of the map of each robot.
     """
 
     def __init__(self, fusion: PoseFusion, views: Sequence[LaneView]) -> None:
@@ -76,11 +74,7 @@ class SightFix:
         return innovation, design, noise
 
     def _line(
-        self,
-        seen: Seen,
-        asked: np.ndarray,
-        poses: np.ndarray,
-        since: np.ndarray,  # noqa: ARG002
+        self, seen: Seen, asked: np.ndarray, poses: np.ndarray, _since: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The way to the red line."""
         innovation, design, noise = _empty(len(asked), 1)
