@@ -91,17 +91,10 @@ def open_robot(
         audience += open_reports(config, policy.contract, link, navigator, wheels, stack)
         rig = CameraRig(config.camera.lens, config.camera.mount)
         paint = road_paint(load_map(config.map)) if config.map else None
+        never = unproven and f"the policy is {unproven}"
         runtime = Runtime(
-            eye,
-            policy,
-            wheels,
-            Safety(clock.now, config.safety, unproven and f"the policy is {unproven}"),
-            clock,
-            audience,
-            everybody,
-            navigator,
-            PictureDoubts(RoadFit(rig, paint)),
-            rules,
+            *(eye, policy, wheels, Safety(clock.now, config.safety, never), clock),
+            *(audience, everybody, navigator, PictureDoubts(RoadFit(rig, paint)), rules),
         )
         stack.enter_context(watchdog)
         yield runtime
