@@ -7,6 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from robot.errors import ConfigError
 from robot.inference.policy import SHIPPED_MODELS
 from tools.loop.bench import PROGRAMS, Bench, BenchOptions
 from tools.loop.missions import on_lane
@@ -17,7 +18,7 @@ PATIENCE_S = 60.0
 
 
 def show(arguments: argparse.Namespace) -> None:
-    """Let the virtual world live as long as the page's program does."""
+    """Let the virtual world live as long as the page's program does; ConfigError: wrong input."""
     page = ["--host", arguments.host, "--port", str(arguments.port)]
     page += ["--drives", str(arguments.drives), "--model", str(arguments.model or MODEL)]
     options = BenchOptions(MODEL, arguments.map, page=tuple(page))
@@ -26,7 +27,10 @@ def show(arguments: argparse.Namespace) -> None:
         bench.town.world.place(on_lane(bench.road_map.lanes[0], 0.5))
         try:
             monitor = bench.start("monitor")
-            bench.until(lambda: "?token=" in monitor.said(), PATIENCE_S, "an address", TURN_S)
+            told = lambda: "?token=" in monitor.said() or not monitor.alive  # noqa: E731
+            bench.until(told, PATIENCE_S, "an address", TURN_S)
+            if not monitor.alive:
+                raise ConfigError(monitor.said().strip().rpartition("monitor: ")[2])
             print(monitor.said().strip(), flush=True)
             for name in PROGRAMS.keys() - {"monitor"}:
                 bench.start(name)
