@@ -1,5 +1,13 @@
-"""``LookPool``: painted worlds that episodes share, since painting a floor takes far longer than
-driving a step."""
+"""Where the episodes of a batch come from: drawn one after the other, or numbered.
+
+A training draws: all robots share random numbers and a pool of painted worlds, since painting a
+floor takes far longer than driving a step. An evaluation numbers: whatever is random in an episode
+follows from the seed and its number alone, so it is the same whichever others are driven, and no
+robot drives that nobody asked for.
+
+Robots that share a world, a group, begin their episodes together. In a training they end them
+together as well; in an evaluation who has ended stays where it is until the others have.
+"""
 
 from __future__ import annotations
 

@@ -47,8 +47,9 @@ class WheeledRobots(MotorModel):
     actions: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """As of `Vehicle`; pairs are rim speeds as shares of the greatest in the table."""
-        speeds = ACTION_TABLE[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
+        """As of `Vehicle`; pairs are rim speeds as shares of the greatest of our actions."""
+        table = np.array(self.actions)
+        speeds = table[actions] if actions.ndim == 1 else MAX_WHEEL_MPS * actions
         return super().step(speeds, rng)
 
     def expert(self, paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.ndarray:

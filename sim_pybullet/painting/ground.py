@@ -1,4 +1,10 @@
-"""Paints the floor of a road map under a ``GroundLook``."""
+"""Paints the floor of a road map under a ``GroundLook``, from coverages of each kind of tile.
+
+Tile frame (orientation S) of Duckietown maps: x to the right, z down, both in tiles from the tile's
+centre, as seen from above. Traffic keeps right. Bands are those of the reference simulator's
+textures, made even so that lines meet however tiles are turned; stop lines and corners lie as on
+real mats.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""``PyBulletCamera``: the reference renderer, PyBullet's own picture warped to the lens."""
+"""``PyBulletCamera``: the reference renderer, PyBullet's own picture warped to the lens.
+
+PyBullet draws pinhole pictures. They must see at least as far as the lens does, or the warped one
+has a lens's bend without its field of view.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,6 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,19 +21,12 @@ from robot.lens import CameraRig
 from sim_pybullet.bullet import Client, pybullet
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook
-from sim_pybullet.rendering.rays import cast_pixel_rays, light_row, pixel_rays, sky_rgb
+from sim_pybullet.rendering.rays import light_row, pixel_rays, sky_rgb
 from sim_pybullet.scene import Ground, Mover, Scene, Solid
 
 _NEAR_M, _FAR_M = 0.01, 300.0  # what a camera sees
 _BELOW_M = 2e-3  # the floor's picture: what goes on beyond it
 _LABEL_STEP = 20  # grey levels between two classes
-
-
-class Drawing(NamedTuple):
-    """A pinhole picture (H, W, 3) uint8 RGB and the body that each pixel shows (H, W), -1: none."""
-
-    rgb: np.ndarray
-    bodies: np.ndarray
 
 
 class Stage:
@@ -103,8 +99,8 @@ class Stage:
 
     def draw(
         self, view: PinholeView, eye_m: np.ndarray, turn: np.ndarray, light: np.ndarray
-    ) -> Drawing:
-        """What a pinhole at ``eye_m`` sees.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What a pinhole at ``eye_m`` sees: (H, W, 3) uint8 RGB; where that is nothing, (H, W).
 
         ``turn`` (3, 3) takes the view's axes to the world; ``light`` (5,) is the direction to the
         light, its ambient and its diffuse share. No shadows, no gloss.
@@ -129,7 +125,7 @@ class Stage:
             renderer=pybullet.ER_TINY_RENDERER,
         )
         rgb = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3]
-        return Drawing(np.ascontiguousarray(rgb), np.asarray(bodies).reshape(height, width))
+        return np.ascontiguousarray(rgb), np.asarray(bodies).reshape(height, width) < 0
 
 
 class PyBulletCamera:
@@ -196,8 +192,8 @@ class PyBulletCamera:
     def _frame(self, pose: np.ndarray) -> np.ndarray:
         pictures = []
         for view, sky in zip(self.cover.views, self._skies, strict=True):
-            drawing = self._draw(self._seen, view, pose, self._light)
-            pictures.append(np.where((drawing.bodies < 0)[..., None], sky, drawing.rgb))
+            rgb, nothing = self._draw(self._seen, view, pose, self._light)
+            pictures.append(np.where(nothing[..., None], sky, rgb))
         return self.cover.warp(pictures)
 
     def _classes(self, pose: np.ndarray) -> np.ndarray:
@@ -206,9 +202,8 @@ class PyBulletCamera:
         owner = np.argmax([rays.directions @ view.turn[:, 2] for view in self.cover.views], axis=0)
         even = light_row(LightLook(ambient=1.0, diffuse=0.0))
         for k, view in enumerate(self.cover.views):
-            drawing = self._draw(self._kinds, view, pose, even)
-            kinds = np.round(drawing.rgb[..., 0] / _LABEL_STEP)
-            kinds[drawing.bodies < 0] = SemanticClass.SKY
+            rgb, nothing = self._draw(self._kinds, view, pose, even)
+            kinds = np.where(nothing, SemanticClass.SKY, np.round(rgb[..., 0] / _LABEL_STEP))
             pixels = np.round(view.locate(rays.directions)).astype(int)
             column, row = np.moveaxis(np.clip(pixels, 0, view.size_px - 1), -1, 0)
             labels = np.where(owner == k, kinds[row, column], labels)
@@ -216,7 +211,7 @@ class PyBulletCamera:
 
     def _draw(
         self, stage: Stage, view: PinholeView, pose: np.ndarray, light: np.ndarray
-    ) -> Drawing:
+    ) -> tuple[np.ndarray, np.ndarray]:
         x, y, heading = pose
         c, s = math.cos(heading), math.sin(heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -297,7 +292,7 @@ def cover(rig: CameraRig, image: ImageSpec, oversample: int) -> Cover:
     large = ImageSpec(
         image.width_px * oversample, image.height_px * oversample, image.crop_top_px * oversample
     )
-    rays = cast_pixel_rays(rig, large)
+    rays = pixel_rays(rig, large)
     turns = _turns(rig, rays.directions[rays.seen])
     local = np.stack([rays.directions @ turn for turn in turns])  # (K, sH, sW, 3)
     owner = np.argmax(local[..., 2] / np.abs(local).max(axis=-1), axis=0)

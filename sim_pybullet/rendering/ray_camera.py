@@ -1,4 +1,9 @@
-"""``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it."""
+"""``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it.
+
+The floor is a mip pyramid of packed 32-bit texels: red in bits 0..7, green in bits 12..19 and blue
+in bits 24..31, so that ``(t | t << 32) & LANES`` spreads the colours over a 64-bit word with room
+to add up sixteen weighted texels. Each level has a border of one texel of the outside colour.
+"""
 
 from __future__ import annotations
 

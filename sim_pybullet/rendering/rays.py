@@ -53,11 +53,6 @@ class FloorTable(NamedTuple):
 
 @lru_cache(maxsize=256)
 def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
-    """As ``cast_pixel_rays``, kept for the next robot with this rig."""
-    return cast_pixel_rays(rig, image)
-
-
-def cast_pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
     """The rays of the picture's pixels: the rig's lens read out at the picture's size, cropped."""
     lens = rig.lens.scaled(image.width_px, image.height_px)
     v, u = np.mgrid[image.crop_top_px : image.height_px, 0 : image.width_px]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.motors import MotorModel
 from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M, following_terms
 from sim_pybullet.tasks.spec import Choices, TaskSpec, register
@@ -39,12 +38,6 @@ class TrafficRobots(WheeledRobots):
     """The project's robot with two more actions: slow, straight on, and stop."""
 
     actions: ActionTable = TRAFFIC_ACTIONS
-
-    def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """As of `WheeledRobots`."""
-        if actions.ndim == 1:
-            return MotorModel.step(self, np.array(self.actions)[actions], rng)
-        return super().step(actions, rng)
 
 
 class Traffic(Task):
@@ -122,8 +115,7 @@ class Traffic(Task):
             for row, (path, *beside) in enumerate(places, first):
                 self._start(int(robots[row]), path, k, *beside)
                 poses[row], maps[row] = places[row - first].pose, k
-        self._poses[robots], self._velocities[robots] = poses, 0.0
-        self._least_ttc_s[robots], self._seen = EPISODE_S, None
+        self._begin(robots, poses)
         return Starts(poses, maps)
 
     def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
@@ -131,11 +123,14 @@ class Traffic(Task):
         if self.group > 1:
             raise ConfigError("pose: expected a scenario of one robot of ours, got several")
         starts = super().reset_at(robots, poses, rng)
-        self._poses[robots], self._velocities[robots] = poses, 0.0
-        self._least_ttc_s[robots], self._seen = EPISODE_S, None
+        self._begin(robots, poses)
         for i, pose in zip(robots.tolist(), poses.tolist(), strict=True):
             self.crowd.begin(i, 0, rng, at_m=(pose[0], pose[1]))
         return starts
+
+    def _begin(self, robots: np.ndarray, poses: np.ndarray) -> None:
+        self._poses[robots], self._velocities[robots] = poses, 0.0
+        self._least_ttc_s[robots], self._seen = EPISODE_S, None
 
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         tours = self.streets.tours[road_map]
@@ -229,37 +224,30 @@ class GuidedTraffic(Traffic):
     guided = True
 
 
-def _make(
-    maps: Sequence[RoadMap], robots: int, chosen: Choices, kind: type[Traffic], usual: str
-) -> Traffic:
-    scenario = load_scenario(chosen.scenario or usual)
-    return kind(maps, robots, scenario, chosen.start_spread)
+def _register(kind: type[Traffic], usual: str, **rest: Any) -> None:
+    def make(maps: Sequence[RoadMap], robots: int, chosen: Choices) -> Traffic:
+        scenario = load_scenario(chosen.scenario or usual)
+        return kind(maps, robots, scenario, chosen.start_spread)
+
+    register(TaskSpec(kind=kind, make=make, actions=TRAFFIC_ACTIONS, scenarios=True, **rest))
 
 
-register(
-    TaskSpec(
-        name="traffic",
-        title="Traffic",
-        purpose="Lane keeping among ducks and cars: it may drive slowly, and stop.",
-        kind=Traffic,
-        map="loop",
-        make=partial(_make, kind=Traffic, usual="mixed"),
-        actions=TRAFFIC_ACTIONS,
-        scenarios=True,
-        presets={"fast": {"learn": {"buffer": 20_000}}},  # 29 kB a stack of pictures, kept twice
-        environments={"Traffic-v0": {}},
-    )
+_register(
+    Traffic,
+    "mixed",
+    name="traffic",
+    title="Traffic",
+    purpose="Lane keeping among ducks and cars: it may drive slowly, and stop.",
+    map="loop",
+    presets={"fast": {"learn": {"buffer": 20_000}}},  # 29 kB a stack of pictures, kept twice
+    environments={"Traffic-v0": {}},
 )
-register(
-    TaskSpec(
-        name="traffic_junctions",
-        title="Traffic at junctions",
-        purpose="Driving along a path (`path_input`) among ducks and cars, over junctions.",
-        kind=GuidedTraffic,
-        map="town",
-        make=partial(_make, kind=GuidedTraffic, usual="lfvi"),
-        actions=TRAFFIC_ACTIONS,
-        scenarios=True,
-        learned=False,
-    )
+_register(
+    GuidedTraffic,
+    "lfvi",
+    name="traffic_junctions",
+    title="Traffic at junctions",
+    purpose="Driving along a path (`path_input`) among ducks and cars, over junctions.",
+    map="town",
+    learned=False,
 )

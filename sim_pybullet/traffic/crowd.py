@@ -1,4 +1,4 @@
-"""What is ahead of robots on their paths."""
+"""``Crowd``: all road users of G worlds, and what each robot of ours has ahead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The outputs of a PCA9685 over one PWM period of 4096 counts (data sheet, chapter 7.3.3)."""
+"""A PCA9685 as its registers answer on the wire (NXP data sheet Rev. 4; chapters are named below).
+
+Where the data sheet leaves the result of an access open, and where it goes beyond what the model
+knows (RESTART, an external clock, other addresses, inverted outputs, outputs that change before
+STOP), it raises ChipMisuseError: a driver that does such a thing is wrong even if one chip puts up
+with it. Time comes from the clock, because waking takes 500 us.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,14 @@
-"""One winding of a stepper behind a TB6612FNG bridge: an inductance and a resistance.
+"""A two-phase stepper with its load, and its windings behind TB6612FNG bridges.
 
-Currents are in units of supply voltage / resistance. A bridge that drives pulls the current towards
-+1 or -1, one that brakes lets it decay towards 0, both with the time constant L / R. With the
-outputs at high impedance what is left flows through the body diodes against the supply, as if the
-voltage were reversed, until it is gone; then nothing flows (drops of the diodes left out).
+A winding is an inductance and a resistance; currents are in units of supply voltage / resistance. A
+bridge that drives pulls the current towards +1 or -1, one that brakes lets it decay towards 0, both
+with the time constant L / R. With the outputs at high impedance what is left flows through the body
+diodes against the supply, as if the voltage were reversed, until it is gone; then nothing flows
+(drops of the diodes left out).
+
+Torque is holding torque times the sine of the angle between field and rotor (Acarnley, Stepping
+Motors, 4th ed., chapter 3); a field that moves too fast, or against too much load, leaves the rotor
+behind by whole electrical turns of four full steps, and that is counted.
 """
 
 from __future__ import annotations
