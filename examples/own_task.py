@@ -16,10 +16,9 @@ import sys
 
 import numpy as np
 
-from sim_pybullet.tasks.base import TaskStep
 from sim_pybullet.tasks.following import following_terms
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
-from sim_pybullet.tasks.spec import TaskSpec, register
+from sim_pybullet.tasks.spec import TaskSpec, TaskStep, register
 from trainer.cli import main
 
 RIGHT_M = 0.03  # of the middle of the lane

@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.contract import ImageSpec
+from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
 from robot.inference.translator import Translator
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.drive_metrics import DriveMetrics, DriveRecorder
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.rendering.camera import BatchCamera
@@ -20,8 +19,8 @@ from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
-from sim_pybullet.tasks.base import Task, TaskStep
 from sim_pybullet.tasks.following import Course
+from sim_pybullet.tasks.spec import Task, TaskStep
 from sim_pybullet.town import Town
 
 
@@ -294,3 +293,42 @@ def _replaced(whole: Observation, robots: np.ndarray, parts: Observation) -> Obs
         if into is not None:
             into[robots] = part
     return whole
+
+
+class DriveMetrics(NamedTuple):
+    """One episode of one robot."""
+
+    driven_lane_m: float  # along the path, while in the lane
+    survival_time_s: float
+    deviation_m_s: float  # integral of the distance from the path over time
+    outside_lane_s: float
+    mean_offset_m: float  # mean distance from the path
+
+
+class DriveRecorder:
+    """Adds up the figures of N robots while they drive."""
+
+    def __init__(self, n_robots: int) -> None:
+        self._sums = np.zeros((4, n_robots))  # way in the lane, offsets [m], steps outside, steps
+
+    def begin(self, robots: np.ndarray) -> None:
+        """Forget the episodes of these robots: indices (M,)."""
+        self._sums[:, robots] = 0.0
+
+    def add(self, progress_m: np.ndarray, offset_m: np.ndarray, half_lane_m: np.ndarray) -> None:
+        """One decision: progress along the path, distance from it, half the lane's width, (N,)."""
+        away_m = np.abs(offset_m)
+        outside = away_m > half_lane_m
+        driven_m = np.where(outside, 0.0, progress_m)
+        self._sums += np.stack((driven_m, away_m, outside, np.ones(len(away_m))))
+
+    def metrics(self, i: int) -> DriveMetrics:
+        """The episode of robot ``i`` up to now; the mean offset of no decisions is zero."""
+        driven_m, offsets_m, outside, steps = self._sums[:, i].tolist()
+        return DriveMetrics(
+            driven_m,
+            steps * CONTROL_DT_S,
+            offsets_m * CONTROL_DT_S,
+            outside * CONTROL_DT_S,
+            offsets_m / max(steps, 1.0),
+        )

@@ -173,9 +173,9 @@ class DriveEnv(gymnasium.Env[Any, Any]):
     Reward, start and ends: as the task says, see `sim_pybullet.tasks`.
 
     Info of every step: ``terms`` (reward by name), ``arc_m``, ``offset_m``, ``heading_error_rad``,
-    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.base.Course`), ``laps`` or
+    ``progress_m``, ``travelled_m`` (`sim_pybullet.tasks.spec.Course`), ``laps`` or
     ``remaining_m``, ``collided``, ``is_success``; at the end also ``drive``
-    (`sim_pybullet.drive_metrics.DriveMetrics`).
+    (`sim_pybullet.batch.DriveMetrics`).
 
     Traffic: Discrete(7), the five, slow and stop, `sim_pybullet.tasks.traffic`; pictures are
     (H, W, 9), the last three frames.

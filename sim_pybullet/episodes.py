@@ -23,7 +23,7 @@ from sim_pybullet.look import NOMINAL, GroundLook, Look, TrackLook
 from sim_pybullet.randomise import Sampler, fixed, one_site
 from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.objects import Place, paint_place, place_solids
-from sim_pybullet.tasks.base import Starts, Task, TaskStep
+from sim_pybullet.tasks.spec import Starts, Task, TaskStep
 
 Looks = Sequence[Look] | Sampler
 

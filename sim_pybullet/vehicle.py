@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.contract import ACTION_TWISTS, ACTION_WHEELS, MAX_WHEEL_MPS, ActionTable
+from robot.contract import ACTION_TWISTS, ACTION_WHEELS, FIVE_ACTIONS, MAX_WHEEL_MPS, ActionTable
 from robot.navigation.path import PathBatch
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import MotorModel
@@ -44,7 +44,7 @@ class Vehicle(Protocol):
 class WheeledRobots(MotorModel):
     """The project's robot: five actions, each a pair of wheel speeds, and its motors."""
 
-    actions: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
+    actions: ActionTable = FIVE_ACTIONS
 
     def step(self, actions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """As of `Vehicle`; pairs are rim speeds as shares of the greatest of our actions."""

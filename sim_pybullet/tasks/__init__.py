@@ -1,6 +1,6 @@
 """What robots are asked to do: a task is one file here, found by lying here.
 
-It keeps `sim_pybullet.tasks.base.Task` and registers a `sim_pybullet.tasks.spec.TaskSpec`.
+It keeps `sim_pybullet.tasks.spec.Task` and registers a `sim_pybullet.tasks.spec.TaskSpec`.
 """
 
 import importlib

@@ -12,7 +12,6 @@ from robot.geometry import Pose
 from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path, lane_loop
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -20,7 +19,16 @@ from sim_pybullet.tasks.following import (
     TERM_NAMES,
     following_terms,
 )
-from sim_pybullet.tasks.spec import Choices, PaperRow, TaskSpec, register
+from sim_pybullet.tasks.spec import (
+    Choices,
+    Mission,
+    PaperRow,
+    Task,
+    TaskSpec,
+    TaskStep,
+    expect_some,
+    register,
+)
 from sim_pybullet.vehicle import WheeledRobots
 
 LANES = ("outer", "inner", "both")

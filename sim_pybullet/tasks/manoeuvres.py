@@ -14,9 +14,8 @@ from robot.geometry import wrap_angle
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Mission
 from sim_pybullet.tasks.navigation import Navigation
-from sim_pybullet.tasks.spec import TaskSpec, register
+from sim_pybullet.tasks.spec import Mission, TaskSpec, register
 
 _STRAIGHT_RAD = math.radians(30.0)
 

@@ -13,7 +13,6 @@ from robot.navigation.navigator import ARRIVAL_M, OFF_PATH_TILES
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_route, route_between
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Mission, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import (
     DAWDLE,
     HALF_LANE_TILES,
@@ -21,7 +20,15 @@ from sim_pybullet.tasks.following import (
     TERM_NAMES,
     following_terms,
 )
-from sim_pybullet.tasks.spec import PaperRow, TaskSpec, register
+from sim_pybullet.tasks.spec import (
+    Mission,
+    PaperRow,
+    Task,
+    TaskSpec,
+    TaskStep,
+    expect_some,
+    register,
+)
 from sim_pybullet.vehicle import WheeledRobots
 
 SHORTEST_TILES = 3.0  # from start to destination, along the path

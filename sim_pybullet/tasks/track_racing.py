@@ -20,8 +20,16 @@ from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
-from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
-from sim_pybullet.tasks.spec import Choices, TaskSpec, register
+from sim_pybullet.tasks.spec import (
+    Choices,
+    Mission,
+    Starts,
+    Task,
+    TaskSpec,
+    TaskStep,
+    expect_some,
+    register,
+)
 from sim_pybullet.vehicle import pursuit
 
 # Steering (positive to the left) and throttle (negative brakes), in the order of paper B, section

@@ -12,12 +12,19 @@ from robot.errors import ConfigError
 from robot.geometry import Pose
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.tasks.base import Mission, Starts, Task, TaskStep, expect_some
 from sim_pybullet.tasks.following import HALF_LANE_TILES, NOMINAL_STEP_M, following_terms
-from sim_pybullet.tasks.spec import Choices, TaskSpec, register
-from sim_pybullet.traffic.crowd import Body, Crowd, behind
+from sim_pybullet.tasks.spec import (
+    Choices,
+    Mission,
+    Starts,
+    Task,
+    TaskSpec,
+    TaskStep,
+    expect_some,
+    register,
+)
+from sim_pybullet.traffic.crowd import Approach, Body, Crowd, behind
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
-from sim_pybullet.traffic.right_of_way import Approach
 from sim_pybullet.traffic.scenario import Scenario, load_scenario
 from sim_pybullet.traffic.streets import Streets
 from sim_pybullet.vehicle import WheeledRobots, expert_actions

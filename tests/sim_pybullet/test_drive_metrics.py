@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_pybullet.drive_metrics import DriveRecorder
+from sim_pybullet.batch import DriveRecorder
 
 
 def test_a_drive_worked_out_by_hand() -> None:

@@ -1,6 +1,6 @@
 """Drive an exported policy through whole camera frames, as the robot does, and count.
 
-The figures are those of the AI Driving Olympics (see `sim_pybullet.drive_metrics`) beside the
+The figures are those of the AI Driving Olympics (see `sim_pybullet.batch`) beside the
 share of episodes that succeeded.
 """
 

@@ -22,7 +22,7 @@ from robot.navigation.road_map import RoadMap
 from robot.output import expect_writable, write_text
 from robot.typed_config import to_plain
 from robot.vision.sight import OnnxSight
-from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.batch import DriveMetrics
 from sim_pybullet.sensing.guidance_feed import PoseSources
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import part_of

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
-from sim_pybullet.batch import BatchStep, BatchWorld, Observation
-from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.batch import BatchStep, BatchWorld, DriveMetrics, Observation
 from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
 
 FILM_S = 10.0  # of what a robot saw is kept

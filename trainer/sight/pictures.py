@@ -25,7 +25,7 @@ from sim_pybullet.episodes import LookPool, Looks
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import apply_sensor
-from sim_pybullet.tasks.base import Task
+from sim_pybullet.tasks.spec import Task
 from sim_pybullet.tasks.traffic import Traffic
 from sim_pybullet.traffic.scenario import load_scenario
 from trainer.sight.bystanders import Bystanders, clear_m, half_m, standing

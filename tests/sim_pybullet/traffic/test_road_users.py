@@ -10,11 +10,10 @@ from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from sim_pybullet.rendering.rays import mover_rows
-from sim_pybullet.traffic.crowd import AHEAD_M, look_ahead
+from sim_pybullet.traffic.crowd import AHEAD_M, Approach, RightOfWay, look_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
-from sim_pybullet.traffic.right_of_way import Approach, RightOfWay
 from sim_pybullet.traffic.scenario import Scenario, load_scenario, shipped_scenarios
 from sim_pybullet.traffic.streets import Layout, Streets, tours
 

@@ -11,7 +11,7 @@ from robot.contract import ImageSpec, PolicyContract
 from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import load_map
 from sim_pybullet import episodes
-from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.batch import DriveMetrics
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.manoeuvres import Manoeuvres

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.batch import DriveMetrics
 from trainer.judging.evaluate import Drive, summarise, wilson_low
 from trainer.options import EvaluateOptions
 

@@ -16,8 +16,7 @@ from rich.console import Console
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
-from sim_pybullet.batch import Observation
-from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.batch import DriveMetrics, Observation
 from trainer.judging import evaluate
 from trainer.judging import judge as module
 from trainer.judging.evaluate import Drive, Evaluation, OnMap, _choose, _own_speeds

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.navigation.road_map import load_map
-from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.drive_metrics import DriveMetrics
+from sim_pybullet.batch import BatchWorld, DriveMetrics, Observation
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.spec import find_task
 from trainer.judging.evaluate import _offer
