@@ -1,8 +1,7 @@
 """``duckpilot``: every command of the project under one name.
 
-It hands the words on to the program that ``python -m`` starts, too. A program is imported when it
-is asked for. This computer offers what it can run: with Python 3.8, the robot's commands and the
-localizer's.
+It hands the words on to the program that ``python -m`` starts, too, imported when it is asked for.
+With Python 3.8 it offers the robot's commands and the localizer's.
 """
 
 from __future__ import annotations

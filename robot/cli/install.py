@@ -1,8 +1,7 @@
 """Make this computer the robot's: environment, user, groups, udev rule, configuration, service.
 
-Run it in a checkout of the repository with the Python (3.8 or newer) that the robot shall use; run
-it again after an update. A configuration that is there stays as it is. The service starts with the
-computer, DISARMED; it is not started now.
+Run it in a checkout with the Python (3.8 or newer) that the robot shall use, and again after an
+update. A configuration stays as it is. The service starts with the computer, DISARMED; not now.
 """
 
 from __future__ import annotations

@@ -95,9 +95,8 @@ class CommandServer:
     def operator_age_s(self) -> float:
         """How old [s] the newest word from the robot is that its operator has shown to know.
 
-        By the robot's own clock; infinite when nobody did. Counted from the echo and not from the
-        arrival, so that beats held up on the way do not look alive. While somebody has the robot,
-        others who watch do not count.
+        Infinite when nobody did. Counted from the echo and not from the arrival, so that beats held
+        up on the way do not look alive. While somebody has the robot, others do not count.
         """
         return self._lock.age_s(self._clock())
 
