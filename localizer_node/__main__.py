@@ -41,9 +41,7 @@ def main(argv: Optional[Sequence[str]] = None, prog: str = "python -m localizer_
     locate = actions.add_parser("locate", help="find the robots in one picture")
     locate.add_argument("--image", type=Path, required=True)
     locate.add_argument("--calibration", type=Path, required=True)
-    locate.add_argument(
-        "--json", nargs="?", const=STDOUT, metavar="OUT", help="JSON to OUT or stdout"
-    )
+    locate.add_argument("--json", nargs="?", const=STDOUT, metavar="OUT", help="to OUT or stdout")
     locate.add_argument("--picture", type=Path, metavar="PNG", help="draw what was found")
     locate.set_defaults(command=locate_command)
     calibrate.add_arguments(actions.add_parser("calibrate", help="make an arena's calibration"))

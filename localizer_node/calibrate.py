@@ -204,9 +204,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pixel of a map corner, four times: south-west, south-east, north-east, north-west",
     )
     parser.add_argument("--lens", default="fisheye", help=f"{', '.join(MODELS)}, or a lens file")
-    parser.add_argument(
-        "--height", type=number(0.1, 20.0), help="of the camera above the floor, measured [m]"
-    )
+    parser.add_argument("--height", type=number(0.1, 20.0), help="of the camera, measured [m]")
     parser.add_argument("--map", default="arena", help="road map whose floor this is")
     parser.add_argument("--robots", help="YAML with `robots:`, a list of markers")
     parser.set_defaults(command=make)

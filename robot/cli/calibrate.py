@@ -39,12 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     baseline = kinds.add_parser("baseline", help="distance of the wheels: turns on the spot")
     camera = kinds.add_parser("camera", help="pitch, roll and height of the camera: board on floor")
     camera.add_argument("--image", type=Path, help="a picture; without it one is taken now")
-    camera.add_argument(
-        "--ahead-m",
-        type=number(0.02, 2.0),
-        default=NEAR_EDGE_M,
-        help="from the wheels' axle to the nearest row of squares (default %(default)s)",
-    )
+    told = "from the wheels' axle to the nearest row of squares (default %(default)s)"
+    camera.add_argument("--ahead-m", type=number(0.02, 2.0), default=NEAR_EDGE_M, help=told)
     lens = kinds.add_parser("lens", help="the lens: pictures of the board at many angles")
     lens.add_argument("--images", type=Path, required=True, help="folder of pictures of the board")
     for each in (trim, baseline, camera, lens):

@@ -23,9 +23,7 @@ SCRIPT = ROOT / "robot" / "install" / "install.sh"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
     parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
-    parser.add_argument(
-        "--model", type=Path, default=SHIPPED_MODEL, help="the policy to begin with"
-    )
+    parser.add_argument("--model", type=Path, default=SHIPPED_MODEL, help="policy to begin with")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -23,11 +23,8 @@ ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's options."""
-    parser.add_argument(
-        "--config",
-        type=Path,
-        help="the robot's YAML file, for its bus and addresses; else the usual ones are tried",
-    )
+    told = "the robot's YAML file, for its bus and addresses; else the usual ones are tried"
+    parser.add_argument("--config", type=Path, help=told)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -12,13 +12,13 @@ import time
 from contextlib import closing, suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from robot.computer.health import temperatures_c
 from robot.config import CameraConfig
-from robot.hat.bus import I2cBus, SmbusBus
+from robot.hat.bus import SmbusBus
 from robot.runtime.assemble import CAPTURE_PX, open_stream
 
 CONNECT_S = 1.0
@@ -44,6 +44,8 @@ class Machine:
 
     python = sys.version_info[:2]
     processor = platform.machine()  # such as ``aarch64``
+    open_bus = staticmethod(SmbusBus)  # by its number; HardwareError when it cannot be used
+    temperatures_c = staticmethod(temperatures_c)  # by the name of the sensor
 
     def package(self, name: str) -> Optional[str]:
         """Version of an installed package; None without it."""
@@ -54,10 +56,6 @@ class Machine:
     def buses(self) -> List[int]:
         """Numbers of the I2C buses."""
         return sorted(int(path.rsplit("-", 1)[1]) for path in glob.glob("/dev/i2c-*"))
-
-    def open_bus(self, number: int) -> I2cBus:
-        """One of them; HardwareError when it cannot be used."""
-        return SmbusBus(number)
 
     def watch(self, camera: CameraConfig, seconds: float) -> CameraLook:
         """Look through a camera for a while; HardwareError when it ends before."""
@@ -74,10 +72,6 @@ class Machine:
     def free_bytes(self, path: Path) -> int:
         """Free space on the disk of ``path``."""
         return shutil.disk_usage(path).free
-
-    def temperatures_c(self) -> Dict[str, float]:
-        """By the name of the sensor; empty where there are none."""
-        return temperatures_c()
 
     def connects(self, host: str, port: int) -> str:
         """Why nobody answers there; "" when somebody does."""

@@ -89,8 +89,9 @@ class HatConfig:
         _expect(self.bus >= 0, "bus", "the number of /dev/i2c-<bus>", self)
         _expect(0 < self.bus_hz <= 1_000_000, "bus_hz", "at most 1000000 (Fast-mode Plus)", self)
         self._check_addresses()
-        for name in _POSITIVE:
-            _expect(0.0 < getattr(self, name) < math.inf, name, "a positive number", self)
+        for name, value in vars(self).items():
+            if name.endswith(("_rev", "_s", "_mps", "_mps2")):  # all times, speeds and steps
+                _expect(0.0 < value < math.inf, name, "a positive number", self)
         if self.microsteps not in MICROSTEPS:
             raise ConfigError(f"microsteps: expected one of {MICROSTEPS}, got {self.microsteps}")
         _expect(0.0 < self.run_duty <= 1.0, "run_duty", "0 < run_duty <= 1", self)
@@ -137,17 +138,6 @@ class HatConfig:
     def wheel_steps_m(self) -> Tuple[float, float]:
         """The same of the left and of the right wheel, with their gains [m]."""
         return (self.step_m * self.left.gain, self.step_m * self.right.gain)
-
-
-_POSITIVE = (
-    "steps_per_rev",
-    "acceleration_mps2",
-    "start_stop_mps",
-    "max_speed_mps",
-    "hold_after_s",
-    "release_after_s",
-    "command_timeout_s",
-)
 
 
 def _expect(holds: bool, name: str, expected: str, config: HatConfig) -> None:
