@@ -227,10 +227,7 @@ class Bench:
     def until(
         self, holds: Callable[[], bool], patience_s: float, what: str, pause_s: float = 0.0
     ) -> None:
-        """Let time go on until something holds.
-
-        BenchError: it did not within ``patience_s`` [s].
-        """
+        """Let time go on until something holds; BenchError: not within ``patience_s`` [s]."""
         deadline_s = self.now_s + patience_s
         while not holds():
             if self.now_s > deadline_s:

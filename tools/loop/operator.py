@@ -97,10 +97,7 @@ class Operator:
         arm: bool = False,
         start: tuple[float, float] | None = None,
     ) -> tuple[bool, str]:
-        """Ask the robot, as a button of the page; whether it was accepted, and why not.
-
-        With ``arm`` as *Arm and drive* does.
-        """
+        """Press a button of the page, with ``arm`` *Arm and drive*; was it accepted, why not."""
         body: dict[str, Any] = {"kind": kind, "arm": arm}
         for name, place in (("destination", destination), ("start", start)):
             if place is not None:

@@ -40,10 +40,7 @@ def main(argv: list[str] | None = None, prog: str = PROGRAM) -> int:
 
 
 def serve(arguments: argparse.Namespace) -> None:
-    """Run the server until interrupted.
-
-    ConfigError: wrong input, or no free port, before an address to open is told.
-    """
+    """Run the server until interrupted; ConfigError, before it says where: wrong input."""
     import uvicorn
 
     from tools.monitor.app import create_app
