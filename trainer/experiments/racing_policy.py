@@ -13,8 +13,7 @@ from robot.inference.preprocess import preprocess_batch
 from robot.inference.translator import open_translator
 from sim_pybullet.tasks.spec import find_task
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS
-from trainer.experiments.drive_pictures import STACK
-from trainer.experiments.records import FULL_LOCK_DEG, Turn, turns
+from trainer.experiments.records import FULL_LOCK_DEG, STACK, Turn, turns
 
 _AT_ONCE = 256
 _OF_WORTH = ("ddqn", "dueling")  # algorithms whose values are no logits

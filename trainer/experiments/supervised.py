@@ -11,8 +11,7 @@ from rich.console import Console
 from torch import nn
 from torch.nn import functional
 
-from trainer.experiments.drive_pictures import STACK, Stacks
-from trainer.experiments.records import Turn
+from trainer.experiments.records import STACK, Stacks, Turn
 from trainer.learners.networks import DrivingFeatures
 from trainer.presets import preset
 from trainer.relit import relit

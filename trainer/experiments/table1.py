@@ -15,15 +15,17 @@ from rich.table import Table as RichTable
 
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
-from trainer.experiments.drive_pictures import (
+from trainer.experiments.racing_policy import SteeringPolicy
+from trainer.experiments.records import (
+    Drive,
     See,
     Stacks,
+    Turn,
     frames_of,
+    load_drive,
     make_stacks,
     split_by_time,
 )
-from trainer.experiments.racing_policy import SteeringPolicy
-from trainer.experiments.records import Drive, Turn, load_drive
 from trainer.experiments.supervised import teach_turns
 from trainer.presets import preset
 from trainer.report.curves import save_figure
@@ -71,8 +73,7 @@ def foretell(
 ) -> Table:
     """Everyone's accuracy on the test part of a drive; supervised networks are kept in ``out``.
 
-    Raises:
-        ConfigError: the drive cannot be read, or is none to learn or to test on.
+    ConfigError if the drive cannot be read, or is none to learn or to test on.
     """
     drive = load_drive(data)
     if drive.skipped:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,8 @@ from rich.table import Table
 
 from trainer.judging.challenge import SURVIVED, Episode
 from trainer.judging.evaluate import wilson_low
+from trainer.judging.films import Worst
+from trainer.report.page import Picture, write_page
 
 _DRAWS = 2000
 
@@ -140,3 +143,12 @@ def tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
             f"only {verdicts[0].driver} succeeded: {found['only_first']}, only "
             f"{verdicts[1].driver}: {found['only_second']}; McNemar p = {found['p_value']:.3g}"
         )
+
+
+def write_worst(out: Path, worst: Worst, verdict: Verdict, challenge: str) -> Path:
+    """Films of the worst of a verdict's episodes, and the page that shows them."""
+    films = [Picture(name, "Its end.", path) for name, path in worst.write(out, "worst")]
+    title = f"{verdict.driver}, {challenge}: {len(verdict.episodes)} episodes"
+    rows = [(name, *(f"{x:.2f}" for x in each)) for name, each in verdict.figures.items()]
+    write_page("judge.html", out / "judge.html", title=title, rows=rows, films=films)
+    return out / "judge.html"

@@ -143,7 +143,7 @@ def photographs_command(
     """
     from robot.errors import ConfigError, nearest
     from trainer.division import PARTS
-    from trainer.judging.judge_photographs import as_rows, figures, judge, seers
+    from trainer.judging.photographs import as_rows, figures, judge, seers
     from trainer.run import write_json
 
     if part not in PARTS[1:]:

@@ -10,9 +10,8 @@ import torch
 from robot.errors import ContractError
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.cli import main
-from trainer.experiments.drive_pictures import STACK
 from trainer.experiments.racing_policy import SteeringPolicy, named_policies
-from trainer.experiments.records import Turn
+from trainer.experiments.records import STACK, Turn
 
 HEIGHT, WIDTH = 12, 24
 

@@ -12,8 +12,17 @@ from hypothesis import strategies as st
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
-from trainer.experiments.drive_pictures import STACK, frames_of, make_stacks, split_by_time
-from trainer.experiments.records import FULL_LOCK_DEG, Drive, Turn, load_drive, turns
+from trainer.experiments.records import (
+    FULL_LOCK_DEG,
+    STACK,
+    Drive,
+    Turn,
+    frames_of,
+    load_drive,
+    make_stacks,
+    split_by_time,
+    turns,
+)
 
 ANGLES = (-0.5, 0.0, 0.2, 0.9)
 IMAGE = ImageSpec(40, 30, 10)

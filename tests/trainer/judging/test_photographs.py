@@ -12,12 +12,17 @@ from robot.lens import CameraRig
 from sim_pybullet.look import NOMINAL
 from trainer.cli import main
 from trainer.division import division
-from trainer.judging.judge_photographs import Answer, Judged, figures, judge, pursuit, seers
 from trainer.judging.photographs import (
+    Answer,
     DrawnLine,
+    Judged,
     agrees,
     drawn_line,
+    figures,
+    judge,
     load_annotations,
+    pursuit,
+    seers,
 )
 from trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 
