@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
-from typing import Deque, Dict, Iterator, Mapping, NamedTuple, Optional, Sequence
+from typing import Deque, Dict, Iterator, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from robot.navigation.others import (
     free_way,
 )
 from robot.safety.governors import NOSE_M
-from robot.safety.road_ahead import Junction, RoadAhead, Stage, Turn
+from robot.safety.road_ahead import Junction, RoadAhead
 
 DUCK = "duck"  # so begin the names of what is small and walks; all others are robots
 SIGMA_M = 0.03  # of overhead poses, standard deviation
@@ -34,13 +34,6 @@ HEARD_S = 1.0  # poses older than that tell nothing of the road
 REMEMBERED_S = 5.0  # who is seen no longer counts where it was, and where it may be by now
 _GOES_ON_S = 1.0  # as it went
 _SPAN_S = 0.5  # over which a speed is meant: poses of standing robots move, too
-
-
-class Told(NamedTuple):
-    """What a robot says of itself, where robots can talk."""
-
-    turn: Turn = Turn.UNKNOWN
-    claims: bool = False
 
 
 class Neighbours:
@@ -57,9 +50,7 @@ class Neighbours:
         self._junction: Optional[Junction] = None
         self._heard_s = -math.inf
 
-    def hear(
-        self, poses: Sequence[PoseMessage], now_s: float, told: Mapping[str, Told] = {}
-    ) -> None:
+    def hear(self, poses: Sequence[PoseMessage], now_s: float) -> None:
         """Take in the poses of one picture: everybody's, one's own among them."""
         taken = False
         for pose in poses:
@@ -67,7 +58,8 @@ class Neighbours:
             if track.take(pose, now_s):
                 taken, self._heard_s = True, max(self._heard_s, track.at_s)
         if taken:
-            robots = {n: self._traveller(n, told) for n in self._known(now_s) if self._drives(n)}
+            drive = [name for name in self._known(now_s) if self._tracks[name].headed]
+            robots = {name: self._traveller(name) for name in drive}
             found = self._crossings.update(poses[0].t_capture_s, robots)
             self._junction = found.get(self._robot)
 
@@ -78,8 +70,7 @@ class Neighbours:
         way = free_way(way_m, pose, list(self._others(now_s)))
         junction = self._junction
         if junction is not None and self._crossings.inside(pose) is None:
-            own = replace(junction.own, stage=Stage.WAITS)
-            junction = replace(junction, own=own)
+            junction = replace(junction, own=replace(junction.own, inside=False))
         return RoadAhead(way.free_m, self._sigma_m, way.coming_mps, junction=junction)
 
     def _known(self, now_s: float) -> Iterator[str]:
@@ -89,52 +80,40 @@ class Neighbours:
     def _others(self, now_s: float) -> Iterator[Other]:
         """Where they were seen, and where they are if they went on."""
         for name in self._known(now_s):
-            track = self._tracks[name]
-            if name == self._robot or track.gate.latest is None:
-                continue
-            at_m = np.array((track.gate.latest.x_m, track.gate.latest.y_m))
-            half_m = HALF_DUCK_M if walks(name) else HALF_ROBOT_M
-            for after_s in (0.0, min(now_s - track.at_s, _GOES_ON_S)):
-                place = at_m + after_s * track.velocity_mps
-                moving_mps = track.velocity_mps
-                yield Other(place[0], place[1], moving_mps[0], moving_mps[1], half_m, walks(name))
+            if name != self._robot:
+                track, duck = self._tracks[name], name.startswith(DUCK)
+                vx_mps, vy_mps = track.velocity_mps
+                half_m = HALF_DUCK_M if duck else HALF_ROBOT_M
+                for after_s in (0.0, min(now_s - track.at_s, _GOES_ON_S)):
+                    x_m, y_m = track.pose.x_m + after_s * vx_mps, track.pose.y_m + after_s * vy_mps
+                    yield Other(x_m, y_m, vx_mps, vy_mps, half_m, duck)
 
-    def _drives(self, name: str) -> bool:
-        return not walks(name) and self._tracks[name].headed
-
-    def _traveller(self, name: str, told: Mapping[str, Told]) -> Traveller:
-        track, says = self._tracks[name], told.get(name, Told())
-        speed_mps = float(np.hypot(*track.velocity_mps))
+    def _traveller(self, name: str) -> Traveller:
+        track = self._tracks[name]
         line_m = self._view.line_ahead_m(track.pose) - NOSE_M
-        return Traveller(track.pose, speed_mps, line_m, says.turn, says.claims)
-
-
-def walks(name: str) -> bool:
-    """Whether somebody of this name is small and walks across lanes."""
-    return name.startswith(DUCK)
+        return Traveller(track.pose, math.hypot(*track.velocity_mps), line_m)
 
 
 class _Track:
-    """One of them: the newest pose, when it was [s], and how fast it went (2,) [m/s]."""
+    """One of them: its newest pose, when that was [s], and how fast it went [m/s]."""
 
     def __init__(self, name: str) -> None:
-        self.gate, self.headed = PoseGate(name), False
-        self.pose, self.at_s, self.velocity_mps = Pose(0.0, 0.0, 0.0), -math.inf, np.zeros(2)
-        self._places: Deque[np.ndarray] = deque()
+        self.pose, self.at_s, self.velocity_mps = Pose(0.0, 0.0, 0.0), -math.inf, (0.0, 0.0)
+        self.headed = False  # its heading was seen once, at least
+        self._gate = PoseGate(name)
+        self._places: Deque[Tuple[float, Pose]] = deque()
 
     def take(self, message: PoseMessage, now_s: float) -> bool:
         """Whether it could be true; what jumps is believed once it could have driven there."""
-        if not self.gate.take(message, now_s):
+        if not self._gate.take(message, now_s):
             return False
-        self.at_s = now_s - self.gate.age_s(now_s)
-        heading_rad = message.heading_rad
-        self.headed |= heading_rad is not None  # seen so once, at least
-        if heading_rad is None:
-            heading_rad = self.pose.heading_rad
-        self.pose = Pose(message.x_m, message.y_m, heading_rad)
-        self._places.append(np.array((self.at_s, message.x_m, message.y_m)))
+        self.at_s = now_s - self._gate.age_s(now_s)
+        self.headed |= message.heading_rad is not None
+        self.pose = message.pose or Pose(message.x_m, message.y_m, self.pose.heading_rad)
+        self._places.append((self.at_s, self.pose))
         while self.at_s - self._places[0][0] > _SPAN_S + 1e-6:
             self._places.popleft()
-        moved = self._places[-1] - self._places[0]
-        self.velocity_mps = moved[1:] / max(float(moved[0]), _SPAN_S)
+        since_s, began = self._places[0]
+        for_s = max(self.at_s - since_s, _SPAN_S)
+        self.velocity_mps = (self.pose.x_m - began.x_m) / for_s, (self.pose.y_m - began.y_m) / for_s
         return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from robot.geometry import Pose
 from robot.navigation.lanes import ORIENTATIONS, STEPS, Tile
 from robot.navigation.road_map import RoadMap
 from robot.safety.governors import NOSE_M
-from robot.safety.road_ahead import AtJunction, Junction, Stage, Turn
+from robot.safety.road_ahead import AtJunction, Junction
 
 HALF_ROBOT_M, HALF_DUCK_M = 0.09, 0.035
 AHEAD_M = 0.02 * np.arange(61)  # along the lane, from the axle: where it is looked at
@@ -70,13 +71,11 @@ def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> FreeWay
 
 
 class Traveller(NamedTuple):
-    """A robot, as it tells and is seen."""
+    """A robot, as it is seen."""
 
     pose: Pose
     speed_mps: float
     line_m: Optional[float] = None  # from its nose to the next red line
-    turn: Turn = Turn.UNKNOWN  # at the junction that it comes to
-    claims: bool = False
 
 
 class Crossings:
@@ -105,8 +104,7 @@ class Crossings:
         if inside is not None:
             same = before is not None and before[0] == inside
             known = before[1] if same and before else AtJunction(_arm(robot.pose), now_s, name)
-            turn = known.turn if known.stage is Stage.INSIDE else robot.turn
-            return inside, AtJunction(known.arm, known.arrived_s, name, turn, Stage.INSIDE)
+            return inside, replace(known, inside=True)
         if robot.line_m is None or not robot.line_m <= _AT_LINE_M:
             return None
         if before is None and robot.speed_mps > _STILL_MPS:
@@ -115,8 +113,7 @@ class Crossings:
         if tile is None:
             return None
         since_s = before[1].arrived_s if before is not None else now_s
-        stage = Stage.CLAIMS if robot.claims else Stage.WAITS
-        return tile, AtJunction(_arm(robot.pose), since_s, name, robot.turn, stage)
+        return tile, AtJunction(_arm(robot.pose), since_s, name)
 
     def inside(self, pose: Pose) -> Optional[Tile]:
         """The junction that any part of a robot is in."""
@@ -137,18 +134,6 @@ class Crossings:
         if not (0 <= row < self._map.rows and 0 <= column < self._map.columns):
             return None
         return self._map.tiles[row][column]
-
-
-def turn_ahead(road_map: RoadMap, pose: Pose, way_m: np.ndarray) -> Turn:
-    """The way that points (K, 2) ahead lead over the junction before a robot."""
-    tiles = [road_map.tile_at(x_m, y_m) for x_m, y_m in way_m.tolist()]
-    within = [k for k, tile in enumerate(tiles) if tile is not None and tile.is_junction]
-    after = [k for k, tile in enumerate(tiles) if within and k > within[0] and k not in within]
-    if not after:
-        return Turn.UNKNOWN
-    step = way_m[after[0]] - way_m[after[0] - 1]
-    left = Pose(0.0, 0.0, math.atan2(step[1], step[0]))
-    return Turn((_arm(left) + 2 - _arm(pose)) % 4 or 4)
 
 
 def _arm(pose: Pose) -> int:

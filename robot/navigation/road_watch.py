@@ -14,10 +14,12 @@ from robot.navigation.neighbours import Neighbours
 from robot.navigation.sight_fix import LINE, ROAD
 from robot.navigation.way_seen import WaySeen
 from robot.safety.governors import NOSE_M
-from robot.safety.road_ahead import RoadAhead
+from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
 from robot.vision.sight import Seen
 
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
+_NEAR_M = 0.3  # before a line, or a little over it
+_ANYBODY = Junction(AtJunction(0, math.inf, ""), (AtJunction(0, 0.0, "", inside=True),))
 
 
 class RoadWatch:
@@ -52,6 +54,8 @@ class RoadWatch:
             ahead_m = self.view.line_ahead_m(pose)
         line_m = ahead_m - NOSE_M if math.isfinite(ahead_m) else None
         told = RoadAhead() if self.others is None else self.others.ahead(now_s, pose, way_m)
+        if math.isnan(told.free_m) and line_m is not None and line_m < _NEAR_M:
+            told = replace(told, junction=_ANYBODY)  # sight does not tell who comes from the sides
         if self._way is not None:
             seen = self._way.ahead(driven_m, now_s)
             if math.isnan(told.free_m) or seen.free_m < told.free_m:

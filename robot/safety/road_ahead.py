@@ -21,48 +21,18 @@ class Light(Enum):
     GREEN = "green"
 
 
-class Turn(Enum):
-    """The way over a junction: the number of its quarters that it passes through."""
-
-    RIGHT = 1
-    STRAIGHT = 2
-    LEFT = 3
-    UNKNOWN = 4  # all of them, to be sure
-
-
-class Stage(Enum):
-    """How far a robot at a junction is."""
-
-    WAITS = "waits"
-    CLAIMS = "claims"  # it has told that it goes next, and looks whether another does, too
-    INSIDE = "inside"
-
-
 @dataclass(frozen=True)
 class AtJunction:
-    """One robot at a junction.
+    """One robot at a junction: at its line, or inside.
 
     ``arm``: where it came from, 0 to 3 counter-clockwise; the next one is on its right.
     ``arrived_s``: since when it stands at its line, on the clock of who tells.
-    ``name`` is empty where nobody knows it.
     """
 
     arm: int
     arrived_s: float
-    name: str = ""
-    turn: Turn = Turn.UNKNOWN
-    stage: Stage = Stage.WAITS
-
-    def conflicts(self, other: AtJunction) -> bool:
-        """Whether both ways pass through the same quarter of the junction.
-
-        Traffic keeps right: who comes from arm k enters quarter k, and goes on counter-clockwise.
-        """
-        return bool(self._quarters() & other._quarters())
-
-    def _quarters(self) -> int:
-        """As bits."""
-        return sum(1 << (self.arm + k) % 4 for k in range(self.turn.value))
+    name: str
+    inside: bool = False
 
 
 @dataclass(frozen=True)

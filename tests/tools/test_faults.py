@@ -24,6 +24,8 @@ SLOW_S = {
     **{f"drift {way}": 2.4 for way in ("ahead", "back", "left", "right")},
     **{f"drift {way} in a bend": 2.4 for way in ("ahead", "left")},
     "headings turn": 5.0,
+    "other stops": 5.0,
+    "other's link dies": 6.0,
     "rolled": 6.0,
     "shifted": 6.0,
 }

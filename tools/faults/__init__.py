@@ -2,5 +2,5 @@
 
 FAMILIES = (
     *("camera", "pictures", "I2C", "model", "localizer", "programs", "network"),
-    *("strangers", "missions", "ways", "recording"),
+    *("strangers", "missions", "ways", "recording", "traffic"),
 )

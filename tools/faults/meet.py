@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 from tqdm import tqdm
 
 from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.output import expect_writable, write_json
-from tools.faults import FAMILIES, hardware, pictures, poses, programs, strangers
+from robot.safety.rules import Rules
+from tools.faults import FAMILIES, hardware, pictures, poses, programs, strangers, traffic
 from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
@@ -22,7 +24,7 @@ from tools.loop.drive import expect_navigator, read_figures
 
 def every_case() -> list[tuple[str, Case]]:
     """All cases with their families, in order."""
-    modules = (pictures, hardware, poses, programs, strangers)
+    modules = (pictures, hardware, poses, programs, strangers, traffic)
     cases = {family: rows for module in modules for family, rows in module.CASES.items()}
     return [(family, case) for family in FAMILIES for case in cases[family]]
 
@@ -64,13 +66,27 @@ def _play(
     todo = [(family, case) for family, case in cases if (family, case.name) not in done]
     if not todo:
         return
-    bench = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
+    alone = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
+    among = replace(alone, among=True, rules=Rules(headway=True))
+    with tqdm(total=len(cases), initial=len(done)) as bar:
+        for bench in (alone, among):
+            rows = [row for row in todo if (row[0] == "traffic") == bench.among]
+            if rows:
+                _play_on(bench, rows, outcomes, options, bar)
+
+
+def _play_on(
+    bench: BenchOptions,
+    cases: list[tuple[str, Case]],
+    outcomes: list[Outcome],
+    options: argparse.Namespace,
+    bar: tqdm[Any],
+) -> None:
     with (
         tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
         Stage(bench, Path(folder)) as stage,
-        tqdm(total=len(cases), initial=len(done)) as bar,
     ):
-        for family, case in todo:
+        for family, case in cases:
             bar.set_description(f"{family}: {case.name}")
             outcomes.append(stage.play(family, case))
             if options.json:

@@ -12,7 +12,7 @@ import numpy as np
 from robot.camera.streams import MAGIC
 from tools.faults.case import HOLD_OR_FAULT, Act, Case, change, the_camera
 from tools.faults.stage import Stage
-from tools.loop.town import CAMERA_FPS
+from tools.loop.virtual_robot import CAMERA_FPS
 
 FRAME_AGE_S = 0.2
 FROZEN_S = 0.6  # five frames more with the same bytes, at the rate of decisions

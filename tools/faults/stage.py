@@ -14,10 +14,12 @@ from robot.link.keys import Keys
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.faults.stand_in import StandIn
 from tools.loop.bench import Bench, BenchOptions
+from tools.loop.operator import Operator
 from tools.loop.timekeeper import BenchError, Conductor
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena
 GOAL = (1.892, 1.76)  # the end of a lane, to which the way is longest
+AHEAD = START.moved(0.6, 0.0)  # where a second robot begins
 DRIVE_S = 1.7  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over
 SILENT_S = 1.5  # the same, where the page must say that the robot is silent
@@ -80,14 +82,15 @@ class Stage:
         bench.until(lambda: operator.ask("disarm")[0], SETTLE_S, "the robot to be disarmed")
         self.run(STAND_S)
         bench.town.world.place(self.start)
+        places = [(operator, self.start)]
+        if bench.town.second is not None:
+            bench.second.ask("disarm")
+            bench.town.second.world.place(AHEAD)
+            places.append((bench.second, AHEAD))
 
         def there() -> bool:
             operator.look()
-            pose = operator.robot.get("pose")
-            if pose is None or operator.state != "DISARMED":
-                return False
-            turned_rad = abs(float(wrap_angle(pose[2] - self.start.heading_rad)))
-            return math.dist(pose[:2], self.start[:2]) < 0.05 and turned_rad < 0.1
+            return all(_stands(*each) for each in places)
 
         bench.until(there, SETTLE_S, "the robot to be ready at the start")
         self.run(BELIEF_S)
@@ -153,7 +156,7 @@ class Stage:
         state, reason = self._shown()
         problems = [self._stop_problem(case, stopped_s), _shown_problem(case, state, reason)]
         problems.append(case.check(self))
-        if case.states:
+        if case.states and "AUTO" not in case.states:
             problems.append(self._resume_problem(case))
         told = "; ".join(filter(None, problems))
         return replace(outcome, stopped_s=stopped_s, state=state, reason=reason, problem=told)
@@ -204,6 +207,15 @@ class Stage:
             return f"mended and armed again, it does not drive: {error}"
         same = process is self.bench.processes["robot"] and process.alive
         return "" if same else "it had to be started again"
+
+
+def _stands(page: Operator, place: Pose) -> bool:
+    """Whether a robot is disarmed and knows that it stands there."""
+    pose = page.robot.get("pose")
+    if pose is None or page.state != "DISARMED":
+        return False
+    turned_rad = abs(float(wrap_angle(pose[2] - place.heading_rad)))
+    return math.dist(pose[:2], place[:2]) < 0.05 and turned_rad < 0.1
 
 
 def _shown_problem(case: Case, state: str, reason: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -11,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,27 +22,31 @@ from localizer_node.calibration import save_calibration
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.hat.config import HatConfig
 from robot.link.config import LinkConfig
-from robot.link.keys import BOUND_BY, keygen
+from robot.link.keys import ALLOWED, BOUND_BY, PUBLIC, keygen
 from robot.navigation.road_map import load_map
+from robot.safety.rules import Rules
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.free_ports import free_ports
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
 from tools.loop.timekeeper import BenchError, Conductor, RealTime, Timekeeper
-from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, ROBOT, VirtualTown
+from tools.loop.town import OVERHEAD_FPS, VirtualTown
+from tools.loop.virtual_robot import CAMERA_FPS
 
 START_S = 30.0  # until all have heard of each other
 END_S = 5.0
 FRESH_S = 0.5  # an age of signs of life
+LOOK_S = 0.2  # between two looks at the page of the second robot
 PAUSE_S = 0.02  # real time for connections, while none is there yet
 PROGRAMS = {
     "localizer": "localizer_node run --calibration {folder}/arena.yaml --fps {fps} "
     "--source socket:{overhead} --link {folder}/localizer.yaml",
-    "robot": "robot drive --config {folder}/robot.yaml",
-    "monitor": "tools.monitor --port {port} --map {map} --link {folder}/monitor.yaml "
+    "robot": "robot drive --config {folder}/{name}.yaml",
+    "monitor": "tools.monitor --port {port} --map {map} --link {folder}/{name}.yaml "
     "--drives {folder}/drives",
 }
+OF_SECOND = ("robot2", "monitor2")  # which a second robot needs
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,8 @@ class BenchOptions:
     recordings: Path | None = None  # where; else in the bench's folder
     sight: Path | None = None  # by which the robot knows where it is, too
     page: tuple[str, ...] = ()  # options of the monitor
+    rules: Rules = field(default_factory=Rules)
+    among: bool = False  # with a second robot, and room for a duck
 
 
 class Process:
@@ -110,17 +117,22 @@ class Bench:
         folder.mkdir(exist_ok=True)
         self.road_map = load_map(options.map)
         self.time: Timekeeper = (
-            Conductor(folder, tuple(PROGRAMS)) if options.lockstep else RealTime()
+            Conductor(folder, (*PROGRAMS, *OF_SECOND)) if options.lockstep else RealTime()
         )
-        self.town = VirtualTown(self.road_map, options.look, self.time, folder, options.seed)
+        self.programs = (*PROGRAMS, *(OF_SECOND if options.among else ()))
+        scene = self.road_map, options.look, self.time, folder, options.seed
+        self.town = VirtualTown(*scene, options.among)
         self.keys = keygen(folder / "keys")
-        self.page_port = free_ports(1)
+        if options.among:
+            self.keys.update(keygen_of_second(folder / "keys2", self.keys["localizer"]))
+        self._page_ports = {"monitor": free_ports(1), "monitor2": free_ports(1)}
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
         self.recordings = options.recordings or folder / "recordings"
         self._frozen: set[str] = set()
         self._ending: set[str] = set()
         self.operator: Operator
+        self.second: Operator  # at the page of the second robot
         save_calibration(self.town.calibration, folder / "arena.yaml")
         self.use_model(options.model)
 
@@ -129,9 +141,12 @@ class Bench:
             stack.callback(self.close)
             if not self.options.lockstep:
                 self.town.warm_up()
-            for name in PROGRAMS:
+            for name in self.programs:
                 self.start(name)
             self.operator = self.log_in()
+            if self.options.among:
+                self.second = self.log_in("monitor2")
+                self.time.every(LOOK_S, self.second.look)
             self.meet()
             stack.pop_all()
         return self
@@ -196,18 +211,18 @@ class Bench:
         self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
         return process
 
-    def log_in(self) -> Operator:
-        """Open the monitor's page with the token that it printed."""
-        monitor = self.processes["monitor"]
+    def log_in(self, name: str = "monitor") -> Operator:
+        """Open a monitor's page with the token that it printed."""
+        monitor, port = self.processes[name], self._page_ports[name]
         found: list[str] = []
 
         def printed() -> bool:
             found[:] = re.findall(r"\?token=(\S+)", monitor.said())
             with socket.socket() as probe:
-                return bool(found) and not probe.connect_ex(("127.0.0.1", self.page_port))
+                return bool(found) and not probe.connect_ex(("127.0.0.1", port))
 
         self.until(printed, START_S, "the monitor's page", PAUSE_S)
-        return Operator(self.time, self.page_port, found[-1])
+        return Operator(self.time, port, found[-1], name)
 
     def meet(self) -> None:
         """Until the robot is told where it is and the page shows it."""
@@ -255,25 +270,29 @@ class Bench:
 
     def _program(self, name: str) -> list[str]:
         places = {"folder": self.folder, "overhead": self.town.overhead.path, "fps": OVERHEAD_FPS}
-        places |= {"port": self.page_port, "map": self.options.map}
-        words = [word.format(**places) for word in PROGRAMS[name].split()]
+        places |= {"port": self._page_ports.get(name, 0), "map": self.options.map, "name": name}
+        words = [word.format(**places) for word in PROGRAMS[name.rstrip("2")].split()]
         return [*words, *self.options.page] if name == "monitor" else words
 
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""
         self.model = model
         recording = RecordingConfig(str(self.recordings), 0.0) if self.options.record else None
-        robot = RobotConfig(
-            str(model.resolve()),
-            name=ROBOT,
-            map=self.options.map,
-            sight=str(self.options.sight.resolve()) if self.options.sight else "",
-            camera=CameraConfig("socket", path=str(self.town.camera.path), fps=CAMERA_FPS),
-            hat=HatConfig(socket=str(self.town.bus_server.path)),
-            link=self.link_configs["robot"],
-            recording=recording,
-        )
-        for name, config in {**self.link_configs, "robot": robot}.items():
+        robots = {
+            robot.marker.robot: RobotConfig(
+                str(model.resolve()),
+                name=robot.marker.robot,
+                map=self.options.map,
+                sight=str(self.options.sight.resolve()) if self.options.sight else "",
+                camera=CameraConfig("socket", path=str(robot.camera.path), fps=CAMERA_FPS),
+                hat=HatConfig(socket=str(robot.bus_server.path)),
+                rules=self.options.rules,
+                link=self.link_configs[robot.marker.robot],
+                recording=recording if robot is self.town else None,
+            )
+            for robot in filter(None, (self.town, self.town.second))
+        }
+        for name, config in {**self.link_configs, **robots}.items():
             text = yaml.safe_dump(to_plain(config), sort_keys=False)
             (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
@@ -281,13 +300,28 @@ class Bench:
 def connect(
     keys: dict[str, Path], time: Timekeeper, seed: int
 ) -> tuple[dict[str, LinkConfig], dict[str, Proxy]]:
-    """Each program's links, through the networks ``poses`` (localizer to robot) and ``monitor``."""
+    """Each program's links, through the networks ``poses`` (localizer to robot) and ``monitor``.
+
+    Those of a second robot end with a 2.
+    """
     ports = {name: free_ports(len(BOUND_BY)) for name in keys}
     configs = {name: LinkConfig(str(keys[name]), base_port=ports[name]) for name in keys}
-    to_robot = {ports["robot"]: ports["localizer"]}
-    to_monitor = {ports["monitor"]: ports["localizer"]}
-    for offset in range(1, len(BOUND_BY)):
-        to_monitor[ports["monitor"] + offset] = ports["robot"] + offset
     rng, now = np.random.default_rng(seed), time.clock.now
-    networks = {"poses": Proxy(to_robot, now, rng), "monitor": Proxy(to_monitor, now, rng)}
+    networks = {}
+    for of in ("", "2") if "robot2" in keys else ("",):
+        robot, monitor, localizer = ports[f"robot{of}"], ports[f"monitor{of}"], ports["localizer"]
+        to_monitor = {monitor: localizer}
+        for offset in range(1, len(BOUND_BY)):
+            to_monitor[monitor + offset] = robot + offset
+        networks[f"poses{of}"] = Proxy({robot: localizer}, now, rng)
+        networks[f"monitor{of}"] = Proxy(to_monitor, now, rng)
     return configs, networks
+
+
+def keygen_of_second(folder: Path, localizer: Path) -> dict[str, Path]:
+    """Keys for a second robot and its monitor, whom the localizer lets in from now on."""
+    made = keygen(folder, ("robot", "monitor"))
+    for role, its in made.items():
+        shutil.copy(localizer / PUBLIC, its / ALLOWED / "localizer.key")
+        shutil.copy(its / PUBLIC, localizer / ALLOWED / f"{role}2.key")
+    return {f"{role}2": its for role, its in made.items()}

@@ -31,7 +31,7 @@ def main() -> None:
     connection = socket.socket(socket.AF_UNIX)
     connection.connect(path)
     connection.sendall(name.encode().ljust(16))
-    shared = SharedTime(time_path)
+    shared = SharedTime(time_path, second=name.endswith("2"))
     stepper = Stepper(connection, shared)
     replace_time(stepper)
     _replace_decisions(stepper, shared)

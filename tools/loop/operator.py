@@ -28,12 +28,12 @@ ANSWER_S = 5.0
 class Operator:
     """One open page of the monitor that listens at ``port``."""
 
-    def __init__(self, time: Timekeeper, port: int, token: str) -> None:
+    def __init__(self, time: Timekeeper, port: int, token: str, name: str = "monitor") -> None:
         self.snapshot: dict[str, Any] = {}
         self.picture = b""
         self.watching = True
         self.closed = False  # by the monitor
-        self._time, self._port = time, port
+        self._time, self._port, self._name = time, port, name
         reply = self._request("GET", f"/?token={token}")
         cookie = re.match(r"[^;]+", reply.headers.get("Set-Cookie", ""))
         if reply.status != 200 or cookie is None:
@@ -153,4 +153,4 @@ class Operator:
 
     def _send(self, connection: socket.socket, data: bytes) -> None:
         connection.sendall(data)
-        self._time.poked("monitor")
+        self._time.poked(self._name)

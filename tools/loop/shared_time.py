@@ -11,11 +11,13 @@ from pathlib import Path
 
 STREAMS = ("pose", "telemetry", "frame")
 SESSIONS = tuple(f"{stream} session" for stream in STREAMS)
-SLOTS = ("now", *STREAMS, *SESSIONS, "command", "ack", "lossy", "slow", "nan")
+OWN = (*STREAMS[1:], *SESSIONS[1:], "command", "ack")  # of one robot and its monitor
+EVERYBODYS = ("now", STREAMS[0], SESSIONS[0], "lossy", "slow", "nan")
+SLOTS = (*EVERYBODYS, *OWN, *(f"{name} of the second" for name in OWN))
 
 
 class SharedTime:
-    """Named numbers in a mapped file; ``create`` makes it, with zeros.
+    """Named numbers in a mapped file; ``create`` makes it, with zeros; ``second``: of that robot.
 
     ``now`` is the time [s]; of a stream it is the sequence number of the newest message, and which
     session of the publisher that belongs to; of commands and acks how many were sent; ``lossy`` is
@@ -23,7 +25,10 @@ class SharedTime:
     is how long a decision takes [s], else no time; ``nan`` is not zero where it shall be none.
     """
 
-    def __init__(self, path: str | Path, create: bool = False) -> None:
+    def __init__(self, path: str | Path, create: bool = False, second: bool = False) -> None:
+        self._places = {name: SLOTS.index(name) for name in (*EVERYBODYS, *OWN)}
+        for name in OWN if second else ():
+            self._places[name] += len(OWN)
         if create:
             Path(path).write_bytes(bytes(8 * len(SLOTS)))
         with open(path, "r+b") as file:
@@ -31,11 +36,11 @@ class SharedTime:
 
     def get(self, slot: str) -> float:
         """The number in a slot."""
-        return float(self._numbers[SLOTS.index(slot)])
+        return float(self._numbers[self._places[slot]])
 
     def set(self, slot: str, value: float) -> None:
         """Put a number into a slot; each has one writer."""
-        self._numbers[SLOTS.index(slot)] = value
+        self._numbers[self._places[slot]] = value
 
     def now(self) -> float:
         """The time [s]."""

@@ -1,4 +1,4 @@
-"""What the bench simulates: the town, the robot's HAT, wheels and camera, the overhead camera."""
+"""What the bench simulates: one robot or two in a town, a duck, and the overhead camera."""
 
 from __future__ import annotations
 
@@ -6,75 +6,62 @@ from pathlib import Path
 
 import numpy as np
 
-from localizer_node.calibration import Calibration, Marker
-from robot.computer.clock import Clock
+from localizer_node.calibration import Board, Calibration, Marker
 from robot.geometry import Pose
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import (
     Hanging,
     OverheadCamera,
-    board_rgb,
     known_calibration,
     robot_sheets,
 )
-from sim_pybullet.virtual.hat import VirtualHat
-from sim_pybullet.virtual.i2c import VirtualI2cBus
-from sim_pybullet.virtual.world import PHYSICS_DT_S, VirtualWorld
-from tools.loop.devices import BusServer
 from tools.loop.picture_server import PictureServer
 from tools.loop.timekeeper import Timekeeper
+from tools.loop.virtual_robot import VirtualRobot
 
-ROBOT = "robot"
-CAMERA_FPS, OVERHEAD_FPS = 15, 10
+ROBOT, SECOND = "robot", "robot2"
+DUCK = Marker("duck", front="orange", board=Board(0.1, 0.09, front_m=0.04))
+OVERHEAD_FPS = 10
 
 
-class VirtualTown:
-    """One robot in a town, with everything that a real one would have around it."""
+class VirtualTown(VirtualRobot):
+    """One robot in a town under a camera; where asked for ``among`` a second robot and a duck."""
 
     def __init__(
-        self, road_map: RoadMap, look: Look, time: Timekeeper, folder: Path, seed: int
+        self,
+        road_map: RoadMap,
+        look: Look,
+        time: Timekeeper,
+        folder: Path,
+        seed: int,
+        among: bool = False,
     ) -> None:
-        rng = np.random.default_rng(seed)
-        clock: Clock = time.clock
-        self.bus = VirtualI2cBus()
-        self.hat = VirtualHat(self.bus, clock)
-        self.world = VirtualWorld(road_map, look, self.hat, clock, rng)
-        self._marker, self._rng, self._clock = Marker(ROBOT), rng, clock
-        self.moved_s = clock.now()  # when a motor last stepped
-        self._fields = self.hat.fields_rad
-        self._board = board_rgb(self._marker)
-        ground = self.world.scene.ground
+        super().__init__(Marker(ROBOT), road_map, look, time, folder, seed)
+        self.second: VirtualRobot | None = None
+        self.duck: Pose | None = None  # where it sits, with a board of its own
+        markers = [self.marker]
+        if among:
+            other = Marker(SECOND, front="magenta")
+            self.second = VirtualRobot(other, road_map, look, time, folder, seed + 1)
+            markers += [other, DUCK]
         size_m = (road_map.width_m, road_map.height_m)
-        self._above = OverheadCamera(ground, _over(*size_m))
-        self.calibration: Calibration = known_calibration(self._above, (self._marker,), size_m)
-        self.bus_server = BusServer(folder / "i2c", self.bus, self._note_step)
-        self.camera = PictureServer(folder / "camera", self.world.see, lambda: time.woken("robot"))
+        self._above = OverheadCamera(self.world.scene.ground, _over(*size_m))
+        self.calibration: Calibration = known_calibration(self._above, tuple(markers), size_m)
         self.overhead = PictureServer(
             folder / "overhead", self.see_above, lambda: time.woken("localizer")
         )
-        for service in (self.bus_server, self.camera, self.overhead):
+        self.services.append(self.overhead)
+        for service in (*self.services, *(self.second.services if self.second else ())):
             time.add_service(service)
-        time.every(PHYSICS_DT_S, self.world.follow)
-        self.camera_event = time.every(1.0 / CAMERA_FPS, self.camera.moment)
         self.overhead_event = time.every(1.0 / OVERHEAD_FPS, self.overhead.moment)
-
-    def _note_step(self) -> None:
-        """Remember when a field last turned: that is a step of a motor."""
-        fields = self.hat.fields_rad
-        turned = zip(fields, self._fields, strict=True)
-        if any(a is not None and b is not None and a != b for a, b in turned):
-            self.moved_s = self._clock.now()
-        self._fields = fields
-
-    @property
-    def pose(self) -> Pose:
-        """Where the robot truly is."""
-        return self.world.pose
 
     def see_above(self) -> np.ndarray:
         """The overhead camera's picture (720, 1280, 3) of now."""
-        return self._above.render(robot_sheets(self._marker, self.pose, self._board), self._rng)
+        sheets = [*self.sheets, *(self.second.sheets if self.second else ())]
+        if self.duck is not None:
+            sheets += robot_sheets(DUCK, self.duck)[-1:]
+        return self._above.render(sheets, self._rng)
 
     def warm_up(self) -> None:
         """Draw what both cameras see once: the first time takes seconds, the next ones do not."""
@@ -83,9 +70,10 @@ class VirtualTown:
 
     def close(self) -> None:
         """Hang up, and free the physics."""
-        for service in (self.bus_server, self.camera, self.overhead):
-            service.close()
-        self.world.close()
+        for robot in filter(None, (self, self.second)):
+            for service in robot.services:
+                service.close()
+            robot.world.close()
 
 
 def _over(width_m: float, height_m: float) -> Hanging:

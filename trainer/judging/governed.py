@@ -11,11 +11,11 @@ from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.geometry import Pose, WheelSpeeds, wrap_angle
 from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import DUCK, SIGMA_M, Neighbours, Told
-from robot.navigation.others import AHEAD_M, turn_ahead
+from robot.navigation.neighbours import DUCK, SIGMA_M, Neighbours
+from robot.navigation.others import AHEAD_M
 from robot.navigation.road_watch import RoadWatch
 from robot.safety.governors import KeepApart, Lights, Road, Rule, StopLines, govern
-from robot.safety.right_of_way import FirstCome, RightOfWay
+from robot.safety.right_of_way import FirstCome
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation
@@ -50,19 +50,12 @@ class _Robot:
         self.told = drive.limited(MAX_WHEEL_MPS)
         return self.told
 
-    @property
-    def claims(self) -> bool:
-        """Whether it claims the junction before it."""
-        return any(rule.claims for rule in self.rules if isinstance(rule, RightOfWay))
-
 
 class Governed(Pilot):
     """As `Pilot`, slowed by headway, stop lines, lights and right of way.
 
-    ``poses``: one of `POSES`. True ones are of everybody and of now; robots tell each other which
-    way they take at the next junction, and that they claim it. Those of an arena, one's own among
-    them, are as far off, late and missing as `sim_pybullet.look.ARENA_POSE` says, and robots tell
-    each other nothing: so a real robot drives.
+    ``poses``: one of `POSES`. True ones are of everybody and of now. Those of an arena, one's own
+    among them, are as far off, late and missing as `sim_pybullet.look.ARENA_POSE` says.
     """
 
     def __init__(self, policy: DrivingPolicy, poses: str = TRUE) -> None:
@@ -97,11 +90,10 @@ class Governed(Pilot):
             i = group * ours + place
             if place == 0:
                 heard = self._messages(told[group], bodies.kinds, ours, now_s)
-                says = {} if self._arena else self._says(group, ours, ways_m)
             robot = self._robots[i]
             robot.driven_m += float(np.hypot(*(world.poses[i] - robot.pose)[:2]))
             robot.pose = Pose(*world.poses[i].tolist())
-            robot.neighbours.hear(heard, now_s, says)
+            robot.neighbours.hear(heard, now_s)
             if world.active[i]:
                 here = Pose(*believed[group, place].tolist())
                 ahead = robot.watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
@@ -123,8 +115,7 @@ class Governed(Pilot):
             road_map = task.road_maps[world.maps[i]]
             view = self._views.setdefault(road_map.name, LaneView(road_map))
             others = Neighbours(view, _name(place), SIGMA_M if self._arena else 0.0)
-            way = FirstCome() if self._arena else RightOfWay(np.random.default_rng((number, place)))
-            rules = KeepApart(), StopLines(), Lights(), way
+            rules = KeepApart(), StopLines(), Lights(), FirstCome()
             here = Pose(*world.poses[i].tolist())
             self._robots[i] = _Robot(number, here, others, RoadWatch(view, others), rules)
             for body in range(group * bodies, (group + 1) * bodies) if place == 0 else ():
@@ -150,15 +141,6 @@ class Governed(Pilot):
                 seen_rad = float(wrap_angle(heading_rad)) if body < ours else None
                 found.append(PoseMessage(name, x_m, y_m, seen_rad, 1.0, *stamp))
         return found
-
-    def _says(self, group: int, ours: int, ways_m: np.ndarray) -> dict[str, Told]:
-        """What the robots of a group tell each other."""
-        each = [self._robots[i] for i in range(group * ours, (group + 1) * ours)]
-        ways = ways_m[group * ours :]
-        return {
-            _name(place): Told(turn_ahead(robot.watch.view.road_map, robot.pose, way), robot.claims)
-            for place, (robot, way) in enumerate(zip(each, ways, strict=False))
-        }
 
 
 def _name(place: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import List
+from typing import Any, List, NamedTuple
 
 import numpy as np
 import pytest
@@ -211,3 +211,25 @@ def test_four_robots_that_only_hear_the_localizer_pass_one_after_the_other(
 @pytest.mark.slow
 def test_forty_times_four_robots_pass() -> None:
     assert max(cross(seed, 0.003, 0.05) for seed in range(2, 42)) < 60.0
+
+
+class Clear(NamedTuple):
+    """Sight that always sees a free way."""
+
+    def ahead(self, driven_m: float, now_s: float) -> RoadAhead:
+        return RoadAhead()
+
+
+def test_sight_alone_leads_nobody_into_a_junction() -> None:
+    way: Any = Clear()
+    path = ways()[0][0]
+    watch = RoadWatch(VIEW, Neighbours(VIEW, "me"), way)
+    for nose_m, goes in ((0.15, True), (0.55, False)):
+        pose, rules = path.pose_at(nose_m - NOSE_M), Rules(True, True, True).chain()
+        way_m = path.batch.points_at(nose_m - NOSE_M + AHEAD_M[None])[0]
+        caps = []
+        for k in range(60):
+            ahead = watch.look(9.0 + TURN_S * k, pose, 0.0, 1.0, way_m)
+            rules, cap = govern(rules, Road(9.0 + TURN_S * k, 1.0, 0.0, ahead))
+            caps.append(cap.most_mps)
+        assert (caps[-1] > 0.0) is goes

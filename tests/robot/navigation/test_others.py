@@ -11,11 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.geometry import Pose
-from robot.navigation.others import AHEAD_M, Crossings, Other, Traveller, free_way, turn_ahead
-from robot.navigation.path import Path
-from robot.navigation.planner import LaneGraph
-from robot.navigation.road_map import load_map, read_map
-from robot.safety.road_ahead import Stage, Turn
+from robot.navigation.others import AHEAD_M, Crossings, Other, Traveller, free_way
+from robot.navigation.road_map import read_map
 
 EAST = np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1)
 CROSS = read_map(
@@ -90,36 +87,17 @@ def test_who_stands_at_a_crossing_is_told_to_all_others_with_arm_and_arrival() -
     assert set(found) == {"r0", "r1", "r2", "r3"}
     for arm in range(4):
         at = found[f"r{arm}"]
-        assert (at.own.arm, at.own.name, at.own.stage) == (arm, f"r{arm}", Stage.WAITS)
+        assert (at.own.arm, at.own.name, at.own.inside) == (arm, f"r{arm}", False)
         assert at.own.arrived_s == (4.0 if arm == 2 else 3.0)
         assert {other.name for other in at.others} == set(found) - {f"r{arm}"}
 
 
-def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm_and_turn() -> None:
+def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm() -> None:
     crossings, told = Crossings(CROSS), {}
     for k, y_m in enumerate(np.arange(0.4, 1.5, 0.02)):
-        robot = Traveller(Pose(1.02, float(y_m), 0.5 * math.pi), 0.2, None, Turn.STRAIGHT)
+        robot = Traveller(Pose(1.02, float(y_m), 0.5 * math.pi), 0.2)
         told[float(y_m)] = crossings.update(0.1 * k, {"a": robot}).get("a")
-    inside = [y for y, at in told.items() if at is not None and at.own.stage is Stage.INSIDE]
+    inside = [y for y, at in told.items() if at is not None and at.own.inside]
     assert min(inside) == pytest.approx(0.6 - NOSE_M + 0.02, abs=0.02)
     assert max(inside) == pytest.approx(1.2 + 0.1, abs=0.02)
-    ways = {(at.own.arm, at.own.turn) for at in told.values() if at is not None}
-    assert ways == {(0, Turn.STRAIGHT)}
-
-
-def test_a_path_tells_the_turn() -> None:
-    graph, seen = LaneGraph(CROSS), set()
-    for lane in graph.lanes:
-        if (lane.tile_row, lane.tile_column) != (1, 1):
-            continue
-        path = Path.from_beziers([lane.control_points_m])
-        begin = path.pose_at(-0.3)
-        way_m = np.array([path.pose_at(s)[:2] for s in np.arange(-0.3, path.length_m + 0.2, 0.02)])
-        turn = turn_ahead(CROSS, begin, way_m)
-        turned = path.pose_at(path.length_m).heading_rad - begin.heading_rad
-        left = math.sin(turned)
-        assert turn is (Turn.LEFT if left > 0.5 else Turn.RIGHT if left < -0.5 else Turn.STRAIGHT)
-        assert turn_ahead(CROSS, begin, way_m[:20]) is Turn.UNKNOWN
-        seen.add(turn)
-    assert seen == {Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT}
-    assert turn_ahead(load_map("loop"), Pose(0.3, 0.3, 0.0), EAST) is Turn.UNKNOWN
+    assert {at.own.arm for at in told.values() if at is not None} == {0}
