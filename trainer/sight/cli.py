@@ -33,10 +33,6 @@ class SightRun:
     """Pictures in a step."""
     look: tuple[str, ...] = ("randomised", "wide")
     """Looks, or folders of looks, to learn in; files of pictures take turns."""
-    begin: str = ""
-    """Sight, .onnx, to learn on from: far fewer steps do then."""
-    rate: float = 2e-3
-    """Greatest, of learning."""
     seed: int = 0
     """Of everything random."""
     choosing_files: int = 4

@@ -36,9 +36,9 @@ from trainer.sight.pictures import (
     save,
     spoiled,
 )
-from trainer.sight.taught import take_over
 
 DECISIONS = 200  # of each file of pictures
+_RATE = 2e-3
 _WARM = 300  # steps over which the rate rises
 _SPOILED = 0.12  # share of a batch
 _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
@@ -62,23 +62,16 @@ def train_sight(out: Path, run: SightRun, console: Console) -> Path:
     )
     torch.manual_seed(run.seed)
     network = SightNetwork()
-    if run.begin:
-        take_over(network, Path(run.begin), some(training))
-    optimiser = torch.optim.AdamW(network.parameters(), run.rate)
+    optimiser = torch.optim.AdamW(network.parameters(), _RATE)
     parts = {"network": network, "optimiser": optimiser}
     loop = Loop(out / "checkpoint.pt", parts, run.steps, run.seed)
     loop.run(lesson(network, optimiser, training, run), "sight", console)
     calibrate(network, chosen)
-    path, images = out / "sight.onnx", some(chosen)
+    path, images = out / "sight.onnx", chosen.images[:: max(1, len(chosen.images) // _CHECKED)]
     contract = SightContract(IMAGE, run=out.name, trained_steps=run.steps)
     export_sight(network, contract, images, path)
     quantise(path, {"image": images}, out / "sight_int8.onnx")
     return path
-
-
-def some(pictures: Pictures) -> np.ndarray:
-    """Images from all of them (K, 40, 80, 3), about as many as a check needs."""
-    return pictures.images[:: max(1, len(pictures.images) // _CHECKED)]
 
 
 def gathered(
@@ -115,7 +108,7 @@ def lesson(
     """One step of the training, for `trainer.resumable.Loop`."""
 
     def step(rng: np.random.Generator, number: int) -> str:
-        rate = run.rate * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
+        rate = _RATE * 0.5 * (1.0 + math.cos(math.pi * number / run.steps))
         set_rate([optimiser], rate * min(1.0, (number + 1) / _WARM))
         images, labels = drawn(pictures, run.batch, rng)
         loss = network.loss(torch.from_numpy(images), torch.from_numpy(labels))

@@ -34,7 +34,6 @@ from trainer.sight.pictures import (
     missions,
     spoiled,
 )
-from trainer.sight.taught import take_over
 from trainer.sight.train import drawn, lesson
 
 TOWN = load_map("town")
@@ -210,15 +209,3 @@ def test_judging_writes_its_figures(untaught: Path, tmp_path: Path) -> None:
     found = json.loads(path.read_text())
     assert found["inputs"]["maps"] == ["town"]
     assert found["looks"][0]["offset_m"]["pictures"] > 0
-
-
-def test_learning_on_from_a_file_begins_with_what_it_saw(driven: Pictures) -> None:
-    torch.manual_seed(0)
-    network, images = SightNetwork(), driven.images[::8]
-    take_over(network, SHIPPED, images)
-    network.eval()
-    ours, theirs = as_seen(network.see(images)), OnnxSight(SHIPPED)(images)
-    np.testing.assert_allclose(ours.figures[:, :4], theirs.figures[:, :4], atol=1e-4)
-    np.testing.assert_allclose(ours.junction, theirs.junction, atol=1e-4)
-    with pytest.raises(ContractError, match="FP32"):
-        take_over(network, SHIPPED.with_name("sight_int8.onnx"), images)
