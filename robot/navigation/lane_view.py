@@ -141,12 +141,8 @@ class LaneView:
 
     def _beyond(self, tile: Tile, quarter: int) -> int:
         """The kind of the junction that lies next to a tile on one side; 0 for none."""
-        row = tile.row + (0, -1, 0, 1)[quarter]
-        column = tile.column + (1, 0, -1, 0)[quarter]
-        if not (0 <= row < self.road_map.rows and 0 <= column < self.road_map.columns):
-            return 0
-        other = self.road_map.tiles[row][column]
-        if not other.is_junction or _SIDES[quarter - 2] not in other.road_sides:
+        other = self.road_map.beyond(tile, _SIDES[quarter])
+        if other is None or not other.is_junction or _SIDES[quarter - 2] not in other.road_sides:
             return 0
         ways = {"A": _SIDES[quarter], "L": _SIDES[quarter - 3], "R": _SIDES[quarter - 1]}
         open_ways = "".join(way for way, side in ways.items() if side in other.road_sides)

@@ -71,7 +71,7 @@ class Neighbours:
         junction = self._junction
         if junction is not None and self._crossings.inside(pose) is None:
             junction = replace(junction, own=replace(junction.own, inside=False))
-        return RoadAhead(way.free_m, self._sigma_m, way.coming_mps, junction=junction)
+        return replace(way, free_sigma_m=self._sigma_m, junction=junction)
 
     def _known(self, now_s: float) -> Iterator[str]:
         """Who was seen lately."""

@@ -9,10 +9,10 @@ from typing import Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from robot.geometry import Pose
-from robot.navigation.lanes import ORIENTATIONS, STEPS, Tile
+from robot.navigation.lanes import ORIENTATIONS, Tile
 from robot.navigation.road_map import RoadMap
 from robot.safety.governors import NOSE_M
-from robot.safety.road_ahead import AtJunction, Junction
+from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
 
 HALF_ROBOT_M, HALF_DUCK_M = 0.09, 0.035
 AHEAD_M = 0.02 * np.arange(61)  # along the lane, from the axle: where it is looked at
@@ -37,23 +37,16 @@ class Other(NamedTuple):
     walks: bool = False  # it crosses lanes; robots keep to theirs
 
 
-class FreeWay(NamedTuple):
-    """See `robot.safety.road_ahead.RoadAhead`."""
-
-    free_m: float = math.inf
-    coming_mps: float = 0.0
-
-
-def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> FreeWay:
+def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> RoadAhead:
     """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot."""
     if not others:
-        return FreeWay()
+        return RoadAhead()
     seen = np.array(others)
     straight = np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0)[:, None]
     on_m = pose.to_world(np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1))
     way_m = lane_m + straight * (on_m - lane_m)
     moving = (np.hypot(seen[:, 2], seen[:, 3]) > _STILL_MPS) & (seen[:, 5] > 0.0)
-    nearest = FreeWay()
+    nearest = RoadAhead()
     for after_s in _WALKS_S:
         here = seen if after_s == 0.0 else seen[moving]
         at_m = here[:, :2] + after_s * here[:, 2:4]
@@ -66,7 +59,7 @@ def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> FreeWay
             if free_m < nearest.free_m:
                 step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]
                 along = float(here[k, 2:4] @ step) / max(float(np.hypot(*step)), 1e-9)
-                nearest = FreeWay(free_m, -along)
+                nearest = RoadAhead(free_m, coming_mps=-along)
     return nearest
 
 
@@ -127,13 +120,7 @@ class Crossings:
     def _beyond(self, pose: Pose) -> Optional[Tile]:
         """The tile that a robot heads for."""
         here = self._map.tile_at(pose.x_m, pose.y_m)
-        if here is None:
-            return None
-        south, east = STEPS[ORIENTATIONS[(_arm(pose) + 2) % 4]]
-        row, column = here.row + south, here.column + east
-        if not (0 <= row < self._map.rows and 0 <= column < self._map.columns):
-            return None
-        return self._map.tiles[row][column]
+        return here and self._map.beyond(here, ORIENTATIONS[(_arm(pose) + 2) % 4])
 
 
 def _arm(pose: Pose) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple, Union
 
 from robot.errors import ConfigError, MapError, nearest
-from robot.navigation.lanes import Lane, LaneIndex, Tile, parse_tile, tile_lanes
+from robot.navigation.lanes import STEPS, Lane, LaneIndex, Tile, parse_tile, tile_lanes
 from robot.typed_config import read_yaml
 
 MAPS_FOLDER = Path(__file__).parent.parent / "maps"
@@ -80,6 +80,12 @@ class RoadMap:
         column = min(int(x_m / self.tile_size_m), self.columns - 1)
         row = max(self.rows - 1 - int(y_m / self.tile_size_m), 0)
         return self.tiles[row][column]
+
+    def beyond(self, tile: Tile, side: str) -> Optional[Tile]:
+        """The tile next to another on one side (S, E, N, W); None beyond the grid."""
+        row, column = tile.row + STEPS[side][0], tile.column + STEPS[side][1]
+        inside = 0 <= row < self.rows and 0 <= column < self.columns
+        return self.tiles[row][column] if inside else None
 
     def on_road(self, x_m: float, y_m: float) -> bool:
         """Whether a point of the world lies on a road tile."""
