@@ -90,11 +90,6 @@ class Marker:
             raise ConfigError(f"board: expected the tag and its white margin on it, got {board}")
 
     @property
-    def identity(self) -> Tuple[str, str]:
-        """Equal for markers that the camera cannot tell apart."""
-        return (self.kind, {"two_colour": self.front, "tag": str(self.tag), "plain": ""}[self.kind])
-
-    @property
     def blue_m(self) -> Tuple[float, float]:
         """(length, width) of the blue part [m]."""
         stripe = self.board.front_m if self.kind == "two_colour" else 0.0
@@ -145,7 +140,8 @@ class Calibration:
                     f"robot {marker.robot!r}: board at {marker.board.height_m} m, but the camera "
                     f"hangs at {self.camera_m[2]} m; expected the camera above the board"
                 )
-            for key in (marker.robot, marker.identity):
+            mark = {"two_colour": marker.front, "tag": str(marker.tag), "plain": ""}[marker.kind]
+            for key in (marker.robot, (marker.kind, mark)):  # what the camera tells apart
                 if key in seen:
                     raise ConfigError(
                         f"robots {seen[key]!r} and {marker.robot!r} cannot be told apart ({key}); "

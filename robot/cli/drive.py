@@ -7,6 +7,7 @@ import logging
 import queue
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Callable, Iterable, List, Optional
 
@@ -25,6 +26,7 @@ WORDS = {
     **{command.value: command for command in Command if command is not Command.MANUAL},
 }
 QUIT = "quit"
+_say = partial(print, flush=True)
 PROMPT = "type arm, auto, stop (or just Enter), disarm, clear or quit"
 
 
@@ -87,7 +89,3 @@ def run(options: argparse.Namespace) -> None:
         notify("READY=1")
         runtime.run(ending=lambda: terminal.quitting or bool(ended))
         notify("STOPPING=1")
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
