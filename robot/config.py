@@ -12,7 +12,7 @@ from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.config import LinkConfig
 from robot.safety.gates import SafetyLimits
-from robot.safety.rules import Rules
+from robot.safety.governors import Rules
 
 CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.streams.csi_command` sets
 CAMERAS = ("csi", "v4l2", "socket")

@@ -36,7 +36,7 @@ from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator
 from robot.runtime.reports import Reporter
 from robot.runtime.timing import Watchdog
-from robot.safety.rules import Rules
+from robot.safety.governors import Rules
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import RoadFit

@@ -7,9 +7,7 @@ import pytest
 
 from robot.config import CameraConfig, RobotConfig
 from robot.errors import ConfigError
-from robot.safety.governors import KeepApart, StopLines
-from robot.safety.right_of_way import FirstCome
-from robot.safety.rules import Rules
+from robot.safety.governors import FirstCome, KeepApart, Rules, StopLines
 from robot.typed_config import from_plain, load_yaml, to_plain
 
 

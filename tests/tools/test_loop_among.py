@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robot.safety.rules import Rules
+from robot.safety.governors import Rules
 from tests.tools.pursuit import write_pursuit
 from tools.faults.stage import Stage
 from tools.faults.traffic import TRAFFIC

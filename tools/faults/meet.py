@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.output import expect_writable, write_json
-from robot.safety.rules import Rules
+from robot.safety.governors import Rules
 from tools.faults import FAMILIES, hardware, pictures, poses, programs, strangers, traffic
 from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report

@@ -24,7 +24,7 @@ from robot.hat.config import HatConfig
 from robot.link.config import LinkConfig
 from robot.link.keys import ALLOWED, BOUND_BY, PUBLIC, keygen
 from robot.navigation.road_map import load_map
-from robot.safety.rules import Rules
+from robot.safety.governors import Rules
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.free_ports import free_ports

@@ -14,8 +14,7 @@ from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import DUCK, SIGMA_M, Neighbours
 from robot.navigation.others import AHEAD_M
 from robot.navigation.road_watch import RoadWatch
-from robot.safety.governors import KeepApart, Lights, Road, Rule, StopLines, govern
-from robot.safety.right_of_way import FirstCome
+from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation

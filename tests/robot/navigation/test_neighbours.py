@@ -17,9 +17,8 @@ from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import load_map
 from robot.navigation.road_watch import RoadWatch
-from robot.safety.governors import Cap, Road, govern
+from robot.safety.governors import Cap, Road, Rules, govern
 from robot.safety.road_ahead import RoadAhead
-from robot.safety.rules import Rules
 from tests.robot.navigation.test_navigator import GOAL, TOWN, driving
 from tests.robot.navigation.test_others import CROSS
 

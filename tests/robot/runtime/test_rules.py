@@ -13,9 +13,8 @@ from robot.link.telemetry import Telemetry
 from robot.recording.topics import Turn
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits
-from robot.safety.governors import Cap, Road
+from robot.safety.governors import Cap, Road, Rules
 from robot.safety.road_ahead import RoadAhead
-from robot.safety.rules import Rules
 from robot.safety.state_machine import Command, State
 from robot.safety.wheel_limits import STILL
 from robot.typed_config import from_plain

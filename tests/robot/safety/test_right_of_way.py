@@ -10,8 +10,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 import pytest
 
-from robot.safety.governors import Road
-from robot.safety.right_of_way import FirstCome
+from robot.safety.governors import FirstCome, Road
 from robot.safety.road_ahead import AtJunction, Junction, Light, RoadAhead
 
 TURN_S, LATE_TURNS = 0.1, 4  # so late robots see each other
