@@ -103,7 +103,8 @@ class RayCamera:
         """
 
         def draw(picture: np.ndarray, view: _View, placed: np.ndarray) -> None:
-            draw_floor(picture.ravel(), view.behind[0], placed, view.floor, view.texture)
+            picture[:] = view.behind[0].reshape(picture.shape)
+            draw_floor(picture.ravel(), placed, view.floor, view.texture)
 
         return self._each(draw, 3, poses, robots, movers)
 
@@ -246,19 +247,15 @@ class _Row(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def draw_floor(
-    picture: np.ndarray,
-    sky: np.ndarray,
-    placed: np.ndarray,
-    table: FloorTable,
-    texture: MipTexture,
+    picture: np.ndarray, placed: np.ndarray, table: FloorTable, texture: MipTexture
 ) -> None:
-    """Fill a picture (3 P,) uint8 with floor and, where no run covers, with sky (3 P,).
+    """Fill in the floor of a picture (3 P,) uint8.
 
     ``placed`` (4,) float64 is where the robot stands in the texture: column and row of its origin
     [texels], cosine and sine of its heading.
     """
     texels, levels = texture
-    longest, done = 0, 0
+    longest = 0
     for run in range(len(table.runs)):
         longest = max(longest, table.runs[run, 1] - table.runs[run, 0])
     row = _Row(
@@ -266,8 +263,6 @@ def draw_floor(
     )
     for run in range(len(table.runs)):
         first, last, level, log_taps = table.runs[run]
-        _copy(sky[done : 3 * first], picture[done : 3 * first])
-        done = 3 * last
         x, y = table.x[first:last], table.y[first:last]
         points = (x, y, table.dx[first:last], table.dy[first:last])
         offset, stride = levels[level, 0], levels[level, 1]
@@ -275,14 +270,7 @@ def draw_floor(
         for tap in range(1 << log_taps):
             _find_texels(row, points, np.float32(tap), placed, level, levels[level])
             _add_texels(row, texels[offset:], np.uint64(stride), last - first)
-        _store(picture[3 * first : done], row.sums, np.uint64(8 + log_taps))
-    _copy(sky[done:], picture[done:])
-
-
-@njit(cache=True)
-def _copy(source: np.ndarray, target: np.ndarray) -> None:
-    for k in range(len(source)):  # a slice assignment does not become SIMD code
-        target[k] = source[k]
+        _store(picture[3 * first : 3 * last], row.sums, np.uint64(8 + log_taps))
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")

@@ -12,7 +12,7 @@ from robot.geometry import wrap_angle
 from robot.navigation.map_objects import HALF_ROBOT_M, MapObject
 from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
-from sim_pybullet.scenery.objects import object_solids
+from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks

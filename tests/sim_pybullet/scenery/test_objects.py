@@ -17,7 +17,8 @@ from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene, Solid
-from sim_pybullet.scenery.objects import build_scene, object_solids
+from sim_pybullet.scenery.object_solids import object_solids
+from sim_pybullet.scenery.objects import build_scene
 
 IMAGE = ImageSpec(160, 120)
 RIG = CameraRig(DUCKIEBOT_LENS.scaled(160, 120))
