@@ -11,22 +11,19 @@ from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.geometry import Pose, WheelSpeeds, wrap_angle
 from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import DUCK, SIGMA_M, Neighbours
+from robot.navigation.neighbours import DUCK, Neighbours
 from robot.navigation.others import AHEAD_M
 from robot.navigation.road_watch import RoadWatch
 from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern
 from robot.safety.road_ahead import Light, RoadAhead
 from robot.safety.wheel_limits import STILL, Drive
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.look import ARENA_POSE
+from sim_pybullet.look import ARENA_POSE, PoseLook
 from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.traffic import Traffic
 from sim_pybullet.traffic.crowd import Body
 from trainer.judging.drivers import Pilot
 from trainer.judging.evaluate import DrivingPolicy
-
-TRUE, ARENA = "true", "arena"
-POSES = (TRUE, ARENA)
 
 
 @dataclass
@@ -53,15 +50,14 @@ class _Robot:
 class Governed(Pilot):
     """As `Pilot`, slowed by headway, stop lines, lights and right of way.
 
-    ``poses``: one of `POSES`. True ones are of everybody and of now. Those of an arena, one's own
-    among them, are as far off, late and missing as `sim_pybullet.look.ARENA_POSE` says.
+    ``poses``: "true" ones are of everybody and of now; those of "arena", one's own among them, are
+    as far off, late and missing as `sim_pybullet.look.ARENA_POSE` says.
     """
 
-    def __init__(self, policy: DrivingPolicy, poses: str = TRUE) -> None:
+    def __init__(self, policy: DrivingPolicy, poses: str = "true") -> None:
         super().__init__(policy)
-        self._arena = poses == ARENA
+        self._look = ARENA_POSE if poses == "arena" else PoseLook()
         self._robots: dict[int, _Robot] = {}
-        self._views: dict[str, LaneView] = {}
         self._errors = PoseError(0)  # of all bodies, group by group
         self._rng = np.random.default_rng(0)
         self._turns = 0
@@ -80,8 +76,9 @@ class Governed(Pilot):
         self._begin(world, task, bodies.kinds.size)
         there = np.zeros((*bodies.xy_m.shape[:2], 3))
         there[..., :2], there[:, :ours, 2] = bodies.xy_m, poses[..., 2]
-        told, believed = self._above(there.reshape(-1, 3), now_s)
-        told, believed = told.reshape(there.shape), believed.reshape(there.shape)[:, :ours]
+        told = self._errors.observe(there.reshape(-1, 3), now_s, self._rng).poses
+        told, believed = told.reshape(there.shape), self._errors.of_standing(there.reshape(-1, 3))
+        believed = believed.reshape(there.shape)[:, :ours]
         at_m = believed.reshape(-1, 3)[:, :2]
         arc_m = task.paths.project(at_m, task.paths.index_at(task.course.arc_m)).arc_m
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
@@ -112,27 +109,19 @@ class Governed(Pilot):
                 continue
             group, place = divmod(i, task.group)
             road_map = task.road_maps[world.maps[i]]
-            view = self._views.setdefault(road_map.name, LaneView(road_map))
-            others = Neighbours(view, _name(place), SIGMA_M if self._arena else 0.0)
+            view = LaneView(road_map)
+            others = Neighbours(view, _name(place), self._look.position_m)
             rules = KeepApart(), StopLines(), Lights(), FirstCome()
             here = Pose(*world.poses[i].tolist())
             self._robots[i] = _Robot(number, here, others, RoadWatch(view, others), rules)
             for body in range(group * bodies, (group + 1) * bodies) if place == 0 else ():
-                self._errors.reset(body, ARENA_POSE, self._rng)
-
-    def _above(self, there: np.ndarray, now_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (N, 3) as they are told now, and as they are known to those who are there."""
-        if not self._arena:
-            return there, there
-        told = self._errors.observe(there, now_s, self._rng)
-        return told.poses, self._errors.of_standing(there)
+                self._errors.reset(body, self._look, self._rng)
 
     def _messages(
         self, told: np.ndarray, kinds: np.ndarray, ours: int, now_s: float
     ) -> list[PoseMessage]:
         """The poses (B, 3) of one group, as a localizer tells them."""
-        captured_s = now_s - (ARENA_POSE.delay_s if self._arena else 0.0)
-        stamp = captured_s, "judge", self._turns, now_s
+        stamp = now_s - self._look.delay_s, "judge", self._turns, now_s
         found = []
         for body, (x_m, y_m, heading_rad) in enumerate(told.tolist()):
             if math.isfinite(x_m):

@@ -51,7 +51,8 @@ def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
     told = driven(under_rules, "lfvi", "town", 1)
     assert [each.end for each in told] == ["time"] * 8
     assert sum(each.lines_run for each in told) == 0
-    assert min(each.tiles for each in told) > 0.5
+    assert min(each.tiles for each in told) > 0.2  # one may wait all the time
+    assert sum(each.tiles for each in told) > 16.0
     assert sum(each.lines_run for each in driven(Heedless(), "lfvi", "town", 1)) > 0
 
 
