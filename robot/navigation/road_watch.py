@@ -12,7 +12,6 @@ from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.sight_fix import LINE, ROAD
-from robot.navigation.way_seen import WaySeen
 from robot.safety.governors import NOSE_M
 from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
 from robot.vision.sight import Seen
@@ -20,6 +19,37 @@ from robot.vision.sight import Seen
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 _NEAR_M = 0.3  # before a line, or a little over it
 _ANYBODY = Junction(AtJunction(0, math.inf, ""), (AtJunction(0, 0.0, "", inside=True),))
+THING = 0.5  # probability above which something is in the way
+CLEAR = 3  # pictures in a row without it, after which it is gone
+FRESH_S = 0.5  # older pictures tell nothing of the road
+
+
+def free_way_seen(seen: Seen) -> RoadAhead:
+    """The free way in the first of some pictures."""
+    if not seen.thing[0] > THING:
+        return RoadAhead()
+    return RoadAhead(float(seen.figures[0, 4]), float(seen.deviations[0, 4]))
+
+
+class WaySeen:
+    """What is in the way counts from the first picture that shows it, and is remembered by the
+    wheels' steps until some in a row show nothing: to stand for nothing is no harm."""
+
+    def __init__(self) -> None:
+        self._seen, self._at_m, self._clear, self._at_s = RoadAhead(), 0.0, 0, -math.inf
+
+    def see(self, seen: Seen, driven_m: float, now_s: float) -> None:
+        """A new picture, after so much driven."""
+        way = free_way_seen(seen)
+        self._at_s = now_s
+        self._clear = self._clear + 1 if way.free_m == math.inf else 0
+        if self._clear in (0, CLEAR):
+            self._seen, self._at_m = way, driven_m
+
+    def ahead(self, driven_m: float, now_s: float) -> RoadAhead:
+        """The free way now; NaN, before which a robot stands, where no fresh picture tells."""
+        gone_m = driven_m - self._at_m if now_s - self._at_s <= FRESH_S else math.nan
+        return RoadAhead(self._seen.free_m - gone_m, self._seen.free_sigma_m)
 
 
 class RoadWatch:

@@ -27,8 +27,7 @@ from robot.navigation.navigator import Glimpse, MissionNavigator
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
-from robot.navigation.road_watch import RoadWatch
-from robot.navigation.way_seen import WaySeen
+from robot.navigation.road_watch import RoadWatch, WaySeen
 from robot.parts import Motors, Operator, Subscriber, Tick
 from robot.recording.drive_file import Heard, describe
 from robot.recording.recorder import Recorder

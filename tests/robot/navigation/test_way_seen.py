@@ -7,8 +7,7 @@ from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
-from robot.navigation.road_watch import RoadWatch
-from robot.navigation.way_seen import CLEAR, FRESH_S, WaySeen, free_way_seen
+from robot.navigation.road_watch import CLEAR, FRESH_S, RoadWatch, WaySeen, free_way_seen
 from robot.safety.road_ahead import RoadAhead
 from robot.vision.sight import COLUMNS, COLUMNS_BEFORE, Seen, as_seen
 from tests.robot.navigation.test_neighbours import HERE, WAY
