@@ -73,7 +73,8 @@ def read_yaml(path: Union[str, Path]) -> Any:
         told = f"{path}: expected a readable YAML file, got: {error.strerror}"
         raise ConfigError(told) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: 2026-99-99
-        raise ConfigError(f"{path}: expected YAML, got: {' '.join(str(error).split())}") from error
+        told = " ".join(str(error).split())
+        raise ConfigError(f"{path}: expected YAML in UTF-8, got: {told}") from error
 
 
 _short = reprlib.Repr()
