@@ -18,7 +18,6 @@ from trainer.sight.pictures import (
     ROBOTS,
     THING,
     Pictures,
-    driven_m,
     spoiled,
 )
 
@@ -113,7 +112,7 @@ def judge(
 
 def _way(sight: OnnxSight, met: Pictures) -> Way:
     labels, seen = met.labels, see(sight, met.images)
-    told, whole_m = seen.thing > SURE, driven_m(labels)
+    told, whole_m = seen.thing > SURE, float(labels[:, DRIVEN_M].sum())
     near = (labels[:, THING] == 1.0) & (labels[:, FREE] <= NEAR_M)
     things, passed_by = _lines(near, told)
     return Way(

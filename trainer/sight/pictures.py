@@ -186,8 +186,3 @@ def load(path: Path) -> Pictures:
 def joined(parts: Sequence[Pictures]) -> Pictures:
     """All of them, one after the other."""
     return Pictures(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-
-
-def driven_m(labels: np.ndarray) -> float:
-    """How far the robots of driven pictures came [m]."""
-    return float(np.maximum(labels[:, DRIVEN_M], 0.0).sum())
