@@ -199,8 +199,7 @@ def parse_train_command(
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
-    from trainer.transfer.classes import LABEL_SETS
-    from trainer.transfer.labelled import load_sources
+    from trainer.transfer.labelled import LABEL_SETS, load_sources
     from trainer.transfer.parser import save_parser, teach
     from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
 

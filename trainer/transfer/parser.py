@@ -24,9 +24,8 @@ from trainer.export import export_translator
 from trainer.relit import relit
 from trainer.resumable import fit
 from trainer.torch_file import load_torch, reading, save_torch
-from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet
 from trainer.transfer.cli import ParseOptions
-from trainer.transfer.labelled import Labelled
+from trainer.transfer.labelled import LABEL_SETS, VOID, Labelled, LabelSet
 from trainer.transfer.networks import SEGNETS, SegNet, painted, through
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"

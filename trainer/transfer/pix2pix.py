@@ -27,9 +27,8 @@ from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
 from trainer.presets import preset
 from trainer.resumable import Loop, descend, set_rate
-from trainer.transfer.classes import LABEL_SETS, ROAD, LabelSet
 from trainer.transfer.cli import ThroughOptions
-from trainer.transfer.labelled import load_pairs
+from trainer.transfer.labelled import LABEL_SETS, ROAD, LabelSet, load_pairs
 from trainer.transfer.networks import (
     as_bytes,
     as_floats,

@@ -18,8 +18,8 @@ from trainer.experiments.racing_policy import named_policies
 from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.training.train import judged
-from trainer.transfer.classes import ROAD
 from trainer.transfer.cli import ParseOptions
+from trainer.transfer.labelled import ROAD
 from trainer.transfer.parser import Parser
 from trainer.transfer.pix2pix import FRAME
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.classes import LABEL_SETS, VOID, LabelSet
+from trainer.transfer.labelled import LABEL_SETS, VOID, LabelSet
 from trainer.transfer.parser import score_classes
 
 SETS = pytest.mark.parametrize("labels", LABEL_SETS.values(), ids=str)

@@ -17,9 +17,8 @@ from robot.navigation.road_map import load_map, read_map
 from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
 from trainer.transfer import collect, parser, unpaired
-from trainer.transfer.classes import ROAD, VOID
 from trainer.transfer.cli import ParseOptions, Sources, ThroughOptions
-from trainer.transfer.labelled import Labelled, Photograph, Shape, draw, ends
+from trainer.transfer.labelled import ROAD, VOID, Labelled, Photograph, Shape, draw, ends
 from trainer.transfer.parser import Parser, class_weights, draw_batch
 from trainer.transfer.pictures import Pictures, draw_sheet, load_paint, pictures_in, spread
 from trainer.transfer.unpaired import _shifted, onnx_file

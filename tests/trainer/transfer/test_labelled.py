@@ -8,10 +8,12 @@ import yaml
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.classes import SemanticClass
-from trainer.transfer.classes import CAMVID, ROAD, VOID
 from trainer.transfer.cli import Sources
 from trainer.transfer.labelled import (
+    CAMVID,
+    ROAD,
     SHIPPED,
+    VOID,
     Annotations,
     Photograph,
     Shape,

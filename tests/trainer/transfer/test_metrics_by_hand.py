@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from trainer.transfer.classes import CAMVID, ROAD, TRACK
 from trainer.transfer.cyclegan import structure
+from trainer.transfer.labelled import CAMVID, ROAD, TRACK
 from trainer.transfer.parser import score_classes
 from trainer.transfer.unpaired import (
     bright_lines,

@@ -10,9 +10,8 @@ from robot.errors import ConfigError
 from robot.inference.translator import PARSING, OnnxTranslator
 from trainer.cli import main
 from trainer.resumable import Loop
-from trainer.transfer.classes import ROAD
 from trainer.transfer.cli import ParseOptions
-from trainer.transfer.labelled import Labelled
+from trainer.transfer.labelled import ROAD, Labelled
 from trainer.transfer.networks import SegNet, unpooled
 from trainer.transfer.parser import (
     class_weights,

@@ -10,8 +10,8 @@ from robot.errors import ConfigError
 from robot.inference.translator import OnnxTranslator
 from trainer.cli import main
 from trainer.presets import preset
-from trainer.transfer.classes import ROAD
 from trainer.transfer.cli import ParseOptions, ThroughOptions
+from trainer.transfer.labelled import ROAD
 from trainer.transfer.networks import SEGNETS, as_bytes, as_floats
 from trainer.transfer.parser import Parser, save_parser
 from trainer.transfer.pix2pix import (
