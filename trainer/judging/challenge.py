@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,31 +16,10 @@ from sim_pybullet.traffic.scenario import load_scenario
 from trainer.judging import rides
 from trainer.judging.drivers import Driver
 from trainer.judging.evaluate import ROBOTS
-from trainer.judging.lane_rules import LaneFigures, LaneRules
+from trainer.judging.olympics import SURVIVED, Episode, LaneRules
 from trainer.judging.rides import Film
 
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
-SURVIVED = "time"
-
-
-class Episode(NamedTuple):
-    """One episode of one robot."""
-
-    seed: int
-    robot: int  # of those that share a world
-    end: str  # `SURVIVED`, or what ended it before its time
-    at_fault: bool  # in the collision that ended it
-    success: bool  # survived, and drove three tiles
-    least_ttc_s: float  # time to collision, the least
-    map: str
-    lines_run: int  # red lines at which it did not stand
-    tiles: float  # along the lane
-    figures: LaneFigures
-
-    @property
-    def badness(self) -> tuple[float, ...]:
-        """Larger is worse."""
-        return (not self.success, -self.tiles, -self.seed, -self.robot)
 
 
 def robots_of(challenge: str) -> int:

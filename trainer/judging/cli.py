@@ -54,7 +54,7 @@ def judge_command(
     from trainer.division import maps_named
     from trainer.judging.challenge import drive, robots_of
     from trainer.judging.films import Worst
-    from trainer.judging.verdict import Verdict, tell, write_worst
+    from trainer.judging.olympics import Verdict, tell, write_worst
     from trainer.run import write_json
 
     names = [model] if against is None else [model, against]

@@ -11,8 +11,7 @@ import pytest
 from sim_pybullet.tasks import traffic
 from trainer.cli import main
 from trainer.judging.challenge import Episode
-from trainer.judging.lane_rules import LaneFigures
-from trainer.judging.verdict import Verdict, median, paired, share
+from trainer.judging.olympics import LaneFigures, Verdict, median, paired, share
 
 
 def test_shares_have_wilsons_interval() -> None:

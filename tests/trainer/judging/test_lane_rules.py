@@ -18,7 +18,7 @@ from robot.navigation.road_map import RoadMap, load_map, shipped_maps
 from robot.typed_config import read_yaml
 from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS
 from sim_pybullet.vehicle import WheeledRobots, expert_actions
-from trainer.judging.lane_rules import LaneRules
+from trainer.judging.olympics import LaneRules
 
 # What duckietown-world 6.4.3 said of these drives; the slow test asks it again.
 SAID = Path(__file__).with_name("olympics.json")
