@@ -1,7 +1,9 @@
 """Each algorithm learns a toy world in seconds, the same way each time."""
 
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -165,15 +167,17 @@ def test_cpu_seconds_are_kept_over_a_resumption(tmp_path: Path) -> None:
     assert 0.0 < first.cpu_seconds < second.cpu_seconds
 
 
-def test_a_time_budget_ends_a_run(tmp_path: Path) -> None:
+def test_a_time_budget_ends_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
 
     def clock() -> float:
         now[0] += 0.01
         return now[0]
 
+    told = SimpleNamespace(monotonic=clock, process_time=time.process_time)
+    monkeypatch.setattr("trainer.training.watch.time", told)
     config = replace(toy_config("ppo", 10**6), seconds=5.0)
-    metrics = train(config, RunFolder(tmp_path), make_toy, Console(quiet=True), clock)
+    metrics = train(config, RunFolder(tmp_path), make_toy, Console(quiet=True))
     assert metrics.stopped_by in ("seconds", "solved")
     assert metrics.train_seconds < 6.0
 
