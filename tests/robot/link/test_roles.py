@@ -227,7 +227,8 @@ def test_a_second_monitor_is_let_in_by_its_role_whatever_its_name(
 
     public, secret = library.curve_keypair()
     own = load_keys(configs["robot"].keys)
-    tablet = {"tablet": Peer("monitor", public), "lamp": Peer("localizer", public[::-1])}
+    lamp, _ = library.curve_keypair()
+    tablet = {"tablet": Peer("monitor", public), "lamp": Peer("localizer", lamp)}
     link = Link(replace(own, peers=tablet), configs["robot"])
     server = CommandServer(link)
     keys = Keys("monitor", public, secret, {"robot": Peer("robot", own.public)})

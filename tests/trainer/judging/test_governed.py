@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,12 +31,16 @@ class Heedless(Expert):
 
 
 @pytest.fixture
-def under_rules(monkeypatch: pytest.MonkeyPatch) -> Driver:
+def under_rules(monkeypatch: pytest.MonkeyPatch) -> Callable[[], Driver]:
     monkeypatch.setattr(Pilot, "choose", Heedless.choose)
     policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0))
-    driver = Governed(policy)
-    driver.image = Heedless.image
-    return driver
+
+    def fresh() -> Driver:
+        driver = Governed(policy)
+        driver.image = Heedless.image
+        return driver
+
+    return fresh
 
 
 def driven(driver: Driver, challenge: str, where: str, episodes: int) -> list[Episode]:
@@ -45,10 +50,10 @@ def driven(driver: Driver, challenge: str, where: str, episodes: int) -> list[Ep
 
 
 def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
-    under_rules: Driver, monkeypatch: pytest.MonkeyPatch
+    under_rules: Callable[[], Driver], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(traffic, "EPISODE_S", 10.0)
-    told = driven(under_rules, "lfvi", "town", 1)
+    told = driven(under_rules(), "lfvi", "town", 1)
     assert [each.end for each in told] == ["time"] * 8
     assert sum(each.lines_run for each in told) == 0
     assert min(each.tiles for each in told) > 0.2  # one may wait all the time
@@ -58,11 +63,11 @@ def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
 
 @pytest.mark.slow
 def test_it_stands_before_ducks_and_behind_cars(
-    under_rules: Driver, monkeypatch: pytest.MonkeyPatch
+    under_rules: Callable[[], Driver], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(traffic, "EPISODE_S", 10.0)
     for challenge in ("lfp", "lfv"):
-        told = driven(under_rules, challenge, "loop", 4)
+        told = driven(under_rules(), challenge, "loop", 4)
         assert not any(each.at_fault for each in told)
         assert sum(each.tiles for each in told) > 8.0
     assert any(each.at_fault for each in driven(Heedless(), "lfv", "loop", 4))
