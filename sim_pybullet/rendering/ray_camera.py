@@ -1,60 +1,85 @@
-"""``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it.
-
-The floor is a mip pyramid of packed 32-bit texels: red in bits 0..7, green in bits 12..19 and blue
-in bits 24..31, so that ``(t | t << 32) & LANES`` spreads the colours over a 64-bit word with room
-to add up sixteen weighted texels. Each level has a border of one texel of the outside colour.
-"""
+"""``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
-from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
-from numba import njit, prange
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.classes import SemanticClass
+from sim_pybullet.rendering.floor_kernel import FloorViews, draw_floor, label_floor
+from sim_pybullet.rendering.mip_texture import mip_texture
 from sim_pybullet.rendering.rays import (
     LEVELS,
-    Background,
-    Directions,
     FloorTable,
-    Solids,
     background,
-    directions_of,
     floor_shade,
     floor_table,
+    pixel_rays,
+)
+from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids, place_movers
+from sim_pybullet.rendering.solid_table import (
+    AZIMUTHS,
+    ELEVATIONS,
+    direction_table,
     light_row,
     mover_rows,
     solid_rows,
 )
-from sim_pybullet.rendering.solid_kernel import draw_solids
-from sim_pybullet.scene import Ground, Mover, Scene
+from sim_pybullet.scene import Mover, Scene
 
 _ROWS: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
-class _View(NamedTuple):
-    """What one robot looks at, and how."""
+class RigTables:
+    """The tables of all robots' rigs in stacked arrays; robots with equal rigs share a slot."""
 
-    ground: Ground
-    behind: Background
-    floor: FloorTable
-    texture: MipTexture
-    solids: Solids
-    directions: Directions
+    def __init__(self, n_robots: int, image: ImageSpec) -> None:
+        height, width, _ = image.shape
+        self._image = image
+        self._wanted: list[FloorTable | None] = [None] * n_robots
+        self._stored: list[FloorTable | None] = [None] * n_robots
+        self.slots = np.zeros(n_robots, np.int64)
+        self._points = np.zeros((4, n_robots, height * width), np.float32)
+        self._runs = np.zeros((n_robots, 4 * height, 4), np.int32)
+        self._first_run = np.zeros((n_robots, height + 1), np.int32)
+        self.directions = np.zeros((n_robots, 3, height, width), np.float32)
+        self.cells = np.zeros((n_robots, AZIMUTHS, ELEVATIONS, 4), np.int16)
+        self.pixel_rad = np.zeros(n_robots)
 
-    def placed(self, pose: np.ndarray) -> np.ndarray:
-        """(4,) where a robot stands in the texture, see `draw_floor`."""
-        (x, y, heading), ground = pose, self.ground
-        column, row = (x - ground.west_m) / ground.texel_m, (ground.north_m - y) / ground.texel_m
-        return np.array((column, row, np.cos(heading), np.sin(heading)))
+    @property
+    def floor(self) -> FloorTable:
+        """The floor tables of all slots."""
+        x, y, dx, dy = self._points  # each contiguous, or the kernel is half as fast
+        return FloorTable(x, y, dx, dy, self._runs, self._first_run)
+
+    def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
+        """Let robot ``i`` see through this rig, over a floor of this texel size."""
+        floor = floor_table(rig, self._image, texel_m)
+        self._wanted[i] = floor
+        for slot, stored in enumerate(self._stored):
+            if stored is floor:
+                self.slots[i] = slot
+                return
+        used = {id(table) for table in self._wanted if table is not None}
+        slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
+        self.slots[i] = slot
+        self._stored[slot] = floor
+        self._points[:, slot] = floor.x, floor.y, floor.dx, floor.dy
+        self._runs = _with_room(self._runs, len(floor.runs))
+        self._runs[slot, : len(floor.runs)] = floor.runs
+        self._first_run[slot] = floor.first_run
+        self.directions[slot] = np.moveaxis(pixel_rays(rig, self._image).directions, -1, 0)
+        self.cells[slot], self.pixel_rad[slot] = direction_table(rig, self._image)
+
+
+def _with_room(array: np.ndarray, length: int) -> np.ndarray:
+    """An array (N, K, ...) that has at least this length in its second axis."""
+    missing = max(0, length - array.shape[1])
+    pad = [(0, missing) if axis == 1 else (0, 0) for axis in range(array.ndim)]
+    return np.pad(array, pad) if missing else array
 
 
 class RayCamera:
@@ -67,9 +92,19 @@ class RayCamera:
 
     def __init__(self, image: ImageSpec, n_robots: int, movers: tuple[Mover, ...] = ()) -> None:
         self._image = image
-        self._views: list[_View | None] = [None] * n_robots
-        self._away = np.full((len(movers), 3), np.nan)
-        self._moving = mover_rows(movers)
+        height, width, _ = image.shape
+        self._scenes: list[Scene | None] = [None] * n_robots
+        self._skies = np.zeros((n_robots, height * width * 3), np.uint8)
+        self._sky_kinds = np.zeros((n_robots, height * width), np.uint8)
+        self._addresses = np.zeros(n_robots, np.int64)
+        self._levels = np.zeros((n_robots, LEVELS, 3), np.int32)
+        self._origins = np.zeros((n_robots, 3))  # west [m], north [m], texel [m]
+        self._eyes = np.zeros((n_robots, 3))
+        self._lights = np.zeros((n_robots, 5))
+        self._tables = RigTables(n_robots, image)
+        self._rows = np.zeros((n_robots, 0, 13))  # of the solids in each robot's scene
+        self._counts = np.zeros(n_robots, np.int64)
+        self._parts, self._owners = mover_rows(movers)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -78,17 +113,21 @@ class RayCamera:
 
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
+        ground, light = scene.ground, scene.light
+        texture = mip_texture(ground, floor_shade(light))
+        self._scenes[i] = scene
         if scene not in _ROWS:
             _ROWS[scene] = solid_rows(scene.solids)
-        eye = np.array(rig.mount.position_m, dtype=np.float64)
-        self._views[i] = _View(
-            scene.ground,
-            background(rig, self._image, scene),
-            floor_table(rig, self._image, scene.ground.texel_m),
-            mip_texture(scene.ground, floor_shade(scene.light)),
-            Solids(_ROWS[scene], *self._moving, light_row(scene.light), eye),
-            directions_of(rig, self._image),
-        )
+        rows = _ROWS[scene]
+        self._rows = _with_room(self._rows, len(rows) + len(self._parts))
+        self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
+        self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
+        self._addresses[i] = texture.texels.ctypes.data
+        self._levels[i] = texture.levels
+        self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
+        self._eyes[i] = rig.mount.position_m
+        self._lights[i] = light_row(light)
+        self._tables.put(i, rig, ground.texel_m)
 
     def render(
         self,
@@ -101,226 +140,68 @@ class RayCamera:
         With ``robots``, indices of some of them, poses and pictures are only theirs. ``movers``
         (N, U, 3): poses of what moves around each, NaN where it is not there.
         """
-
-        def draw(picture: np.ndarray, view: _View, placed: np.ndarray) -> None:
-            picture[:] = view.behind[0].reshape(picture.shape)
-            draw_floor(picture.ravel(), placed, view.floor, view.texture)
-
-        return self._each(draw, 3, poses, robots, movers)
+        skies = self._skies if robots is None else self._skies[robots]
+        robots = np.arange(len(self._scenes)) if robots is None else np.asarray(robots)
+        poses = self._checked(poses, len(robots))
+        pictures = np.empty((len(poses), *self.shape), np.uint8)
+        flat = pictures.reshape(len(poses), self._skies.shape[1])
+        blocks = -(-2 * numba.get_num_threads() // max(1, len(poses)))
+        draw_floor(flat, skies, self._floor_views(poses, robots), self._tables.floor, blocks)
+        self._draw_solids(pictures, poses, robots, movers)
+        return pictures
 
     def segment(self, poses: np.ndarray, movers: np.ndarray | None = None) -> np.ndarray:
         """(N, H, W) uint8, values of SemanticClass."""
+        robots = np.arange(len(self._scenes))
+        poses = self._checked(poses, len(robots))
+        labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
+        flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
+        label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
+        self._draw_solids(labels[..., None], poses, robots, movers)
+        return labels
 
-        def draw(labels: np.ndarray, view: _View, placed: np.ndarray) -> None:
-            labels[:] = view.behind[1].reshape(labels.shape)
-            label_floor(labels.ravel(), placed, view.floor, view.ground)
-
-        return self._each(draw, 1, poses, None, movers)[..., 0]
-
-    def _each(
-        self,
-        draw: Callable[[np.ndarray, _View, np.ndarray], None],
-        channels: int,
-        poses: np.ndarray,
-        robots: np.ndarray | None,
-        movers: np.ndarray | None,
-    ) -> np.ndarray:
-        """Pictures (N, H, W, channels): floors as ``draw`` has them, and what stands on them."""
-        chosen = self._views if robots is None else [self._views[i] for i in robots.tolist()]
-        views = [view for view in chosen if view is not None]
+    def _checked(self, poses: np.ndarray, robots: int) -> np.ndarray:
         poses = np.ascontiguousarray(poses, dtype=np.float64)
-        if poses.shape != (len(views), 3) or len(views) < len(chosen):
+        ready = sum(scene is not None for scene in self._scenes)
+        if poses.shape != (robots, 3) or ready < len(self._scenes):
             raise ValueError(
-                f"RayCamera: expected poses ({len(chosen)}, 3) and set_robot for each robot, "
-                f"got poses {poses.shape} and {len(views)} robots set"
+                f"RayCamera: expected poses ({robots}, 3) and set_robot for each robot, "
+                f"got poses {poses.shape} and {ready} robots set"
             )
-        pictures = np.empty((len(views), *self.shape[:2], channels), np.uint8)
+        return poses
 
-        def work(some: np.ndarray) -> None:
-            for k in some.tolist():
-                draw(pictures[k], views[k], views[k].placed(poses[k]))
-            for k in some.tolist():  # after all floors, or tables are read from far memory
-                solids, around = views[k].solids, self._away if movers is None else movers[k]
-                if len(solids.rows) or len(around):
-                    draw_solids(pictures[k], solids, around, poses[k], views[k].directions)
+    def _floor_views(self, poses: np.ndarray, robots: np.ndarray) -> FloorViews:
+        west, north, texel = self._origins[robots].T
+        x, y, heading = poses.T
+        placed = np.stack(
+            ((x - west) / texel, (north - y) / texel, np.cos(heading), np.sin(heading)), axis=-1
+        )
+        slots = self._tables.slots[robots]
+        return FloorViews(placed, slots, self._addresses[robots], self._levels[robots])
 
-        threads = min(numba.get_num_threads(), len(views))
-        if threads <= 1:
-            work(np.arange(len(views)))
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(work, np.array_split(np.arange(len(views)), threads)))
-        return pictures
-
-
-Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-LANES = np.uint64(0xFF | 0xFF << 24 | 0xFF << 44)  # red, blue, green with room for carries
-HALF = np.uint64(128 | 128 << 24 | 128 << 44)
-
-
-class MipTexture(NamedTuple):
-    """All levels one after the other: ``texels`` (T,) uint32; ``levels`` (L, 3) int32 rows of
-    offset, width and height, borders included."""
-
-    texels: np.ndarray
-    levels: np.ndarray
-
-
-_PACKED: WeakKeyDictionary[Ground, dict[float, MipTexture]] = WeakKeyDictionary()
-
-
-def mip_texture(ground: Ground, shade: float) -> MipTexture:
-    """The pyramid of a floor under light that multiplies its colours by ``shade``.
-
-    It is kept as long as the Ground lives: all cameras read the same one.
-    """
-    packed = _PACKED.setdefault(ground, {})
-    if shade not in packed:
-        packed[shade] = _build(ground, shade)
-    return packed[shade]
-
-
-def _build(ground: Ground, shade: float) -> MipTexture:
-    step = 1 << (LEVELS - 1)
-    rows, columns = (-(-n // step) * step for n in ground.classes.shape)
-    shapes = [((rows >> i) + 2, (columns >> i) + 2) for i in range(LEVELS)]
-    offsets = np.concatenate(([0], np.cumsum([h * w for h, w in shapes])))
-    levels = np.array([(o, w, h) for o, (h, w) in zip(offsets, shapes, strict=False)], np.int32)
-    outside = np.clip(np.array(ground.outside_rgb) * shade + 0.5, 0.0, 255.0).astype(np.uint32)
-    code = outside[0] | outside[1] << 12 | outside[2] << 24
-    texels = np.full(int(offsets[-1]), code, np.uint32)
-    views = [texels[o : o + h * w].reshape(h, w) for o, w, h in levels]
-    height, width = ground.classes.shape
-    _pack(ground.rgb, np.float32(shade), views[0][1 : height + 1, 1 : width + 1])
-    for finer, coarser in pairwise(views):
-        _halve(finer[1:-1, 1:-1], coarser[1:-1, 1:-1])
-    return MipTexture(texels, levels)
-
-
-@njit(parallel=True, nogil=True, cache=True, fastmath=True)
-def _pack(rgb: np.ndarray, shade: np.float32, out: np.ndarray) -> None:
-    half, top = np.float32(0.5), np.float32(255.0)
-    for v in prange(out.shape[0]):
-        for u in range(out.shape[1]):
-            red = np.uint32(min(rgb[v, u, 0] * shade + half, top))
-            green = np.uint32(min(rgb[v, u, 1] * shade + half, top))
-            blue = np.uint32(min(rgb[v, u, 2] * shade + half, top))
-            out[v, u] = red | green << np.uint32(12) | blue << np.uint32(24)
-
-
-@njit(parallel=True, nogil=True, cache=True)
-def _halve(finer: np.ndarray, coarser: np.ndarray) -> None:
-    """Average squares of four texels, three colours in one word."""
-    lanes = np.uint64(0xFF | 0xFF << 12 | 0xFF << 24)
-    rounding, two = np.uint64(2 | 2 << 12 | 2 << 24), np.uint64(2)
-    for v in prange(coarser.shape[0]):
-        above, below, target = finer[2 * v], finer[2 * v + 1], coarser[v]
-        for u in range(len(target)):
-            total = (np.uint64(above[2 * u]) & lanes) + (np.uint64(above[2 * u + 1]) & lanes)
-            total += (np.uint64(below[2 * u]) & lanes) + (np.uint64(below[2 * u + 1]) & lanes)
-            target[u] = np.uint32(((total + rounding) >> two) & lanes)
-
-
-def label_floor(labels: np.ndarray, placed: np.ndarray, table: FloorTable, ground: Ground) -> None:
-    """Fill in of labels (P,) uint8 what pixels' rays meet on the floor; ``placed`` as drawn."""
-    first, last, level, log_taps = table.runs.T
-    count = last - first
-    pixels = np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
-    middle, size = np.repeat(0.5 * (2.0**log_taps - 1.0), count), np.repeat(2.0**level, count)
-    ahead = (table.x[pixels] + middle * table.dx[pixels]) * size
-    left = (table.y[pixels] + middle * table.dy[pixels]) * size
-    column0, row0, c, s = placed
-    column = np.floor(c * ahead - s * left + column0).astype(int)
-    row = np.floor(row0 - s * ahead - c * left).astype(int)
-    beside = np.pad(ground.classes, 1, constant_values=SemanticClass.OUTSIDE)
-    high, wide = ground.classes.shape
-    labels[pixels] = beside[np.clip(row, -1, high) + 1, np.clip(column, -1, wide) + 1]
-
-
-class _Row(NamedTuple):
-    """Scratch for one row of pixels: which texel, where in it (8 + 8 bits), colours so far."""
-
-    texel: np.ndarray
-    within: np.ndarray
-    sums: np.ndarray
-
-
-@njit(nogil=True, cache=True)
-def draw_floor(
-    picture: np.ndarray, placed: np.ndarray, table: FloorTable, texture: MipTexture
-) -> None:
-    """Fill in the floor of a picture (3 P,) uint8.
-
-    ``placed`` (4,) float64 is where the robot stands in the texture: column and row of its origin
-    [texels], cosine and sine of its heading.
-    """
-    texels, levels = texture
-    longest = 0
-    for run in range(len(table.runs)):
-        longest = max(longest, table.runs[run, 1] - table.runs[run, 0])
-    row = _Row(
-        np.empty(longest, np.uint32), np.empty(longest, np.uint32), np.empty(longest, np.uint64)
-    )
-    for run in range(len(table.runs)):
-        first, last, level, log_taps = table.runs[run]
-        x, y = table.x[first:last], table.y[first:last]
-        points = (x, y, table.dx[first:last], table.dy[first:last])
-        offset, stride = levels[level, 0], levels[level, 1]
-        row.sums[: last - first] = HALF << np.uint64(log_taps)
-        for tap in range(1 << log_taps):
-            _find_texels(row, points, np.float32(tap), placed, level, levels[level])
-            _add_texels(row, texels[offset:], np.uint64(stride), last - first)
-        _store(picture[3 * first : 3 * last], row.sums, np.uint64(8 + log_taps))
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _find_texels(
-    row: _Row, points: Points, tap: np.float32, pose: np.ndarray, level: int, shape: np.ndarray
-) -> None:
-    """Fixed-point positions of one tap, kept within the level's border; this becomes SIMD code."""
-    scale = 256.0 / (1 << level)
-    column0 = np.float32(pose[0] * scale + 128.0)  # texel centres lie at halves; border: one
-    row0 = np.float32(pose[1] * scale + 128.0)
-    c, s = np.float32(256.0 * pose[2]), np.float32(256.0 * pose[3])
-    zero, fraction, eight = np.float32(0.0), np.uint32(255), np.uint32(8)
-    right = np.float32((shape[1] - 1) * 256 - 1)
-    bottom = np.float32((shape[2] - 1) * 256 - 1)
-    stride = np.uint32(shape[1])
-    x, y, dx, dy = points
-    for k in range(len(x)):
-        ahead, left = x[k] + tap * dx[k], y[k] + tap * dy[k]
-        u = np.uint32(np.int32(min(max(c * ahead - s * left + column0, zero), right)))
-        v = np.uint32(np.int32(min(max(row0 - s * ahead - c * left, zero), bottom)))
-        row.texel[k] = (v >> eight) * stride + (u >> eight)
-        row.within[k] = (u & fraction) | (v & fraction) << eight
-
-
-@njit(cache=True)
-def _add_texels(row: _Row, texels: np.ndarray, stride: np.uint64, count: int) -> None:
-    """Bilinear: four texels around each position, weighted to a sum of 256."""
-    one, eight, fraction = np.uint64(1), np.uint64(8), np.uint64(255)
-    for k in range(count):
-        above, within = np.uint64(row.texel[k]), np.uint64(row.within[k])
-        below = above + stride
-        fx, fy = within & fraction, within >> eight
-        both = (fx * fy + np.uint64(128)) >> eight
-        total = _spread(texels[above]) * (np.uint64(256) - fx - fy + both)
-        total += _spread(texels[above + one]) * (fx - both)
-        total += _spread(texels[below]) * (fy - both)
-        row.sums[k] += total + _spread(texels[below + one]) * both
-
-
-@njit(inline="always")
-def _spread(texel: np.uint32) -> np.uint64:
-    wide = np.uint64(texel)
-    return (wide | wide << np.uint64(32)) & LANES
-
-
-@njit(cache=True)
-def _store(picture: np.ndarray, sums: np.ndarray, shift: np.uint64) -> None:
-    byte, green, blue = np.uint64(255), np.uint64(44), np.uint64(24)
-    for k in range(len(picture) // 3):
-        total = sums[k] >> shift
-        picture[3 * k] = np.uint8(total & byte)
-        picture[3 * k + 1] = np.uint8((total >> green) & byte)
-        picture[3 * k + 2] = np.uint8((total >> blue) & byte)
+    def _draw_solids(
+        self,
+        pictures: np.ndarray,
+        poses: np.ndarray,
+        robots: np.ndarray,
+        movers: np.ndarray | None,
+    ) -> None:
+        if not self._rows.size:
+            return
+        tables, first = self._tables, robots * self._rows.shape[1]
+        rows, last = self._rows.reshape(-1, 13), first + self._counts[robots]
+        if movers is not None:
+            place_movers(rows, last, self._parts, self._owners, movers)
+        views = SolidViews(
+            poses,
+            self._eyes[robots],
+            self._lights[robots],
+            rows,
+            first,
+            last,
+            tables.slots[robots],
+            tables.directions,
+            tables.cells,
+            tables.pixel_rad,
+        )
+        draw_solids(pictures, views)

@@ -1,4 +1,4 @@
-"""Where each pixel of a camera looks, worked out once per rig, and solids as rows of numbers."""
+"""Where each pixel of a camera looks, worked out once per rig: rays, floor points, filters, sky."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook, SkyLook
-from sim_pybullet.scene import Mover, Scene, Solid
+from sim_pybullet.scene import Scene
 
 LEVELS = 8  # of the floor's mip pyramid
 MAX_TAPS = 4  # samples along a pixel's longer axis on the floor
@@ -41,7 +41,7 @@ class FloorTable(NamedTuple):
 
     A pixel averages ``taps`` samples at (x + k * dx, y + k * dy), k = 0, 1, …: robot frame, x
     forward and y left. ``runs`` (R, 4) int32 cuts each row into first pixel, last pixel + 1, level
-    and log2(taps); what no run covers is sky.
+    and log2(taps); what no run covers is sky. Row r has the runs first_run[r]..first_run[r + 1].
     """
 
     x: np.ndarray
@@ -49,6 +49,7 @@ class FloorTable(NamedTuple):
     dx: np.ndarray
     dy: np.ndarray
     runs: np.ndarray
+    first_run: np.ndarray
 
 
 @lru_cache(maxsize=256)
@@ -80,10 +81,10 @@ def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
     start = points - 0.5 * (taps[..., None] - 1.0) * step
     to_level = np.exp2(-level)[..., None]
     floor = (horizon_share(rays) == 1.0) & rays.seen
-    runs = _runs(floor, level.astype(np.int32), np.log2(taps).astype(np.int32))
-    each = np.concatenate((start * to_level, step * to_level), axis=-1).reshape(-1, 4)
-    x, y, dx, dy = each.T.astype(np.float32, order="C")  # or the kernel is half as fast
-    return FloorTable(x, y, dx, dy, runs)
+    runs, first_run = _runs(floor, level.astype(np.int32), np.log2(taps).astype(np.int32))
+    x, y = np.moveaxis(start * to_level, -1, 0).reshape(2, -1).astype(np.float32)
+    dx, dy = np.moveaxis(step * to_level, -1, 0).reshape(2, -1).astype(np.float32)
+    return FloorTable(x, y, dx, dy, runs, first_run)
 
 
 def _footprints(
@@ -111,16 +112,21 @@ def _footprints(
     return points, longer, long_px, short_px
 
 
-def _runs(floor: np.ndarray, level: np.ndarray, log_taps: np.ndarray) -> np.ndarray:
+def _runs(
+    floor: np.ndarray, level: np.ndarray, log_taps: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    height, width = floor.shape
     code = np.where(floor, level * 8 + log_taps, -1)
     starts = np.ones_like(floor)
     starts[:, 1:] = code[:, 1:] != code[:, :-1]
     first = np.flatnonzero(starts)
-    last = np.append(first[1:], floor.size)
+    last = np.append(first[1:], height * width)
     kept = code.ravel()[first] >= 0
     first, last = first[kept], last[kept]
     value = code.ravel()[first]
-    return np.stack((first, last, value // 8, value % 8), axis=-1).astype(np.int32)
+    runs = np.stack((first, last, value // 8, value % 8), axis=-1).astype(np.int32)
+    first_run = np.searchsorted(first, np.arange(height + 1) * width).astype(np.int32)
+    return runs, first_run
 
 
 def horizon_share(rays: PixelRays) -> np.ndarray:
@@ -159,103 +165,3 @@ def background(rig: CameraRig, image: ImageSpec, scene: Scene) -> Background:
         kinds = np.where(below, SemanticClass.OUTSIDE, SemanticClass.SKY).astype(np.uint8)
         kept[rig, image] = rgb.ravel(), kinds.ravel()
     return kept[rig, image]
-
-
-CYLINDER = 1  # in the column SHAPE; a box is 0
-# Columns of a row: position, heading, half extents, underside and top [m], looks.
-X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
-
-
-AZIMUTHS, ELEVATIONS = 120, 60  # cells of 3 by 3 degrees
-
-
-class Solids(NamedTuple):
-    """What stands around a robot and from where it is seen.
-
-    ``rows`` (K, 13) in the world frame; ``parts`` (D, 13) of what moves, each about its own
-    origin, and ``owners`` (D,), whose part each is; ``light`` (5,) as of `light_row`; ``eye`` (3,)
-    the camera in the robot frame [m].
-    """
-
-    rows: np.ndarray
-    parts: np.ndarray
-    owners: np.ndarray
-    light: np.ndarray
-    eye: np.ndarray
-
-
-def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
-    """(K, 13) float64, one row per solid in the world frame; columns as named above."""
-    rows = [
-        (
-            solid.x_m,
-            solid.y_m,
-            math.cos(solid.heading_rad),
-            math.sin(solid.heading_rad),
-            0.5 * solid.size_m[0],
-            0.5 * (solid.size_m[1] if solid.shape != "cylinder" else solid.size_m[0]),
-            solid.base_m,
-            solid.base_m + solid.size_m[2],
-            solid.shape == "cylinder",
-            int(solid.kind),
-            *solid.rgb,
-        )
-        for solid in solids
-    ]
-    return np.array(rows, dtype=np.float64).reshape(len(solids), 13)
-
-
-def mover_rows(movers: tuple[Mover, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """The parts of what moves, (D, 13) as of `solid_rows`, and whose part each is, (D,) int.
-
-    The solids of each mover stand about its own origin.
-    """
-    owners = [number for number, solids in enumerate(movers) for _ in solids]
-    return solid_rows(tuple(solid for solids in movers for solid in solids)), np.array(owners, int)
-
-
-def light_row(light: LightLook) -> np.ndarray:
-    """(5,): unit vector to the light in the world frame, ambient and diffuse share."""
-    level = math.cos(light.elevation_rad)
-    direction = (level * math.cos(light.azimuth_rad), level * math.sin(light.azimuth_rad))
-    return np.array((*direction, math.sin(light.elevation_rad), light.ambient, light.diffuse))
-
-
-class Directions(NamedTuple):
-    """Which way a picture's pixels look, for finding those that look at something.
-
-    ``rays`` (3, H, W) float32 in the robot frame. ``cells`` (AZIMUTHS, ELEVATIONS, 4) int16: first
-    and last row, first and last column of the pixels that look into a cell, one pixel more on each
-    side; an empty cell has first above last. Azimuths count from behind, elevations from straight
-    down. ``pixel_rad``: the widest pixel.
-    """
-
-    rays: np.ndarray
-    cells: np.ndarray
-    pixel_rad: float
-
-
-@lru_cache(maxsize=256)
-def directions_of(rig: CameraRig, image: ImageSpec) -> Directions:
-    """The directions of a rig's pixels."""
-    rays = pixel_rays(rig, image)
-    d = rays.directions
-    azimuth, elevation = np.arctan2(d[..., 1], d[..., 0]), np.arcsin(np.clip(d[..., 2], -1.0, 1.0))
-    i = ((azimuth[rays.seen] / math.pi + 1.0) * (AZIMUTHS // 2)).astype(int) % AZIMUTHS
-    j = ((elevation[rays.seen] / math.pi + 0.5) * ELEVATIONS).astype(int)
-    cell = i * ELEVATIONS + np.minimum(j, ELEVATIONS - 1)
-    rows, columns = np.nonzero(rays.seen)
-    bounds = np.empty((AZIMUTHS * ELEVATIONS, 4), np.int64)
-    bounds[:, 0::2], bounds[:, 1::2] = np.iinfo(np.int16).max, -1
-    for k, positions in ((0, rows), (2, columns)):
-        np.minimum.at(bounds[:, k], cell, positions - 1)
-        np.maximum.at(bounds[:, k + 1], cell, positions + 1)
-    last = np.array(rays.seen.shape) - 1
-    bounds[:, 0::2] = np.maximum(bounds[:, 0::2], 0)
-    bounds[:, 1::2] = np.minimum(bounds[:, 1::2], last)
-    steps = [np.linalg.norm(np.diff(d, axis=k), axis=-1).max(initial=0.0) for k in (0, 1)]
-    return Directions(
-        np.ascontiguousarray(np.moveaxis(d, -1, 0)),
-        bounds.reshape(AZIMUTHS, ELEVATIONS, 4).astype(np.int16),
-        float(max(steps)),
-    )

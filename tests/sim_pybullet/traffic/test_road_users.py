@@ -9,7 +9,7 @@ from robot.errors import ConfigError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
-from sim_pybullet.rendering.rays import mover_rows
+from sim_pybullet.rendering.solid_table import mover_rows
 from sim_pybullet.traffic.crowd import AHEAD_M, Approach, RightOfWay, look_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
