@@ -44,8 +44,8 @@ def judge_command(
         look: a YAML file with a look or a distribution of looks, or a shipped name.
         map: map files, or shipped names or folders; else the rings kept for judging, with
             junctions town.
-        poses: what the rules of the road know of everybody: the truth of now, and what robots tell
-            each other; or as a localizer over the arena errs, with silent robots.
+        poses: what the rules of the road know of everybody: the truth of now, or what a localizer
+            over the arena tells, late and 3 cm off.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
     """
