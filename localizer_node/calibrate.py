@@ -22,7 +22,7 @@ from robot.bringup.camera_place import CameraFit, Freedom, fit_camera
 from robot.camera.files import read_picture
 from robot.command_line import number, pair
 from robot.errors import ConfigError
-from robot.lens import MODELS, Lens
+from robot.lens import MODELS, Hanging, Lens
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_png
 from robot.typed_config import load_yaml
@@ -107,7 +107,8 @@ def calibrate(
     floor_m = np.array([(p.x_m, p.y_m) for p in points], dtype=float).reshape(-1, 2)
     _check_points(pixels, floor_m, lens)
     fit = fit_camera(pixels, floor_m, lens, freedom)
-    rough = replace(_calibration_of(fit, map_size_m), robots=robots)
+    hanging = Hanging.of(fit.position_m, fit.rotation.T)
+    rough = Calibration(fit.lens, hanging, map_size_m=map_size_m, robots=robots)
     errors = np.linalg.norm(rough.to_floor(pixels) - floor_m, axis=1) * 1000.0
     residual = float(np.sqrt(np.mean(errors**2)))
     if residual > max_residual_mm:
@@ -160,19 +161,6 @@ def _parallax_sigma_mm(fit: CameraFit, map_size_m: Tuple[float, float], tallest_
             "or give the lens, or more points"
         )
     return sigma_mm
-
-
-def _calibration_of(fit: CameraFit, map_size_m: Tuple[float, float]) -> Calibration:
-    east = fit.rotation[:, 0]
-    turn = -math.atan2(east[1], east[0])
-    c, s = math.cos(turn), math.sin(turn)
-    ray_from_floor = fit.rotation @ np.column_stack((np.eye(3)[:, :2], -fit.position_m))
-    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ ray_from_floor
-    homography = np.linalg.inv(turned)
-    rows = (homography / homography[2, 2]).ravel().tolist()
-    x, y, height = fit.position_m.tolist()
-    place = (x, y, height)
-    return Calibration(fit.lens, tuple(rows), place, turn, map_size_m=map_size_m, robots=())
 
 
 def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float], ...]:
@@ -234,7 +222,7 @@ def make(arguments: argparse.Namespace) -> None:
     save_calibration(report.calibration, arguments.out)
     if arguments.picture:
         write_png(arguments.picture, annotated(image, report.calibration, ()))
-    x, y, height = report.calibration.camera_m
+    x, y, height = report.calibration.hanging.position_m
     print(f"{arguments.out}: residual {report.calibration.residual_mm:.1f} mm RMS", end=", ")
     print(f"camera {height:.2f} m above ({x:.2f}, {y:.2f}) m", end=", ")
     print(f"parallax uncertain by {report.parallax_sigma_mm:.1f} mm at most")

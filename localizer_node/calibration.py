@@ -5,7 +5,6 @@ Pixels are (u, v) of the raw picture, u right, v down, (0, 0) the centre of the 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Dict, Tuple
 import numpy as np
 
 from robot.errors import ConfigError, nearest
-from robot.lens import Lens
+from robot.lens import CameraRig, Hanging, Lens
 from robot.output import write_text
 from robot.typed_config import to_plain
 
@@ -100,16 +99,12 @@ class Marker:
 class Calibration:
     """Lens, place of the camera, arena and robots of one installation.
 
-    The chain from pixel to floor: region of interest -> ``lens`` (undistort) -> turn by
-    ``rotation_rad`` (about the optical axis, clockwise in the picture, so that north is up) ->
-    ``homography`` -> floor [m]. ``camera_m`` corrects for the height of a marker: seen from H, a
-    point at height h looks displaced by r h / (H - h) outward from the camera's foot point.
+    A pixel of the region of interest is a ray through the lens, which meets the floor, or a board
+    above it, at one place: so the picture is rotated, rectified and brought to the map's scale.
     """
 
     lens: Lens
-    homography: Tuple[float, ...]  # row-major (3, 3): turned plane at depth 1 -> floor [m]
-    camera_m: Tuple[float, float, float]  # x, y, height above the floor
-    rotation_rad: float = 0.0
+    hanging: Hanging  # over the map
     roi_px: Tuple[Point, ...] = ()  # polygon; empty means the whole picture
     map_size_m: Point = (2.2, 2.64)  # of the road map: east-west, north-south
     colours: Tuple[Colour, ...] = DEFAULT_COLOURS
@@ -118,8 +113,6 @@ class Calibration:
     residual_mm: float = float("nan")  # RMS over the points it was made from
 
     def __post_init__(self) -> None:
-        if len(self.homography) != 9:
-            raise ConfigError(f"homography: expected 9 numbers, got {len(self.homography)}")
         if len(self.roi_px) in (1, 2):
             raise ConfigError(f"roi_px: expected none or at least 3 corners, got {self.roi_px}")
         self._check_robots()
@@ -135,10 +128,11 @@ class Calibration:
             )
         seen: Dict[object, str] = {}
         for marker in self.robots:
-            if marker.board.height_m >= self.camera_m[2]:
+            above_m = self.hanging.position_m[2]
+            if marker.board.height_m >= above_m:
                 raise ConfigError(
                     f"robot {marker.robot!r}: board at {marker.board.height_m} m, but the camera "
-                    f"hangs at {self.camera_m[2]} m; expected the camera above the board"
+                    f"hangs at {above_m} m; expected the camera above the board"
                 )
             mark = {"two_colour": marker.front, "tag": str(marker.tag), "plain": ""}[marker.kind]
             for key in (marker.robot, (marker.kind, mark)):  # what the camera tells apart
@@ -157,36 +151,21 @@ class Calibration:
         raise ConfigError(f"colour {name!r}: {nearest(name, [c.name for c in self.colours])}")
 
     @cached_property
-    def _floor_from_ray(self) -> np.ndarray:
-        c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        floor_from_ray = np.array(self.homography).reshape(3, 3) @ turn
-        # Known up to a factor; with this sign the third coordinate is positive below the horizon.
-        return floor_from_ray * (-1.0 if floor_from_ray[2, 2] < 0.0 else 1.0)
-
-    @cached_property
-    def _ray_from_floor(self) -> np.ndarray:
-        return np.linalg.inv(self._floor_from_ray)
+    def camera(self) -> CameraRig:
+        """The lens where it hangs."""
+        return CameraRig(self.lens, self.hanging)
 
     def to_floor(self, pixels: np.ndarray, height_m: float = 0.0) -> np.ndarray:
         """Where (..., 2) [m] stands what is seen at pixels (..., 2), ``height_m`` above the floor.
 
         NaN where the pixel shows no floor.
         """
-        rays = self.lens.unproject(pixels)
-        plane = rays @ self._floor_from_ray.T
-        front = (rays[..., 2] > 1e-6) & (plane[..., 2] > 1e-9)
-        floor = plane[..., :2] / np.where(front, plane[..., 2], np.nan)[..., None]
-        foot_m, above_m = np.array(self.camera_m[:2]), self.camera_m[2]
-        return foot_m + (floor - foot_m) * ((above_m - height_m) / above_m)
+        return self.camera.to_floor(pixels, height_m)
 
     def to_pixels(self, points_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
         """Where floor points (..., 2), raised to ``height_m``, appear in the raw picture."""
-        foot_m, above_m = np.array(self.camera_m[:2]), self.camera_m[2]
-        stretch = above_m / (above_m - height_m)
-        floor = foot_m + (np.asarray(points_m, dtype=float) - foot_m) * stretch
-        rays = np.concatenate((floor, np.ones((*floor.shape[:-1], 1))), axis=-1)
-        return self.lens.project(rays @ self._ray_from_floor.T)
+        raised = np.full((*np.shape(points_m)[:-1], 1), height_m)
+        return self.camera.to_pixels(np.concatenate((points_m, raised), axis=-1))
 
     def linearised(
         self, pixels: np.ndarray, height_m: float = 0.0

@@ -122,9 +122,7 @@ class Detector:
 
     def _at_height(self, part: Part, marker: Marker) -> np.ndarray:
         """The part's place for this marker's own board height [m]."""
-        camera = np.array(self.calibration.camera_m)
-        ratio = (camera[2] - marker.board.height_m) / (camera[2] - self._board_height_m)
-        return camera[:2] + (part.centre_m - camera[:2]) * ratio
+        return self.calibration.to_floor(np.array(part.centre_px), marker.board.height_m)
 
     def _bare(self, marker: Marker, rears: Sequence[Part]) -> Iterator[Detection]:
         """Plain boards: places without a heading."""

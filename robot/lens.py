@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Tuple
+from typing import Tuple, Union
 
 import numpy as np
 
@@ -169,29 +169,64 @@ class Mount:
 
 
 @dataclass(frozen=True)
+class Hanging:
+    """Where a camera hangs that looks down on a floor; the frame is the floor's, z up."""
+
+    position_m: Tuple[float, float, float] = (1.1, 1.32, 2.5)
+    yaw_rad: float = math.pi / 2.0  # of picture-right from x, counter-clockwise
+    tilt_rad: Tuple[float, float] = (0.0, 0.0)  # about picture-right and picture-down
+
+    @classmethod
+    def of(cls, position_m: np.ndarray, rotation: np.ndarray) -> Hanging:
+        """From a place (3,) [m], and a rotation (3, 3) of the camera's directions into the frame's.
+
+        As the tilt has no part about the optical axis, the yaw is the twist about that.
+        """
+        import cv2
+
+        x_m, y_m, height_m = map(float, position_m)
+        seen = np.diag((1.0, -1.0, -1.0)) @ rotation
+        yaw_rad = -2.0 * math.atan2(seen[1, 0] - seen[0, 1], 1.0 + np.trace(seen))
+        level = cls((x_m, y_m, height_m), yaw_rad)
+        right_rad, down_rad, _ = cv2.Rodrigues(level.rotation.T @ rotation)[0].ravel().tolist()
+        return replace(level, tilt_rad=(right_rad, down_rad))
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3): turns a direction of the camera frame into the floor's."""
+        import cv2
+
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        straight = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+        tilt = cv2.Rodrigues(np.array([*self.tilt_rad, 0.0]))[0]
+        return np.asarray(straight @ tilt)
+
+
+@dataclass(frozen=True)
 class CameraRig:
-    """A lens on a mounting."""
+    """A lens on a mounting, or hanging over a floor: the frame is the robot's, or the floor's."""
 
     lens: Lens
-    mount: Mount = Mount()
+    mount: Union[Mount, Hanging] = Mount()
 
     def rays(self) -> np.ndarray:
-        """Unit directions (H, W, 3) in the robot frame, one per pixel."""
+        """Unit directions (H, W, 3) in the frame, one per pixel."""
         v, u = np.mgrid[0 : self.lens.height_px, 0 : self.lens.width_px]
         directions = self.lens.unproject(np.stack((u, v), axis=-1))
         return directions @ self.mount.rotation.T
 
-    def to_pixels(self, points_robot_m: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the robot frame [m] -> pixels (..., 2)."""
-        relative = np.asarray(points_robot_m, dtype=float) - self.mount.position_m
+    def to_pixels(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the frame [m] -> pixels (..., 2)."""
+        relative = np.asarray(points_m, dtype=float) - self.mount.position_m
         return self.lens.project(relative @ self.mount.rotation)
 
-    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) -> floor points (..., 2), robot frame [m]; NaN above the horizon."""
+    def to_floor(self, pixels: np.ndarray, height_m: float = 0.0) -> np.ndarray:
+        """Pixels (..., 2) -> points (..., 2) so high above the floor [m]; NaN above the horizon."""
         directions = self.lens.unproject(pixels) @ self.mount.rotation.T
         down = np.where(directions[..., 2] < -1e-6, directions[..., 2], np.nan)
-        scale = -self.mount.height_m / down
-        return self.mount.position_m[:2] + directions[..., :2] * scale[..., None]
+        x_m, y_m, above_m = self.mount.position_m
+        scale = (height_m - above_m) / down
+        return np.array((x_m, y_m)) + directions[..., :2] * scale[..., None]
 
 
 # The lens of the Duckietown simulator and robots: 111 x 84 degrees (a calibration of a real robot).

@@ -1,11 +1,13 @@
 """Frozen dataclasses to and from plain data (YAML, JSON); unknown keys and wrong kinds are refused.
 
-Understands nested dataclasses, float, int, bool, str, tuples, Optional and unions of these: all
-that a configuration file of ours holds.
+Understands nested dataclasses, float, int, bool, str, bytes (in base64), tuples, Optional and
+unions of these: all that a configuration file or a message of ours holds.
 """
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import dataclasses
 import functools
 import reprlib
@@ -102,6 +104,9 @@ def _convert(kind: Any, value: Any, label: str) -> Any:
             valid = nearest(str(value)[:80], members)
             raise ConfigError(f"{label}: unknown {_told(value)}; {valid}")
         return value
+    if kind is bytes and isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            return base64.b64decode(value, validate=True)
     if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
     plain = kind in (int, bool, str) and isinstance(value, kind)

@@ -16,7 +16,7 @@ import numpy as np
 from localizer_node.calibration import Calibration, Marker
 from localizer_node.tags import draw_tag
 from robot.geometry import Pose
-from robot.lens import Lens
+from robot.lens import CameraRig, Hanging, Lens
 from sim_pybullet.look import Rgb
 from sim_pybullet.scene import Ground
 
@@ -44,23 +44,6 @@ class Sheet:
     rgb: np.ndarray  # (h, w, 3) uint8
 
 
-@dataclass(frozen=True)
-class Hanging:
-    """Where the camera hangs and how it is turned."""
-
-    position_m: tuple[float, float, float] = (1.1, 1.32, 2.5)
-    yaw_rad: float = math.pi / 2.0  # of picture-right from east, counter-clockwise
-    tilt_rad: tuple[float, float] = (0.0, 0.0)  # about picture-right and picture-down
-
-    @property
-    def rotation(self) -> np.ndarray:
-        """(3, 3): directions of the camera frame into the world."""
-        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        straight = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
-        tilt = cv2.Rodrigues(np.array([*self.tilt_rad, 0.0]))[0]
-        return straight @ tilt
-
-
 class OverheadCamera:
     """Draws what hangs above ``ground`` sees; pictures are (H, W, 3) uint8 RGB.
 
@@ -70,34 +53,21 @@ class OverheadCamera:
     def __init__(
         self,
         ground: Ground,
-        hanging: Hanging = Hanging(),
+        hanging: Hanging = Hanging(),  # noqa: B008 (frozen)
         lens: Lens = OVERHEAD_LENS,
         light: Callable[[np.ndarray], np.ndarray] | None = None,
         blur_px: float = 0.6,
         noise: float = 3.0,
     ) -> None:
-        self.hanging, self.lens = hanging, lens
+        self.lens, self.hanging, self.rig = lens, hanging, CameraRig(lens, hanging)
         self._ground, self._blur_px, self._noise = ground, blur_px, noise
         v, u = np.mgrid[0 : lens.height_px, 0 : lens.width_px].astype(float)
-        floor_m = self.to_plane(np.stack((u, v), axis=-1), 0.0)
+        floor_m = self.rig.to_floor(np.stack((u, v), axis=-1))
         even = np.ones((lens.height_px, lens.width_px, 3))
         self._light = (even if light is None else light(floor_m)).astype(np.float32)
         self._floor = self._sample_ground(floor_m) * self._light  # lit, sharp, float32
         self._work = self._floor.copy()  # the same, with this picture's sheets
         self._empty = cv2.convertScaleAbs(self._blurred(self._floor))
-
-    def to_plane(self, pixels: np.ndarray, height_m: float) -> np.ndarray:
-        """World points (..., 2) [m] where the rays of pixels (..., 2) pass this height."""
-        rays = self.lens.unproject(pixels) @ self.hanging.rotation.T
-        x, y, z = self.hanging.position_m
-        down = np.where(rays[..., 2] < -1e-3, -rays[..., 2], np.nan)
-        reach = (z - height_m) / down
-        return np.stack((x + rays[..., 0] * reach, y + rays[..., 1] * reach), axis=-1)
-
-    def to_pixels(self, points_m: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of world points (..., 3) [m]."""
-        relative = np.asarray(points_m, dtype=float) - self.hanging.position_m
-        return self.lens.project(relative @ self.hanging.rotation)
 
     def render(self, sheets: Iterable[Sheet], rng: np.random.Generator) -> np.ndarray:
         """One picture of the floor with these sheets on it, the higher above the lower."""
@@ -136,7 +106,7 @@ class OverheadCamera:
         pose = Pose(sheet.x_m, sheet.y_m, sheet.heading_rad)
         half = 0.5 * np.array([sheet.length_m, sheet.width_m])
         corners = pose.to_world(half * [[1, 1], [1, -1], [-1, -1], [-1, 1]])
-        outline = self.to_pixels(np.column_stack((corners, np.full(4, sheet.height_m))))
+        outline = self.rig.to_pixels(np.column_stack((corners, np.full(4, sheet.height_m))))
         limit = (self.lens.width_px, self.lens.height_px)
         low = np.clip(np.floor(outline.min(axis=0)) - 1, 0, limit).astype(int)
         high = np.clip(np.ceil(outline.max(axis=0)) + 2, 0, limit).astype(int)
@@ -209,16 +179,5 @@ def known_calibration(
     camera: OverheadCamera, robots: tuple[Marker, ...], map_size_m: tuple[float, float]
 ) -> Calibration:
     """The exact calibration of a drawn camera, where nobody calibrates it."""
-    rotation = camera.hanging.rotation.T
-    place = np.array(camera.hanging.position_m)
-    ray_from_floor = rotation @ np.column_stack((np.eye(3)[:, :2], -place))
-    homography = np.linalg.inv(ray_from_floor)
-    homography /= homography[2, 2]
-    return Calibration(
-        lens=camera.lens,
-        homography=tuple(float(v) for v in homography.ravel()),
-        camera_m=camera.hanging.position_m,
-        map_size_m=map_size_m,
-        robots=robots,
-        residual_mm=0.0,
-    )
+    place = camera.lens, camera.hanging
+    return Calibration(*place, map_size_m=map_size_m, robots=robots, residual_mm=0.0)

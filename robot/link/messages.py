@@ -9,27 +9,15 @@ The pose follows SSL-Vision's detection frame (t_capture, t_sent, confidence, x,
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import dataclass, field
 from typing import ClassVar, Optional, Tuple
 
 from robot.errors import ContractError
 from robot.geometry import Pose
-from robot.link.wire import (
-    COUNT,
-    NAME,
-    SCHEMA,
-    TIME_S,
-    Checked,
-    Message,
-    entries,
-    number,
-    require_size,
-)
+from robot.link.wire import COUNT, NAME, TIME_S, Checked, Message, entries, number
 
 FAR_M = 1000.0  # no arena is larger
 HALF_TURN_RAD = math.pi + 1e-6
-MAX_SIDE_PX = 4096
 MAX_ROBOTS = 16
 UNSENT = "unsent"  # the session of a message that no publisher has stamped
 
@@ -95,11 +83,9 @@ class PosesMessage(Message):
 
 @dataclass(frozen=True)
 class FrameMessage(Message):
-    """One camera picture as JPEG, behind a small binary header (big-endian)."""
+    """One camera picture as JPEG."""
 
     jpeg: bytes
-    width_px: int = field(metadata=number(1, MAX_SIDE_PX))
-    height_px: int = field(metadata=number(1, MAX_SIDE_PX))
     t_capture_s: float = field(metadata=TIME_S)  # the sender's monotonic clock
     session: str = field(default=UNSENT, metadata=NAME)
     sequence: int = field(default=0, metadata=COUNT)
@@ -107,34 +93,8 @@ class FrameMessage(Message):
 
     KIND: ClassVar[str] = "frame"
     LIMIT_BYTES: ClassVar[int] = 65536
-    HEADER: ClassVar[struct.Struct] = struct.Struct("!4sH32sQddHH")
-    MAGIC: ClassVar[bytes] = b"DPFR"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (self.jpeg.startswith(b"\xff\xd8") and self.jpeg.endswith(b"\xff\xd9")):
             raise ContractError(f"frame: expected JPEG bytes, got {self.jpeg[:8]!r}…")
-        require_size("frame", self.jpeg, self.LIMIT_BYTES - self.HEADER.size)
-
-    def to_bytes(self) -> bytes:
-        """Header and JPEG in one part."""
-        session = self.session.encode("ascii")
-        times = (self.sequence, self.t_capture_s, self.t_sent_s)
-        head = self.HEADER.pack(self.MAGIC, SCHEMA, session, *times, self.width_px, self.height_px)
-        return head + self.jpeg
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> FrameMessage:
-        """Read ``to_bytes``; ContractError for anything else. The JPEG is not decoded."""
-        require_size("frame", data, cls.LIMIT_BYTES)
-        size = cls.HEADER.size
-        if len(data) < size:
-            raise ContractError(f"frame: expected at least {size} bytes, got {len(data)}")
-        magic, schema, session, sequence, t_capture_s, t_sent_s, width_px, height_px = (
-            cls.HEADER.unpack_from(data)
-        )
-        if magic != cls.MAGIC or schema != SCHEMA:
-            raise ContractError(f"frame: expected {cls.MAGIC!r} {SCHEMA}, got {magic!r} {schema}")
-        name = session.rstrip(b"\0").decode("ascii", "replace")
-        jpeg = bytes(data[size:])
-        return cls(jpeg, width_px, height_px, t_capture_s, name, sequence, t_sent_s)

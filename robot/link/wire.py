@@ -6,6 +6,7 @@ come it raises nothing but ``ContractError``.
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import json
 import numbers
@@ -134,11 +135,13 @@ def tidy_text(text: str, limit_bytes: int) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A message as dicts, lists and scalars for JSON; numbers keep six decimals."""
+    """A message as dicts, lists and scalars for JSON; numbers keep six decimals, bytes base64."""
     if type(value) is float:  # first, because a message is mostly these
         return round(value, DECIMALS)
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode("ascii")
     if value is None or isinstance(value, (bool, str, int)):
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

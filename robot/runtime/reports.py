@@ -52,10 +52,9 @@ class Reporter:
             self._publish(self.newest)
         if self._show is not None and tick.frame is not None and tick.frame.sequence != self._shown:
             self._shown = tick.frame.sequence
-            height, width = tick.frame.image.shape[:2]
             quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
             jpeg = cv2.imencode(".jpg", tick.frame.image[..., ::-1], quality)[1].tobytes()
-            self._show(FrameMessage(jpeg, width, height, max(tick.frame.time_s, 0.0)))
+            self._show(FrameMessage(jpeg, max(tick.frame.time_s, 0.0)))
 
     def _report(self, tick: Tick) -> Telemetry:
         guidance, navigator = tick.guidance, self._navigator

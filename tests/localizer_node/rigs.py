@@ -10,7 +10,7 @@ import numpy as np
 from localizer_node.calibrate import KnownPoint
 from localizer_node.calibration import Calibration, Marker
 from localizer_node.tags import draw_tag
-from robot.lens import Lens
+from robot.lens import Hanging, Lens
 
 MAP_M = (2.2, 2.64)
 SIDE_PX = 1280  # square, so that the arena is in view whatever way the camera is turned
@@ -55,16 +55,8 @@ class Rig:
         return [KnownPoint(*map(float, (*p, *q))) for p, q in zip(pixels, points_m)]
 
     def calibration(self, robots: Sequence[Marker] = (Marker(),)) -> Calibration:
-        x, y, height = self.position_m
-        back = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, -height]])
-        homography = np.linalg.inv(self.to_camera @ back)
-        return Calibration(
-            lens=self.lens,
-            homography=tuple(float(v) for v in homography.ravel()),
-            camera_m=self.position_m,
-            map_size_m=MAP_M,
-            robots=tuple(robots),
-        )
+        hanging = Hanging.of(np.array(self.position_m), self.to_camera.T)
+        return Calibration(self.lens, hanging, map_size_m=MAP_M, robots=tuple(robots))
 
     def floor(self) -> np.ndarray:
         """A picture of the bare floor."""

@@ -82,7 +82,7 @@ def test_calibrate_by_a_file_of_points_with_a_lens_and_robots(arena, capsys):
     made = load_yaml(Calibration, arena / "new.yaml")
     assert made.robots == (Marker("seven", "tag", tag=7),)
     assert made.lens == lens
-    assert np.allclose(made.camera_m, RIG.position_m, atol=1e-3)
+    assert np.allclose(made.hanging.position_m, RIG.position_m, atol=1e-3)
     assert "camera 2.50 m above (1.12, 1.30) m" in capsys.readouterr().out
 
 

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from localizer_node.calibration import map_outline
+from robot.lens import Hanging
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, Rig, grid
 
 yaws = st.floats(-math.pi, math.pi)
@@ -43,19 +44,13 @@ def test_a_raised_point_is_displaced_outward_by_r_h_over_H_minus_h(h, r, azimuth
     assert np.allclose(on_floor - (foot + r * outward), outward * r * h / (big_h - h), atol=1e-5)
 
 
-@given(yaws)
+@given(yaws, tilts)
 @settings(max_examples=30, deadline=None)
-def test_turning_the_picture_moves_no_robot(rotation_rad):
-    """``rotation_rad`` and a homography that undoes it, against neither."""
-    rig = Rig(tilt_rad=(0.05, -0.02))
-    straight = rig.calibration()
-    c, s = math.cos(rotation_rad), math.sin(rotation_rad)
-    back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    turned = np.array(straight.homography).reshape(3, 3) @ back * -2.5
-    calibration = replace(straight, rotation_rad=rotation_rad, homography=tuple(turned.ravel()))
-    pixels = rig.see(grid(), 0.1)
-    expected = straight.to_floor(pixels, 0.1)
-    assert np.allclose(calibration.to_floor(pixels, 0.1), expected, atol=1e-9)
+def test_a_camera_hangs_as_its_rotation_says(yaw, tilt):
+    rig = Rig(yaw_rad=yaw, tilt_rad=tilt)
+    hanging = Hanging.of(np.array(rig.position_m), rig.to_camera.T)
+    assert hanging.position_m == rig.position_m
+    assert np.allclose(hanging.rotation, rig.to_camera.T, atol=1e-12)
 
 
 def test_linearised_is_the_derivative():

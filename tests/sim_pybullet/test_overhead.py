@@ -34,15 +34,17 @@ def bare():
 
 def test_pixels_and_places_are_inverse(bare):
     places = np.array([[0.1, 0.1, 0.0], [2.0, 2.5, 0.0], [1.1, 1.3, 0.2], [0.3, 2.2, 0.2]])
-    pixels = bare.to_pixels(places)
+    pixels = bare.rig.to_pixels(places)
     for place, pixel in zip(places, pixels, strict=True):
-        assert np.allclose(bare.to_plane(pixel, place[2]), place[:2], atol=1e-9)
+        assert np.allclose(bare.rig.to_floor(pixel, place[2]), place[:2], atol=1e-9)
 
 
 def test_its_known_calibration_is_the_camera(bare):
     rectifier = known_calibration(bare, (), (2.2, 2.64))
     places = np.array([[0.1, 0.1, 0.12], [2.0, 2.5, 0.12], [1.1, 1.3, 0.12]])
-    assert np.allclose(rectifier.to_pixels(places[:, :2], 0.12), bare.to_pixels(places), atol=1e-6)
+    assert np.allclose(
+        rectifier.to_pixels(places[:, :2], 0.12), bare.rig.to_pixels(places), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("height_m", [0.0, 0.12, 0.3])
@@ -55,7 +57,7 @@ def test_a_sheet_appears_where_its_height_puts_it(bare, height_m):
         rows, columns = np.nonzero(change)
         weight = change[rows, columns]
         centre = np.average(np.column_stack((columns, rows)), axis=0, weights=weight)
-        assert np.allclose(centre, bare.to_pixels(np.array([x, y, height_m])), atol=0.12)
+        assert np.allclose(centre, bare.rig.to_pixels(np.array([x, y, height_m])), atol=0.12)
 
 
 def test_the_higher_hides_the_lower_and_nothing_stays_behind(bare):
@@ -103,11 +105,11 @@ def test_light_falls_off_to_one_side_and_into_shadow():
     floor = Ground(ground, np.zeros((132, 110), np.uint8), 0.02, 0.0, 2.64, (100.0, 100.0, 100.0))
     camera = OverheadCamera(floor, light=light, blur_px=0.0, noise=0.0)
     picture = camera.render([], np.random.default_rng(0)).mean(axis=2)
-    west, east = (camera.to_pixels(np.array([x, 1.3, 0.0])).astype(int) for x in (0.2, 2.0))
+    west, east = (camera.rig.to_pixels(np.array([x, 1.3, 0.0])).astype(int) for x in (0.2, 2.0))
     assert picture[west[1], west[0]] < 90 < 110 < picture[east[1], east[0]]
     shaded = OverheadCamera(floor, light=Lamps(shadows=((0.5, 0.5, 0.3, 0.5),)), noise=0.0)
     picture = shaded.render([], np.random.default_rng(0)).mean(axis=2)
-    spot = shaded.to_pixels(np.array([0.5, 0.5, 0.0])).astype(int)
+    spot = shaded.rig.to_pixels(np.array([0.5, 0.5, 0.0])).astype(int)
     assert picture[spot[1], spot[0]] == pytest.approx(50, abs=2)
 
 

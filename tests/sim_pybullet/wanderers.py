@@ -111,7 +111,7 @@ def clicked(
     road_map = arena()[0]
     size = (road_map.width_m, road_map.height_m)
     edge = map_outline(size, points_per_side=2)
-    pixels = camera.to_pixels(np.column_stack((edge, np.zeros(len(edge)))))
+    pixels = camera.rig.to_pixels(np.column_stack((edge, np.zeros(len(edge)))))
     pixels += rng.normal(0.0, 0.5, pixels.shape)
     points = [KnownPoint(*map(float, (*p, *q))) for p, q in zip(pixels, edge, strict=True)]
     height = camera.hanging.position_m[2] + rng.normal(0.0, 0.01)

@@ -20,7 +20,7 @@ MODEL = Path("robot/models/lane_dueling.onnx")
 def frame(sequence: int) -> FrameMessage:
     rng = np.random.default_rng(sequence)
     _, data = cv2.imencode(".jpg", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8))
-    return FrameMessage(data.tobytes(), 160, 120, 0.1 * sequence, "s", sequence, 0.1 * sequence)
+    return FrameMessage(data.tobytes(), 0.1 * sequence, "s", sequence, 0.1 * sequence)
 
 
 def cells(attention: Attention | None) -> np.ndarray:
@@ -37,7 +37,7 @@ def test_the_newest_picture_is_explained() -> None:
     for sequence in range(30):
         thread.offer(frame(sequence))
     assert until(lambda: thread.newest is not None)
-    nothing = FrameMessage(b"\xff\xd8no picture\xff\xd9", 160, 120, 9.0)
+    nothing = FrameMessage(b"\xff\xd8no picture\xff\xd9", 9.0)
     grid = cells(thread.newest)
     assert grid.max() == 255
     assert grid[:3].max() == 0  # the policy does not see the top third
@@ -55,7 +55,7 @@ def test_the_robot_sends_none_and_the_page_gets_one(
 
         def shown() -> bool:
             reports.send(Telemetry("duck", "READY"))
-            frames.send(FrameMessage(frame(1).jpeg, 160, 120, 1.0))
+            frames.send(FrameMessage(frame(1).jpeg, 1.0))
             monitor.turn()
             robot = monitor.snapshot().robot
             return isinstance(robot, Explained) and robot.attention is not None

@@ -55,10 +55,10 @@ def test_a_drive_is_recorded_from_start_to_arrival(tmp_path: Path) -> None:
 
 def test_pictures_come_back_at_their_time(tmp_path: Path) -> None:
     recorder = DriveRecorder(tmp_path, lambda: 1.7e9)
-    recorder.take_frame(FrameMessage(jpeg(0), 160, 120, 9.9))  # before the drive
+    recorder.take_frame(FrameMessage(jpeg(0), 9.9))  # before the drive
     for i in range(30):
         recorder.take(report(10.0 + 0.1 * i))
-        recorder.take_frame(FrameMessage(jpeg(i), 160, 120, 10.02 + 0.1 * i, sequence=i))
+        recorder.take_frame(FrameMessage(jpeg(i), 10.02 + 0.1 * i, sequence=i))
     recorder.take(report(15.0, "arrived"))
     name = list_drives(tmp_path)[0].name
     assert read_picture(tmp_path, name, 0.0) is None  # none yet
@@ -110,7 +110,7 @@ def test_a_drive_by_hand_is_recorded_with_its_wheels(tmp_path: Path) -> None:
     assert not recorder.take(Telemetry("duck", "READY"))
     for i in range(10):
         driving = Telemetry("duck", "MANUAL", wheels=(0.1, 0.2), t_sent_s=5.0 + 0.1 * i)
-        recorder.take_frame(FrameMessage(jpeg(i), 160, 120, 4.98 + 0.1 * i, sequence=i))
+        recorder.take_frame(FrameMessage(jpeg(i), 4.98 + 0.1 * i, sequence=i))
         assert not recorder.take(driving)
     assert recorder.take(Telemetry("duck", "HOLD", wheels=(0.0, 0.0), t_sent_s=6.0))
     (summary,) = list_drives(tmp_path)

@@ -93,7 +93,7 @@ def test_every_stream_ages_by_itself() -> None:
     world = World()
     world.report()
     poses = PosesMessage((Sighting("duck", 1.0, 2.0, None, 0.5),), 9.0, "cam", 1, 9.0)
-    frame = FrameMessage(b"\xff\xd8\xff\xd9", 160, 120, 9.0, "eye", 7, 9.0)
+    frame = FrameMessage(b"\xff\xd8\xff\xd9", 9.0, "eye", 7, 9.0)
     world.later(0.2)
     assert world.state.take_poses(poses)
     world.later(0.1)

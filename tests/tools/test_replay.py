@@ -79,7 +79,7 @@ def test_a_monitors_recording_says_what_it_lacks(
     for number in range(5):
         time_s = 10.0 + 0.1 * number
         recorder.take(Telemetry("duck", "AUTO", mission=mission, t_sent_s=time_s))
-        recorder.take_frame(FrameMessage(b"\xff\xd8\xff\xd9", 160, 120, time_s))
+        recorder.take_frame(FrameMessage(b"\xff\xd8\xff\xd9", time_s))
     recorder.close()
     (path,) = (tmp_path / "drives").iterdir()
     policy = write_policy(tmp_path / "other.onnx", lane_contract())

@@ -8,14 +8,10 @@ import numpy as np
 
 from localizer_node.calibration import Board, Calibration, Marker
 from robot.geometry import Pose
+from robot.lens import Hanging
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
-from sim_pybullet.overhead import (
-    Hanging,
-    OverheadCamera,
-    known_calibration,
-    robot_sheets,
-)
+from sim_pybullet.overhead import OverheadCamera, known_calibration, robot_sheets
 from tools.loop.picture_server import PictureServer
 from tools.loop.timekeeper import Timekeeper
 from tools.loop.virtual_robot import VirtualRobot

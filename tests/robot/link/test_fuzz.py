@@ -26,7 +26,7 @@ GOOD: Tuple[Any, ...] = (
         health=(Reading("load", 0.7), Reading("disk free", 40.0, "%", "ok")),
         map="arena",
     ),
-    FrameMessage(b"\xff\xd8 picture \xff\xd9", 160, 120, 1.0, "eye", 4, 1.1),
+    FrameMessage(b"\xff\xd8 picture \xff\xd9", 1.0, "eye", 4, 1.1),
     Command("c1", "page", "mission", Mission((1.0, 2.0), (0.0, 0.5))),
     Command("c2", "page", "manual", None, (0.3, -0.1)),
     Ack("c1", False, "not possible in DISARMED", "abcd", 5.0),
@@ -36,7 +36,7 @@ KINDS = [PosesMessage, Telemetry, FrameMessage, Command, Ack]
 JUNK: List[bytes] = [
     *(b"null", b"true", b"NaN", b"Infinity", b"1e999", b"-0.0", b"-1", b"9007199254740993"),
     *(b"{}", b"[]", b"[[[[[[[[", b"[1,2]", b'"schema":1', b'"\\ud800"', b"\xc3\x28", b"\x00", b","),
-    *(b"\"'", b"DPFR\x00\x01", b"\xff\xd8\xff\xd9", b"", b"1.5", b'"abc"'),
+    *(b"\"'", b"\xff\xd8\xff\xd9", b"", b"1.5", b'"abc"'),
 ]
 VALUE = re.compile(rb'":(\[[^\]]*\]|"[^"]*"|[^,"\]}{]+)')
 
@@ -77,10 +77,10 @@ def test_decoders_hold_against_mutated_messages(found: Tuple[bytes, Any]) -> Non
 
 @pytest.mark.parametrize("message", GOOD, ids=lambda message: type(message).__name__)
 def test_every_value_may_be_exchanged_for_junk(message: Any) -> None:
-    """Some of it must be read, or nothing but syntax was tried; a frame tells its JSON's length."""
+    """Some of it must be read, or nothing but syntax was tried."""
     data, read = message.to_bytes(), 0
     assert held(data, type(message))
     for found in VALUE.finditer(data):
         for junk in JUNK:
             read += held(data[: found.start(1)] + junk + data[found.end(1) :], type(message))
-    assert read > 0 or isinstance(message, FrameMessage)
+    assert read > 0

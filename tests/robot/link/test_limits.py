@@ -36,7 +36,7 @@ def poses(**told: Any) -> PosesMessage:
 
 
 def frame(**told: Any) -> FrameMessage:
-    fields = {"jpeg": b"\xff\xd8\xff\xd9", "width_px": 160, "height_px": 120, "t_capture_s": 1.0}
+    fields = {"jpeg": b"\xff\xd8\xff\xd9", "t_capture_s": 1.0}
     return FrameMessage(**{**fields, **told})
 
 
@@ -72,8 +72,6 @@ RANGES: List[Any] = [
     *((poses, "session", good, bad) for good, bad in NAMES),
     *((poses, "sequence", good, bad) for good, bad in ((0, -1), (2**53, 2**53 + 1))),
     *((poses, "t_sent_s", good, bad) for good, bad in ((0.0, -0.1), (1e10, 1.1e10))),
-    *((frame, "width_px", good, bad) for good, bad in ((1, 0), (4096, 4097))),
-    *((frame, "height_px", good, bad) for good, bad in ((1, 0), (4096, 4097))),
     *((frame, "t_capture_s", good, bad) for good, bad in ((0.0, -0.1), (1e10, 1.1e10))),
     *((frame, "sequence", good, bad) for good, bad in ((0, -1), (2**53, 2**53 + 1))),
     *((report, "robot", good, bad) for good, bad in NAMES),
@@ -144,11 +142,6 @@ def test_a_field_has_its_range(make: Make, field: str, good: Any, bad: Any) -> N
         (lambda v: Mission((0.0, 0.0), (0.0, v)), -1000.0, math.nan),
         (lambda v: require_size("x", v, 4), b"1234", b"12345"),
         (lambda v: entries(4)["entries"]("x", v), "1234", "12345"),
-        (
-            lambda v: frame(jpeg=b"\xff\xd8" + bytes(v) + b"\xff\xd9"),
-            65536 - 66 - 4,
-            65536 - 65 - 4,
-        ),
     ],
 )
 def test_a_part_has_its_range(make: Make, good: Any, bad: Any) -> None:
@@ -181,11 +174,8 @@ def test_a_message_has_four_kilobytes_and_a_frame_sixty_four() -> None:
     assert [kind.LIMIT_BYTES for kind in (PosesMessage, Telemetry, FrameMessage)] == [
         *(4096, 4096, 65536)
     ]
-    assert FrameMessage.HEADER.size == 66
     with pytest.raises(ContractError, match="expected at most 65536 bytes, got 65537"):
-        FrameMessage.from_bytes(frame().to_bytes() + bytes(65537 - 70))
-    with pytest.raises(ContractError, match="expected at least 66 bytes, got 65"):
-        FrameMessage.from_bytes(bytes(65))
+        FrameMessage.from_bytes(frame().to_bytes().ljust(65537))
 
 
 def test_numbers_go_over_the_wire_with_six_decimals() -> None:

@@ -114,10 +114,10 @@ def test_every_message_fits_and_survives_the_wire(message: Any) -> None:
     assert again.to_bytes() == data
 
 
-@given(names, counts, times, st.binary(max_size=300))
+@given(names, counts, times.map(lambda t_s: round(t_s, 6)), st.binary(max_size=300))
 @settings(max_examples=50, deadline=None)
 def test_a_frame_survives_the_wire(session: str, sequence: int, t_s: float, body: bytes) -> None:
-    frame = FrameMessage(b"\xff\xd8" + body + b"\xff\xd9", 160, 120, t_s, session, sequence, t_s)
+    frame = FrameMessage(b"\xff\xd8" + body + b"\xff\xd9", t_s, session, sequence, t_s)
     assert FrameMessage.from_bytes(frame.to_bytes()) == frame
 
 
@@ -191,14 +191,12 @@ def test_the_refusal_says_what_was_wrong(data: bytes, says: str) -> None:
 
 def test_a_frame_that_is_no_jpeg_or_too_large_is_refused() -> None:
     with pytest.raises(ContractError, match="JPEG"):
-        FrameMessage(b"GIF89a", 160, 120, 0.0)
-    with pytest.raises(ContractError, match="at most"):
-        FrameMessage(b"\xff\xd8" + bytes(65536) + b"\xff\xd9", 160, 120, 0.0)
-    good = FrameMessage(b"\xff\xd8\xff\xd9", 160, 120, 0.0).to_bytes()
-    with pytest.raises(ContractError, match="expected b'DPFR' 1"):
-        FrameMessage.from_bytes(b"DPFR\x00\x09" + good[6:])
-    with pytest.raises(ContractError, match="at least"):
-        FrameMessage.from_bytes(good[:20])
+        FrameMessage(b"GIF89a", 0.0)
+    with pytest.raises(ContractError, match="at most 65536 bytes"):
+        FrameMessage(b"\xff\xd8" + bytes(49152) + b"\xff\xd9", 0.0).to_bytes()
+    good = FrameMessage(b"\xff\xd8\xff\xd9", 0.0).to_bytes()
+    with pytest.raises(ContractError, match="expected bytes"):
+        FrameMessage.from_bytes(good.replace(b'"jpeg":"', b'"jpeg":"*'))
 
 
 def test_a_mission_comes_with_a_mission_command_only() -> None:

@@ -26,7 +26,7 @@ zmq = pytest.importorskip("zmq")
 Open = Callable[[LinkConfig], Link]
 Configs = Dict[str, LinkConfig]
 POSES = PosesMessage((Sighting("duck", 1.0, 2.0, 0.5, 0.9),), t_capture_s=0.0)
-FRAME = FrameMessage(b"\xff\xd8\xff\xd9", 160, 120, 0.0)
+FRAME = FrameMessage(b"\xff\xd8\xff\xd9", 0.0)
 REPORT = Telemetry("duck", "DISARMED")
 
 

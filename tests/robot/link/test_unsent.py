@@ -20,7 +20,7 @@ JPEG = b"\xff\xd8\xff\xd9"
     [
         PoseMessage("d", 0.0, 0.0, 0.0, 1.0, 5.0),
         PosesMessage((), 5.0),
-        FrameMessage(JPEG, 160, 120, 5.0),
+        FrameMessage(JPEG, 5.0),
         Telemetry("d", "READY"),
     ],
 )
