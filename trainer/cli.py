@@ -78,11 +78,10 @@ COMMANDS: Mapping[str, Command | Group] = {
         "train": Command(
             f"{_SEE}:translate_train_command", "CycleGAN between simulator and photographs"
         ),
-        "judge": Command(f"{_SEE}:translate_judge_command", "KID, and whether lines stay in place"),
+        "judge": Command(f"{_SEE}:translate_judge_command", "colours, and what stays of lines"),
     },
     "parse": {
         "train": Command(f"{_SEE}:parse_train_command", "teach SegNet to label frames"),
-        "evaluate": Command(f"{_SEE}:parse_evaluate_command", "score a parser on held-out frames"),
         "export": Command(f"{_SEE}:parse_export_command", "write a parser as a translator, ONNX"),
         "translate": Command(f"{_SEE}:parse_translate_command", "virtual to parsing to real"),
     },
@@ -94,7 +93,7 @@ COMMANDS: Mapping[str, Command | Group] = {
 }
 PURPOSES = {
     "translate": "CycleGAN: train and judge translators of pictures",
-    "parse": "scene parsing: train, score and export it, and translate by way of it",
+    "parse": "scene parsing: train and export it, and translate by way of it",
     "experiment": "the papers' comparisons, one command each",
 }
 

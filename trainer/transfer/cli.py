@@ -73,7 +73,7 @@ def is_collection(folder: Path) -> bool:
     return (folder / "collection.yaml").exists() and (folder / "label").is_dir()
 
 
-_TRAIN, _NOWHERE = ParseOptions(), Sources()
+_TRAIN = ParseOptions()
 
 
 def collect_command(
@@ -122,8 +122,7 @@ def translate_train_command(
 ) -> int:
     """Train CycleGAN between simulator and photographs; leaves both translators, and sheet.png.
 
-    They are the best of the training by simulated frames held out: those closest to the photographs
-    (KID) that keep at least 0.85 of the painted lines.
+    Tells at last, of the pictures that it learned from, what `translate judge` tells of others.
 
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
@@ -138,7 +137,7 @@ def translate_train_command(
     from robot.camera.files import picture_files
     from trainer.run import take_up
     from trainer.transfer.cyclegan import TranslationConfig, translation_preset
-    from trainer.transfer.unpaired import LANE_OVERLAP, train_translation
+    from trainer.transfer.unpaired import train_translation
 
     def fresh() -> TranslationConfig:
         if not sim or not real:
@@ -151,19 +150,15 @@ def translate_train_command(
         return replace(config, seed=seed, **asked)
 
     config = take_up(TranslationConfig, out, resume, fresh)
-    best = train_translation(out, config, Console())
-    assert best.score is not None  # the last update is judged
-    _say(
-        f"{out}: kept those of update {best.steps}: KID {best.score.kid:.3f}, "
-        f"lanes kept {best.score.lanes:.3f} (at least {LANE_OVERLAP} is due) on frames held out"
-    )
-    return 0
+    model = train_translation(out, config, Console())
+    learned, photographs = (tuple(map(Path, some)) for some in (config.sim, config.real))
+    return translate_judge_command(model, learned, photographs)
 
 
 def translate_judge_command(
     model: Path, sim: tuple[Path, ...], real: tuple[Path, ...], json: Path | None = None
 ) -> int:
-    """KID, and how well a translator sim-to-real keeps painted lines in place.
+    """How near a translator sim-to-real comes to photographs, and what it keeps of painted lines.
 
     Args:
         model: a translator, .onnx.
@@ -173,15 +168,15 @@ def translate_judge_command(
     """
     from robot.inference.translator import OnnxTranslator
     from trainer.run import write_json
-    from trainer.transfer.unpaired import LANE_OVERLAP, judge
+    from trainer.transfer.judge import LANE_OVERLAP, judge
 
     found = judge(OnnxTranslator(model), sim, real)
     if json is not None:
         write_json(json, found)
     _say(
         f"{model}: lanes kept {found['lanes_kept']:.3f} (at least {LANE_OVERLAP} is due), "
-        f"KID {found['kid_before']:.3f} -> {found['kid_after']:.3f} "
-        f"(photographs apart {found['kid_apart']:.3f})"
+        f"colours {found['colours_before']:.1f} -> {found['colours_after']:.1f} grey levels off "
+        f"(photographs from each other {found['colours_apart']:.1f})"
     )
     return 0
 
@@ -219,26 +214,6 @@ def parse_train_command(
     columns = {"frame": shown.frames, "classes found": found, "true classes": paint(shown.truth)}
     draw_sheet(out / "sheet.png", columns)
     _report(parser, splits, out / "scores.json", console)
-    return 0
-
-
-def parse_evaluate_command(
-    model: Path,
-    sources: Annotated[Sources, tyro.conf.arg(name="")] = _NOWHERE,
-    json: Path | None = None,
-) -> int:
-    """Score a parser on the held-out frames of each source, class by class.
-
-    Args:
-        model: a parser, .pt.
-        sources: as of train.
-        json: write the figures there.
-    """
-    from trainer.transfer.labelled import load_sources
-    from trainer.transfer.parser import load_parser
-
-    parser = load_parser(model)
-    _report(parser, load_sources(sources, parser.labels, parser.options.size), json, Console())
     return 0
 
 

@@ -116,79 +116,74 @@ def _pooled(values: torch.Tensor) -> torch.Tensor:
 class ImagePool:
     """Earlier translations that a critic sees again, lest it forgets them."""
 
-    def __init__(self, size: int, rng: np.random.Generator) -> None:
-        self._size, self._rng = size, rng
+    def __init__(self, size: int) -> None:
+        self._size = size
         self.pictures: list[torch.Tensor] = []
 
-    def exchanged(self, made: torch.Tensor) -> torch.Tensor:
+    def exchanged(self, made: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
         """The translations, half of them exchanged for earlier ones."""
         given = []
         for picture in made.detach():
             if len(self.pictures) < self._size:
                 self.pictures.append(picture)
-            elif self._rng.random() < 0.5:
-                k = int(self._rng.integers(self._size))
-                self.pictures[k], picture = picture, self.pictures[k]
+            elif rng.random() < 0.5:
+                k = int(rng.integers(self._size))
+                self.pictures[k], picture = picture, self.pictures[k].to(made.device)
             given.append(picture)
         return torch.stack(given)
 
+    def state_dict(self) -> dict[str, Any]:
+        """The pictures."""
+        return {"pictures": self.pictures}
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
+        """Likewise."""
+        self.pictures = list(state_dict["pictures"])
+
 
 class CycleGan:
-    """Two generators, two critics, their optimisers and pools.
+    """Two generators, two critics, their optimisers and pools: ``parts``, by name.
 
-    ``kept_to_real`` and ``kept_to_sim`` are the generators to use: running means of the weights.
-    Generators and critics chase each other; a mean stands still (Yazici et al. 2019).
+    ``kept`` are the generators to use, to real and to sim: running means of the weights. Generators
+    and critics chase each other; a mean stands still (Yazici et al. 2019).
     """
 
     def __init__(self, config: TranslationConfig, device: torch.device) -> None:
         torch.manual_seed(config.seed)
-        self.config, self.device = config, device
+        self.config = config
         generators = [narrow_unet(config.width, config.blocks) for _ in range(2)]
         critics = [patch_critic(config.critic_width, config.critic_layers) for _ in range(2)]
         self._pair = nn.ModuleList(generators).to(device)
         self.kept = copy.deepcopy(self._pair).requires_grad_(False)
         self._judges = nn.ModuleList(critics).to(device)
         self.to_real, self.to_sim = self._pair
-        self.kept_to_real, self.kept_to_sim = self.kept
         self.real_critic, self.sim_critic = self._judges
         self.generators, self.critics = (
             torch.optim.Adam(part.parameters(), config.learning_rate, (0.5, 0.999), fused=True)
             for part in (self._pair, self._judges)
         )
-        self.rng = np.random.default_rng(config.seed)
-        self.real_pool, self.sim_pool = (ImagePool(config.pool, self.rng) for _ in range(2))
-        self.steps = 0
+        self.real_pool, self.sim_pool = (ImagePool(config.pool) for _ in range(2))
+        names = "_pair", "kept", "_judges", "generators", "critics", "real_pool", "sim_pool"
+        self.parts: dict[str, Any] = {name: getattr(self, name) for name in names}
 
-    def step(self, batch: Batch) -> dict[str, float]:
-        """One update of all four networks; the losses by name, unweighted."""
-        set_rate((self.generators, self.critics), self._rate())
-        made_real, made_sim, losses = self._generate(batch)
-        losses["critic_real"] = self._judge(self.real_critic, batch.real, made_real, self.real_pool)
-        losses["critic_sim"] = self._judge(self.sim_critic, batch.sim, made_sim, self.sim_pool)
+    def step(self, batch: Batch, rng: np.random.Generator, k: int) -> dict[str, float]:
+        """Update ``k`` of all four networks; the losses by name, unweighted."""
+        set_rate((self.generators, self.critics), self._rate(k))
+        made_real, made_sim, losses = self._generate(batch, k)
+        for name, critic, real, made, pool in (
+            ("critic_real", self.real_critic, batch.real, made_real, self.real_pool),
+            ("critic_sim", self.sim_critic, batch.sim, made_sim, self.sim_pool),
+        ):
+            earlier = pool.exchanged(made, rng)
+            told = adversarial(critic(real), True) + adversarial(critic(earlier), False)
+            losses[name] = 0.5 * told
         descend(self.critics, losses["critic_real"] + losses["critic_sim"])
-        self.steps += 1
-        self._average()
+        self._average(k + 1)
         return {name: float(loss.detach()) for name, loss in losses.items()}
 
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that the next step depends on."""
-        return {
-            "parts": [part.state_dict() for part in self._parts()],
-            "pools": [self.real_pool.pictures, self.sim_pool.pictures],
-            "rng": self.rng.bit_generator.state,
-            "steps": self.steps,
-        }
-
-    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
-        """Go on from what ``state_dict`` gave."""
-        for part, state in zip(self._parts(), state_dict["parts"], strict=True):
-            part.load_state_dict(state)
-        for pool, seen in zip((self.real_pool, self.sim_pool), state_dict["pools"], strict=True):
-            pool.pictures = [picture.to(self.device) for picture in seen]
-        self.rng.bit_generator.state = state_dict["rng"]
-        self.steps = state_dict["steps"]
-
-    def _generate(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
+    def _generate(
+        self, batch: Batch, k: int
+    ) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
         config = self.config
         self._judges.requires_grad_(False)
         made_real, made_sim = self.to_real(batch.sim), self.to_sim(batch.real)
@@ -202,9 +197,7 @@ class CycleGan:
         total = losses["fool_real"] + losses["fool_sim"] + config.cycle * losses["cycle"]
         if config.identity:
             # both directions in turns, each counted twice: the same on average for half the work
-            network, same = (
-                (self.to_real, batch.real) if self.steps % 2 else (self.to_sim, batch.sim)
-            )
+            network, same = (self.to_real, batch.real) if k % 2 else (self.to_sim, batch.sim)
             losses["identity"] = 2.0 * functional.l1_loss(network(same), same)
             total = total + config.identity * losses["identity"]
         if config.structure:
@@ -213,24 +206,14 @@ class CycleGan:
         self._judges.requires_grad_(True)
         return made_real.detach(), made_sim.detach(), losses
 
-    def _judge(
-        self, critic: nn.Module, real: torch.Tensor, made: torch.Tensor, pool: ImagePool
-    ) -> torch.Tensor:
-        earlier = pool.exchanged(made)
-        return 0.5 * (adversarial(critic(real), True) + adversarial(critic(earlier), False))
-
     @torch.no_grad()
-    def _average(self) -> None:
-        share = 1.0 / min(self.steps, AVERAGED_STEPS)
+    def _average(self, steps: int) -> None:
+        share = 1.0 / min(steps, AVERAGED_STEPS)
         with_newest = zip(self.kept.parameters(), self._pair.parameters(), strict=True)
         for kept, newest in with_newest:
             kept.lerp_(newest, share)
 
-    def _rate(self) -> float:
+    def _rate(self, k: int) -> float:
         begin = self.config.decay_from * self.config.steps
-        left = 1.0 - max(0.0, self.steps - begin) / max(1.0, self.config.steps - begin)
+        left = 1.0 - max(0.0, k - begin) / max(1.0, self.config.steps - begin)
         return self.config.learning_rate * left
-
-    def _parts(self) -> tuple[Any, ...]:
-        """What has a state of its own."""
-        return (*self._pair, *self._judges, *self.kept, self.generators, self.critics)

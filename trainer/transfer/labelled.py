@@ -178,19 +178,17 @@ def load_sources(sources: Sources, labels: LabelSet, size: tuple[int, int]) -> l
     return [Split(name, data.pick(~held), data.pick(held)) for name, data, held in found]
 
 
-def ends(names: Sequence[str], share: float, fewest: int = 0) -> np.ndarray:
+def ends(names: Sequence[str], share: float) -> np.ndarray:
     """(N,) bool: what is held out, the last ``share`` of every sequence, for neighbours look alike.
 
-    A sequence is what shares the name before the last underscore; names sort by time. At least
-    ``fewest`` are held out of each, where that is not more than half of it.
+    A sequence is what shares the name before the last underscore; names sort by time.
     """
     chosen = np.zeros(len(names), bool)
     sequences: dict[str, list[int]] = {}
     for i in sorted(range(len(names)), key=names.__getitem__):
         sequences.setdefault(names[i].rpartition("_")[0], []).append(i)
     for members in sequences.values():
-        count = max(round(share * len(members)), min(fewest, len(members) // 2))
-        chosen[members[len(members) - count :]] = True
+        chosen[members[len(members) - round(share * len(members)) :]] = True
     return chosen
 
 

@@ -40,10 +40,9 @@ class Pictures(NamedTuple):
         members = [np.flatnonzero(self.folder == k) for k in range(self.folder.max() + 1)]
         return np.array([rng.choice(members[k]) for k in chosen])
 
-    def part(self, chosen: np.ndarray) -> Pictures:
-        """Those where ``chosen`` (N,) bool is set."""
-        files = tuple(np.array(self.files, object)[chosen])
-        return Pictures(self.images[chosen], self.folder[chosen], files)
+    def part(self, chosen: slice) -> Pictures:
+        """Some of them."""
+        return Pictures(self.images[chosen], self.folder[chosen], self.files[chosen])
 
 
 def pictures_in(folder: Path) -> list[Path]:

@@ -1,3 +1,4 @@
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -44,15 +45,16 @@ def test_bytes_and_floats_are_each_others_inverse() -> None:
 def test_an_interrupted_training_goes_on_as_if_it_had_not_been() -> None:
     whole = CycleGan(config(), CPU)
     for k in range(4):
-        whole.step(batch(k))
+        whole.step(batch(k), np.random.default_rng(k), k)
     first = CycleGan(config(), CPU)
     for k in range(2):
-        first.step(batch(k))
+        first.step(batch(k), np.random.default_rng(k), k)
     second = CycleGan(config(seed=9), CPU)
-    second.load_state_dict(first.state_dict())
-    assert second.steps == 2
+    for name, part in second.parts.items():
+        part.load_state_dict(copy.deepcopy(first.parts[name].state_dict()))
+    assert len(second.real_pool.pictures) == 4
     for k in range(2, 4):
-        losses = second.step(batch(k))
+        losses = second.step(batch(k), np.random.default_rng(k), k)
     assert all(np.isfinite(loss) for loss in losses.values())
     for ours, expected in zip(second.to_real.parameters(), whole.to_real.parameters(), strict=True):
         torch.testing.assert_close(ours, expected)
@@ -62,7 +64,7 @@ def test_the_rate_falls_to_nothing() -> None:
     model = CycleGan(config(steps=4), CPU)
     rates = []
     for k in range(4):
-        model.step(batch(k))
+        model.step(batch(k), np.random.default_rng(k), k)
         rates.append(model.generators.param_groups[0]["lr"])
     assert rates[0] == rates[1] == rates[2] == pytest.approx(config().learning_rate)
     assert rates[3] == pytest.approx(0.5 * config().learning_rate)
@@ -72,18 +74,18 @@ def test_the_kept_generators_are_means_of_the_weights_so_far() -> None:
     model = CycleGan(config(), CPU)
     seen = []
     for k in range(3):
-        model.step(batch(k))
+        model.step(batch(k), np.random.default_rng(k), k)
         seen.append([p.detach().clone() for p in model.to_real.parameters()])
-    for kept, *steps in zip(model.kept_to_real.parameters(), *seen, strict=True):
+    for kept, *steps in zip(model.kept[0].parameters(), *seen, strict=True):
         torch.testing.assert_close(kept, torch.stack(steps).mean(0))
         assert not kept.requires_grad
 
 
 def test_the_pool_gives_back_earlier_pictures() -> None:
-    pool = ImagePool(2, np.random.default_rng(0))
+    pool, rng = ImagePool(2), np.random.default_rng(0)
     seen = []
     for k in range(30):
-        given = pool.exchanged(torch.full((1, 3, 2, 2), float(k)))
+        given = pool.exchanged(torch.full((1, 3, 2, 2), float(k)), rng)
         seen.append(int(given[0, 0, 0, 0]))
     assert seen[:2] == [0, 1]
     assert any(value < k for k, value in enumerate(seen))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -43,8 +44,9 @@ def batch(generator: torch.Generator, count: int = 4) -> Batch:
 def taught() -> CycleGan:
     torch.set_num_threads(1)
     model, generator = CycleGan(config(), CPU), torch.Generator().manual_seed(0)
-    for _ in range(STEPS):
-        model.step(batch(generator))
+    rng = np.random.default_rng(0)
+    for k in range(STEPS):
+        model.step(batch(generator), rng, k)
     return model
 
 
@@ -87,10 +89,10 @@ def test_a_cycle_that_is_broken_is_mended() -> None:
         for network in (model.to_real, model.to_sim):
             for parameter in network.parameters():
                 parameter.add_(0.1 * torch.randn(parameter.shape, generator=generator))
-    losses = []
-    for _ in range(40):
+    losses, rng = [], np.random.default_rng(0)
+    for k in range(40):
         one = batch(generator)
-        losses.append(model.step(Batch(one.sim, one.sim, one.paint))["cycle"])
+        losses.append(model.step(Batch(one.sim, one.sim, one.paint), rng, k)["cycle"])
     assert sum(losses[-5:]) < 0.55 * sum(losses[:5])
 
 
@@ -99,10 +101,11 @@ def test_the_weights_of_the_losses_count() -> None:
 
     def after(**changes: float) -> torch.Tensor:
         model, generator = CycleGan(config(**changes), CPU), torch.Generator().manual_seed(3)
-        for _ in range(3):
+        rng = np.random.default_rng(0)
+        for k in range(3):
             one = batch(generator)
             paint = (one.sim.mean(1, keepdim=True) > 0.5).float().expand(-1, 4, -1, -1)
-            model.step(Batch(one.sim, one.real, paint))
+            model.step(Batch(one.sim, one.real, paint), rng, k)
         return torch.cat([p.detach().flatten() for p in model.to_real.parameters()])
 
     plain = after()

@@ -9,58 +9,22 @@ import pytest
 import torch
 
 from trainer.transfer.cyclegan import structure
+from trainer.transfer.judge import bright_lines, colour_distance, overlap
 from trainer.transfer.labelled import CAMVID, ROAD, TRACK
 from trainer.transfer.parser import score_classes
-from trainer.transfer.unpaired import (
-    bright_lines,
-    features,
-    kernel_distance,
-    overlap,
-)
 
 
-def draws(count: int, width: int, seed: int, scale: float = 1.0, shift: float = 0.0) -> np.ndarray:
-    return shift + scale * np.random.default_rng(seed).normal(size=(count, width))
-
-
-def kernel(a: np.ndarray, b: np.ndarray) -> float:
-    return (float(a @ b) / len(a) + 1.0) ** 3
-
-
-def test_kid_of_few_features_pair_by_pair() -> None:
-    """With no more than a split holds, every split is the whole."""
-    made, real = draws(7, 3, 0, 1.3, 0.4), draws(9, 3, 1)
-    deviation = np.hypot(real.std(0), 2.0 / 255.0)
-    a, b = (made - real.mean(0)) / deviation, (real - real.mean(0)) / deviation
-    within_a = np.mean([kernel(x, y) for i, x in enumerate(a) for j, y in enumerate(a) if i != j])
-    within_b = np.mean([kernel(x, y) for i, x in enumerate(b) for j, y in enumerate(b) if i != j])
-    between = np.mean([kernel(x, y) for x in a for y in b])
-    assert kernel_distance(made, real) == pytest.approx(within_a + within_b - 2.0 * between)
-
-
-def test_kid_is_the_mean_over_forty_splits_of_fifty() -> None:
-    made, real = draws(60, 2, 0, 1.2), draws(70, 2, 1)
-    rng, found = np.random.default_rng(5), []
-    deviation = np.hypot(real.std(0), 2.0 / 255.0)
-    a, b = (made - real.mean(0)) / deviation, (real - real.mean(0)) / deviation
-    for _ in range(40):
-        some = a[rng.choice(60, 50, replace=False)]
-        other = b[rng.choice(70, 50, replace=False)]
-        powers = [(x @ y.T / 2.0 + 1.0) ** 3 for x, y in ((some, some), (other, other))]
-        within = sum((p.sum() - np.trace(p)) / (50 * 49) for p in powers)
-        found.append(within - 2.0 * ((some @ other.T / 2.0 + 1.0) ** 3).mean())
-    assert kernel_distance(made, real, seed=5) == pytest.approx(np.mean(found))
-
-
-def test_the_features_of_a_picture_stay_what_they_are() -> None:
-    """Figures of different days compare only as long as these do not change."""
-    x, y = np.meshgrid(np.arange(24), np.arange(16))
-    picture = np.stack((10 * x, 15 * y, (7 * x + 11 * y) % 256), axis=-1).astype(np.uint8)
-    found = features(picture[None])
-    assert found.shape == (1, 2 * 4 * (16 + 24 + 32))
-    assert found.dtype == np.float64
-    sums = [float(part.sum()) for part in np.split(found[0], np.cumsum([64, 64, 96, 96, 128]))]
-    assert sums == pytest.approx([17.2458, 14.1842, 15.6132, 14.643, 18.8193, 13.2985], rel=1e-4)
+def test_colours_are_as_far_apart_as_the_farthest_walk() -> None:
+    """Sorted against sorted: where pixels lie does not count, how many have a colour does."""
+    rng = np.random.default_rng(0)
+    one, other = (rng.integers(0, 256, (3, 10, 20, 3), dtype=np.uint8) for _ in range(2))
+    mixed = rng.permutation(one.reshape(-1, 3)).reshape(one.shape)
+    assert colour_distance(one, mixed) == 0.0
+    walk = np.abs(np.sort(one.reshape(-1, 3), 0) - np.sort(other.reshape(-1, 3), 0).astype(int))
+    assert colour_distance(one, other) == pytest.approx(walk.mean(), abs=0.2)
+    dark, red = np.zeros((4, 6, 8, 3), np.uint8), np.zeros((1, 6, 8, 3), np.uint8)
+    red[..., 0] = 30
+    assert colour_distance(dark, red) == pytest.approx(10.0)
 
 
 def test_overlap_is_of_all_lines_whatever_their_colour() -> None:

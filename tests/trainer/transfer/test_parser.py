@@ -140,4 +140,3 @@ def test_camvid_from_the_command_line(data_dir: Path, tmp_path: Path) -> None:
     assert main(["parse", "train", "--out", str(out), *arguments, *steps]) == 0
     names = {path.name for path in out.iterdir()}
     assert names == {"config.yaml", "checkpoint.pt", "parser.pt", "scores.json", "sheet.png"}
-    assert main(["parse", "evaluate", "--model", str(out / "parser.pt"), "--pairs", pairs]) == 0

@@ -59,10 +59,9 @@ def assert_gradients(network: torch.nn.Module, expected: list[torch.Tensor]) -> 
 def test_what_the_generators_of_cyclegan_learn_from(steps: int) -> None:
     """Both fool a critic and come back; lines stay; every second time the other is left alone."""
     model = begun(config())
-    model.steps = steps
     before, given = copy.deepcopy(model), batch(3)
     to_real, to_sim = before.to_real, before.to_sim
-    losses = model.step(given)
+    losses = model.step(given, np.random.default_rng(0), steps)
     made_real, made_sim = to_real(given.sim), to_sim(given.real)
     there, back = to_real(given.real), to_sim(given.sim)
     expected = {
@@ -79,14 +78,13 @@ def test_what_the_generators_of_cyclegan_learn_from(steps: int) -> None:
     total = total + expected["identity"] + 5.0 * expected["structure"]
     parameters = [*to_real.parameters(), *to_sim.parameters()]
     assert_gradients(model._pair, gradients(parameters, total))
-    assert model.steps == steps + 1
 
 
 def test_what_the_critics_of_cyclegan_learn_from() -> None:
     """Half of it is what is real, half what was made: nothing was in the pools yet."""
     model = begun(config())
     before, given = copy.deepcopy(model), batch(4)
-    losses = model.step(given)
+    losses = model.step(given, np.random.default_rng(0), 0)
     made_real, made_sim = before.to_real(given.sim).detach(), before.to_sim(given.real).detach()
     total = torch.zeros(())
     for name, critic, real, made in (
@@ -105,8 +103,8 @@ def test_what_the_critics_of_cyclegan_learn_from() -> None:
 @pytest.mark.parametrize("name", ["identity", "structure"])
 def test_a_loss_without_weight_teaches_nothing(name: str) -> None:
     without, whole, given = begun(config(**{name: 0.0})), begun(config()), batch(5)
-    losses = without.step(given)
-    whole.step(given)
+    losses = without.step(given, np.random.default_rng(0), 0)
+    whole.step(given, np.random.default_rng(0), 0)
     assert ("identity" in losses) is (name != "identity")
     pairs = zip(without._pair.parameters(), whole._pair.parameters(), strict=True)
     assert any((a.grad - b.grad).abs().max() > 1e-4 for a, b in pairs)  # type: ignore[operator]
@@ -130,11 +128,11 @@ def test_real_is_one_and_made_is_nothing() -> None:
 
 
 def test_half_of_what_a_full_pool_is_given_is_exchanged() -> None:
-    pool = ImagePool(50, np.random.default_rng(0))
+    pool, rng = ImagePool(50), np.random.default_rng(0)
     exchanged = 0
     for k in range(1_000):
         made = torch.full((1, 1, 1, 1), float(k))
-        got = float(pool.exchanged(made).item())
+        got = float(pool.exchanged(made, rng).item())
         assert got == k or k >= 50
         exchanged += got != k
         assert len(pool.pictures) == min(k + 1, 50)
@@ -144,12 +142,11 @@ def test_half_of_what_a_full_pool_is_given_is_exchanged() -> None:
 def test_the_mean_of_the_weights_is_over_two_hundred_steps() -> None:
     model = CycleGan(config(), CPU)
     for steps, share in ((1, 1.0), (4, 0.25), (200, 0.005), (900, 0.005)):
-        model.steps = steps
-        kept = [*model.kept_to_real.parameters(), *model.kept_to_sim.parameters()]
+        kept = list(model.kept.parameters())
         for each, newest in zip(kept, model._pair.parameters(), strict=True):
             each.zero_()
             newest.data.fill_(1.0)
-        model._average()
+        model._average(steps)
         assert all(torch.allclose(p, torch.full_like(p, share)) for p in kept)
 
 
@@ -158,15 +155,13 @@ def test_the_mean_of_the_weights_is_over_two_hundred_steps() -> None:
 )
 def test_the_rate_of_cyclegan_falls_in_its_second_half(steps: int, share: float) -> None:
     model = CycleGan(config(steps=1_000, learning_rate=8e-4), CPU)
-    model.steps = steps
-    assert model._rate() == pytest.approx(8e-4 * share)
+    assert model._rate(steps) == pytest.approx(8e-4 * share)
 
 
 def test_the_rate_of_the_shortest_runs_falls_evenly_too() -> None:
     for steps, done, share in ((3, 2, 2.0 / 3.0), (1, 0, 1.0), (2, 1, 1.0)):
         model = CycleGan(config(steps=steps, learning_rate=8e-4), CPU)
-        model.steps = done
-        assert model._rate() == pytest.approx(8e-4 * share)
+        assert model._rate(done) == pytest.approx(8e-4 * share)
 
 
 def test_one_step_of_pix2pix() -> None:

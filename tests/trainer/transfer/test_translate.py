@@ -11,8 +11,9 @@ import torch
 from robot.inference.translator import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
+from trainer.transfer.judge import bright_lines, overlap
 from trainer.transfer.pictures import load_paint, load_pictures
-from trainer.transfer.unpaired import bright_lines, onnx_file, overlap
+from trainer.transfer.unpaired import Newest, onnx_file
 
 FAST = preset("lane", "dueling", "fast").image
 
@@ -58,8 +59,8 @@ def test_judges_what_was_drawn_and_translated(
     assert main(["translate", "judge", *words]) == 0
     judged = json.loads(report.read_text())
     assert judged["lanes_kept"] > 0.85  # two steps from the identity nothing has moved
-    assert judged["kid_after"] == pytest.approx(judged["kid_before"], rel=0.2)
-    assert judged["kid_apart"] < judged["kid_before"]
+    assert judged["colours_after"] == pytest.approx(judged["colours_before"], rel=0.2)
+    assert judged["colours_apart"] < judged["colours_before"]
     sheet = cv2.imread(str(run / "sheet.png"))
     width = 2 * FAST.shape[1] + 4
     assert sheet.shape[1] == 3 * width
@@ -95,3 +96,22 @@ def test_lines_are_found_by_brightness_where_they_are_painted(sim: Path) -> None
     moved = np.roll(pictures.images, 3, axis=2)
     assert overlap(bright_lines(moved, paint), found) < 0.7
     assert not bright_lines(np.full_like(dim, 90), paint).any()
+
+
+def test_the_newest_that_keep_enough_of_the_lines_are_kept() -> None:
+    generators, newest = torch.nn.Linear(1, 1), Newest()
+    for steps, lanes, kept in (
+        (1, 0.5, 1),  # none keeps enough yet: the best so far
+        (2, 0.4, 1),
+        (3, 0.7, 3),
+        (4, 0.95, 4),
+        (5, 0.86, 5),  # enough
+        (6, 0.85, 5),  # short of what is due, with a margin
+        (7, 0.9, 7),
+    ):
+        torch.nn.init.constant_(generators.weight, float(steps))
+        newest.offer(lanes, generators, steps)
+        assert newest.steps == float(newest.weights["weight"]) == kept
+    again = Newest()
+    again.load_state_dict(newest.state_dict())
+    assert (again.steps, again.lanes) == (7, 0.9)
