@@ -28,6 +28,7 @@ class NetConfig:
     # Whether pixels become -1..1 instead of 0..1. Of four stacked pictures the brightness that all
     # share is else most of each gradient, and first convolutions die of it.
     centred: bool = False
+    backbone: str = ""  # an ONNX sight that sees for the policy, frozen, in place of convolutions
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,10 @@ class RunConfig:
         if not 1 <= self.workers <= robots or robots % self.workers:
             raise ConfigError(
                 f"workers: expected a number that divides {robots} robots, got {self.workers}"
+            )
+        if self.net.backbone and task.frames != 1:
+            raise ConfigError(
+                f"backbone: expected a task of one picture, got {self.task} with {task.frames}"
             )
         choose("style", self.style, dict.fromkeys(task.styles or ("race",)))
         choose("lane", self.lane, dict.fromkeys(task.lanes or ("outer",)))

@@ -39,6 +39,7 @@ class TrainOptions:
     without: tuple[str, ...] = ()  # What of the look stays nominal, GROUP or GROUP.FIELD.
     pose_error: str | None = None  # none or arena, in place of the look's own.
     translate: str | None = None  # An ONNX translator or parser that every picture passes through.
+    backbone: str | None = None  # An ONNX sight by whose layers the policy sees; they stay.
     judge_map: tuple[str, ...] = ()  # Where the policy is chosen, if not on the training's maps.
     judge_look: str = ""  # In which look it is chosen, if not that of the training; untranslated.
     style: str = "race"  # Of the task track: race, or cruise along the road as people do.
@@ -76,6 +77,11 @@ class TrainOptions:
         changes = {name: getattr(self, name) for name in (*same, *given)}
         image = _seen_through(self.translate, config.image)
         config = replace(styled(config, self.style), maps=maps, image=image, **changes)
+        if self.backbone:
+            from robot.vision.sight import OnnxSight
+
+            net = replace(config.net, backbone=self.backbone)
+            config = replace(config, net=net, image=OnnxSight(self.backbone).contract.image)
         return replace(config, evaluation=judging)
 
 
@@ -166,6 +172,7 @@ def refuse_others(
     of_run |= {
         "algo": found.algorithm,
         "map": found.maps,
+        "backbone": found.net.backbone or None,
         "judge_map": judging.maps,
         "judge_look": judging.look,
         "judgings": judging.every_share and round(1.0 / judging.every_share),

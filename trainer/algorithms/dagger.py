@@ -18,7 +18,7 @@ from typing_extensions import override
 from trainer.algorithms import Algorithm, LearnConfig, Making
 from trainer.algorithms.ddqn import DoubleDQN
 from trainer.learners.coach import Coach, find_coach
-from trainer.learners.networks import QPolicy
+from trainer.learners.networks import ImitatingPolicy
 from trainer.learners.replay import off_policy
 
 
@@ -68,7 +68,7 @@ class Dagger(DoubleDQN):
     def _update(self, batch_size: int) -> float:
         assert self.replay_buffer is not None
         batch: Any = self.replay_buffer.sample(batch_size)
-        logits = self.q_net(batch.observations)
+        logits = cast(ImitatingPolicy, self.policy).logits(batch.observations)
         return self._descend(cross_entropy(logits, batch.actions.flatten().long()))
 
 
@@ -91,4 +91,4 @@ PRESETS: dict[str, dict[str, Any]] = {
     "debug": {"learn": _SMALL},
 }
 DIVIDED = ("robots", "batch", "buffer", "warm_up", "expert_steps")
-ALGORITHM = Algorithm("DAgger", DaggerConfig(), QPolicy, build, PRESETS, divided=DIVIDED)
+ALGORITHM = Algorithm("DAgger", DaggerConfig(), ImitatingPolicy, build, PRESETS, divided=DIVIDED)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -20,9 +21,10 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from torch import nn
 
-from robot.contract import PATH_POINTS
+from robot.contract import PATH_POINTS, ActionTable
 from robot.errors import ContractError
 from trainer.config import NetConfig
+from trainer.learners.backbone import read_backbone
 from trainer.learners.world import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
@@ -44,13 +46,17 @@ class DrivingFeatures(BaseFeaturesExtractor):
         image, path_points = observation_shapes(observation_space)
         width = net.image_fc + (net.path_fc[1] if path_points else 0)
         super().__init__(observation_space, width)
-        self._centred = net.centred
+        self._centred = net.centred or bool(net.backbone)
         self.convolutions = _convolutions(image[2], net.channels)
+        if net.backbone:
+            self.convolutions = read_backbone(Path(net.backbone))
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
         self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
-        self.apply(_orthogonal)
+        for learned in (self.image_fc, self.path_fc, None if net.backbone else self.convolutions):
+            if learned is not None:
+                learned.apply(_orthogonal)
 
     def forward(self, observation: Observation) -> torch.Tensor:
         """(N, features)."""
@@ -87,6 +93,25 @@ class _Dueling(nn.Sequential):
         return value + advantage - advantage.mean(dim=1, keepdim=True)
 
 
+class Hedge(nn.Module):
+    """The last layer of who imitates: how near each action's turn is to what the expert may do.
+
+    Logits (N, actions) -> values, minus the expected square of the difference to the expert's turn
+    (right less left wheel) in dm/s. Who is torn between left and right so goes straight on, where
+    the likeliest choice would be one of both.
+    """
+
+    def __init__(self, actions: ActionTable) -> None:
+        super().__init__()
+        turns = torch.tensor([10.0 * (right - left) for left, right in actions])
+        self.costs: torch.Tensor
+        self.register_buffer("costs", -(turns[:, None] - turns).square())
+
+    def forward(self, logits: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        return logits.softmax(1) @ self.costs
+
+
 class QPolicy(DQNPolicy):
     """Online and target network; orthogonal weights.
 
@@ -121,6 +146,31 @@ class QPolicy(DQNPolicy):
         fused = chooser[:-1](features)
         error = cast(nn.Linear, network.path_head)(fused) - observation[TRUE_PATH]
         return values, self.true_path * error.square().mean()
+
+
+class ImitatingPolicy(QPolicy):
+    """As `QPolicy`, of who imitates an expert.
+
+    Args:
+        hedged: the actions, if `Hedge` chooses among them.
+    """
+
+    def __init__(self, *args: Any, hedged: ActionTable = (), **kwargs: Any) -> None:
+        self._hedged = hedged
+        super().__init__(*args, **kwargs)
+
+    def make_q_net(self) -> QNetwork:
+        """See `QPolicy`."""
+        network = super().make_q_net()
+        if self._hedged:
+            network.q_net.append(Hedge(self._hedged).to(self.device))
+        return network
+
+    def logits(self, observation: Any) -> torch.Tensor:
+        """(N, actions) of the expert's choice."""
+        network = self.q_net
+        features = network.extract_features(observation, network.features_extractor)
+        return unhedged(network.q_net)(features)
 
 
 class DuelingPolicy(QPolicy):
@@ -188,7 +238,14 @@ class GreedyNetwork(nn.Module):
 
     def forward(self, image: torch.Tensor, path: torch.Tensor | None = None) -> torch.Tensor:
         """image (N, H, W, 3) uint8 or float 0..255, path (N, P) -> (N, actions)."""
-        return self.head(self.features(image if path is None else {"image": image, "path": path}))
+        return self.head(self._seen(image, path))
+
+    def logits(self, image: torch.Tensor, path: torch.Tensor | None = None) -> torch.Tensor:
+        """As `forward`, before any `Hedge`."""
+        return unhedged(self.head)(self._seen(image, path))
+
+    def _seen(self, image: torch.Tensor, path: torch.Tensor | None) -> torch.Tensor:
+        return self.features(image if path is None else {"image": image, "path": path})
 
     @torch.no_grad()
     def actions(self, observation: np.ndarray | dict[str, np.ndarray]) -> np.ndarray:
@@ -197,6 +254,11 @@ class GreedyNetwork(nn.Module):
         parts = observation if isinstance(observation, dict) else {"image": observation}
         tensors = {name: torch.from_numpy(part).to(device) for name, part in parts.items()}
         return self(**tensors).argmax(dim=1).cpu().numpy()
+
+
+def unhedged(head: nn.Sequential) -> nn.Sequential:
+    """What gives the logits of a head that `Hedge` may end."""
+    return cast(nn.Sequential, head[:-1]) if isinstance(head[-1], Hedge) else head
 
 
 def observation_shapes(space: spaces.Space) -> tuple[tuple[int, ...], int]:

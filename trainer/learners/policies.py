@@ -12,10 +12,11 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from robot.contract import FIVE_ACTIONS
 from sim_pybullet.tasks.spec import find_task
 from trainer.algorithms import Making, find_algorithm
 from trainer.config import RunConfig
-from trainer.learners.networks import DrivingFeatures
+from trainer.learners.networks import DrivingFeatures, ImitatingPolicy
 
 Schedule = Callable[[float], float]
 
@@ -69,7 +70,11 @@ def policy_arguments(config: RunConfig) -> dict[str, Any]:
     actor_critic = issubclass(find_algorithm(config.algorithm).policy, ActorCriticPolicy)
     # in an actor-critic's loss it is multiplied by the weight of the entropy
     share = getattr(config.learn, "entropy", 1.0)
+    spec = find_task(config.task)
+    imitates = issubclass(find_algorithm(config.algorithm).policy, ImitatingPolicy)
+    hedged = {"hedged": spec.actions} if imitates and spec.actions == FIVE_ACTIONS else {}
     return {
+        **hedged,
         "true_path": config.true_path / share if config.true_path else 0.0,
         "features_extractor_class": DrivingFeatures,
         "features_extractor_kwargs": {"net": config.net},

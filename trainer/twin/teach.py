@@ -31,7 +31,7 @@ from trainer.config import NetConfig, RunConfig
 from trainer.division import division
 from trainer.export import check_equal, noise_seen
 from trainer.judging.evaluate import evaluate, wilson_low
-from trainer.learners.networks import GreedyNetwork
+from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
 from trainer.twin.examples import Examples, foretold
 
@@ -69,9 +69,11 @@ def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
     weights = {w.name: torch.from_numpy(numpy_helper.to_array(w).copy()) for w in graph.initializer}
     try:
         learn = find_algorithm(contract.algorithm).learn
-        net, image = _widths(weights), contract.image
+        net, image = _widths(weights, path), contract.image
         run = RunConfig(contract.task, contract.algorithm, "", learn, image=image, net=net)
-        network = GreedyNetwork(build_policy(run))
+        network = GreedyNetwork(build_policy(run)).requires_grad_(True)  # what it sees by, too
+        if not any(name.endswith(".costs") for name in weights):
+            network.head = unhedged(network.head)
         network.load_state_dict(weights)
         check_equal(network, path, noise_seen(contract, 16))
     except (KeyError, RuntimeError, ContractError) as error:
@@ -81,10 +83,12 @@ def load_base(path: Path) -> tuple[GreedyNetwork, PolicyContract]:
     return network, contract
 
 
-def _widths(weights: dict[str, torch.Tensor]) -> NetConfig:
+def _widths(weights: dict[str, torch.Tensor], file: Path) -> NetConfig:
     sizes = {name: len(w) for name, w in weights.items() if name.endswith("weight")}
     path: list[int] = [n for name, n in sizes.items() if "path_fc" in name]
+    sees = any("convolutions" in name and w.ndim == 2 for name, w in weights.items())
     return NetConfig(
+        backbone=str(file) if sees else "",
         channels=tuple(n for name, n in sizes.items() if "convolutions" in name),
         image_fc=sizes["features.image_fc.0.weight"],
         path_fc=(path[0], path[1]) if path else (64, 128),
@@ -170,7 +174,7 @@ def _update(
         told: dict[str, Any] = {"image": person.images, "path": person.paths}
         seen = {name: np.concatenate((part, told[name][chosen])) for name, part in seen.items()}
     parts = (torch.from_numpy(part) for part in seen.values())
-    loss = cross_entropy(network(*parts), torch.from_numpy(actions))
+    loss = cross_entropy(network.logits(*parts), torch.from_numpy(actions))
     optimiser.zero_grad()
     loss.backward()
     torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
