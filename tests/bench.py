@@ -16,11 +16,11 @@ from rich.table import Table
 from tqdm import tqdm
 
 from robot.command_line import OneLineParser, answer
-from robot.computer.footprint import measure_footprint
 from robot.contract import ACTION_WHEELS, ImageSpec
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, time_decisions
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
+from robot.runtime.dry_run import measure as measure_robot
 
 ROBOTS = 64
 SMALL = ImageSpec(80, 60, crop_top_px=20)
@@ -131,7 +131,7 @@ def measure(model: Path) -> dict[str, Any]:
         "camera": camera_figures,
         "step": step_figures,
         "inference": lambda: inference_figures(model),
-        "robot": lambda: asdict(measure_footprint(model)),
+        "robot": lambda: measure_robot(model, 5.0)["robot"],
         "hat": hat_figures,
     }
     inputs = {"model": str(model), "robots": ROBOTS, "cpus": os.cpu_count()}

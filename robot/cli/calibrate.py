@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from functools import reduce
 from pathlib import Path
 from typing import Any, ContextManager, List, Tuple
@@ -155,15 +156,11 @@ def _with_section(text: str, name: str, content: Any) -> str:
     import yaml
 
     written = yaml.safe_dump({name: content}, default_flow_style=None, sort_keys=False, width=100)
-    lines = text.splitlines(keepends=True)
-    first = next((i for i, line in enumerate(lines) if line.startswith(f"{name}:")), len(lines))
-    last = first + 1  # the line that begins at the margin again, less empty ones before it
-    while last < len(lines) and (not lines[last].strip() or lines[last][0] in " \t"):
-        last += 1
-    while last > first + 1 and not lines[last - 1].strip():
-        last -= 1
-    above = "".join(lines[:first])
-    return above + ("\n" if above[-1:].strip() else "") + written + "".join(lines[last:])
+    # Its line and the indented ones below, less empty ones behind them.
+    section = re.compile(rf"^{name}:.*\n?(?:\n*[ \t].*\n?)*", re.MULTILINE)
+    if section.search(text):
+        return section.sub(lambda _: written, text, count=1)
+    return text + ("\n" if text[-1:].strip() else "") + written
 
 
 def _at(config: Any, keys: Tuple[str, ...]) -> Any:

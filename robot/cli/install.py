@@ -13,9 +13,9 @@ import sys
 from pathlib import Path
 from typing import List
 
-from robot.computer.footprint import ROOT
 from robot.errors import ConfigError, HardwareError
 
+ROOT = Path(__file__).resolve().parents[2]
 SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"
 SCRIPT = ROOT / "robot" / "install" / "install.sh"
 

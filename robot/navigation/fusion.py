@@ -121,11 +121,6 @@ class PoseFusion:
         self._beside[robots, :3] = 0.0
 
     @property
-    def wheels_off(self) -> np.ndarray:
-        """(N, 3) how far wheels are from what steps promise: forward, turn, drift [rad/m]."""
-        return self._beside[:, :3].copy()
-
-    @property
     def at_bound(self) -> np.ndarray:
         """(N,) whether the wheels seem to be off by as much as wheels can be: a doubt in itself."""
         return np.asarray((np.abs(self._beside[:, :3]) >= self.config.bounds).any(axis=1))
@@ -135,11 +130,6 @@ class PoseFusion:
         """(N, 2) within how far of the truth position [m] and heading [rad] are, 95 % sure."""
         turned = 1.96 * np.sqrt(self._covariance[:, 2, 2])  # 95 % of a normal
         return np.stack((radius_95(self._covariance[:, :2, :2]), turned), axis=1)
-
-    @property
-    def position_sd_m(self) -> np.ndarray:
-        """(N,) standard deviation of the worse coordinate [m]."""
-        return np.sqrt(np.max(self._covariance[:, (0, 1), (0, 1)], axis=1))
 
     def move(self, forward_m: np.ndarray, turn_rad: np.ndarray, now_s: float) -> None:
         """Dead-reckon arcs (N,) [m], (N,) [rad] that end ``now_s``; for every tick."""

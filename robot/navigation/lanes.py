@@ -1,7 +1,7 @@
 """The tiles of a road map, and the lanes through them: cubic Beziers, with traffic on the right.
 
 The curves are those of gym-duckietown 6.1.34, so that lanes agree with its maps to rounding, with
-two exceptions that follow the map files' own meaning (``reference=True`` keeps the simulator's):
+two exceptions that follow the map files' own meaning:
 
 * ``3way_right`` is the mirror of ``3way_left``: the side road leaves to the right. The simulator
   draws the left one for both.
@@ -110,10 +110,6 @@ _CURVES: Dict[str, Tuple[Curve, ...]] = {
     ),
     "4way": (_SOUTH_TO_EAST, _SOUTH, _SOUTH_TO_WEST),  # repeated for the four quarter turns
 }
-_REFERENCE_CURVE_RIGHT: Tuple[Curve, ...] = (
-    _SOUTH_TO_WEST,
-    ((-0.5, -0.2), (-0.3, -0.2), (0.3, 0.0), (0.2, 0.5)),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,24 +121,18 @@ class Lane:
     control_points_m: np.ndarray  # (4, 2), world frame
 
 
-def tile_lanes(
-    tile: Tile, tile_size_m: float, rows: int, reference: bool = False
-) -> Tuple[Lane, ...]:
-    """The lanes through a tile of a grid of ``rows`` rows; none where the tile is no road.
-
-    ``reference`` gives the curves that gym-duckietown uses, oddities included.
-    """
+def tile_lanes(tile: Tile, tile_size_m: float, rows: int) -> Tuple[Lane, ...]:
+    """The lanes through a tile of a grid of ``rows`` rows; none where the tile is no road."""
     if not tile.is_road:
         return ()
     centre = np.array([tile.column + 0.5, rows - tile.row - 0.5])
     kind, turns = tile.kind, tile.quarter_turns
     if kind == "3way_right":
-        kind, turns = "3way_left", (turns if reference else turns + 2)
-    curves = _CURVES[kind]
-    if kind == "curve_right" and reference:
-        curves = _REFERENCE_CURVE_RIGHT
+        kind, turns = "3way_left", turns + 2
     every = range(4) if kind == "4way" else (turns,)
-    turned = [np.array(curve) @ np.linalg.matrix_power(_LEFT, k) for k in every for curve in curves]
+    turned = [
+        np.array(curve) @ np.linalg.matrix_power(_LEFT, k) for k in every for curve in _CURVES[kind]
+    ]
     return tuple(Lane(tile.row, tile.column, (curve + centre) * tile_size_m) for curve in turned)
 
 

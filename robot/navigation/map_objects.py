@@ -98,9 +98,7 @@ class MapObject:
 def objects_of(road_map: RoadMap) -> Tuple[MapObject, ...]:
     """The objects of a map, whose file lists them, names them one by one, or has none.
 
-    ``compat`` maps place them where gym-duckietown 6.1.34 does: ``pos`` shifted by rows - columns
-    + 1 tiles to the south and ``rotate`` mirrored, ``attach`` with a ``pose`` put at the world's
-    origin, slot offsets in tiles. MapError names the object and what its entry should say.
+    MapError names the object and what its entry should say.
     """
     entries, where = road_map.objects, f"{road_map.name}: objects"
     if entries is None:
@@ -147,15 +145,13 @@ def _place(entry: Dict[str, Any], grid: RoadMap, where: str) -> Pose:
     tile_m = grid.tile_size_m
     if "pos" in entry:  # tiles east and south of the north-west corner
         east, south = numbers(entry["pos"], 2, f"{where}: pos")
-        if grid.compat:  # the simulator mixes up rows and columns
-            return Pose(east * tile_m, (grid.columns - 1 - south) * tile_m, -rotate_rad)
         return Pose(east * tile_m, (grid.rows - south) * tile_m, rotate_rad)
     base, label, relative = Pose(0.0, 0.0, 0.0), "pose", entry.get("pose")
     if "place" in entry:  # metres from the centre of a tile
         column, row_north = _tile_of(entry["place"], grid, f"{where}: place")
         base = Pose((column + 0.5) * tile_m, (row_north + 0.5) * tile_m, 0.0)
         label, relative = "place.relative", entry["place"].get("relative")
-    elif "attach" in entry and not ("pose" in entry and grid.compat):
+    elif "attach" in entry:
         base = _slot_of(entry["attach"], rotate_rad, grid, f"{where}: attach")
     x_m, y_m, turn_rad = _transform(relative, f"{where}: {label}")
     x_m, y_m = base.to_world(np.array([x_m, y_m])).tolist()
@@ -168,8 +164,7 @@ def _slot_of(data: Any, rotate_rad: float, grid: RoadMap, where: str) -> Pose:
     slot, last = data.get("slot"), len(_SLOTS_M) - 1
     if str(slot) not in map(str, range(last + 1)):
         raise MapError(f"{where}.slot: expected 0 to {last}, got {slot!r}")
-    unit_m = grid.tile_size_m if grid.compat else 1.0
-    dx_m, dy_m = (unit_m * along for along in _SLOTS_M[int(slot)])
+    dx_m, dy_m = _SLOTS_M[int(slot)]
     return Pose(column * grid.tile_size_m + dx_m, row_north * grid.tile_size_m + dy_m, rotate_rad)
 
 

@@ -22,7 +22,7 @@ _KEYS = ("tiles", "tile_size", "objects", "start_tile", "start_pose", "version")
 
 @dataclass(frozen=True)
 class RoadMap:
-    """A grid of tiles. ``compat`` maps keep the simulator's oddities.
+    """A grid of tiles.
 
     ``objects`` is what the file says of things on and beside the road, as it stands there; see
     `robot.navigation.map_objects`.
@@ -32,7 +32,6 @@ class RoadMap:
     tile_size_m: float
     tiles: Tuple[Tuple[Tile, ...], ...]  # rows from north to south
     objects: Any = field(default=None, repr=False, compare=False)
-    compat: bool = False
 
     @property
     def rows(self) -> int:
@@ -65,7 +64,7 @@ class RoadMap:
         return tuple(
             lane
             for tile in self.road_tiles
-            for lane in tile_lanes(tile, self.tile_size_m, self.rows, reference=self.compat)
+            for lane in tile_lanes(tile, self.tile_size_m, self.rows)
         )
 
     @cached_property
@@ -99,11 +98,8 @@ def shipped_maps() -> Dict[str, Path]:
     return {path.relative_to(MAPS_FOLDER).with_suffix("").as_posix(): path for path in files}
 
 
-def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
+def load_map(source: Union[str, Path]) -> RoadMap:
     """Read a Duckietown map: a YAML file, or the name of a shipped map (loop, arena, town).
-
-    ``compat`` draws the lanes where gym-duckietown 6.1.34 does: its ``3way_right`` and
-    ``curve_right`` curves (see `robot.navigation.lanes`), and places its objects.
 
     A map without road (a calibration board, say) loads; what needs a road then says so. Where the
     reference simulator would start (``start_tile``, ``start_pose``) means nothing here. MapError
@@ -119,10 +115,10 @@ def load_map(source: Union[str, Path], compat: bool = False) -> RoadMap:
         data = read_yaml(path)
     except ConfigError as error:
         raise MapError(str(error)) from error
-    return read_map(data, path.stem, compat)
+    return read_map(data, path.stem)
 
 
-def read_map(data: Any, name: str, compat: bool = False) -> RoadMap:
+def read_map(data: Any, name: str) -> RoadMap:
     """A map from the plain data of its YAML file; see `load_map`."""
     if not isinstance(data, dict):
         raise MapError(f"{name}: expected a mapping with tiles and tile_size, got {data!r}")
@@ -146,7 +142,7 @@ def read_map(data: Any, name: str, compat: bool = False) -> RoadMap:
         tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
         for i, row in enumerate(rows)
     )
-    return RoadMap(name, tile_size_m, tiles, data.get("objects"), compat)
+    return RoadMap(name, tile_size_m, tiles, data.get("objects"))
 
 
 def number(value: Any, where: str) -> float:

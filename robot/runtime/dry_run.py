@@ -1,26 +1,40 @@
 """A runtime that drives nowhere: a camera that makes up pictures, motors that do nothing.
 
-For measuring the loop itself, on any computer.
+So the loop itself is measured, on any computer, in a process of its own.
 """
 
 from __future__ import annotations
 
+import importlib
+import json
+import os
+import pkgutil
+import subprocess
+import sys
+import time
 from pathlib import Path
+from typing import Dict
 
 import numpy as np
 
+import robot
 from robot.camera.source import Frame
 from robot.computer.clock import Clock, MonotonicClock
-from robot.contract import PATH_POINTS
+from robot.contract import CONTROL_DT_S, PATH_POINTS
 from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.parts import Guidance
 from robot.runtime.loop import Runtime
+from robot.runtime.timing import RateKeeper
 from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command, Safety
 from robot.vision.plausibility import PictureDoubts
 
+CHILD = """import sys, time
+began_s = time.perf_counter()
+from robot.runtime.dry_run import tell
+tell(began_s, *sys.argv[1:])"""
 # A stall of the computer must not end a measurement of stalls.
 PATIENT = SafetyLimits(frame_age_s=60.0, loop_age_s=60.0)
 
@@ -70,3 +84,41 @@ def dry_runtime(model: Path) -> Runtime:
     for command in (Command.ARM, Command.AUTO):
         runtime.ask(command)
     return runtime
+
+
+def measure(model: Path, seconds: float) -> Dict[str, Dict[str, float]]:
+    """Start a fresh Python that imports every module of ours and drives for so long.
+
+    ``robot``: seconds to import, greatest resident memory [MB]; ``loop``: how late turns began, and
+    how long they took from camera to wheels [ms]. ContractError: the model keeps no contract.
+    """
+    OnnxPolicy(model)
+    root = str(Path(robot.__file__).resolve().parents[1])
+    path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, str(model), str(seconds)],
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    found: Dict[str, Dict[str, float]] = json.loads(done.stdout)
+    return found
+
+
+def tell(began_s: float, model: str, seconds: str) -> None:
+    """What ``measure`` gives, of this process, as JSON; it began to import at ``began_s`` [s]."""
+    for module in pkgutil.walk_packages(robot.__path__, "robot."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    import_s = time.perf_counter() - began_s
+    runtime, count = dry_runtime(Path(model)), round(float(seconds) / CONTROL_DT_S)
+    rate = RateKeeper(CONTROL_DT_S, MonotonicClock())
+    ticks = [runtime.step(rate.wait()) for _ in range(count)]
+    # Not from getrusage: its peak is inherited from the parent.
+    status = Path("/proc/self/status").read_text(encoding="ascii").split()
+    rss_mb = int(status[status.index("VmHWM:") + 1]) / 1024.0
+    lags = np.percentile([1e3 * tick.lag_s for tick in ticks], (50, 99, 100)).tolist()
+    turns = np.percentile([1e3 * tick.duration_s for tick in ticks], (50, 99)).tolist()
+    names = ("lag_p50_ms", "lag_p99_ms", "lag_max_ms", "turn_p50_ms", "turn_p99_ms")
+    loop = {"turns": len(ticks), **dict(zip(names, lags + turns))}
+    print(json.dumps({"robot": {"import_s": import_s, "rss_mb": rss_mb}, "loop": loop}))

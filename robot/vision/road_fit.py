@@ -16,7 +16,7 @@ from typing import Deque, NamedTuple, Optional, Tuple
 import numpy as np
 
 from robot.geometry import Pose
-from robot.lens import CameraRig
+from robot.lens import CameraRig, Mount
 from robot.navigation.road_paint import (
     SOFT_M,
     WHITE_M,
@@ -204,6 +204,7 @@ class Verdict:
 
 def _floor(rig: CameraRig, pitch_rad: float) -> np.ndarray:
     """Where the small picture's pixels meet the floor (ROWS, COLUMNS, 2) [m], robot frame."""
+    assert isinstance(rig.mount, Mount)  # of a robot's camera
     mount = replace(rig.mount, pitch_rad=rig.mount.pitch_rad + pitch_rad)
     rows, columns = np.mgrid[:ROWS, :COLUMNS]
     pixels = np.stack((columns, rows), axis=-1).astype(float)

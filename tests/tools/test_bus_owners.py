@@ -16,8 +16,8 @@ from typing import NamedTuple
 import pytest
 
 from robot.cli import main
+from robot.cli.install import ROOT
 from robot.computer.clock import MonotonicClock
-from robot.computer.footprint import ROOT
 from robot.errors import HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from robot.cli import main
-from robot.computer.footprint import ROOT, measure_footprint
+from robot.cli.install import ROOT
 from robot.errors import ContractError
+from robot.runtime.dry_run import measure
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 
@@ -33,14 +34,13 @@ def test_wrong_input_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[st
         main(["bench", "--model", "m.onnx", "--seconds", "0"])
     assert "--seconds: expected a number from 0.5 to 3600, got '0'" in capsys.readouterr().err
     with pytest.raises(ContractError):
-        measure_footprint(tmp_path / "none.onnx")
+        measure(tmp_path / "none.onnx", 0.5)
 
 
 def test_the_robot_stays_small(tmp_path: Path) -> None:
     """The budget of a Jetson Nano; `LEAN` holds what keeps its import short."""
     model = write_policy(tmp_path / "m.onnx", lane_contract())
-    footprint = measure_footprint(model)
-    assert footprint.rss_mb < 150.0
+    assert measure(model, 5.0)["robot"]["rss_mb"] < 150.0
 
 
 LEAN = """

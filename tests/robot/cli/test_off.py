@@ -9,8 +9,8 @@ from typing import List
 import pytest
 
 from robot.cli import main, off
+from robot.cli.install import ROOT
 from robot.cli.off import configured, switch_off
-from robot.computer.footprint import ROOT
 from robot.errors import HardwareError
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus

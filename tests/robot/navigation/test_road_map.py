@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections import defaultdict
 from pathlib import Path
 from typing import Any, Dict
 
@@ -15,7 +14,7 @@ from hypothesis import strategies as st
 from robot.errors import MapError
 from robot.navigation.lanes import FLOOR_KINDS, ORIENTATIONS, ROAD_SIDES, STEPS, parse_tile
 from robot.navigation.road_map import load_map, read_map, shipped_maps
-from tests.robot.navigation.oracle import oracle_map, oracle_maps, sim_to_world
+from tests.robot.navigation.oracle import oracle_map, oracle_maps, reference_lanes, sim_to_world
 
 OPPOSITE = {"S": "N", "N": "S", "E": "W", "W": "E"}
 
@@ -32,9 +31,7 @@ def test_lanes_equal_the_reference(data_dir: Path, oracle: dict[str, Any]) -> No
             expected["grid_height"],
             expected["grid_width"],
         )
-        lanes = defaultdict(list)
-        for lane in road_map.lanes:
-            lanes[lane.tile_column, lane.tile_row].append(lane.control_points_m)
+        lanes = {(t.column, t.row): reference_lanes(t, road_map) for t in road_map.road_tiles}
         assert set(lanes) == {tuple(tile["coords"]) for tile in expected["tiles"]}
         for tile in expected["tiles"]:
             np.testing.assert_allclose(
