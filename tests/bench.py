@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from robot.cli.bench import measure as measure_robot
 from robot.command_line import OneLineParser, answer
 from robot.contract import ACTION_WHEELS, ImageSpec
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, time_decisions
 from robot.navigation.road_map import load_map
 from robot.output import expect_writable, write_json
-from robot.runtime.dry_run import measure as measure_robot
 
 ROBOTS = 64
 SMALL = ImageSpec(80, 60, crop_top_px=20)

@@ -7,13 +7,9 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
 import pkgutil
-import subprocess
-import sys
 import time
 from pathlib import Path
-from typing import Dict
 
 import numpy as np
 
@@ -31,10 +27,6 @@ from robot.safety.gates import SafetyLimits
 from robot.safety.state_machine import Command, Safety
 from robot.vision.plausibility import PictureDoubts
 
-CHILD = """import sys, time
-began_s = time.perf_counter()
-from robot.runtime.dry_run import tell
-tell(began_s, *sys.argv[1:])"""
 # A stall of the computer must not end a measurement of stalls.
 PATIENT = SafetyLimits(frame_age_s=60.0, loop_age_s=60.0)
 
@@ -86,27 +78,8 @@ def dry_runtime(model: Path) -> Runtime:
     return runtime
 
 
-def measure(model: Path, seconds: float) -> Dict[str, Dict[str, float]]:
-    """Start a fresh Python that imports every module of ours and drives for so long.
-
-    ``robot``: seconds to import, greatest resident memory [MB]; ``loop``: how late turns began, and
-    how long they took from camera to wheels [ms]. ContractError: the model keeps no contract.
-    """
-    OnnxPolicy(model)
-    root = str(Path(robot.__file__).resolve().parents[1])
-    path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, str(model), str(seconds)],
-        check=True,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": path},
-    )
-    found: Dict[str, Dict[str, float]] = json.loads(done.stdout)
-    return found
-
-
 def tell(began_s: float, model: str, seconds: str) -> None:
-    """What ``measure`` gives, of this process, as JSON; it began to import at ``began_s`` [s]."""
+    """What `robot.cli.bench.measure` gives, as JSON; imports of ours began at ``began_s`` [s]."""
     for module in pkgutil.walk_packages(robot.__path__, "robot."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from robot.cli import main
+from robot.cli.bench import measure
 from robot.cli.install import ROOT
 from robot.errors import ContractError
-from robot.runtime.dry_run import measure
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 
