@@ -57,6 +57,7 @@ class LaneView:
         begins = {border_point(e.control_points_m[0], road_map.tile_size_m): e for e in lanes}
         self._index = LaneIndex(lanes)
         self._chains = [self._follow(lane, begins) for lane in lanes]
+        self.junctions = any(tile.is_junction for row in tiles for tile in row)  # has the map any
 
     def at(self, x_m: float, y_m: float, heading_rad: float) -> Optional[LaneAhead]:
         """The road before a pose; None beside it, or where none leads within 90 degrees."""
@@ -100,7 +101,7 @@ class LaneView:
 
     def line_ahead_m(self, pose: Pose) -> float:
         """From the axle to the red line that a robot at a pose comes to; infinite where none is."""
-        road = self.at(*pose)
+        road = self.at(*pose) if self.junctions else None
         if road is None or (road.in_junction and abs(road.heading_rad) > _LEAVING_RAD):
             return math.inf
         return road.line_m

@@ -57,7 +57,7 @@ class Neighbours:
             track = self._tracks.setdefault(pose.robot, _Track(pose.robot))
             if track.take(pose, now_s):
                 taken, self._heard_s = True, max(self._heard_s, track.at_s)
-        if taken:
+        if taken and self._view.junctions:
             drive = [name for name in self._known(now_s) if self._tracks[name].headed]
             robots = {name: self._traveller(name) for name in drive}
             found = self._crossings.update(poses[0].t_capture_s, robots)

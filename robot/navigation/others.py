@@ -16,6 +16,7 @@ from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
 
 HALF_ROBOT_M, HALF_DUCK_M = 0.09, 0.035
 AHEAD_M = 0.02 * np.arange(61)  # along the lane, from the axle: where it is looked at
+_NEAR_M = 1.6  # farther off nobody is on that way
 _TAIL_M = 0.1  # of a robot, behind its axle
 _HALF_WIDE_M = 0.08
 _RETURN_M = 0.6  # in which a robot that heads elsewhere gets back to the middle of its lane
@@ -39,28 +40,39 @@ class Other(NamedTuple):
 
 def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> RoadAhead:
     """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot."""
-    if not others:
+    seen = np.array(others, dtype=float).reshape(-1, 6)
+    seen = seen[np.hypot(seen[:, 0] - pose.x_m, seen[:, 1] - pose.y_m) < _NEAR_M]
+    if not len(seen):
         return RoadAhead()
-    seen = np.array(others)
-    straight = np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0)[:, None]
-    on_m = pose.to_world(np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1))
-    way_m = lane_m + straight * (on_m - lane_m)
+    way_m = _way_back(lane_m, pose)
     moving = (np.hypot(seen[:, 2], seen[:, 3]) > _STILL_MPS) & (seen[:, 5] > 0.0)
     nearest = RoadAhead()
     for after_s in _WALKS_S:
         here = seen if after_s == 0.0 else seen[moving]
         at_m = here[:, :2] + after_s * here[:, 2:4]
         apart_m = np.linalg.norm(at_m[:, None] - way_m, axis=-1)  # (O, 61)
-        where = apart_m.argmin(axis=1)
-        on_it = apart_m.min(axis=1) < _HALF_WIDE_M + here[:, 4]
-        on_it &= pose.to_robot(at_m)[:, 0] > _IN_FRONT_M
-        for k in np.flatnonzero(on_it).tolist():
-            free_m = float(AHEAD_M[where[k]] - here[k, 4]) - NOSE_M
-            if free_m < nearest.free_m:
+        near = apart_m < _HALF_WIDE_M + here[:, 4:5]
+        first, where = near.argmax(axis=1), apart_m.argmin(axis=1)
+        # In a bend it comes near to things long before it would be abreast of them.
+        most_m = np.minimum(AHEAD_M[first] + _HALF_WIDE_M, AHEAD_M[where] - here[:, 4]) - NOSE_M
+        on_it = near.any(axis=1) & (pose.to_robot(at_m)[:, 0] > _IN_FRONT_M)
+        for k in np.flatnonzero(on_it & (most_m < nearest.free_m)).tolist():
+            if most_m[k] < nearest.free_m:
                 step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]
                 along = float(here[k, 2:4] @ step) / max(float(np.hypot(*step)), 1e-9)
-                nearest = RoadAhead(free_m, coming_mps=-along)
+                nearest = RoadAhead(float(most_m[k]), coming_mps=-along)
     return nearest
+
+
+def _way_back(lane_m: np.ndarray, pose: Pose) -> np.ndarray:
+    """(61, 2) how the robot goes on: along its lane, and within `_RETURN_M` to the middle of it."""
+    steps = np.diff(lane_m, axis=0)
+    along = steps / np.maximum(np.hypot(steps[:, :1], steps[:, 1:]), 1e-9)
+    along = np.concatenate((along, along[-1:]))
+    left = np.stack((-along[:, 1], along[:, 0]), axis=1)
+    ahead = np.array((math.cos(pose.heading_rad), math.sin(pose.heading_rad)))
+    aside_m = left[0] @ (np.array(pose[:2]) - lane_m[0]) + AHEAD_M * (left[0] @ ahead)
+    return lane_m + (aside_m * np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0))[:, None] * left
 
 
 class Traveller(NamedTuple):

@@ -23,7 +23,8 @@ from sim_pybullet.tasks.spec import (
     expect_some,
     register,
 )
-from sim_pybullet.traffic.crowd import Approach, Body, Crowd, behind
+from sim_pybullet.traffic.ahead import behind
+from sim_pybullet.traffic.crowd import Approach, Body, Crowd
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
 from sim_pybullet.traffic.scenario import Scenario, load_scenario
 from sim_pybullet.traffic.streets import Streets
@@ -69,6 +70,7 @@ class Traffic(Task):
     """
 
     frames = 3
+    episode_s = EPISODE_S
     term_names: tuple[str, ...] = ("offset", "alignment", "nearness", "collision")
     fact_names: tuple[str, ...] = (
         "tiles",
@@ -150,10 +152,10 @@ class Traffic(Task):
 
     def think(self, poses: np.ndarray) -> None:
         """Other road users decide."""
-        self.crowd.think(self._grouped(poses), self._grouped(self._velocities), self._look(poses))
+        self.crowd.think(self._grouped(poses), self._grouped(self._velocities), self.look(poses))
 
-    def _look(self, poses: np.ndarray) -> Approach:
-        """What is ahead of all cars; looked up once a decision."""
+    def look(self, poses: np.ndarray) -> Approach:
+        """What is ahead of all cars, ours at poses (N, 3) first; looked up once a decision."""
         if self._seen is None:
             velocities = self._grouped(self._velocities)
             self._seen = self.crowd.look(
@@ -169,7 +171,7 @@ class Traffic(Task):
     def expert(self, poses: np.ndarray) -> np.ndarray:
         """(N,) what a driver would do who knows where everybody is."""
         choices = expert_actions(self.paths, poses, self.course.arc_m, _LOOKAHEAD_M)
-        room_m = self._look(poses).free_m[:, : self.group] - GAP_M
+        room_m = self.look(poses).free_m[:, : self.group] - GAP_M
         most = np.minimum(room_m / _HEADWAY_S, self.crowd.line_m / LINE_S).ravel()
         straight = choices == Action.STRAIGHT
         choices[(most < 0.2) & straight] = SLOW
@@ -184,7 +186,7 @@ class Traffic(Task):
         hit, at_fault = self._meet(poses, collided)
         self.met = hit > 0
         self._seen = None
-        seen = self._look(poses)
+        seen = self.look(poses)
         free_m, closing_mps = (
             each[:, : self.group].ravel() for each in (seen.free_m, seen.closing_mps)
         )
@@ -199,7 +201,7 @@ class Traffic(Task):
             (following_terms(course, self.half_lane_m), nearness, -_PENALTY * at_fault)
         )
         facts = np.stack((tiles, hit, at_fault, free_m, closing_mps, self._least_ttc_s))
-        late = self._steps * CONTROL_DT_S >= EPISODE_S - 1e-9
+        late = self._steps * CONTROL_DT_S >= self.episode_s - 1e-9
         failed = self.met | off
         judged = self._judged(terms, facts, (failed, np.zeros_like(late), late))
         return judged._replace(success=judged.truncated & (tiles >= FEWEST_TILES))

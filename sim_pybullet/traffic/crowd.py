@@ -14,6 +14,7 @@ from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
+from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, along, look_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
@@ -90,53 +91,6 @@ class RightOfWay:
 
 
 DUCK_M, ROBOT_M = 0.10, 0.15  # centres nearer than that have met (the AI Driving Olympics' rules)
-STEP_M = 0.04
-AHEAD_M = STEP_M * np.arange(1, 26)  # where a path is looked at
-NOTHING = -1
-
-
-class Ahead(NamedTuple):
-    """How far robots can go along their paths; what ends that way, or `NOTHING`."""
-
-    free_m: np.ndarray  # (...) at most 1 m
-    what: np.ndarray  # (...) int, index of the body
-
-
-def look_ahead(
-    points: np.ndarray, poses: np.ndarray, bodies: np.ndarray, clear_m: np.ndarray
-) -> Ahead:
-    """The way that robots have before they would come too near to something.
-
-    Args:
-        points: (N, K, 2) of their paths, at ``AHEAD_M``.
-        poses: (N, 3) their own; what is behind them does not count.
-        bodies: (N, B, 2) what is around each, NaN for what is not there.
-        clear_m: (N, B) how far away it must stay.
-    """
-    forward = _in_front(poses, bodies)
-    origin = poses[:, None, :2]
-    points, bodies = points - origin, bodies - origin
-    squares = (points**2).sum(axis=-1)[..., None] - 2.0 * points @ bodies.swapaxes(1, 2)
-    limits = np.where(forward > 0.0, clear_m**2 - (bodies**2).sum(axis=-1), -np.inf)
-    near = squares < limits[:, None]  # (N, K, B), by the law of cosines
-    first = np.where(near.any(axis=1), near.argmax(axis=1), len(AHEAD_M))  # (N, B)
-    what = first.argmin(axis=1)
-    steps = np.take_along_axis(first, what[:, None], axis=1)[:, 0]
-    return Ahead(steps * STEP_M, np.where(steps < len(AHEAD_M), what, NOTHING))
-
-
-def _in_front(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-    """(N, B) how far ahead bodies (N, B, 2) are along the robots' headings [m]."""
-    delta = bodies - poses[:, None, :2]
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    return np.asarray(c * delta[..., 0] + s * delta[..., 1])
-
-
-def behind(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-    """(N, B) bool: whether a body is behind a robot's axle."""
-    return _in_front(poses, bodies) < 0.0
-
-
 _WALKS_S = (0.8, 1.6)  # a walking duck counts where it will be, too
 _COLOURS = ("blue", "red", "green", "white", "orange", "grey")
 
@@ -269,12 +223,12 @@ class Crowd:
             np.tile(clear_m, (flat, 1)),
         )
         what = ahead.what.reshape(groups, cars)
-        heading = everyone[..., 2]
+        free_m = ahead.free_m.reshape(groups, cars)
         mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
-        relative = mine - np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
-        closing = relative[..., 0] * np.cos(heading) + relative[..., 1] * np.sin(heading)
+        others = np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
+        closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * along(points, free_m)).sum(-1)
         closing = np.where(what == NOTHING, 0.0, closing)
-        return self._approach(everyone, points, ahead.free_m.reshape(groups, cars), closing)
+        return self._approach(everyone, points, free_m, closing)
 
     def think(self, poses: np.ndarray, velocities: np.ndarray, approach: Approach) -> None:
         """One decision of everybody but ours, by what `look` told."""

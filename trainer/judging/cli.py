@@ -28,6 +28,7 @@ def judge_command(
     look: str = "nominal",
     map: tuple[str, ...] = (),
     poses: Literal["true", "arena"] = "true",
+    seconds: float = 60.0,
     json: Path | None = None,
     out: Path | None = None,
 ) -> int:
@@ -39,13 +40,14 @@ def judge_command(
         challenge: lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours
             with junctions.
         against: another driver, on the same episodes; bare is the policy without rules.
-        episodes: how many, of a minute each.
+        episodes: how many.
         seed: of the first episode; the next ones have the next seeds.
         look: a YAML file with a look or a distribution of looks, or a shipped name.
         map: map files, or shipped names or folders; else the rings kept for judging, with
             junctions town.
         poses: what the rules of the road know of everybody: the truth of now, or what a localizer
             over the arena tells, late and 3 cm off.
+        seconds: how long an episode is; the Olympics' are a minute.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
     """
@@ -62,13 +64,13 @@ def judge_command(
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
     road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
     looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
-    console, worst = Console(soft_wrap=True), Worst()
+    console, worst, films = Console(soft_wrap=True), Worst(), out is not None
     verdicts: list[Verdict] = []
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
         for name, driver in zip(names, drivers, strict=True):
             title, total = f"{challenge} {Path(name).name}", episodes * robots_of(challenge)
             row, found = bar.add_task(title, total=total), []
-            for episode, film in drive(driver, challenge, road_maps, looks, seeds):
+            for episode, film in drive(driver, challenge, road_maps, looks, seeds, seconds, films):
                 bar.advance(row)
                 found.append(episode)
                 if not verdicts:
@@ -77,8 +79,8 @@ def judge_command(
             verdicts.append(Verdict(Path(name).name, sorted(found)))
     tell(console, challenge, verdicts)
     if json is not None:
-        asked: dict[str, object] = {"challenge": challenge, "episodes": episodes, "seed": seed}
-        asked |= {"look": look, "poses": poses, "maps": [m.name for m in road_maps]}
+        asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
+        asked |= {"poses": poses, "seconds": seconds, "maps": [m.name for m in road_maps]}
         told = {**asked, **verdicts[0].plain()}
         if len(verdicts) > 1:
             told["against"] = verdicts[0].against(verdicts[1])

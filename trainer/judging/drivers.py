@@ -15,7 +15,8 @@ class Driver:
     """Who drives all robots of a world; this one never moves."""
 
     guided = False  # whether it gets a path
-    image = _SMALL  # what is drawn for it
+    image = _SMALL  # what is drawn for it,
+    frames = 1  # of it so many at once
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:  # noqa: ARG002
         """(N,) numbers of actions, or (N, 2) shares of the greatest wheel speed."""
@@ -36,11 +37,10 @@ class Pilot(Driver):
     def __init__(self, policy: DrivingPolicy) -> None:
         self._policy = policy
         self.guided, self.image = policy.contract.path_points > 0, ImageSpec()
+        self.frames = policy.contract.frames
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """See `Driver`."""
-        newest = 3 * self._policy.contract.frames
-        seen = seen._replace(image=seen.image[..., -newest:])
         choices = np.zeros(world.n_robots, dtype=int)
         for robot in np.flatnonzero(world.active).tolist():
             choices[robot] = _choose(self._policy, seen, robot, None)

@@ -47,6 +47,22 @@ class _Robot:
         return self.told
 
 
+class _Above:
+    """The localizer of one group of bodies; its errors follow from the episode's number."""
+
+    def __init__(self, bodies: int, look: PoseLook, number: int) -> None:
+        self._errors, self._rng = PoseError(bodies), np.random.default_rng(number)
+        self.believed = np.zeros((bodies, 3))  # where who steers by it takes himself to be
+        for body in range(bodies):
+            self._errors.reset(body, look, self._rng)
+
+    def tell(self, poses: np.ndarray, now_s: float) -> np.ndarray:
+        """(B, 3) what arrives now, of true poses (B, 3)."""
+        told = self._errors.observe(poses, now_s, self._rng).poses
+        self.believed = self._errors.of_standing(poses)
+        return told
+
+
 class Governed(Pilot):
     """As `Pilot`, slowed by headway, stop lines, lights and right of way.
 
@@ -58,8 +74,7 @@ class Governed(Pilot):
         super().__init__(policy)
         self._look = ARENA_POSE if poses == "arena" else PoseLook()
         self._robots: dict[int, _Robot] = {}
-        self._errors = PoseError(0)  # of all bodies, group by group
-        self._rng = np.random.default_rng(0)
+        self._above: dict[int, _Above] = {}  # of each group
         self._turns = 0
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
@@ -70,52 +85,45 @@ class Governed(Pilot):
         self._turns += 1
         now_s, ours = self._turns * CONTROL_DT_S, task.group
         poses = world.poses.reshape(-1, ours, 3)
-        nobody_asks = np.zeros((len(poses), ours, 2))  # for speeds
-        bodies = task.crowd.bodies(poses, nobody_asks)
-        red = task.crowd.look(poses, task.paths, task.course.arc_m, nobody_asks).red
+        bodies = task.crowd.bodies(poses, np.zeros((len(poses), ours, 2)))
+        red = task.look(world.poses).red
         self._begin(world, task, bodies.kinds.size)
         there = np.zeros((*bodies.xy_m.shape[:2], 3))
         there[..., :2], there[:, :ours, 2] = bodies.xy_m, poses[..., 2]
-        told = self._errors.observe(there.reshape(-1, 3), now_s, self._rng).poses
-        told, believed = told.reshape(there.shape), self._errors.of_standing(there.reshape(-1, 3))
-        believed = believed.reshape(there.shape)[:, :ours]
-        at_m = believed.reshape(-1, 3)[:, :2]
-        arc_m = task.paths.project(at_m, task.paths.index_at(task.course.arc_m)).arc_m
+        told = [self._above[group].tell(here, now_s) for group, here in enumerate(there)]
+        heard = [self._messages(poses, bodies.kinds, ours, now_s) for poses in told]
+        believed = np.array([self._above[k].believed[:ours] for k in range(len(there))])
+        believed = believed.reshape(-1, 3)
+        arc_m = task.paths.project(believed[:, :2], task.paths.index_at(task.course.arc_m)).arc_m
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
-        for group, place in np.ndindex(len(poses), ours):
-            i = group * ours + place
-            if place == 0:
-                heard = self._messages(told[group], bodies.kinds, ours, now_s)
+        for i in np.flatnonzero(world.active).tolist():
+            group, place = divmod(i, ours)
             robot = self._robots[i]
             robot.driven_m += float(np.hypot(*(world.poses[i] - robot.pose)[:2]))
             robot.pose = Pose(*world.poses[i].tolist())
-            robot.neighbours.hear(heard, now_s)
-            if world.active[i]:
-                here = Pose(*believed[group, place].tolist())
-                ahead = robot.watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
-                light = Light.RED if red[group, place] else Light.NONE
-                wanted = MAX_WHEEL_MPS * shares[i]
-                slowed = robot.slow(wanted, now_s, replace(ahead, light=light))
-                shares[i] = np.array(slowed) / MAX_WHEEL_MPS
+            robot.neighbours.hear(heard[group], now_s)
+            here = Pose(*believed[i].tolist())
+            ahead = robot.watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
+            light = Light.RED if red[group, place] else Light.NONE
+            wanted = MAX_WHEEL_MPS * shares[i]
+            slowed = robot.slow(wanted, now_s, replace(ahead, light=light))
+            shares[i] = np.array(slowed) / MAX_WHEEL_MPS
         return shares
 
     def _begin(self, world: BatchWorld, task: Traffic, bodies: int) -> None:
         """Who begins an episode remembers nothing."""
-        if not self._robots:
-            self._errors = PoseError(bodies * world.n_robots // task.group)
         for i, number in enumerate(world.numbers.tolist()):
             known = self._robots.get(i)
             if known is not None and number in (-1, known.number):
                 continue
             group, place = divmod(i, task.group)
-            road_map = task.road_maps[world.maps[i]]
-            view = LaneView(road_map)
+            view = LaneView(task.road_maps[world.maps[i]])
             others = Neighbours(view, _name(place), self._look.position_m)
             rules = KeepApart(), StopLines(), Lights(), FirstCome()
             here = Pose(*world.poses[i].tolist())
             self._robots[i] = _Robot(number, here, others, RoadWatch(view, others), rules)
-            for body in range(group * bodies, (group + 1) * bodies) if place == 0 else ():
-                self._errors.reset(body, self._look, self._rng)
+            if place == 0:
+                self._above[group] = _Above(bodies, self._look, number)
 
     def _messages(
         self, told: np.ndarray, kinds: np.ndarray, ours: int, now_s: float

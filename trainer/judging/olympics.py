@@ -26,8 +26,8 @@ from rich.table import Table
 from robot.geometry import Pose, wrap_angle
 from robot.navigation.lanes import ORIENTATIONS, Tile
 from robot.navigation.road_map import RoadMap
-from trainer.judging.evaluate import wilson_low
 from trainer.judging.films import Worst
+from trainer.judging.intervals import Estimate, median, paired, share
 from trainer.report.page import Picture, write_page
 
 SURVIVED = "time"
@@ -41,6 +41,7 @@ _THROUGH = {
 }
 _ZONE_M = 0.35  # before a junction, measured at the axle
 _STILL_MPS = 0.02
+_LEAST_TTC_S = 0.5  # nearer to a collision nobody should come
 _WEST = ORIENTATIONS.index("W")
 _STEPS = 64  # between two poses of a bend: exact to 0.01 mm
 
@@ -134,6 +135,13 @@ class LaneRules:
         return sorted(found, key=lambda lane: lane[:2])
 
 
+def longest_wait_s(poses: np.ndarray, dt_s: float) -> float:
+    """How long a drive through poses (T, 3), one each ``dt_s``, stood still at a time."""
+    stood = np.hypot(*np.diff(poses[:, :2], axis=0).T) < _STILL_MPS * dt_s
+    changes = np.flatnonzero(np.diff(np.concatenate(([False], stood, [False]))))
+    return dt_s * float(np.diff(changes)[::2].max(initial=0))
+
+
 def _abeam(lane: np.ndarray, point: np.ndarray) -> np.ndarray | None:
     """The pose of a lane (P, 3) that has a point (2,) exactly beside it; None if none has."""
     c, s = np.cos(lane[:, 2]), np.sin(lane[:, 2])
@@ -194,6 +202,7 @@ class Episode(NamedTuple):
     at_fault: bool  # in the collision that ended it
     success: bool  # survived, and drove three tiles
     least_ttc_s: float  # time to collision, the least
+    longest_wait_s: float  # at rest
     map: str
     lines_run: int  # red lines at which it did not stand
     tiles: float  # along the lane
@@ -203,50 +212,6 @@ class Episode(NamedTuple):
     def badness(self) -> tuple[float, ...]:
         """Larger is worse."""
         return (not self.success, -self.tiles, -self.seed, -self.robot)
-
-
-_DRAWS = 2000
-
-
-class Estimate(NamedTuple):
-    """A figure and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def share(successes: int, episodes: int) -> Estimate:
-    """Of successes, with Wilson's interval."""
-    low, high = wilson_low(successes, episodes), 1.0 - wilson_low(episodes - successes, episodes)
-    return Estimate(successes / episodes, low, high)
-
-
-def median(values: Sequence[float]) -> Estimate:
-    """With the percentile bootstrap's interval (Efron 1979); the same again for the same values."""
-    every = np.asarray(values, dtype=float)
-    drawn = np.random.default_rng(0).integers(len(every), size=(_DRAWS, len(every)))
-    low, high = np.quantile(np.median(every[drawn], axis=1), (0.025, 0.975)).tolist()
-    return Estimate(float(np.median(every)), low, high)
-
-
-class Pairing(NamedTuple):
-    """Two drivers on the same episodes; ``p_value`` by McNemar's exact test, both sides."""
-
-    only_first: int  # episodes that the first did and the second failed
-    only_second: int
-    p_value: float
-
-
-def paired(first: Sequence[bool], second: Sequence[bool]) -> Pairing:
-    """Compare two drivers by which episodes they did."""
-    from scipy.stats import binomtest
-
-    differ = [a for a, b in zip(first, second, strict=True) if a != b]
-    if not differ:
-        return Pairing(0, 0, 1.0)
-    wins = sum(differ)
-    return Pairing(wins, len(differ) - wins, float(binomtest(wins, len(differ)).pvalue))
 
 
 # Units of `LaneFigures`, whose names are the Olympics' with underscores, in the order of a table.
@@ -271,7 +236,8 @@ class Verdict:
     def figures(self) -> dict[str, Estimate]:
         """Shares, and medians by the Olympics' names.
 
-        A collision counts that is its own fault; to survive without three tiles is no success.
+        A collision counts that is its own fault; to survive without three tiles is no success. The
+        half second is of the time to a collision, kept all the time.
         """
         every = self.episodes
         measures = {
@@ -284,6 +250,10 @@ class Verdict:
             "tiles": median([e.tiles for e in every]),
             **measures,
             "least_time_to_collision": median([e.least_ttc_s for e in every]),
+            "half_second_kept_rate": share(
+                sum(e.least_ttc_s >= _LEAST_TTC_S for e in every), len(every)
+            ),
+            "longest_wait": median([e.longest_wait_s for e in every]),
         }
 
     @property
@@ -305,6 +275,7 @@ class Verdict:
             **{name: found.value for name, found in self.figures.items()},
             "intervals": {name: [found.low, found.high] for name, found in self.figures.items()},
             "infractions": self.ends,
+            "longest_wait_of_all": max(each.longest_wait_s for each in self.episodes),
             "drives": rows,
         }
 

@@ -33,10 +33,11 @@ class Ride:
     half_lane_m: float = 0.0
     end: str = ""  # `DONE`, or why it failed
 
-    def add(self, pose: np.ndarray, offset_m: float, frame: np.ndarray) -> None:
-        """Before a decision: where it is, and what it sees."""
+    def add(self, pose: np.ndarray, offset_m: float, frame: np.ndarray | None) -> None:
+        """Before a decision: where it is, and what it sees, if that is kept."""
         self.poses.append(pose)
-        self.frames.append(frame.copy())
+        if frame is not None:
+            self.frames.append(frame.copy())
         if len(self.poses) > SETTLED and abs(offset_m) > self.farthest_m:
             self.farthest, self.farthest_m = tuple(self.frames), abs(offset_m)
 
@@ -55,19 +56,18 @@ class Drive(NamedTuple):
 
 
 def drive(
-    world: BatchWorld, choose: Callable[[Observation], np.ndarray], rides: bool = True
+    world: BatchWorld, choose: Callable[[Observation], np.ndarray], films: bool = True
 ) -> Iterator[tuple[Drive, dict[str, float], Ride]]:
     """The episodes of a world with numbered ones, as each ends; the world is closed after them.
 
-    With the task's facts at its end, and the ride where ``rides`` are asked for. ``choose`` gives
-    what `BatchWorld.step` takes.
+    With the task's facts at its end, and the ride, with frames where ``films`` are asked for.
+    ``choose`` gives what `BatchWorld.step` takes.
     """
     going = [Ride() for _ in range(world.n_robots)]
     try:
         seen = world.reset()
         while world.active.any():
-            if rides:
-                _see(world, going, seen)
+            _see(world, going, seen, films)
             numbers, maps = world.numbers, world.maps
             step = world.step(choose(seen))
             seen = step.observation
@@ -91,11 +91,12 @@ def drive(
         world.close()
 
 
-def _see(world: BatchWorld, going: Sequence[Ride], seen: Observation) -> None:
+def _see(world: BatchWorld, going: Sequence[Ride], seen: Observation, films: bool) -> None:
     offset_m, half_m, poses = world.task.course.offset_m, world.task.half_lane_m, world.poses
     for i in np.flatnonzero(world.active).tolist():
         going[i].half_lane_m = float(half_m[i])
-        going[i].add(poses[i], float(offset_m[i]), seen.image[i, ..., -3:])
+        frame = seen.image[i, ..., -3:] if films else None
+        going[i].add(poses[i], float(offset_m[i]), frame)
 
 
 def _end(step: BatchStep, robot: int) -> str:

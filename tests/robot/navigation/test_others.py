@@ -67,6 +67,19 @@ def test_a_robot_beside_the_middle_of_its_lane_passes_nearer() -> None:
     assert free_way(EAST, Pose(0.0, -0.05, 0.0), [duck]).free_m == math.inf
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("arc_m", [0.3, 0.4, 0.5])
+def test_in_a_bend_the_way_is_that_of_the_lane(side: float, arc_m: float) -> None:
+    radius_m = 0.2
+    lane_m = np.stack((np.sin(AHEAD_M / radius_m), 1.0 - np.cos(AHEAD_M / radius_m)), axis=1)
+    lane_m *= (radius_m, side * radius_m)
+    there = Other(*lane_m[round(arc_m / 0.02)])
+    leads = free_way(lane_m, Pose(0.0, 0.0, 0.0), [there])
+    assert leads.free_m < arc_m - HALF_ROBOT_M - NOSE_M + 0.021
+    outside = Other(radius_m + 0.19, side * radius_m)  # passes by on the other side of the road
+    assert free_way(lane_m, Pose(0.0, 0.0, 0.0), [outside]).free_m == math.inf
+
+
 def test_the_nearest_counts() -> None:
     two = [Other(0.8, 0.0), Other(0.5, 0.0)]
     assert free_way(EAST, Pose(0.0, 0.0, 0.0), two).free_m == pytest.approx(0.344, abs=0.011)

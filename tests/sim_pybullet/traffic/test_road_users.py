@@ -10,7 +10,8 @@ from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from sim_pybullet.rendering.solid_table import mover_rows
-from sim_pybullet.traffic.crowd import AHEAD_M, Approach, RightOfWay, look_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, along, look_ahead
+from sim_pybullet.traffic.crowd import Approach, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
@@ -29,6 +30,16 @@ def test_a_robot_sees_what_is_ahead_on_its_path_and_nothing_else() -> None:
     free = look_ahead(points, np.zeros((1, 3)), bodies[:, :2], np.full((1, 2), 0.15))
     assert free.what[0] == -1
     assert free.free_m[0] > 0.95
+
+
+def test_who_leads_through_a_bend_goes_on_along_it() -> None:
+    turn = AHEAD_M[:20] / 0.2
+    bend = 0.2 * np.stack((np.sin(turn), 1.0 - np.cos(turn)), axis=-1)
+    for free_m in (0.0, 0.2, 0.6):
+        k = max(round(free_m / 0.04), 1) - 0.5
+        heading = (k + 1.0) * 0.04 / 0.2
+        expected = np.array((np.cos(heading), np.sin(heading)))
+        np.testing.assert_allclose(along(bend, np.array(free_m)), expected, atol=1e-9)
 
 
 def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_pybullet.tasks import traffic
 from trainer.cli import main
 from trainer.judging.challenge import Episode
-from trainer.judging.olympics import LaneFigures, Verdict, median, paired, share
+from trainer.judging.intervals import median, paired, share
+from trainer.judging.olympics import LaneFigures, Verdict
 
 
 def test_shares_have_wilsons_interval() -> None:
@@ -44,7 +44,7 @@ def test_mcnemars_exact_test_by_hand(only_first: int, only_second: int, p_value:
 def episode(seed: int, end: str, tiles: float, at_fault: bool = False, runs: int = 0) -> Episode:
     success = end == "time" and tiles >= 3.0
     lane = "loop", runs, tiles, LaneFigures(*[tiles] * 6)
-    return Episode(seed, 0, end, at_fault, success, 1.0, *lane)
+    return Episode(seed, 0, end, at_fault, success, 0.25 * seed, float(seed), *lane)
 
 
 def test_a_verdict_takes_medians_and_counts_what_went_wrong_and_by_whose_fault() -> None:
@@ -61,6 +61,8 @@ def test_a_verdict_takes_medians_and_counts_what_went_wrong_and_by_whose_fault()
     told = verdict.plain()
     assert (told["collision_free_rate"], told["success_rate"]) == (0.8, 0.4)
     assert told["tiles"] == told["deviation-center-line"] == 2.0
+    assert told["half_second_kept_rate"] == 0.6  # of 0, 0.25, 0.5, 0.75 and 1 s
+    assert (told["longest_wait"], told["longest_wait_of_all"]) == (2.0, 4.0)
     assert told["infractions"] == {
         "collision_duck": 1,
         "collision_robot_by_others": 1,
@@ -77,11 +79,9 @@ def test_who_stands_has_no_collision_and_no_success() -> None:
     assert (found["only_first"], found["only_second"], found["p_value"]) == (6, 0, 0.03125)
 
 
-def test_the_command_says_the_same_again_and_shows_the_worst(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(traffic, "EPISODE_S", 3.0)
+def test_the_command_says_the_same_again_and_shows_the_worst(tmp_path: Path) -> None:
     asked = ["judge", "--model", "expert", "--against", "stand", "--episodes", "2"]
+    asked += ["--seconds", "3"]
     files = [tmp_path / f"{k}.json" for k in range(2)]
     for file in files:
         out = ["--out", str(tmp_path / "out")] if file is files[0] else []
@@ -90,6 +90,7 @@ def test_the_command_says_the_same_again_and_shows_the_worst(
     told = json.loads(files[0].read_text())
     assert (told["challenge"], told["episodes"], told["collision_free_rate"]) == ("lf", 2, 1.0)
     assert told["tiles"] > 1.0
+    assert (told["longest_wait"], told["against"]["longest_wait"]) == (0.0, pytest.approx(3.0))
     assert told["against"]["tiles"] == pytest.approx(0.0, abs=1e-9)
     assert told["survival_time"] == told["against"]["survival_time"] == pytest.approx(3.0)
     assert told["driven_lanedir_consec"] == pytest.approx(0.585 * told["tiles"])

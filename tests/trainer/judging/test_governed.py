@@ -13,7 +13,6 @@ from robot.contract import MAX_WHEEL_MPS
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.tasks import traffic
 from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 from trainer.judging.challenge import Episode, drive
 from trainer.judging.drivers import Driver, Expert, Pilot
@@ -31,28 +30,34 @@ class Heedless(Expert):
 
 
 @pytest.fixture
-def under_rules(monkeypatch: pytest.MonkeyPatch) -> Callable[[], Driver]:
+def under_rules(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Driver]:
     monkeypatch.setattr(Pilot, "choose", Heedless.choose)
-    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0))
+    policy: Any = SimpleNamespace(contract=SimpleNamespace(path_points=0, frames=1))
 
-    def fresh() -> Driver:
-        driver = Governed(policy)
+    def fresh(poses: str = "true") -> Driver:
+        driver = Governed(policy, poses)
         driver.image = Heedless.image
         return driver
 
     return fresh
 
 
-def driven(driver: Driver, challenge: str, where: str, episodes: int) -> list[Episode]:
-    seeds = range(70, 70 + episodes)
-    looks = load_look_sampler("nominal")
-    return [each for each, _ in drive(driver, challenge, [load_map(where)], looks, seeds)]
+def driven(
+    driver: Driver,
+    challenge: str,
+    where: str,
+    episodes: int,
+    seconds: float = 10.0,
+    first: int = 70,
+) -> list[Episode]:
+    seeds, looks = range(first, first + episodes), load_look_sampler("nominal")
+    drives = drive(driver, challenge, [load_map(where)], looks, seeds, seconds, films=False)
+    return [each for each, _ in drives]
 
 
 def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
-    under_rules: Callable[[], Driver], monkeypatch: pytest.MonkeyPatch
+    under_rules: Callable[..., Driver],
 ) -> None:
-    monkeypatch.setattr(traffic, "EPISODE_S", 10.0)
     told = driven(under_rules(), "lfvi", "town", 1)
     assert [each.end for each in told] == ["time"] * 8
     assert sum(each.lines_run for each in told) == 0
@@ -61,11 +66,19 @@ def test_eight_robots_on_a_town_pass_its_junctions_one_after_the_other(
     assert sum(each.lines_run for each in driven(Heedless(), "lfvi", "town", 1)) > 0
 
 
-@pytest.mark.slow
-def test_it_stands_before_ducks_and_behind_cars(
-    under_rules: Callable[[], Driver], monkeypatch: pytest.MonkeyPatch
+def test_by_poses_that_err_an_episode_is_the_same_whichever_others_are_driven(
+    under_rules: Callable[..., Driver],
 ) -> None:
-    monkeypatch.setattr(traffic, "EPISODE_S", 10.0)
+    two = driven(under_rules("arena"), "lfv", "loop", 2, 4.0)
+    one = driven(under_rules("arena"), "lfv", "loop", 1, 4.0, first=71)
+    assert two[1].figures == pytest.approx(one[0].figures, abs=1e-9)
+    assert two[1].figures != pytest.approx(
+        driven(under_rules(), "lfv", "loop", 1, 4.0, 71)[0].figures
+    )
+
+
+@pytest.mark.slow
+def test_it_stands_before_ducks_and_behind_cars(under_rules: Callable[..., Driver]) -> None:
     for challenge in ("lfp", "lfv"):
         told = driven(under_rules(), challenge, "loop", 4)
         assert not any(each.at_fault for each in told)

@@ -1,0 +1,62 @@
+"""How far the ways of road users are free, and what ends them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+STEP_M = 0.04
+AHEAD_M = STEP_M * np.arange(1, 26)  # where a path is looked at
+NOTHING = -1
+
+
+class Ahead(NamedTuple):
+    """How far robots can go along their paths; what ends that way, or `NOTHING`."""
+
+    free_m: np.ndarray  # (...) at most 1 m
+    what: np.ndarray  # (...) int, index of the body
+
+
+def look_ahead(
+    points: np.ndarray, poses: np.ndarray, bodies: np.ndarray, clear_m: np.ndarray
+) -> Ahead:
+    """The way that robots have before they would come too near to something.
+
+    Args:
+        points: (N, K, 2) of their paths, at ``AHEAD_M``.
+        poses: (N, 3) their own; what is behind them does not count.
+        bodies: (N, B, 2) what is around each, NaN for what is not there.
+        clear_m: (N, B) how far away it must stay.
+    """
+    forward = _in_front(poses, bodies)
+    origin = poses[:, None, :2]
+    points, bodies = points - origin, bodies - origin
+    squares = (points**2).sum(axis=-1)[..., None] - 2.0 * points @ bodies.swapaxes(1, 2)
+    limits = np.where(forward > 0.0, clear_m**2 - (bodies**2).sum(axis=-1), -np.inf)
+    near = squares < limits[:, None]  # (N, K, B), by the law of cosines
+    first = np.where(near.any(axis=1), near.argmax(axis=1), len(AHEAD_M))  # (N, B)
+    what = first.argmin(axis=1)
+    steps = np.take_along_axis(first, what[:, None], axis=1)[:, 0]
+    return Ahead(steps * STEP_M, np.where(steps < len(AHEAD_M), what, NOTHING))
+
+
+def _in_front(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """(N, B) how far ahead bodies (N, B, 2) are along the robots' headings [m]."""
+    delta = bodies - poses[:, None, :2]
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    return np.asarray(c * delta[..., 0] + s * delta[..., 1])
+
+
+def along(points: np.ndarray, free_m: np.ndarray) -> np.ndarray:
+    """(..., 2) directions of ways (..., K, 2) where they are no longer free: in a bend somebody
+    ahead goes elsewhere than who follows, and yet no slower."""
+    last = np.clip(np.rint(free_m / STEP_M).astype(int), 1, points.shape[-2] - 1)[..., None, None]
+    step = np.take_along_axis(points, last, -2) - np.take_along_axis(points, last - 1, -2)
+    step = step[..., 0, :]
+    return np.asarray(step / np.maximum(np.hypot(step[..., :1], step[..., 1:]), 1e-9))
+
+
+def behind(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """(N, B) bool: whether a body is behind a robot's axle."""
+    return _in_front(poses, bodies) < 0.0
