@@ -204,11 +204,13 @@ class Blocked(NamedTuple):
 
 
 def blocked(road_map: RoadMap) -> Blocked:
-    """What its objects that stand there in every episode leave no room beside."""
+    """What its objects that stand there in every episode leave no room beside, or forbid."""
     points: List[Tuple[float, float]] = []
     lanes: Set[int] = set()
     things = [o for o in objects_of(road_map) if o.static and not o.optional]
     for thing in things if road_map.lanes else []:
+        if thing.kind in _FORBIDDEN:
+            lanes.update(_forbidden(thing, road_map))
         outline = footprint(thing)
         far_m = np.hypot(*(outline - (thing.x_m, thing.y_m)).T).max(initial=0.0) + HALF_ROBOT_M
         if road_map.lane_index.near(thing.x_m, thing.y_m).distance_m.min() > far_m:
@@ -219,6 +221,29 @@ def blocked(road_map: RoadMap) -> Blocked:
                 points.append((x_m, y_m))
                 lanes.update(np.flatnonzero(near).tolist())
     return Blocked(np.array(points).reshape(-1, 2), frozenset(lanes))
+
+
+# Turns that signs forbid to who faces them: from the lanes that begin before them.
+_FORBIDDEN = {
+    "sign_do_not_enter": ("left", "straight", "right"),
+    "sign_no_left_turn": ("left",),
+    "sign_no_right_turn": ("right",),
+    "sign_oneway_right": ("left",),
+    "sign_oneway_left": ("right",),
+}
+
+
+def _forbidden(sign: MapObject, road_map: RoadMap) -> Set[int]:
+    """The lanes that one may not take past a sign, of those that begin nearest to its face."""
+    ways = np.array([lane.control_points_m for lane in road_map.lanes])
+    (x, y), (ends_x, ends_y) = (ways[:, 1] - ways[:, 0]).T, (ways[:, 3] - ways[:, 2]).T
+    headings = np.arctan2(y, x)
+    away_m = np.hypot(*(ways[:, 0] - (sign.x_m, sign.y_m)).T)
+    away_m[np.cos(headings - sign.heading_rad) > -math.sqrt(0.5)] = math.inf  # do not face it
+    turned = np.asarray(wrap_angle(np.arctan2(ends_y, ends_x) - headings))
+    turns = np.where(turned > 0.5, "left", np.where(turned < -0.5, "right", "straight"))
+    near = away_m < min(road_map.tile_size_m, away_m.min()) + 1e-6
+    return set(np.flatnonzero(near & np.isin(turns, _FORBIDDEN[sign.kind])).tolist())
 
 
 def footprint(thing: MapObject) -> np.ndarray:

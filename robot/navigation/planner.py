@@ -42,8 +42,8 @@ class Route:
 class LaneGraph:
     """The lanes of a road map as a directed graph; MapError where it has no road.
 
-    ``lanes`` are those of the map, ``closed`` those, by index, in which something stands that the
-    map names; ``lane_nodes`` the nodes where each begins and ends. ``edges`` are the lanes that
+    ``lanes`` are those of the map, ``closed`` those, by index, that signs close or things which
+    the map names; ``lane_nodes`` the nodes where each begins and ends. ``edges`` are the lanes that
     leave each node, (node at the end, lane), ``node_poses`` (nodes, 3) x [m], y [m], heading [rad].
     """
 

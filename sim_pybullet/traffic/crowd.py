@@ -91,6 +91,7 @@ class RightOfWay:
 
 
 DUCK_M, ROBOT_M = 0.10, 0.15  # centres nearer than that have met (the AI Driving Olympics' rules)
+_TOUCH = 0.9  # of the distance at which two have met: there their bodies do
 _WALKS_S = (0.8, 1.6)  # a walking duck counts where it will be, too
 _COLOURS = ("blue", "red", "green", "white", "orange", "grey")
 
@@ -238,11 +239,27 @@ class Crowd:
         may[:, self.ours :] |= ~self.drivers.obeying
         line_m = np.where(may, np.inf, approach.line_m - STOP_M)
         self.line_m = line_m[:, : self.ours]
+        before_m = self.bodies(poses, velocities).xy_m
         self.drivers.step(approach.free_m[:, self.ours :], line_m[:, self.ours :])
+        self.drivers.stand(self._touching(before_m, self.bodies(poses, velocities)))
         robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)
         self.ducks.step(robots[..., :2])
         self.lights.step()
         self._before, self._after = self._after, self._now()
+
+    def _touching(self, before_m: np.ndarray, bodies: Bodies) -> np.ndarray:
+        """(G, C) which cars drove against anybody, wherever that one was a decision ago (G, B, 2)
+        or is: nobody drives through anybody."""
+        cars = np.arange(self.ours, self.ours + self.drivers.poses.shape[1])
+        touching = np.zeros(self.drivers.speeds_mps.shape, dtype=bool)
+        for there in (before_m, bodies.xy_m):
+            apart, were_apart = (
+                np.linalg.norm(there[:, None] - here[:, cars, None], axis=-1)
+                for here in (bodies.xy_m, before_m)
+            )
+            apart[:, np.arange(len(cars)), cars] = np.inf
+            touching |= (apart < np.minimum(_TOUCH * bodies.meet_m, were_apart)).any(axis=-1)
+        return touching
 
     def shown(self, poses: np.ndarray, share: float) -> np.ndarray:
         """(G, P, U, 3) where each of ours sees the movers when a share of the decision is over."""

@@ -75,6 +75,14 @@ class Drivers:
         before, self.poses = self.poses, self._now()
         self.velocities = (self.poses - before)[..., :2] / CONTROL_DT_S
 
+    def stand(self, cars: np.ndarray) -> None:
+        """Cars (G, C) did not make the last step: something is in their way. They are at rest."""
+        if cars.any():
+            self.arc_m = self.arc_m - self.speeds_mps * CONTROL_DT_S * cars
+            self.speeds_mps = np.where(cars, 0.0, self.speeds_mps)
+            self.velocities[cars] = 0.0
+            self.poses = self._now()
+
     def _now(self) -> np.ndarray:
         """(G, C, 3) on their paths, to the right of the middle and weaving a little."""
         where = self.arc_m.reshape(-1, 1)

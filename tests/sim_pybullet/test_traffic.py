@@ -1,5 +1,7 @@
 """The task ``traffic``: what ends an episode, whose fault it is, what it is worth."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -101,6 +103,67 @@ def test_whose_fault_a_collision_is(ahead_m: float, moves_m: float, whom: int, f
     assert step.facts[1:3, 0].tolist() == [whom, fault]
     assert bool(step.terminated[0]) == (whom > 0)
     assert (step.terms[-1, 0] < 0.0) == bool(fault)
+
+
+def test_cars_that_obey_nobody_and_sleep_drive_through_nobody() -> None:
+    npcs = tuple(f"npc{k}" for k in range(7))
+    how = {"robots_npcs": npcs, "npc_obeying": 0.0, "npc_mistakes_per_min": 30.0, "min_dist": 0.3}
+    task = Traffic([load_map("town")], 3, Scenario(**how))  # type: ignore[arg-type]
+    world = world_of(task, range(3))
+    world.reset()
+    stood = 0
+    for _ in range(200):
+        world.step(np.full(3, STOP))
+        xy_m = task.crowd.bodies(task._grouped(world.poses), np.zeros((3, 1, 2))).xy_m
+        apart = np.linalg.norm(xy_m[:, :, None] - xy_m[:, None], axis=-1) + np.eye(8)
+        assert apart.min() > 0.134
+        stood += int((apart < 0.15).any(axis=(1, 2)).sum())
+    assert stood > 0, "nobody met anybody"
+
+
+NAMED = """
+tile_size: 0.585
+tiles:
+- [curve_left/W, straight/W, curve_left/N]
+- [straight/S, grass, straight/N]
+- [3way_left/S, straight/E, 3way_left/N]
+- [straight/S, grass, straight/N]
+- [curve_left/S, straight/E, curve_left/E]
+objects:
+  walks: {kind: duckie, pos: [1.5, 0.05], rotate: 270, height: 0.08, static: false}
+  stands: {kind: duckie, pos: [1.5, 4.95], rotate: 90, height: 0.08}
+  drives: {kind: duckiebot, pos: [2.7, 3.5], rotate: 90, height: 0.12, static: false}
+  parks: {kind: duckiebot, pos: [0.7, 3.5], rotate: 90, height: 0.12}
+  light: {kind: trafficlight, pos: [2.95, 2.05], height: 0.4}
+  stop: {kind: sign_stop, pos: [2.95, 3.1], rotate: 270, height: 0.18}
+  ban: {kind: sign_no_left_turn, pos: [2.95, 3.1], rotate: 270, height: 0.18}
+"""
+
+
+def test_what_a_map_file_names_is_there_and_does_what_it_is_for(tmp_path: Path) -> None:
+    file = tmp_path / "named.yaml"
+    file.write_text(NAMED)
+    how = Scenario(duckie_wait_s=(0.0, 0.0), npc_speed_mps=(0.2, 0.2))
+    task = Traffic([load_map(str(file))], 1, how)
+    streets, crowd = task.streets, task.crowd
+    assert (len(streets.movers[0]), len(streets.lights[0])) == (2, 1)
+    assert set(task.road_maps[0].objects or ()) == {"stands", "parks", "light", "stop", "ban"}
+    away_m = np.hypot(*(streets.blocked_m[0] - 0.585 * np.array((0.7, 1.5))).T)
+    assert away_m.max() < 0.15, "only who parks is in the way"
+    world = world_of(task, range(1))
+    world.reset()
+    told = []
+    for _ in range(150):
+        world.step(np.full(1, STOP))
+        duck, phase = crowd.ducks.poses[0, 0], crowd.lights.phases[0, 0]
+        told.append((*crowd.drivers.poses[0, 0], duck[1], phase))
+    x, y, heading, duck_y, phases = np.array(told).T
+    assert np.ptp(duck_y) == pytest.approx(0.585, abs=1e-6)
+    assert set(phases) == {0, 1}
+    before_m = 2 * 0.585 - y[np.hypot(np.diff(x), np.diff(y)).argmin()]
+    assert 0.0 < before_m < 0.2, "it stood at the junction"
+    assert y.max() > 3 * 0.585, "it went on"
+    assert np.abs(heading[y < 3 * 0.585] - 0.5 * np.pi).max() < 0.2, "straight on"
 
 
 def test_off_the_tiles_of_road_it_ends() -> None:

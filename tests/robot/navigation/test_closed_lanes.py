@@ -53,6 +53,42 @@ def test_a_route_leads_round_a_barrier_and_a_destination_behind_it_is_refused() 
         plan_route(graph, start, (float(at[0]), float(at[1])))
 
 
+@pytest.mark.parametrize(
+    ("kind", "turns"),
+    [
+        ("stop", set()),
+        ("yield", set()),
+        ("4_way_intersect", set()),
+        ("no_left_turn", {90.0}),
+        ("no_right_turn", {-90.0}),
+        ("oneway_right", {90.0}),
+        ("oneway_left", {-90.0}),
+        ("do_not_enter", {-90.0, 0.0, 90.0}),
+    ],
+)
+@pytest.mark.parametrize("quarters", range(4))
+def test_signs_forbid_turns_to_who_faces_them(kind: str, turns: set[float], quarters: int) -> None:
+    """It stands on the right before a crossing, and shows its face to who comes."""
+    comes_rad = 0.5 * np.pi * quarters
+    right = np.array((np.sin(comes_rad), -np.cos(comes_rad)))
+    ahead = np.array((np.cos(comes_rad), np.sin(comes_rad)))
+    x, y = (0.9, 0.9) + 0.33 * right - 0.35 * ahead
+    pose = {"p": [float(x), float(y)], "theta_deg": 90.0 * quarters + 180.0}
+    sign = {"kind": f"sign_{kind}", "pose": {"~SE2Transform": pose}, "height": 0.18}
+    tiles = [["grass", "straight/N", "grass"], ["straight/E", "4way", "straight/W"],
+             ["grass", "straight/S", "grass"]]  # fmt: skip
+    crossing = read_map({"tile_size": 0.6, "tiles": tiles, "objects": [sign]}, "crossing")
+    found = set()
+    for lane in blocked(crossing).lanes:
+        way = crossing.lanes[lane].control_points_m
+        begins, ends = way[1] - way[0], way[3] - way[2]
+        np.testing.assert_allclose(begins / np.hypot(*begins), ahead, atol=1e-9)
+        turned = np.arctan2(begins[0] * ends[1] - begins[1] * ends[0], begins @ ends)
+        found.add(round(float(np.degrees(turned)), 6) + 0.0)
+    assert found == turns
+    assert LaneGraph(crossing).closed == blocked(crossing).lanes
+
+
 def test_where_there_is_no_way_the_place_is_told() -> None:
     ring, at = with_barrier("loop", 4)
     graph = LaneGraph(ring)
