@@ -17,9 +17,8 @@ from localizer_node.node import Localizer, locate_frame
 from localizer_node.sources import open_source
 from robot.camera.files import read_picture
 from robot.command_line import OneLineParser, answer, spoken, whole
-from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Publisher
+from robot.link.sockets import LinkConfig, Publisher
 from robot.output import expect_writable, write_json, write_png
 from robot.typed_config import load_yaml, to_plain
 

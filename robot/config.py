@@ -10,7 +10,7 @@ from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, nearest
 from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
-from robot.link.config import LinkConfig
+from robot.link.sockets import LinkConfig
 from robot.safety.gates import SafetyLimits
 from robot.safety.governors import Rules
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from robot.command_line import answer
-from tools.free_ports import free_ports
+from tools.loop.bench import free_ports
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("robot", "trainer", "sim_pybullet", "localizer_node", "tools")

@@ -21,15 +21,11 @@ from rich.table import Table
 from robot.command_line import SEED, OneLineParser, answer, number
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
+from robot.typed_config import read_yaml
 
 TRAIN_SECONDS = 75.0
-EPISODES = 20
-MISSIONS = 100
-LEARNED_ON = ("loop", "rings/wedge", "rings/zigzag", "rings/turtle")
-JUDGED_ON = "judging/rings/zed"  # kept for judging: nothing is ever learned or chosen there
-TOWNS = "judging/towns"  # the same
+FILE = Path(__file__).with_name("demo.yaml")
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
-LAPS = 2
 
 
 @dataclass(frozen=True)
@@ -42,47 +38,16 @@ class Stage:
 
 
 def stages(out: Path, seed: int, seconds: float) -> tuple[Stage, ...]:
-    """The six stages of the demo, writing into ``out``."""
-    places = {"out": out, "seed": seed, "seconds": seconds, "navigator": NAVIGATOR}
-
-    def stage(title: str, result: str, command: str) -> Stage:
-        words = tuple(word.format(**places) for word in command.split())
-        return Stage(title, words, out / result)
-
-    return (
-        stage(
-            f"Train a Dueling DQN to keep its lane on {', '.join(LEARNED_ON)}, both ways round",
-            "lane/metrics.json",
-            f"trainer train --task lane --algo dueling --preset fast --map {' '.join(LEARNED_ON)} "
-            "--lane both --start-spread 2.5 --true-path 1 --steps 15000 --judgings 3 "
-            "--seed {seed} --resume --seconds {seconds} --out {out}/lane",
-        ),
-        stage("Export it to ONNX", "lane/model_int8.onnx", "trainer export {out}/lane"),
-        stage(
-            f"Judge the ONNX policy on {JUDGED_ON}, a ring that it never saw, with bends to both "
-            f"sides: {EPISODES} episodes of {LAPS} laps, half of them each way round",
-            "lane/evaluation.json",
-            f"trainer evaluate --task lane --map {JUDGED_ON} --lane both --episodes {EPISODES} "
-            "--seed 1000 --drives --model {out}/lane/model.onnx --json {out}/lane/evaluation.json",
-        ),
-        stage(
-            f"Drive {LAPS} laps in the loop: the robot's runtime on virtual camera and stepper HAT",
-            "loop.json",
-            "tools.loop --map loop --model {out}/lane/model.onnx --video {out}/drive.mp4 "
-            f"--laps {LAPS} --json {{out}}/loop.json",
-        ),
-        stage(
-            f"Drive {MISSIONS} missions by drifting poses in {TOWNS}, which nobody learned in",
-            "navigation.json",
-            f"trainer evaluate --task navigation --map {TOWNS} --look randomised "
-            f"--pose-error arena --episodes {MISSIONS} "
-            "--model {navigator} --json {out}/navigation.json",
-        ),
-        stage(
-            "Write the page with the curves, the film of the drive and the figures",
-            "report/report.html",
-            "trainer report {out} --out {out}/report",
-        ),
+    """The stages of the demo, writing into ``out``."""
+    demo = read_yaml(FILE)
+    places = {**demo["told"], "out": out, "seed": seed, "seconds": seconds, "navigator": NAVIGATOR}
+    return tuple(
+        Stage(
+            row["title"].format(**places),
+            tuple(word.format(**places) for word in row["command"].split()),
+            out / row["result"],
+        )
+        for row in demo["stages"]
     )
 
 
@@ -100,21 +65,26 @@ def run_stage(stage: Stage, console: Console) -> float:
 
 def summarise(out: Path, total_s: float) -> dict[str, Any]:
     """The demo's metrics from the files of its stages."""
+    told = read_yaml(FILE)["told"]
     names = ("lane/metrics", "lane/evaluation", "loop", "navigation")
     training, evaluation, loop, navigation = (
         json.loads((out / f"{name}.json").read_text(encoding="utf-8")) for name in names
     )
     return {
         "schema": 1,
-        "inputs": {"map": " ".join(LEARNED_ON), "algo": "dueling", "episodes": EPISODES},
+        "inputs": {
+            "map": " ".join(told["learned_on"]),
+            "algo": "dueling",
+            "episodes": told["episodes"],
+        },
         "train_seconds": training["train_seconds"],
         "train_steps": training["train_steps"],
-        "learned_on": list(LEARNED_ON),
-        "judged_on": JUDGED_ON,
+        "learned_on": told["learned_on"],
+        "judged_on": told["judged_on"],
         "success_rate": evaluation["success_rate"],
         "mean_path_distance_m": evaluation["mean_path_distance_m"],
         "loop_laps": loop["laps"],
-        "missions_arrived": round(navigation["success_rate"] * MISSIONS),
+        "missions_arrived": round(navigation["success_rate"] * told["missions"]),
         "total_seconds": round(total_s, 1),
     }
 
@@ -160,7 +130,7 @@ def show_all(out: Path, seed: int, seconds: float) -> int:
     metrics = summarise(out, total_s)
     write_json(out / "metrics.json", metrics)
     show(metrics, out, console)
-    return 0 if metrics["loop_laps"] >= LAPS else 1
+    return 0 if metrics["loop_laps"] >= read_yaml(FILE)["told"]["laps"] else 1
 
 
 if __name__ == "__main__":

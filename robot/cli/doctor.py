@@ -21,8 +21,8 @@ from robot.hat.pca9685 import Pca9685
 from robot.inference.policy import time_decisions
 from robot.inference.translator import open_policy
 from robot.lens import Mount
-from robot.link.config import LinkConfig
 from robot.link.keys import load_keys
+from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.typed_config import load_yaml
 

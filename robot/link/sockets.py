@@ -13,18 +13,16 @@ from __future__ import annotations
 import contextlib
 import secrets
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError
-from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys
+from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys, load_keys
 from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.telemetry import Telemetry
 
 if TYPE_CHECKING:
     import zmq
-
-    from robot.link.config import LinkConfig
 
 Clock = Callable[[], float]
 M = TypeVar("M", PosesMessage, FrameMessage, Telemetry)
@@ -38,6 +36,33 @@ DEAF_S = 2.0
 SEND_QUEUE = 2
 RECEIVE_QUEUE = 16
 DESCRIPTORS = 65_536
+
+
+@dataclass(frozen=True)
+class LinkConfig:
+    """The links of one program, as its YAML file says them."""
+
+    keys: str  # this machine's folder of ``robot keygen``
+    robot_host: str = "127.0.0.1"
+    localizer_host: str = "127.0.0.1"
+    base_port: int = 5570
+
+    def __post_init__(self) -> None:
+        if not 1024 <= self.base_port <= 65535 - len(BOUND_BY):
+            raise ConfigError(f"base_port: expected 1024 to 65531, got {self.base_port}")
+
+    def open(self) -> Link:
+        """The link of this program; ConfigError for keys that cannot be used."""
+        return Link(load_keys(self.keys), self)
+
+    def port(self, stream: str) -> int:
+        """Where a stream is bound."""
+        return self.base_port + list(BOUND_BY).index(stream)
+
+    def endpoint(self, stream: str) -> str:
+        """Where the machine that binds a stream is found."""
+        host = self.robot_host if BOUND_BY[stream] == "robot" else self.localizer_host
+        return f"tcp://{host}:{self.port(stream)}"
 
 
 class Link:

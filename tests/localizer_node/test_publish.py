@@ -5,10 +5,9 @@ import pytest
 
 from localizer_node.__main__ import publisher
 from robot.errors import ConfigError
-from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Subscriber
+from robot.link.sockets import LinkConfig, Subscriber
 from robot.typed_config import from_plain
 
 POSE = Sighting("robot", 1.0, 2.0, 0.5, 0.9)

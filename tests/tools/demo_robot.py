@@ -31,9 +31,8 @@ from robot.errors import ContractError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.command_server import CommandServer
-from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Publisher
+from robot.link.sockets import LinkConfig, Publisher
 from robot.link.telemetry import Telemetry
 from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
 from robot.navigation.navigator import MissionNavigator

@@ -54,8 +54,8 @@ def drive(
     clocks.monotonic, clocks.sleep = clock.now, clock.sleep  # before the robot is imported
     from robot.config import RobotConfig
     from robot.contract import CONTROL_DT_S
-    from robot.link.config import LinkConfig
     from robot.link.keys import keygen
+    from robot.link.sockets import LinkConfig
     from robot.runtime import timing
     from robot.runtime.assemble import open_robot
     from robot.runtime.timing import RateKeeper

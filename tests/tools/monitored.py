@@ -3,7 +3,7 @@
 import threading
 import time
 
-from robot.link.config import LinkConfig
+from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from tests.tools.demo_robot import DemoRobot
 

@@ -32,12 +32,10 @@ from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
 from tests.sim_pybullet.lane_pose import lane_pose
 from tests.tools.pursuit import write_pursuit
-from tools.free_ports import free_ports
-from tools.loop.bench import Bench
-from tools.loop.devices import BusServer, Listener
+from tools.loop.bench import Bench, free_ports
+from tools.loop.devices import BusServer, Listener, PictureServer
 from tools.loop.hands import aim
 from tools.loop.missions import Driver, distance_m
-from tools.loop.picture_server import PictureServer
 from tools.loop.proxy import Proxy
 from tools.loop.shared_time import SharedTime
 from tools.loop.town import _over

@@ -11,7 +11,7 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from robot.link.config import LinkConfig
+from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.safety.state_machine import Answer, State
 from robot.safety.state_machine import Command as Request
@@ -460,11 +460,14 @@ def test_a_body_has_a_size_and_a_limit(browser: TestClient) -> None:
     fits = browser.post("/api/command", content=stop.ljust(4096), headers=JSON)
     assert fits.status_code == 200
     larger = browser.post("/api/command", content=stop.ljust(4097), headers=JSON)
-    assert (larger.status_code, larger.text) == (413, "expected at most 4096 bytes\n")
+    assert (larger.status_code, larger.text) == (
+        413,
+        "expected Content-Length, at most 4096 bytes\n",
+    )
     padded = {**JSON, "content-length": "0" * 20 + "9"}
     assert browser.post("/api/command", content=stop, headers=padded).status_code == 413
     pieces = browser.post("/api/command", content=iter([stop]), headers=JSON)
-    assert pieces.status_code == 411
+    assert pieces.status_code == 413
 
 
 def test_what_is_no_text_of_ours_leaves_the_page_alone(page: Page) -> None:

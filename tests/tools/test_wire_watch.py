@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 
 from robot.link import sockets
-from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Link, Publisher, Subscriber
+from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber
 from tools.loop import wire_watch
 from tools.loop.shared_time import SharedTime
 

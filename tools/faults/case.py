@@ -1,41 +1,30 @@
-"""A fault as a row of a table, and what came of it."""
+"""A fault as a row of ``cases.yaml``, and what came of it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot.typed_config import read_yaml
 
 if TYPE_CHECKING:
     from tools.faults.stage import Stage
-    from tools.loop.picture_server import PictureServer
 
 Act = Callable[["Stage"], object]
+FILE = Path(__file__).with_name("cases.yaml")
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
-AGE_S = 1.0  # of the newest overhead pose, and of the operator's last sign of life
-HOLD = ("HOLD",)
-HOLD_OR_FAULT = ("HOLD", "FAULT")
 
 
 def nothing(_: Stage) -> str:
-    """Neither breaks nor mends nor complains."""
+    """Neither breaks nor mends, nor complains."""
     return ""
-
-
-def the_camera(stage: Stage) -> PictureServer:
-    """The robot's."""
-    return stage.bench.town.camera
-
-
-def change(part: Callable[[Stage], object], **values: object) -> Act:
-    """Set attributes of a part of the stage."""
-
-    def act(stage: Stage) -> None:
-        for name, value in values.items():
-            setattr(part(stage), name, value)
-
-    return act
 
 
 @dataclass(frozen=True)
@@ -44,17 +33,62 @@ class Case:
 
     name: str  # short, unique in its family
     what: str  # the fault in words
-    inject: Act  # breaks something
+    inject: Act  # breaks something; what it gives may be a context, whose end mends it
     threshold_s: float = 0.0  # age at which it counts; the wheels stop ``STOP_BUDGET_S`` later
     says: str = ""  # what the reason shown must contain, a regular expression
     states: tuple[str, ...] = ("FAULT",)  # to be shown, any of them; none: it must drive on
-    heal: Act = nothing  # mends it; nothing may begin to move by that
+    heal: Act = nothing  # mends it, too; nothing may begin to move by that
     before: Act = nothing  # prepares the bench, before the robot drives off
     approach: Act = nothing  # lets it drive on to where the fault comes
     moving: bool = True
     silent: bool = False  # the page must say that the robot is silent
     check: Callable[[Stage], str] = nothing  # a last look before mending; what is wrong, or ""
     drives_again: bool = False  # mended, and armed by a person, without a new start
+
+
+def cases(module: str, *families: str) -> dict[str, tuple[Case, ...]]:
+    """The rows of some families, whose functions are a module's."""
+    table, known = read_yaml(FILE), vars(sys.modules[module])
+    return {family: tuple(_case(row, known) for row in table[family]) for family in families}
+
+
+def _case(row: dict[str, Any], known: dict[str, Any]) -> Case:
+    (inject,) = row.keys() - {field.name for field in fields(Case)}
+    told = {name: value for name, value in row.items() if name != inject}
+    told["inject"] = _bound(known[inject], row[inject])
+    for name in {"before", "approach", "check"} & row.keys():
+        function, *rest = [row[name]] if isinstance(row[name], str) else row[name]
+        told[name] = _bound(known[function], rest)
+    told["states"] = tuple(row.get("states", Case.states))
+    return Case(**told)
+
+
+def _bound(function: Callable[..., Any], told: Any) -> Callable[[Stage], Any]:
+    """The function of a stage, with what a row tells it besides."""
+    if isinstance(told, dict):
+        return lambda stage: function(stage, **told)
+    several = [] if told is None else told if isinstance(told, list) else [told]
+    return lambda stage: function(stage, *several)
+
+
+@contextmanager
+def sets(stage: Stage, part: str, **values: object) -> Iterator[None]:
+    """Change attributes of a part of the stage."""
+    of = attrgetter(part)(stage)
+    before = {name: getattr(of, name) for name in values}
+    vars(of).update(values)
+    yield
+    vars(of).update(before)
+
+
+def ends(stage: Stage, program: str, how: str) -> None:
+    """End a program by a signal."""
+    stage.bench.end(program, signal.Signals[how])
+
+
+def pauses(stage: Stage, program: str) -> None:
+    """Stop a program where it is."""
+    stage.bench.freeze(program)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,6 +43,7 @@ class Stage:
         self.rng = np.random.default_rng(options.seed)
         self.stand_in: StandIn | None = None
         self.note = ""  # from a case's injection to its check
+        self._broken = ExitStack()  # what mends it
         self.start, self.goal = START, GOAL
         self.bench.town.world.place(self.start)
 
@@ -138,6 +140,7 @@ class Stage:
 
     def recover(self, case: Case) -> None:
         """Everything as it was, with whatever programs must be started again."""
+        self._broken.close()
         case.heal(self)
         self._dismiss_stand_in()
         self.shared.set("lossy", 0.0)
@@ -150,7 +153,9 @@ class Stage:
 
     def _meet(self, case: Case, outcome: Outcome) -> Outcome:
         town, began_s = self.bench.town, self.bench.now_s
-        case.inject(self)
+        broken = case.inject(self)
+        if isinstance(broken, AbstractContextManager):
+            self._broken.enter_context(broken)
         self.run(case.threshold_s + STOP_BUDGET_S + (SILENT_S if case.silent else AFTER_S))
         stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else math.nan
         state, reason = self._shown()

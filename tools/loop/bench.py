@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,18 +21,16 @@ import yaml
 from localizer_node.calibration import save_calibration
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.hat.config import HatConfig
-from robot.link.config import LinkConfig
 from robot.link.keys import ALLOWED, BOUND_BY, PUBLIC, keygen
+from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.safety.governors import Rules
 from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
-from tools.free_ports import free_ports
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
 from tools.loop.timekeeper import BenchError, Conductor, RealTime, Timekeeper
-from tools.loop.town import OVERHEAD_FPS, VirtualTown
-from tools.loop.virtual_robot import CAMERA_FPS
+from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
 END_S = 5.0
@@ -325,3 +323,16 @@ def keygen_of_second(folder: Path, localizer: Path) -> dict[str, Path]:
         shutil.copy(localizer / PUBLIC, its / ALLOWED / "localizer.key")
         shutil.copy(its / PUBLIC, localizer / ALLOWED / f"{role}2.key")
     return {f"{role}2": its for role, its in made.items()}
+
+
+def free_ports(count: int) -> int:
+    """The first of ``count`` free ports in a row; OSError when none are found."""
+    for _ in range(100):
+        with ExitStack() as stack, suppress(OSError, OverflowError):
+            base = 0
+            for offset in range(count):
+                listener = stack.enter_context(socket.socket())
+                listener.bind(("127.0.0.1", base + offset if base else 0))
+                base = base or int(listener.getsockname()[1])
+            return base
+    raise OSError(f"expected {count} free ports in a row, found none")

@@ -1,13 +1,17 @@
-"""The virtual hardware's side of the sockets of `robot.hat.bus`; cameras have the next file."""
+"""The virtual hardware's side of the sockets of `robot.hat.bus` and `robot.camera.streams`."""
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
+from robot.camera.streams import HEADER, MAGIC, NEXT
 from robot.computer.local_socket import receive_exactly
 from robot.hat.bus import ANSWER, REQUEST, WRITE
 from sim_pybullet.virtual.i2c import VirtualI2cBus
@@ -83,3 +87,45 @@ class BusServer(Listener):
             code, data = error.errno or 5, b""
         self._answered()
         connection.sendall(ANSWER.pack(code, len(data)) + data)
+
+
+class PictureServer(Listener):
+    """A virtual camera: who asked gets the picture of the next moment.
+
+    ``see`` gives that of now, (H, W, 3) uint8 RGB; ``answered`` is told after it went out.
+    """
+
+    def __init__(
+        self, path: Path, see: Callable[[], np.ndarray], answered: Callable[[], None]
+    ) -> None:
+        super().__init__(path)
+        self.see, self.answered = see, answered
+        self.silent = False
+        self.magic = MAGIC
+        self.spoil: Callable[[np.ndarray], np.ndarray] | None = None  # what a picture becomes
+        self._asking: list[socket.socket] = []
+
+    def moment(self) -> None:
+        """The camera's next moment has come."""
+        self.serve()
+        with self._serving:
+            if self.silent or not self._asking:
+                return
+            asking, self._asking = self._asking, []
+        seen = self.see()
+        picture = seen if self.spoil is None else self.spoil(seen)
+        height, width = picture.shape[:2]
+        data = HEADER.pack(self.magic, width, height) + picture.tobytes()
+        for connection in asking:
+            with contextlib.suppress(OSError):
+                connection.sendall(data)
+                self.answered()
+
+    def _answer(self, connection: socket.socket) -> None:
+        if receive_exactly(connection, 1) == NEXT:
+            self._asking.append(connection)
+
+    def _drop(self, connection: socket.socket) -> None:
+        super()._drop(connection)
+        if connection in self._asking:
+            self._asking.remove(connection)

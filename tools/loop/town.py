@@ -1,4 +1,4 @@
-"""What the bench simulates: one robot or two in a town, a duck, and the overhead camera."""
+"""What the bench simulates: a robot or two, a duck, and the camera above them."""
 
 from __future__ import annotations
 
@@ -7,18 +7,70 @@ from pathlib import Path
 import numpy as np
 
 from localizer_node.calibration import Board, Calibration, Marker
+from robot.computer.clock import Clock
 from robot.geometry import Pose
 from robot.lens import Hanging
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
-from sim_pybullet.overhead import OverheadCamera, known_calibration, robot_sheets
-from tools.loop.picture_server import PictureServer
+from sim_pybullet.overhead import OverheadCamera, Sheet, board_rgb, known_calibration, robot_sheets
+from sim_pybullet.virtual.hat import VirtualHat
+from sim_pybullet.virtual.i2c import VirtualI2cBus
+from sim_pybullet.virtual.world import PHYSICS_DT_S, VirtualWorld
+from tools.loop.devices import BusServer, Listener, PictureServer
 from tools.loop.timekeeper import Timekeeper
-from tools.loop.virtual_robot import VirtualRobot
 
 ROBOT, SECOND = "robot", "robot2"
 DUCK = Marker("duck", front="orange", board=Board(0.1, 0.09, front_m=0.04))
-OVERHEAD_FPS = 10
+CAMERA_FPS, OVERHEAD_FPS = 15, 10
+
+
+class VirtualRobot:
+    """One robot, with everything that a real one would have around it, but what hangs above.
+
+    Its camera does not see other robots.
+    """
+
+    def __init__(
+        self,
+        marker: Marker,
+        road_map: RoadMap,
+        look: Look,
+        time: Timekeeper,
+        folder: Path,
+        seed: int,
+    ) -> None:
+        clock: Clock = time.clock
+        self.marker, self._rng, self._clock = marker, np.random.default_rng(seed), clock
+        self.bus = VirtualI2cBus()
+        self.hat = VirtualHat(self.bus, clock)
+        self.world = VirtualWorld(road_map, look, self.hat, clock, self._rng)
+        self.moved_s = clock.now()  # when a motor last stepped
+        self._fields = self.hat.fields_rad
+        name, self._board = marker.robot, board_rgb(marker)
+        self.bus_server = BusServer(folder / f"{name}-i2c", self.bus, self._note_step)
+        see = self.world.see
+        self.camera = PictureServer(folder / f"{name}-camera", see, lambda: time.woken(name))
+        self.services: list[Listener] = [self.bus_server, self.camera]
+        time.every(PHYSICS_DT_S, self.world.follow)
+        self.camera_event = time.every(1.0 / CAMERA_FPS, self.camera.moment)
+
+    def _note_step(self) -> None:
+        """Remember when a field last turned: that is a step of a motor."""
+        fields = self.hat.fields_rad
+        turned = zip(fields, self._fields, strict=True)
+        if any(a is not None and b is not None and a != b for a, b in turned):
+            self.moved_s = self._clock.now()
+        self._fields = fields
+
+    @property
+    def pose(self) -> Pose:
+        """Where the robot truly is."""
+        return self.world.pose
+
+    @property
+    def sheets(self) -> list[Sheet]:
+        """What is seen of it from above."""
+        return robot_sheets(self.marker, self.pose, self._board)
 
 
 class VirtualTown(VirtualRobot):

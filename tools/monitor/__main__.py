@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot.command_line import OneLineParser, answer, whole
 from robot.errors import ConfigError
-from robot.link.config import LinkConfig
+from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder
 from robot.typed_config import load_yaml

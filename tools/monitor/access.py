@@ -97,10 +97,9 @@ def _size_problem(connection: HTTPConnection) -> Response | None:
     if connection.scope.get("method", "GET") in SAFE_METHODS:
         return None
     size = connection.headers.get("content-length", "")
-    if not (size.isascii() and size.isdigit()):
-        return PlainTextResponse("expected a request with Content-Length\n", 411)
-    if len(size) > 9 or int(size) > BODY_LIMIT_BYTES:
-        return PlainTextResponse(f"expected at most {BODY_LIMIT_BYTES} bytes\n", 413)
+    if not (size.isascii() and size.isdigit() and len(size) < 9 and int(size) <= BODY_LIMIT_BYTES):
+        told = f"expected Content-Length, at most {BODY_LIMIT_BYTES} bytes\n"
+        return PlainTextResponse(told, 413)
     return None
 
 

@@ -51,17 +51,6 @@ class CommandBody(BaseModel):
     start: tuple[float, float] | None = None
     arm: bool = False
 
-    def mission(self) -> Mission | None:
-        """The mission; ContractError when it does not fit the kind or is out of range."""
-        going = self.kind in ("mission", "place")
-        if (self.destination is not None) != going:
-            raise ContractError(f"{self.kind}: expected a destination only with kind mission")
-        if self.kind == "place" and self.start is None:
-            raise ContractError("place: expected the start, where the robot stands")
-        if (self.arm and self.kind != "mission") or (self.start is not None and not going):
-            raise ContractError(f"{self.kind}: expected start and arm only with kind mission")
-        return Mission(self.destination, self.start) if self.destination is not None else None
-
 
 class MarkBody(BaseModel):
     """A piece of a drive, in seconds since its first report."""
@@ -156,13 +145,15 @@ def _add_control(app: FastAPI, monitor: Monitor) -> None:
     @app.post("/api/command")
     async def command(body: CommandBody) -> dict[str, Any]:
         try:
-            mission = body.mission()
-        except ContractError as error:
+            mission = Mission(body.destination, body.start) if body.destination else None
+            if (body.arm and body.kind != "mission") or (body.start and mission is None):
+                raise ContractError(f"{body.kind}: expected start and arm only with kind mission")
+            if body.kind == "mission" and mission is not None:
+                ack = await monitor.drive(mission, body.arm)
+            else:
+                ack = await monitor.command(body.kind, mission)
+        except ContractError as error:  # of what does not belong together
             return {"accepted": False, "reason": str(error)}
-        if body.kind == "mission" and mission is not None:
-            ack = await monitor.drive(mission, body.arm)
-        else:
-            ack = await monitor.command(body.kind, mission)
         return {"accepted": ack.accepted, "reason": ack.reason}
 
     @app.websocket("/ws")

@@ -12,9 +12,8 @@ from pathlib import Path
 from robot.contract import Stick
 from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
-from robot.link.config import LinkConfig
 from robot.link.messages import UNSENT, FrameMessage, PosesMessage
-from robot.link.sockets import Subscriber
+from robot.link.sockets import LinkConfig, Subscriber
 from robot.link.telemetry import Telemetry
 from robot.safety.gates import SafetyLimits
 from tools.monitor.attention import AttentionThread, Explained

@@ -48,8 +48,7 @@ def _virtual(folder: Path, stack: ExitStack) -> RobotConfig:
     """HAT with rotors and a camera behind sockets, answering in real time."""
     from sim_pybullet.virtual.hat import VirtualHat
     from sim_pybullet.virtual.i2c import VirtualI2cBus
-    from tools.loop.devices import BusServer
-    from tools.loop.picture_server import PictureServer
+    from tools.loop.devices import BusServer, PictureServer
     from tools.loop.timekeeper import Hardware
 
     rng = np.random.default_rng(0)

@@ -10,9 +10,8 @@ from typing import Callable, Iterator
 
 import pytest
 
-from robot.link.config import LinkConfig
 from robot.link.keys import BOUND_BY, keygen
-from robot.link.sockets import Link
+from robot.link.sockets import Link, LinkConfig
 
 
 def free_base_port() -> int:

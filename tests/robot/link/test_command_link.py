@@ -14,9 +14,8 @@ from robot.errors import PlanError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
 from robot.link.commands import MAX_ECHO_AGE_S, Ack, Command, Mission
-from robot.link.config import LinkConfig
 from robot.link.keys import keygen, load_keys
-from robot.link.sockets import Link
+from robot.link.sockets import Link, LinkConfig
 from tests.robot.link.conftest import until
 
 zmq = pytest.importorskip("zmq")

@@ -16,8 +16,7 @@ import pytest
 from robot.errors import ConfigError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
-from robot.link.config import LinkConfig
-from robot.link.sockets import raise_limit
+from robot.link.sockets import LinkConfig, raise_limit
 from tests.robot.link.conftest import free_base_port, until
 
 pytest.importorskip("zmq")
@@ -29,7 +28,7 @@ ROBOT = """
 import json, os, resource, sys, time
 resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[3]), int(sys.argv[4])))
 from robot.link.command_server import CommandServer
-from robot.link.config import LinkConfig
+from robot.link.sockets import LinkConfig
 config = LinkConfig(keys=sys.argv[1], base_port=int(sys.argv[2]))
 refused, worst_s, most = 0, 0.0, 0
 with config.open() as link:

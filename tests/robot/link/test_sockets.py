@@ -11,11 +11,10 @@ from typing import Callable, Dict
 
 import pytest
 
-from robot.link.config import LinkConfig
 from robot.link.freshness import PoseGate
 from robot.link.keys import keygen, load_keys
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Link, Publisher, Subscriber
+from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber
 from tests.robot.link.conftest import until
 
 zmq = pytest.importorskip("zmq")
@@ -204,7 +203,7 @@ def test_who_is_allowed_comes_in_before_anything_is_sent(configs: Configs, open_
 HANGING_ROBOT = """
 import sys, time
 from robot.link.command_server import CommandServer
-from robot.link.config import LinkConfig
+from robot.link.sockets import LinkConfig
 config = LinkConfig(sys.argv[1], base_port=int(sys.argv[2]))
 with config.open() as link:
     server = CommandServer(link)

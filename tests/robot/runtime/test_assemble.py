@@ -20,9 +20,8 @@ from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
-from robot.link.config import LinkConfig
 from robot.link.messages import PosesMessage, Sighting
-from robot.link.sockets import Publisher, Subscriber
+from robot.link.sockets import LinkConfig, Publisher, Subscriber
 from robot.link.telemetry import Telemetry
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
