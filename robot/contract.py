@@ -119,6 +119,7 @@ class Proof:
     steered: int  # clearly, moments of held-out recordings that the policy was asked about
     foretold: int  # of these it would have steered to the same side
     sentence: str
+    fails: str = ""  # where on the map, and in which looks, most drives failed
 
     @property
     def problem(self) -> str:

@@ -13,6 +13,7 @@ from robot.geometry import Pose
 from robot.inference.translator import Translator
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
+from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_STEPS
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
@@ -97,6 +98,7 @@ class BatchWorld:
             self._guidance = GuidanceFeed(n, sources, maps)
         self._recorder = DriveRecorder(n)
         self._maps = np.zeros(n, dtype=int)
+        self._looks = [NOMINAL] * n
         self._stack = FrameStack(n, task.frames, self._feed.shape)
         self.image_shape = self._stack.shape
 
@@ -142,6 +144,11 @@ class BatchWorld:
     def maps(self) -> np.ndarray:
         """(N,) int, the map that each robot is on: index into the task's road_maps."""
         return self._maps.copy()
+
+    @property
+    def looks(self) -> tuple[Look, ...]:
+        """What each robot's episode looks and moves like."""
+        return tuple(self._looks)
 
     @property
     def numbers(self) -> np.ndarray:
@@ -231,7 +238,7 @@ class BatchWorld:
             self._town.furnish(world, painted.scene.solids)
             self._town.place(i, Pose(*pose), world)
             self.task.vehicle.reset(i, look.drive)
-            self._maps[i] = road_map
+            self._maps[i], self._looks[i] = road_map, look
             scenes.append((painted.scene, look))
             looks.append(look.pose)
         moving = self.task.moving(self._town.poses)

@@ -214,9 +214,10 @@ def check_policy(config: RobotConfig) -> Finding:
     lost = contract.path_points > 0 and not config.map
     slow = f", of {1e3 * CONTROL_DT_S:.0f} ms between two decisions"
     is_slow = timing.p50_ms > 1e3 * CONTROL_DT_S * SHARE
+    proof = f"; {contract.proof.sentence}" if contract.proof else ""
     return _judged(
         "policy",
-        f"{contract.task}, {contract.algorithm}, decides in {timing.p50_ms:.1f} ms",
+        f"{contract.task}, {contract.algorithm}, decides in {timing.p50_ms:.1f} ms{proof}",
         (bool(contract.unproven), FAIL, f"; {contract.unproven}", "the robot does not arm with it"),
         (lost, FAIL, "; it navigates, but no map is set", "set `map` and a `link`"),
         (is_slow, FAIL, slow, "use the INT8 file or a smaller policy"),

@@ -16,9 +16,11 @@ from robot.navigation.road_map import load_map
 from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL
 from trainer.export import export_network
+from trainer.judging.rides import Ride
 from trainer.twin.examples import Examples, examples_of, foretold
+from trainer.twin.proof import told, where_failed
 from trainer.twin.recorded import Recorded
-from trainer.twin.teach import TeachConfig, base_file, load_base, teach, told
+from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)
@@ -99,3 +101,24 @@ def test_a_base_learns_on_and_carries_its_proof(tmp_path: Path) -> None:
     export_network(network, replace(taught, proof=proof), model)
     assert OnnxPolicy(model).contract.proof == proof
     assert "proven to 0% of drives" in OnnxPolicy(model).contract.unproven
+
+
+def test_a_proof_says_where_most_drives_fail_and_when() -> None:
+    road_map, rng = load_map("loop"), np.random.default_rng(0)
+    size, rides = road_map.tile_size_m, []
+    bend = next(t for t in road_map.road_tiles if t.kind != "straight" and t.row == 0)
+    corner = np.array(((bend.column + 0.5) * size, (road_map.rows - 0.4) * size, 0.0))
+    for success in np.arange(40) % 4 > 0:
+        exposure = rng.uniform(0.9, 1.1) if success else 0.5
+        look = replace(NOMINAL, sensor=replace(NOMINAL.sensor, exposure=exposure))
+        rides.append((bool(success), Ride(poses=[corner], look=look)))
+    said = where_failed(road_map, rides)
+    assert said.startswith("on the bend in the north")
+    assert said.endswith("(10 of 10), in the dark")
+    assert where_failed(road_map, rides[1:4]) == ""  # nobody failed
+
+
+def test_one_failure_tells_a_place_and_no_look() -> None:
+    road_map = load_map("loop")
+    one = [(k > 0, Ride(poses=[np.zeros(3)], look=NOMINAL)) for k in range(20)]
+    assert where_failed(road_map, one) == "on the bend in the south-west (1 of 1)"

@@ -105,15 +105,42 @@ def evaluate(
     nothing. Who failed or left its lane is offered to ``worst``. ConfigError for a path that is not
     there, or a lane in a task that keeps none.
     """
+    drives = []
+    ride_all = ridden(policy, task, road_maps, looks, seeds, zero, worst is not None, lane, sources)
+    for drive, ride in ride_all:
+        if worst is not None:
+            _offer(worst, drive, ride)
+        drives.append(drive)
+        finished(drive)
+    return sorted(drives)
+
+
+def ridden(
+    policy: DrivingPolicy,
+    task: str,
+    road_maps: Sequence[Place],
+    looks: Looks,
+    seeds: Sequence[int],
+    zero: str | None = None,
+    films: bool = False,
+    lane: str | None = None,
+    sources: PoseSources = ALWAYS,
+) -> Iterator[tuple[Drive, Ride]]:
+    """The episodes of `evaluate` as each ends, with what was seen in them where ``films``."""
     if not len(seeds):
-        return []
+        return
     task_of_all = find_task(task).build(road_maps, min(ROBOTS, len(seeds)), Choices(lane))
     world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
-    drives: list[Drive] = []
-    for drive in _drive(policy, world, zero, worst):
-        drives.append(drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))))
-        finished(drives[-1])
-    return sorted(drives)
+    speeds = _own_speeds(policy, world)
+
+    def choose(seen: Observation) -> np.ndarray:
+        choices = np.zeros(world.n_robots, dtype=int)
+        for robot in np.flatnonzero(world.active).tolist():
+            choices[robot] = _choose(policy, seen, robot, zero)
+        return choices if speeds is None else speeds[choices]
+
+    for drive, _, ride in rides.drive(world, choose, films):
+        yield drive._replace(lane=_lane(task, lane, drive.seed // len(road_maps))), ride
 
 
 def summarise(
@@ -175,24 +202,6 @@ def _lane(task: str, lane: str | None, turn: int) -> str | None:
     if not lanes:
         return None
     return lanes[turn % 2] if lane == "both" else lane or lanes[0]
-
-
-def _drive(
-    policy: DrivingPolicy, world: BatchWorld, zero: str | None, worst: Worst | None
-) -> Iterator[Drive]:
-    """The episodes of a world, as each ends."""
-    speeds = _own_speeds(policy, world)
-
-    def choose(seen: Observation) -> np.ndarray:
-        choices = np.zeros(world.n_robots, dtype=int)
-        for robot in np.flatnonzero(world.active).tolist():
-            choices[robot] = _choose(policy, seen, robot, zero)
-        return choices if speeds is None else speeds[choices]
-
-    for drive, _, ride in rides.drive(world, choose, worst is not None):
-        if worst is not None:
-            _offer(worst, drive, ride)
-        yield drive
 
 
 def _offer(worst: Worst, drive: Drive, ride: Ride) -> None:

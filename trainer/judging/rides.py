@@ -11,6 +11,7 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S
 from sim_pybullet.batch import BatchStep, BatchWorld, DriveMetrics, Observation
+from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
 
 FILM_S = 10.0  # of what a robot saw is kept
@@ -32,6 +33,7 @@ class Ride:
     farthest_m: float = 0.0  # from its path, once it was over its start
     half_lane_m: float = 0.0
     end: str = ""  # `DONE`, or why it failed
+    look: Look = NOMINAL
 
     def add(self, pose: np.ndarray, offset_m: float, frame: np.ndarray | None) -> None:
         """Before a decision: where it is, and what it sees, if that is kept."""
@@ -68,7 +70,7 @@ def drive(
         seen = world.reset()
         while world.active.any():
             _see(world, going, seen, films)
-            numbers, maps = world.numbers, world.maps
+            numbers, maps, looks = world.numbers, world.maps, world.looks
             step = world.step(choose(seen))
             seen = step.observation
             for k, robot in enumerate(step.finished.robots.tolist()):
@@ -85,7 +87,7 @@ def drive(
                 )
                 ride, going[robot] = going[robot], Ride()
                 ride.poses.append(step.poses[robot])
-                ride.end = _end(step, robot)
+                ride.end, ride.look = _end(step, robot), looks[robot]
                 yield done, facts, ride
     finally:
         world.close()

@@ -72,8 +72,9 @@ def teach_command(
     from sim_pybullet.randomise import load_look_sampler
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
+    from trainer.twin.proof import prove
     from trainer.twin.recorded import read_drive
-    from trainer.twin.teach import TeachConfig, base_file, load_base, prove, teach
+    from trainer.twin.teach import TeachConfig, base_file, load_base, teach
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)

@@ -7,7 +7,6 @@ they took over counts most (HG-DAgger, Kelly et al. 2019).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,9 @@ import torch
 from onnx import numpy_helper
 from torch.nn.functional import cross_entropy
 
-from robot.contract import FIVE_ACTIONS, PolicyContract, Proof
+from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ContractError
-from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, read_contract
+from robot.inference.policy import SHIPPED_MODELS, read_contract
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
@@ -30,12 +29,9 @@ from trainer.algorithms import find_algorithm
 from trainer.config import NetConfig, RunConfig
 from trainer.division import division
 from trainer.export import check_equal, noise_seen
-from trainer.judging.evaluate import evaluate, wilson_low
 from trainer.learners.networks import GreedyNetwork, unhedged
 from trainer.learners.policies import build_policy
-from trainer.twin.examples import Examples, foretold
-
-FIRST = 50_000  # number of the first drive of a proof
+from trainer.twin.examples import Examples
 
 
 @dataclass(frozen=True)
@@ -179,39 +175,3 @@ def _update(
     loss.backward()
     torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
     optimiser.step()
-
-
-def prove(
-    model: Path,
-    road_map: RoadMap,
-    twin: Looks,
-    held_out: Examples,
-    drives: int,
-    finished: Callable[[Any], None],
-) -> Proof:
-    """Drive a policy in its twin, and ask it about recordings that it did not learn from."""
-    policy = OnnxPolicy(model)
-    contract = policy.contract
-    rings = bool(find_task(contract.task).lanes)
-    numbers = range(FIRST, FIRST + drives)
-    lane = "both" if rings else None
-    done = evaluate(policy, contract.task, [road_map], twin, numbers, finished, lane=lane)
-    succeeded = sum(drive.success for drive in done)
-    low, high = wilson_low(succeeded, drives), 1.0 - wilson_low(drives - succeeded, drives)
-    same, steered = told(policy, held_out)
-    what = "two-lap drives" if rings else "missions"
-    share = 100.0 * succeeded / drives
-    sentence = f"{share:.0f} % of {drives} {what} in its twin (95 %: {low:.0%} to {high:.0%})"
-    if steered:
-        sentence += f"; steers as the person did in {same} of {steered} held-out moments"
-    return Proof(drives, succeeded, low, high, steered, same, sentence)
-
-
-def told(policy: OnnxPolicy, seen: Examples) -> tuple[int, int]:
-    """See `foretold`."""
-    if not len(seen.actions):
-        return 0, 0
-    rows = range(len(seen.actions))
-    paths = [None if seen.paths is None else seen.paths[k : k + 1] for k in rows]
-    chosen = [policy.act(seen.images[k : k + 1], paths[k])[0] for k in rows]
-    return foretold(np.array(chosen), seen, policy.contract)

@@ -20,7 +20,7 @@ from tests.robot.clocks import FakeClock
 from tests.robot.runtime.test_assemble import DarkCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
-GOOD = Proof(100, 94, 0.876, 0.97, 100, 90, "94 % of 100 drives")
+GOOD = Proof(100, 94, 0.876, 0.97, 100, 90, "94 % of 100 drives; fails most on a bend", "on a bend")
 
 
 def taught(**changes: Any) -> PolicyContract:
@@ -85,7 +85,9 @@ def test_the_robot_does_not_arm_with_an_unproven_policy(tmp_path: Path) -> None:
 
 def test_the_doctor_says_so(tmp_path: Path) -> None:
     proven = write_policy(tmp_path / "proven.onnx", taught())
-    assert check_policy(RobotConfig(str(proven))).level == OK
+    fine = check_policy(RobotConfig(str(proven)))
+    assert fine.level == OK
+    assert GOOD.sentence in fine.says
     bad = write_policy(tmp_path / "bad.onnx", taught(low=0.5))
     found = check_policy(RobotConfig(str(bad)))
     assert found.level == FAIL
