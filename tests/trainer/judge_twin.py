@@ -20,14 +20,13 @@ from robot.output import write_json
 from sim_pybullet.look import Look
 from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
-from trainer.twin.camera import cover_scene
+from trainer.twin.camera import PX_PER_RAD, cover_scene
 from trainer.twin.colours import members, seen_from
 from trainer.twin.fit import Twin, fit_twin
 from trainer.twin.page import twin_pictures, write_page
 from trainer.twin.recorded import Recorded, read_drive
 
 MAP = "rings/claw"
-PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
 LEAST_PIXELS = 100
 AIMS = {
     **{"camera_delay_ms": 20.0, "delays_ms": 20.0, "gain": 0.02, "trim": 0.005},

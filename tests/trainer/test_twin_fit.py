@@ -13,6 +13,8 @@ from sim_pybullet.look import NOMINAL, CameraLook, DriveLook, Look, SensorLook, 
 from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
+from trainer.twin.camera import NAMES as NAMES_SEEN
+from trainer.twin.camera import USUAL, Fitted, rival_of
 from trainer.twin.fit import fit_twin, write_twin
 from trainer.twin.motion import NAMES, fit_motion, from_above, reckoned
 from trainer.twin.recorded import read_drive
@@ -96,3 +98,28 @@ def test_the_look_of_a_known_robot_is_found(recording: Path, tmp_path: Path) -> 
     draws = [load_look_sampler(out)(np.random.default_rng(k)) for k in range(8)]
     assert np.std([look.sensor.blur_px for look in draws]) > 0.1  # unseen: as wide as randomised
     assert np.std([look.camera.height_m for look in draws]) < 0.005
+
+
+def test_steering_that_is_written_down_the_wrong_way_round_is_refused(tmp_path: Path) -> None:
+    half = record_drive(NOMINAL, "rings/claw", 40.0, 1, tmp_path / "half.mcap", reverse=0.5)
+    with pytest.raises(ConfigError, match="the wrong way round"):
+        fit_twin([read_drive(half)])
+
+
+@pytest.mark.slow
+def test_a_wrong_minimum_is_not_believed(tmp_path: Path) -> None:
+    look = load_look_sampler("wide/day")(np.random.default_rng((0, 1)))  # paint like the road
+    path = record_drive(look, "rings/claw", 40.0, 1, tmp_path / "bright.mcap")
+    found = fit_twin([read_drive(path)]).found  # from the usual height it found one 40 mm lower
+    if "camera.height_m" in found:
+        assert found["camera.height_m"][0] == pytest.approx(look.camera.height_m, abs=0.008)
+
+
+def test_a_camera_that_explains_nearly_as_much_is_a_rival() -> None:
+    best = Fitted(USUAL, USUAL, np.zeros((1, 3)), 0.95)
+    higher = best._replace(values=USUAL + 0.02 * (np.array(NAMES_SEEN) == "height_m"), share=0.94)
+    assert rival_of(best, [best, higher]) is higher.values
+    assert rival_of(best, [best, higher._replace(share=0.9)]) is None
+    lower, px_per_rad = USUAL.copy(), 76.0
+    lower[1], lower[6] = lower[1] + 0.1, lower[6] + 0.1 * px_per_rad  # the same middle
+    assert rival_of(best, [best._replace(values=lower)]) is None

@@ -12,15 +12,18 @@ import torch
 from robot.contract import PolicyContract, Proof
 from robot.errors import ContractError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
+from robot.navigation.guidance import path_input
 from robot.navigation.road_map import load_map
 from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.tasks.navigation import RandomRoutes
 from trainer.export import export_network
 from trainer.judging.rides import Ride
-from trainer.twin.examples import Examples, examples_of, foretold
-from trainer.twin.proof import told, where_failed
+from trainer.twin.examples import Examples, examples_of, foretold, told
+from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded
 from trainer.twin.teach import TeachConfig, base_file, load_base, teach
+from trainer.twin.ways import AHEAD_M, ways_driven
 
 LANE = PolicyContract("lane", "coached")
 LEFT = (0.06, 0.30)
@@ -52,6 +55,20 @@ def test_parts_of_a_drive_are_apart() -> None:
     parts = [examples_of([one], LANE, held_out) for held_out in (False, True)]
     assert sum(len(part.actions) for part in parts) == 100
     assert len(parts[1].actions) == pytest.approx(30, abs=1)
+
+
+def test_the_way_that_a_person_drove_is_what_a_navigator_would_have_been_told() -> None:
+    road_map = load_map("arena")
+    path = RandomRoutes(road_map).draw(np.random.default_rng(0))
+    count = int(path.length_m / 0.02)
+    told = [(0.1 * k, *path.pose_at(0.02 * k)) for k in range(count)]
+    one = replace(drive(["MANUAL"] * count, [LEFT] * count), map_name="arena", fused=np.array(told))
+    ways = ways_driven(one)
+    far = round(AHEAD_M / 0.02) + 1
+    assert all(way is not None for way in ways[: count - far])
+    assert all(way is None for way in ways[count - far + 2 :])  # nobody knows where it went
+    here = [path_input(path, path.pose_at(0.02 * k)) for k in range(count - far)]
+    assert np.abs(np.subtract(ways[: count - far], here)).max() < 0.05
 
 
 def test_standing_is_no_example() -> None:

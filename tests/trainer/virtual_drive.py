@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, DRIVE, MAX_WHEEL_MPS, ImageSpec
-from robot.geometry import Pose, Twist
+from robot.errors import MapError
+from robot.geometry import Pose, Twist, wrap_angle
 from robot.link.messages import PoseMessage
-from robot.navigation.road_map import load_map
+from robot.navigation.road_map import RoadMap, load_map
 from robot.recording import topics
 from robot.recording.drive_file import DriveFile, png
 from robot.recording.topics import Turn
@@ -18,6 +21,8 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, Look
 from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.tasks.navigation import Navigation
+from sim_pybullet.tasks.spec import Task, TaskStep
 from sim_pybullet.vehicle import pursuit
 
 BEGAN_S = 1_000.0  # by the robot's clock
@@ -28,20 +33,21 @@ _ENDLESS_LAPS = 1e6
 def record_drive(
     look: Look, map_name: str, seconds: float, seed: int, path: Path, reverse: float = 0.0
 ) -> Path:
-    """Drive along both lanes of a ring of road in the batched world, and record it.
+    """Drive along a lane of a ring of road, else from place to place, and record it.
 
     The person sees where the robot is; the recording's overhead poses have the arena's errors.
+    In a town the robot's own belief is recorded too.
 
     Args:
         look: of the robot and the floor.
-        map_name: of a ring.
+        map_name: of a ring, or of a town.
         seconds: of driving.
         seed: of everything random.
         path: of the recording, .mcap.
         reverse: share of the time that the steering is written down the wrong way round.
     """
-    task = LaneKeeping([load_map(map_name)], 1, "both", _ENDLESS_LAPS)
-    world = BatchWorld(task, [look], ImageSpec(), seed)
+    task = _endless(load_map(map_name))
+    world = BatchWorld(task, [replace(look, pose=ARENA_POSE)], ImageSpec(), seed)
     rng, told = np.random.default_rng((seed, 1)), PoseError(1)
     told.reset(0, ARENA_POSE, rng)
     file = DriveFile(path, {"map": map_name, "robot": "virtual"})
@@ -53,12 +59,37 @@ def record_drive(
         arrived = told.observe(world.poses, now_s, rng)
         age_s = now_s - float(arrived.captured_s[0])
         _write(file, (k, frame), now_s, image[0], told_wheels, arrived.poses[0], age_s)
+        if task.guided:
+            believed = Pose(*world.believed_poses[0].tolist())
+            file.add(topics.POSE, now_s, topics.pose_message(now_s, believed), k)
         shares = np.clip(np.array([wheels]) / MAX_WHEEL_MPS, -1.0, 1.0)
         before, image = image, world.step(shares).observation.image
         frame += not np.array_equal(before, image)
     file.close()
     world.close()
     return path
+
+
+def _endless(road_map: RoadMap) -> Task:
+    with suppress(MapError):
+        return LaneKeeping([road_map], 1, "both", _ENDLESS_LAPS)
+    return Errands([road_map], 1)
+
+
+class Errands(Navigation):
+    """One mission after the other, without end."""
+
+    def step(self, poses: np.ndarray, collided: np.ndarray) -> TaskStep:
+        """As of `Navigation`; who arrives, or is lost, goes on from there."""
+        judged = super().step(poses, collided)
+        for i in np.flatnonzero(judged.truncated | judged.terminated):
+            pose = Pose(*poses[i].tolist())
+            path = self._path_from(pose, np.random.default_rng(int(self._steps[i])))
+            at = path.project(pose.x_m, pose.y_m)
+            turned_rad = float(wrap_angle(pose.heading_rad - at.heading_rad))
+            self._start(int(i), path, 0, at.arc_m, at.offset_m, turned_rad)
+        never = np.zeros(self.n_robots, dtype=bool)
+        return judged._replace(terminated=never, truncated=never, success=never)
 
 
 class Person:

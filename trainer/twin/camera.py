@@ -7,8 +7,10 @@ tells where the camera is: Gauss and Newton's steps over many pictures, each wit
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import cv2
@@ -35,7 +37,12 @@ _SMALL = np.array((3e-3, 1e-2, 1e-2, 1e-2, 5e-2, 0.7, 0.7))  # for derivatives
 _SMALL_POSE = np.array((6e-3, 6e-3, 1.5e-2))
 FAR_M = 0.9
 WIDTHS = (0.8, 1.0, 1.2)
-TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))  # pitches to begin with
+TRIED_M = (0.09, 0.13)  # heights to begin with, and pitches
+TRIED_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))
+FINALISTS = 3  # of those begun with go on
+PX_PER_RAD = 76.4  # of a nominal lens in a frame 160 px wide
+APART_M, APART_RAD = 0.01, 0.05  # of height and middle of the picture: two cameras, not one
+RIVAL = 1.3  # times as much may the next best leave unexplained, to be as likely
 SOFT_PX, BLUR_PX = 3.0, 1.0  # of pictures: to find lines from afar, and against aliasing
 LEAST_SHARE = 0.2  # of a picture that the map must explain
 _EVERY = 3  # pixels of which one is asked
@@ -166,30 +173,47 @@ class Fitted(NamedTuple):
     poses: np.ndarray  # (F, 3)
     share: float  # of the pictures' variance that the map explains
     width: float = 1.0  # of the lines, a factor
+    rival: np.ndarray | None = None  # (7,) of another camera that explains them nearly as well
 
 
 def fit_camera(images: Sequence[np.ndarray], poses: np.ndarray, road_map: RoadMap) -> Fitted:
     """The camera after pictures (120, 160, 3) taken near poses (F, 3)."""
     few = np.linspace(0, len(images) - 1, min(12, len(images))).astype(int)
+    fewer = few[::2]
     scenes = {width: cover_scene(road_map, width) for width in WIDTHS}
     soft = [planes_of(image, SOFT_PX) for image in images]
-    tried = []
-    for off_rad in TRIED_RAD:
-        begin = USUAL + off_rad * (np.array(NAMES) == "pitch_rad")
-        tried.append(
-            descend([soft[k] for k in few], poses[few], scenes[1.0], begin, 2, None, SOFT_PX)
-        )
-    best = max(tried, key=lambda fitted: fitted.share)
+    tried, seen = [], ([soft[k] for k in fewer], poses[fewer], scenes[1.0])
+    for height_m, off_rad in itertools.product(TRIED_M, TRIED_RAD):
+        begin = np.array((height_m, USUAL[1] + off_rad, *USUAL[2:]))
+        tried.append(descend(*seen, begin, 2, None, SOFT_PX))
+    tried = sorted(tried, key=attrgetter("share"))[-FINALISTS:]
+    seen = ([soft[k] for k in few], poses[few], scenes[1.0])
+    tried = [descend(*seen, each.values, 2, None, SOFT_PX) for each in tried]
+    best = max(tried, key=attrgetter("share"))
+    rival = rival_of(best, tried)
     sharp = [planes_of(image, BLUR_PX) for image in images]
     kinds = []
     for width, scene in scenes.items():
         some = [sharp[k] for k in few]
         found = descend(some, poses[few], scene, best.values, 1, best.poses)
         kinds.append(found._replace(width=width))
-    best = max(kinds, key=lambda fitted: fitted.share)
+    best = max(kinds, key=attrgetter("share"))
     scene = scenes[best.width]
     near, _, _ = settle(soft, poses, scene, best.values, poses, SOFT_PX)
-    return descend(sharp, poses, scene, best.values, 5, near)._replace(width=best.width)
+    found = descend(sharp, poses, scene, best.values, 5, near)
+    return found._replace(width=best.width, rival=rival)
+
+
+def rival_of(best: Fitted, others: Sequence[Fitted]) -> np.ndarray | None:
+    """A camera apart from the best that explains nearly as much."""
+    for other in others:
+        pair = np.array((best.values, other.values))
+        # Pitch and the lens's centre are hardly told apart; where the middle looks is.
+        middles_rad = pair[:, 1] - pair[:, 6] / (PX_PER_RAD * pair[:, 3])
+        apart = np.ptp(pair[:, 0]) > APART_M or np.ptp(middles_rad) > APART_RAD
+        if apart and 1.0 - other.share < RIVAL * (1.0 - best.share):
+            return other.values
+    return None
 
 
 def descend(

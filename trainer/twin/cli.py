@@ -74,7 +74,7 @@ def teach_command(
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
     from trainer.twin.recorded import read_drive
-    from trainer.twin.teach import TeachConfig, base_file, load_base, teach
+    from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
@@ -82,7 +82,7 @@ def teach_command(
     network, contract = load_base(path)
     fit_command(recordings, out / "twin.yaml")
     seen = [read_drive(path) for path in recordings]
-    looks, road_map = load_look_sampler(out / "twin.yaml"), seen[0].road_map
+    looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
     person = examples_of(seen, contract, held_out=False)
     options = TeachConfig(steps)
     with console.status("teaching"):

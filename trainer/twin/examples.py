@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.contract import DRIVE, PolicyContract
+from robot.inference.policy import OnnxPolicy
 from robot.inference.preprocess import preprocess
 from robot.recording.topics import Turn
 from trainer.twin.recorded import Recorded
+from trainer.twin.ways import ways_driven
 
 HELD_OUT = 0.3  # of each drive, its last part
 MOVES_MPS = 0.05
@@ -33,15 +35,14 @@ def examples_of(drives: Sequence[Recorded], contract: PolicyContract, held_out: 
     rows = []
     for drive in drives:
         last_s = (1.0 - HELD_OUT) * drive.times_s[-1]
+        ways = ways_driven(drive) if contract.path_points else [()] * len(drive.turns)
         for k, taken_s in enumerate(_since_takeover(drive.turns)):
-            turn = drive.turns[k]
-            unfit = contract.path_points and turn.path is None
-            if unfit or taken_s is None or held_out != (drive.times_s[k] > last_s):
+            way, bend_pm = ways[k], _bend(drive.turns[k].wheels)
+            if way is None or taken_s is None or held_out != (drive.times_s[k] > last_s):
                 continue
-            bend_pm = _bend(turn.wheels)
             if bend_pm is not None:
                 weight = TAKEOVER_WEIGHT if taken_s < TAKEOVER_S else 1.0
-                rows.append((drive.images[k], turn.path or (), bend_pm, weight))
+                rows.append((drive.images[k], way, bend_pm, weight))
     images = [preprocess(row[0], contract.image) for row in rows]
     shape = (len(rows), *contract.image.shape)
     bends_pm = np.array([row[2] for row in rows])
@@ -65,6 +66,11 @@ def foretold(actions: np.ndarray, seen: Examples, contract: PolicyContract) -> t
     clear = np.abs(seen.bends_pm) > CLEAR_PM
     same = np.sign(ours[actions[clear]]) == np.sign(seen.bends_pm[clear])
     return int(same.sum()), int(clear.sum())
+
+
+def told(policy: OnnxPolicy, seen: Examples) -> tuple[int, int]:
+    """See `foretold`; of one moment at least."""
+    return foretold(policy.act(seen.images, seen.paths), seen, policy.contract)
 
 
 def _bend(wheels: Sequence[float]) -> float | None:

@@ -23,6 +23,7 @@ from trainer.twin.colours import Colours, fit_colours, seen_from
 from trainer.twin.recorded import Recorded
 
 KEY_PICTURES, TRACKED = 30, 400
+LEAST_OBEYED = 0.6  # correlation
 LEAST_EXPLAINED = 0.5  # of the key pictures, else the camera is not known
 _FAIR = 0.7  # of that, a picture must be explained to tell a pose
 _FLOOR = np.diag(np.array((3e-3, 3e-3, 8e-3)) ** 2)  # by which seen poses err at least
@@ -101,11 +102,17 @@ def write_twin(twin: Twin, out: Path) -> None:
 def fit_twin(drives: Sequence[Recorded]) -> Twin:
     """The twin of the robot, camera and floor of drives; all on one map.
 
-    ConfigError: drives on several maps.
+    ConfigError: drives on several maps, or of a robot that did not turn as it was steered.
     """
     if len({drive.map_name for drive in drives}) > 1:
         raise ConfigError("fit: expected recordings of one map, got several")
     above = [moved.from_above(drive.commands, drive.told) for drive in drives]
+    alike = min(map(moved.obeyed, above))
+    if alike < LEAST_OBEYED:
+        raise ConfigError(
+            f"fit: expected a robot that turns as it is steered, got turns {alike:.0%} alike; "
+            "is the steering written down the wrong way round?"
+        )
     motion = moved.fit_motion(above, eye=False, tries=6)
     ways = [moved.smoothed(told, motion) for told in above]
     near = [moved.at_times(w, d.times_s) for w, d in zip(ways, drives, strict=True)]
@@ -114,7 +121,7 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     camera = seen.fit_camera(images[chosen], np.concatenate(near)[chosen], drives[0].road_map)
     found: Found = {}
     unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
-    known = camera.share >= LEAST_EXPLAINED
+    known = camera.share >= LEAST_EXPLAINED and camera.rival is None
     if known:
         scene = seen.cover_scene(drives[0].road_map, camera.width)
         told = [_track(d, at, scene, camera) for d, at in zip(drives, near, strict=True)]
@@ -125,9 +132,11 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
         found |= _colours_of(colours, camera.width, unseen)
     else:
         told = above
-        unseen.append(
-            f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
-        )
+        why = f"the map explains only {camera.share:.0%} of the pictures"
+        if camera.rival is not None:
+            one_m, other_m = camera.values[0], camera.rival[0]
+            why = f"pictures fit one {1e3 * one_m:.0f} mm high and one of {1e3 * other_m:.0f} mm"
+        unseen.append(f"camera, lens and colours: {why}")
     found |= _motion_of(drives, told, motion, known, unseen)
     if any(drive.skipped for drive in drives):
         found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01

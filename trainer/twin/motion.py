@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from robot.contract import DRIVE
 from robot.geometry import wrap_angle
 from sim_pybullet.look import DriveLook
 from sim_pybullet.motors import PHYSICS_DT_S, MotorModel
@@ -25,6 +26,7 @@ USUAL = np.array((1.0, 0.0, 1.0, 0.1, 0.1, 0.08, 0.0, 0.0, 0.0))
 SPREAD = np.array((0.15, 0.06, 0.2, 0.15, 0.15, 0.15, 0.03, 0.03, 0.2))
 LOW = np.array((0.6, -0.2, 0.5, 0.0, 0.0, 0.0, -0.1, -0.1, -0.5))
 HIGH = np.array((1.5, 0.2, 1.6, 0.5, 0.5, 0.6, 0.1, 0.1, 0.5))
+STEERS_RAD, LATE_S = 0.2, 0.2  # a second's steering, and how soon it is followed
 _SMALL = np.array((1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3, 1e-3, 1e-3, 1e-3))  # for derivatives
 
 
@@ -58,6 +60,17 @@ class Motion:
         """As the simulator has it; the delay is that from command to what told the poses."""
         found = dict(zip(NAMES, self.values.tolist(), strict=False))
         return replace(DriveLook(), noise=0.0, **found)
+
+
+def obeyed(drive: Told) -> float:
+    """Correlation of how the robot turned within a second with how it was told to; 1 if never."""
+    rates = (drive.commands[:, 1] - drive.commands[:, 0]) / DRIVE.baseline_m
+    grid_s = np.arange(len(rates)) * PHYSICS_DT_S
+    at_s = np.arange(0.0, grid_s[-1] - 1.5, 0.5) + np.array([[0.0], [1.0]])
+    asked = np.diff(np.interp(at_s, grid_s, np.cumsum(rates) * PHYSICS_DT_S), axis=0)[0]
+    turned = np.interp(at_s + LATE_S, drive.times_s, np.unwrap(drive.poses[:, 2]))
+    steered = asked.std() > STEERS_RAD
+    return float(np.corrcoef(asked, np.diff(turned, axis=0)[0])[0, 1]) if steered else 1.0
 
 
 def reckoned(commands: np.ndarray, values: np.ndarray) -> np.ndarray:

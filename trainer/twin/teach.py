@@ -138,6 +138,11 @@ def teach(
         world.close()
 
 
+def pose_error(contract: PolicyContract) -> str | None:
+    """What navigators learn and are proven with: else they would trust the path, not pictures."""
+    return "arena" if contract.path_points else None
+
+
 def _worlds(
     contract: PolicyContract, road_map: RoadMap, twin: Looks, config: TeachConfig, seed: int
 ) -> list[BatchWorld]:
@@ -145,7 +150,8 @@ def _worlds(
     spec, names = find_task(contract.task), division().maps.training
     rings = bool(spec.lanes)
     fit = [name for name in names if (name == "loop" or name.startswith("rings/")) == rings]
-    kinds = ([road_map], twin), ([load_map(n) for n in fit[:5]], load_look_sampler("randomised"))
+    usual = load_look_sampler("randomised", pose_error(contract))
+    kinds = ([road_map], twin), ([load_map(n) for n in fit[:5]], usual)
     worlds = []
     for k, (maps, looks) in enumerate(kinds):
         choices = Choices("both" if rings else None, start_spread=1.6)
