@@ -40,7 +40,6 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "lap_drives": (1, 1_000_000),
     "judgings": (1, 1_000_000),
     "frames": (1, 10_000_000),
-    "every": (1, 10_000_000),
     "batch": (1, 100_000),
     "structure": (0.0, 1e6),
     "rate_hz": (0.1, 1e4),
@@ -73,7 +72,7 @@ COMMANDS: Mapping[str, Command | Group] = {
     "teach": Command("trainer.twin.cli:teach_command", "teach a policy your floor, and prove it"),
     "report": Command(f"{_RUN}:report_command", "one page over runs: curves, tables, films"),
     "explain": Command(f"{_RUN}:explain_command", "show what a policy looks at"),
-    "collect": Command(f"{_SEE}:collect_command", "gather frames from simulator or pictures"),
+    "collect": Command(f"{_SEE}:collect_command", "gather labelled frames from the simulator"),
     "translate": {
         "train": Command(
             f"{_SEE}:translate_train_command", "CycleGAN between simulator and photographs"
@@ -205,7 +204,7 @@ def _check(command: str, options: Mapping[str, Any]) -> None:
         files.append(out)
     elif out is not None:
         expect_folder(out)
-    names = ("model", "parser", "pictures", "images", "source", "contract")
+    names = ("model", "parser", "images", "source", "contract")
     inputs = (every[name] for name in names if every.get(name))
     expect_writable(*files, inputs=[Path(path) for path in inputs])
 

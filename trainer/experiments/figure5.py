@@ -50,7 +50,7 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
         if not (out / name).exists():
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
             out.mkdir(parents=True, exist_ok=True)
-            source = Source("simulator", (place,), options.frames, look)
+            source = Source((place,), options.frames, look)
             collect(out / name, source, lambda: None)
     wanted = ThroughOptions(
         sim=str(out / "frames"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,7 +198,6 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
         ],
         "worst": _worst(runs),
     }
-    missing += [line for run in runs for line in _missing(run)]
     write_page(
         "page.html",
         out / PAGE,
@@ -256,15 +254,3 @@ def _worst(runs: Sequence[Run]) -> list[Picture]:
             told = f"{run.name}, {each.where}. {FILMED}"
             pictures += [Picture(name, told, path) for name, path in films(*films_of(each.path))]
     return pictures
-
-
-def _missing(run: Run) -> list[str]:
-    """What would complete the report, each with the command for it."""
-    path, model = run.folder.path, run.folder.onnx
-    said = [] if run.episodes else [f"{path}: no episode has ended yet; train longer"]
-    if not run.judgements:
-        command = ["python", "-m", "trainer", "evaluate", "--model", str(model), "--json"]
-        command += [str(path / "evaluation.json"), "--drives"]
-        first = "" if model.exists() else "finish its training, then "
-        said.append(f"{path}: not evaluated yet: {first}{shlex.join(command)}")
-    return said

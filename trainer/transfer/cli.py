@@ -70,7 +70,7 @@ class ThroughOptions:
 
 def is_collection(folder: Path) -> bool:
     """Whether the simulator's frames and labels lie there (``python -m trainer collect``)."""
-    return (folder / "collection.yaml").exists() and (folder / "label").is_dir()
+    return (folder / "collection.yaml").exists()
 
 
 _TRAIN = ParseOptions()
@@ -78,35 +78,26 @@ _TRAIN = ParseOptions()
 
 def collect_command(
     out: Path,
-    pictures: Path | None = None,
     map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop", "town"),
     look: str = "randomised",
     frames: int = 2000,
-    every: int = 1,
     seed: int = 0,
 ) -> int:
-    """Gather frames with their labels from the simulator, or frames from pictures.
+    """Gather frames with their labels from the simulator.
 
     Args:
-        out: a folder that does not exist yet; gets image/, and from the simulator label/.
-        pictures: a folder of pictures, a video or a robot's recording (.mcap); without it the
-            simulator is asked.
-        map_names: simulator: map or track files, or names of shipped ones; not both kinds.
-        look: simulator: a look or a distribution of looks, a file or a shipped name.
-        frames: how many at most.
-        every: pictures: take one of so many.
-        seed: simulator: of everything random.
+        out: a folder that does not exist yet; gets image/ and label/.
+        map_names: map or track files, or names of shipped ones; not both kinds.
+        look: a look or a distribution of looks, a file or a shipped name.
+        frames: how many.
+        seed: of everything random.
     """
     from trainer.transfer.collect import Source, collect
 
-    if pictures is None:
-        source = Source("simulator", map_names, frames, look, seed)
-    else:
-        source = Source("pictures", (str(pictures),), frames, every=every)
     with Progress(transient=True) as bar:
         row = bar.add_task("frames", total=frames)
-        taken = collect(out, source, lambda: bar.advance(row))
-    _say(f"{out}: {taken} frames")
+        collect(out, Source(map_names, frames, look, seed), lambda: bar.advance(row))
+    _say(f"{out}: {frames} frames")
     return 0
 
 
@@ -127,16 +118,17 @@ def translate_train_command(
     Args:
         out: the run's folder; must not hold a run yet, unless --resume.
         sim: collections from the simulator (python -m trainer collect).
-        real: folders of photographs; each is drawn from equally often.
+        real: folders of photographs, videos or robots' recordings (.mcap); each is drawn from
+            equally often.
         preset: fast (80x40), paper (160x120) or debug.
         steps: updates, in place of the preset's.
         structure: weight of keeping painted lines in place; 0 is plain CycleGAN.
         seed: of everything random.
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
-    from robot.camera.files import picture_files
     from trainer.run import take_up
     from trainer.transfer.cyclegan import TranslationConfig, translation_preset
+    from trainer.transfer.pictures import pictures_of
     from trainer.transfer.unpaired import train_translation
 
     def fresh() -> TranslationConfig:
@@ -144,7 +136,7 @@ def translate_train_command(
             raise ConfigError("translate train: expected --sim and --real folders, got none")
         config = translation_preset(preset, tuple(map(str, sim)), tuple(map(str, real)))
         for each in (*sim, *real):
-            picture_files(each)  # refused before anything is written
+            next(pictures_of(each))  # refused before anything is written
         given: dict[str, Any] = {"steps": steps, "structure": structure}
         asked = {name: value for name, value in given.items() if value is not None}
         return replace(config, seed=seed, **asked)
@@ -163,7 +155,7 @@ def translate_judge_command(
     Args:
         model: a translator, .onnx.
         sim: collections from the simulator, best none that it was trained with.
-        real: folders of photographs.
+        real: as of train.
         json: write the figures there.
     """
     from robot.inference.translator import OnnxTranslator

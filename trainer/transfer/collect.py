@@ -1,7 +1,7 @@
-"""Gathering frames: from the simulator with their labels, from a folder, a video or a recording.
+"""Gathering frames from the simulator with their labels.
 
-A collection is a folder of 160x120 PNG files: ``image/``; from the simulator also ``label/`` of the
-same names (grey value: `sim_pybullet.classes.SemanticClass`).
+A collection is a folder of 160x120 PNG files: ``image/``, and ``label/`` of the same names (grey
+value: `sim_pybullet.classes.SemanticClass`).
 """
 
 from __future__ import annotations
@@ -10,19 +10,15 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 import yaml
 
-from robot.camera.files import play
-from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap
-from robot.recording.reader import read_frames
 from robot.typed_config import to_plain
 from sim_pybullet.episodes import LookPool
 from sim_pybullet.racing.track import SCALE, Track, is_track
@@ -43,54 +39,36 @@ _ASTRAY = 0.1  # share of frames with any heading: robots that have lost their l
 class Source:
     """``collection.yaml``."""
 
-    kind: str  # simulator, pictures
-    origin: tuple[str, ...]  # maps, or the path of the pictures
+    maps: tuple[str, ...]
     frames: int
-    look: str = ""  # of the simulator
+    look: str
     seed: int = 0
-    every: int = 1  # of how many pictures one was taken
 
 
-def collect(out: Path, source: Source, tick: Callable[[], None]) -> int:
-    """Gather frames in a folder that appears when all are there, ``tick`` by one; how many.
+def collect(out: Path, source: Source, tick: Callable[[], None]) -> None:
+    """Gather frames in a folder that appears when all are there, ``tick`` by one.
 
-    DuckpilotError if ``out`` exists, there are no pictures, or a map or look is none to learn from.
+    DuckpilotError if ``out`` exists, or a map or look is none to learn from.
     """
-    found, taken = simulated(source) if source.kind == "simulator" else recorded(source), 0
     with _appearing(out, source) as folder:
-        for parts in islice(found, source.frames):
-            for part, picture in parts.items():
+        for number, (frame, label) in enumerate(simulated(source)):
+            for part, picture in (("image", frame[..., ::-1]), ("label", label)):
                 (folder / part).mkdir(exist_ok=True)
-                bgr = picture[..., ::-1] if picture.ndim == 3 else picture  # or values of a label
-                if not cv2.imwrite(str(folder / part / f"{taken:06d}.png"), bgr):
+                if not cv2.imwrite(str(folder / part / f"{number:06d}.png"), picture):
                     raise OSError(f"{folder}: cannot be written")
-            taken += 1
             tick()
-        if not taken:
-            raise ConfigError(f"{', '.join(source.origin)}: expected pictures, got none")
-    return taken
 
 
-def simulated(source: Source) -> Iterator[dict[str, np.ndarray]]:
-    """Robots on random places of lanes or tracks, in randomly drawn looks: what each part shows."""
-    spec = find_task("track" if any(map(is_track, source.origin)) else "lane")
-    road_maps = [spec.load(name) for name in maps_named(source.origin)]
+def simulated(source: Source) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Robots on random places of lanes or tracks, in randomly drawn looks: frames and labels."""
+    spec = find_task("track" if any(map(is_track, source.maps)) else "lane")
+    road_maps = [spec.load(name) for name in maps_named(source.maps)]
     refuse_judging_maps(road_maps, "learn")
     looks, rng = spec.looks(source.look, None), np.random.default_rng(source.seed)
     pool = LookPool(road_maps, looks, rng, max(2, 48 // len(road_maps)))
     for first in range(0, source.frames, _BATCH):
         seen = snapshots(road_maps, pool, min(_BATCH, source.frames - first), rng)
-        for frame, label in zip(*seen, strict=True):
-            yield {"image": frame, "label": label}
-
-
-def recorded(source: Source) -> Iterator[dict[str, np.ndarray]]:
-    """Every so many pictures of a robot's recording (.mcap), a video, or a folder of pictures."""
-    path = Path(source.origin[0])
-    mcap = path.suffix == ".mcap"
-    found = (frame for _, frame in read_frames(path)) if mcap else play(path)
-    for picture in islice(found, 0, None, source.every):
-        yield {"image": fit_to_frame(picture)}
+        yield from zip(*seen, strict=True)
 
 
 def positions(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:

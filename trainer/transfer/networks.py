@@ -129,15 +129,15 @@ class Changing(nn.Module):
 
 
 class AtSize(nn.Module):
-    """A network that sees pictures of one size (H, W), between pictures of any."""
+    """A network that sees pictures of one size (H, W), or of their own; between pictures of any."""
 
-    def __init__(self, inner: nn.Module, size: tuple[int, int]) -> None:
+    def __init__(self, inner: nn.Module, size: tuple[int, int] | None) -> None:
         super().__init__()
         self.inner, self.size = inner, size
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         """The translation, as large as the picture."""
-        made = self.inner(resized(pictures, self.size, "bilinear"))
+        made = self.inner(resized(pictures, self.size or pictures.shape[2:], "bilinear"))
         return resized(made, pictures.shape[2:], "bilinear")
 
 
@@ -155,11 +155,11 @@ def narrow_unet(width: int, blocks: int) -> nn.Module:
     return Changing(UNet(down, deep, up, _zero(nn.Conv2d(w // 2 + 3, 3, 3, 1, 1))))
 
 
-def pix2pix_unet(size: tuple[int, int], channels: int, halvings: int) -> nn.Module:
+def pix2pix_unet(size: tuple[int, int] | None, channels: int, halvings: int) -> nn.Module:
     """The generator of pix2pix: 4x4 convolutions of stride 2, batch normalisation (Isola et al.).
 
-    Inside it pictures have ``size`` (H, W), which can be halved so often; the channels of the first
-    layer are doubled until `MOST_WIDENING`.
+    Inside it pictures have ``size`` (H, W), if one is given; the channels of the first layer are
+    doubled until `MOST_WIDENING`.
     """
     widths = [channels * min(2**k, MOST_WIDENING) for k in range(halvings)]
     down = [

@@ -6,19 +6,20 @@ where there are any, in ``label/`` beside ``image/``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from robot.camera.files import picture_files, read_picture
+from robot.camera.files import picture_files, play, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.output import write_png
+from robot.recording.reader import read_frames
 from sim_pybullet.classes import SemanticClass
 
 _C = SemanticClass
@@ -32,7 +33,7 @@ class Pictures(NamedTuple):
 
     images: np.ndarray  # (N, H, W, 3) uint8 RGB
     folder: np.ndarray  # (N,) which folder each comes from
-    files: tuple[Path, ...]
+    files: tuple[Path, ...]  # (N,) where all are folders
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """(count,) indices: every folder as often as every other, however many pictures it has."""
@@ -51,6 +52,16 @@ def pictures_in(folder: Path) -> list[Path]:
     return picture_files(next((each for each in inner if each.is_dir()), folder))
 
 
+def pictures_of(path: Path) -> Iterator[np.ndarray]:
+    """Those (H, W, 3) uint8 RGB of a folder, a video or a robot's recording (.mcap).
+
+    DuckpilotError if there is none.
+    """
+    if path.suffix == ".mcap":
+        return (frame for _, frame in read_frames(path))
+    return map(read_picture, pictures_in(path)) if path.is_dir() else play(path)
+
+
 def label_of(picture: Path) -> np.ndarray:
     """The grey values (H, W) uint8 of a picture's label; ConfigError if there is none."""
     path = picture.parent.parent / "label" / f"{picture.stem}.png"
@@ -64,13 +75,13 @@ def label_of(picture: Path) -> np.ndarray:
 
 
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
-    """All pictures of some folders, as a policy's; ConfigError where there are none."""
+    """All of `pictures_of` some paths, as a policy's; ConfigError where there are none."""
     if not folders:
         raise ConfigError("pictures: expected at least one folder, got none")
-    found = [pictures_in(folder) for folder in folders]
-    files = tuple(file for some in found for file in some)
-    images = np.stack([preprocess(fit_to_frame(read_picture(file)), image) for file in files])
-    return Pictures(images, np.repeat(range(len(found)), [len(some) for some in found]), files)
+    found = [[preprocess(fit_to_frame(p), image) for p in pictures_of(path)] for path in folders]
+    files = tuple(f for path in folders if path.is_dir() for f in pictures_in(path))
+    numbers = np.repeat(range(len(found)), [len(some) for some in found])
+    return Pictures(np.stack([each for some in found for each in some]), numbers, files)
 
 
 def load_paint(pictures: Pictures, image: ImageSpec) -> np.ndarray:

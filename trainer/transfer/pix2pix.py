@@ -8,7 +8,7 @@ each pixel becomes the nearest class's colour.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,7 +18,6 @@ from rich.console import Console
 from torch import nn
 from torch.nn import functional
 
-from robot.camera.files import picture_files, read_picture
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
@@ -39,14 +38,14 @@ from trainer.transfer.networks import (
     through,
 )
 from trainer.transfer.parser import Parser, load_parser
-from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
+from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, pictures_of, spread
 
 
 @dataclass(frozen=True)
 class Pix2PixConfig:
     """Networks and weights of one translation."""
 
-    size: tuple[int, int] = (256, 256)  # H, W inside the networks: multiples of 2 ** halvings
+    size: tuple[int, int] | None = (256, 256)  # H, W inside the networks; None: the picture's own
     channels: int = 64  # of the first layer; doubled until `MOST_WIDENING`
     halvings: int = 8
     critic_layers: int = 3  # halvings of the PatchGAN; with 3 a patch is 70 px wide
@@ -57,18 +56,8 @@ class Pix2PixConfig:
 
 
 PAPER = Pix2PixConfig()
-SMALL = Pix2PixConfig((40, 80), 16, 3, 2, batch=8, learning_rate=1e-3)
+SMALL = Pix2PixConfig(None, 16, 3, 2, batch=8, learning_rate=1e-3)
 PIX2PIX = {"paper": PAPER, "small": SMALL}
-
-
-def fitted(config: Pix2PixConfig, image: ImageSpec) -> Pix2PixConfig:
-    """The small networks at the pictures' own size, where they can be halved so often.
-
-    Enlarging 40 rows to 48 blurs edges and leaves stripes.
-    """
-    size, cells = image.shape[:2], 2**config.halvings
-    kept = config is PAPER or size[0] % cells or size[1] % cells
-    return config if kept else replace(config, size=size)
 
 
 @dataclass(frozen=True)
@@ -106,7 +95,8 @@ class Pix2Pix:
 
     def judged(self, given: torch.Tensor, translation: torch.Tensor) -> torch.Tensor:
         """Logits (N, 1, h, w) that patches of a translation belong to the picture given."""
-        pair = [resized(each, self.config.size, "bilinear") for each in (given, translation)]
+        size = self.config.size or given.shape[2:]
+        pair = [resized(each, size, "bilinear") for each in (given, translation)]
         logits: torch.Tensor = self.critic(torch.cat(pair, 1))
         return logits
 
@@ -171,7 +161,7 @@ def translate_through(out: Path, run: ThroughOptions, console: Console) -> Path:
         real = Pairs(other.wanted, other.given)
     to_parsing, to_real = (
         teach_pairs(
-            Pix2Pix(fitted(PIX2PIX[run.net], image), run.seed),
+            Pix2Pix(PIX2PIX[run.net], run.seed),
             *(pairs, run.steps, run.seed, out / f"{name}.pt", console),
         )
         for name, pairs in (("virtual_to_parsing", virtual), ("parsing_to_real", real))
@@ -204,7 +194,7 @@ def _real(photographs: Path, parser: Parser, image: ImageSpec) -> Pairs:
     """What a parser sees in photographs, painted, and the photographs."""
     if parser.labels is not ROAD:
         raise ConfigError(f"parser: expected one of labels road, got {parser.labels.name!r}")
-    frames = np.stack([fit_to_frame(read_picture(path)) for path in picture_files(photographs)])
+    frames = np.stack([fit_to_frame(picture) for picture in pictures_of(photographs)])
     seen = ROAD.paint(parser.parse(preprocess_batch(frames, parser.image)))
     whole = [cv2.resize(one, FRAME[::-1], interpolation=cv2.INTER_NEAREST) for one in seen]
     return Pairs(_small(np.stack(whole), ROAD, image), preprocess_batch(frames, image))

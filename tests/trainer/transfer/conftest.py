@@ -12,7 +12,7 @@ from trainer.transfer.collect import Source, collect
 @pytest.fixture(scope="session")
 def sim(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("sim") / "frames"
-    source = Source("simulator", ("loop",), 6, "nominal", seed=3)
+    source = Source(("loop",), 6, "nominal", seed=3)
     collect(out, source, lambda: None)
     return out
 

@@ -40,7 +40,7 @@ def test_frames_and_labels_belong_together(sim: Path) -> None:
 
 
 def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
-    source = Source("simulator", ("loop",), 6, "nominal", seed=3)
+    source = Source(("loop",), 6, "nominal", seed=3)
     collect(tmp_path / "a", source, lambda: None)
     for part in ("image", "label"):
         ours, again = (read(folder / part / "000004.png") for folder in (sim, tmp_path / "a"))
@@ -57,20 +57,11 @@ def test_frames_of_a_track_show_its_road_from_everywhere_along_it() -> None:
     assert counts.min() > 8
 
 
-def test_takes_every_nth_picture(real: Path, tmp_path: Path) -> None:
-    source = Source("pictures", (str(real),), 10, every=2)
-    assert collect(tmp_path / "out", source, lambda: None) == 3
-    pictures = load_pictures([tmp_path / "out"], ImageSpec())
-    assert pictures.images.shape == (3, 120, 160, 3)
-    with pytest.raises(ConfigError, match="expected the labels of 000000"):
-        load_paint(pictures, ImageSpec())
-
-
 def test_a_failure_leaves_no_folder(tmp_path: Path) -> None:
     def stop() -> None:
         raise KeyboardInterrupt
 
-    source = Source("simulator", ("loop",), 40, "nominal")
+    source = Source(("loop",), 40, "nominal")
     with pytest.raises(KeyboardInterrupt):
         collect(tmp_path / "out", source, stop)
     assert not list(tmp_path.iterdir())
@@ -79,7 +70,7 @@ def test_a_failure_leaves_no_folder(tmp_path: Path) -> None:
 def test_wrong_input_is_one_line_and_status_2(
     sim: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["collect", "--out", str(sim), "--pictures", str(sim)]) == 2
+    assert main(["collect", "--out", str(sim)]) == 2
     assert "expected no such folder yet" in capsys.readouterr().err
     new = str(tmp_path / "new")
     assert main(["collect", "--out", new, "--look", "randomized"]) == 2
@@ -103,22 +94,27 @@ def test_paint_is_where_the_pictures_show_it(sim: Path) -> None:
     assert brightness[white].mean() > brightness[road].mean() + 80
 
 
-def test_a_robots_recording_gives_its_frames(tmp_path: Path) -> None:
+def test_a_robots_recording_and_a_folder_are_photographs_alike(real: Path) -> None:
     pytest.importorskip("mcap")
-    out, recording = tmp_path / "out", Path(__file__).parents[2] / "data" / "golden_drive.mcap"
+    recording = Path(__file__).parents[2] / "data" / "golden_drive.mcap"
     frames = [frame for _, frame in read_frames(recording)]
-    words = ["collect", "--out", str(out), "--pictures", str(recording), "--every", "10"]
-    assert main([*words, "--frames", "3"]) == 0
-    images = load_pictures([out], ImageSpec()).images
-    np.testing.assert_array_equal(images, np.stack(frames[:21:10]))
+    both = load_pictures([recording, real], ImageSpec())
+    np.testing.assert_array_equal(both.images[: len(frames)], np.stack(frames))
+    assert both.folder.tolist() == [0] * len(frames) + [1] * 5
 
 
-def test_what_a_killed_run_left_is_swept_away(real: Path, tmp_path: Path) -> None:
+def test_photographs_have_no_labels(real: Path) -> None:
+    with pytest.raises(ConfigError, match="expected the labels of 0"):
+        load_paint(load_pictures([real], ImageSpec()), ImageSpec())
+
+
+def test_what_a_killed_run_left_is_swept_away(tmp_path: Path) -> None:
     left = tmp_path / ".out.unfinished" / "image"
     left.mkdir(parents=True)
     (left / "000099.png").write_bytes(b"half a picture")
-    words = ["collect", "--out", str(tmp_path / "out"), "--pictures", str(real), "--frames", "2"]
-    assert main(words) == 0
-    names = sorted(path.name for path in (tmp_path / "out" / "image").iterdir())
-    assert names == ["000000.png", "000001.png"]
+    words = ["collect", "--out", str(tmp_path / "out"), "--map", "loop", "--look", "nominal"]
+    assert main([*words, "--frames", "2"]) == 0
+    for part in ("image", "label"):
+        names = sorted(path.name for path in (tmp_path / "out" / part).iterdir())
+        assert names == ["000000.png", "000001.png"]
     assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -75,8 +75,8 @@ def test_forty_eight_painted_worlds_are_shared_among_the_maps(
     monkeypatch.setattr(collect, "snapshots", snapshots)
     told: list[None] = []
     out = tmp_path / "out"
-    source = collect.Source("simulator", maps, 70, "nominal", seed=3)
-    assert collect.collect(out, source, lambda: told.append(None)) == 70
+    source = collect.Source(maps, 70, "nominal", seed=3)
+    collect.collect(out, source, lambda: told.append(None))
     assert (made, batches, len(told)) == ([size], [32, 32, 6], 70)
     for part in ("image", "label"):
         names = sorted(path.name for path in (out / part).iterdir())

@@ -19,7 +19,7 @@ from trainer.transfer.cyclegan import (
     structure,
     translation_preset,
 )
-from trainer.transfer.pix2pix import Pairs, Pix2Pix, Pix2PixConfig, fitted
+from trainer.transfer.pix2pix import Pairs, Pix2Pix, Pix2PixConfig
 
 CPU = torch.device("cpu")
 SMALL = Pix2PixConfig((16, 32), 4, 2, 1, batch=2, learning_rate=1e-3)
@@ -216,17 +216,3 @@ def test_weights_of_pix2pix_begin_small() -> None:
             elif weight is not None and weight.numel() > 1_000:
                 assert float(weight.std()) == pytest.approx(0.02, rel=0.1)
                 assert abs(float(weight.mean())) < 0.002
-
-
-@pytest.mark.parametrize(
-    ("size", "inside"), [((40, 80), (40, 80)), ((48, 64), (48, 64)), ((44, 80), (40, 80))]
-)
-def test_small_networks_have_the_pictures_own_size_where_they_can_be_halved(
-    size: tuple[int, int], inside: tuple[int, int]
-) -> None:
-    from robot.contract import ImageSpec
-    from trainer.transfer.pix2pix import PIX2PIX
-
-    image = ImageSpec(size[1], size[0])
-    assert fitted(PIX2PIX["small"], image).size == inside
-    assert fitted(PIX2PIX["paper"], image).size == (256, 256)
