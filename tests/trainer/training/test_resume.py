@@ -37,13 +37,18 @@ def checkpoint_step(folder: Path) -> int:
     return int(content["counters"]["num_timesteps"])
 
 
+def episode_is_kept(run: RunFolder) -> bool:
+    """Whether a checkpoint lies there that was written after the end of an episode."""
+    ended = [episode.step for episode in run.episodes()] if run.checkpoint.exists() else []
+    return bool(ended) and checkpoint_step(run.path) >= ended[0]
+
+
 @pytest.mark.parametrize("algorithm", ["dueling", "ppo"])
 def test_killed_run_goes_on_where_its_checkpoint_lies(algorithm: str, tmp_path: Path) -> None:
     run = RunFolder(tmp_path / "run")
     process = start(algorithm, run.path)
     try:
-        wait_for(run.checkpoint.exists, process)
-        time.sleep(0.3)
+        wait_for(lambda: episode_is_kept(run), process)
     finally:
         process.kill()
         process.wait()
