@@ -13,7 +13,7 @@ import functools
 import reprlib
 import typing
 from pathlib import Path
-from typing import Any, Dict, Tuple, Type, TypeVar, Union
+from typing import Any, Dict, Optional, Tuple, Type, TypeVar, Union
 
 from robot.errors import ConfigError, nearest
 
@@ -22,13 +22,21 @@ T = TypeVar("T")
 MOST_YAML_BYTES = 4_000_000
 
 
-def to_plain(value: Any) -> Any:
-    """A dataclass as dicts, lists and scalars, ready for YAML or JSON."""
+def to_plain(value: Any, decimals: Optional[int] = None) -> Any:
+    """A dataclass as dicts, lists and scalars, ready for YAML or JSON; bytes as base64.
+
+    Numbers keep so many ``decimals``, or all of them.
+    """
+    if type(value) is float:  # first, because a message is mostly these
+        return value if decimals is None else round(value, decimals)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = dataclasses.fields(value)
+        return {f.name: to_plain(getattr(value, f.name), decimals) for f in fields}
     if isinstance(value, (list, tuple)):
-        return [to_plain(item) for item in value]
-    return value
+        return [to_plain(item, decimals) for item in value]
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode("ascii")
+    return to_plain(value.item(), decimals) if hasattr(value, "item") else value  # of NumPy
 
 
 def from_plain(kind: Type[T], data: Any, where: str = "") -> T:

@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
         boards, size = chessboard.boards_from_files(options.images)
         lens, residual_px = chessboard.fit_lens(boards, size)
         person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
-        values = {("camera", "lens", name): _rounded(v) for name, v in to_plain(lens).items()}
+        values = {("camera", "lens", name): v for name, v in to_plain(lens, 6).items()}
     else:
         motors, guide = real_motors(config.hat), GUIDES[options.what]
         values = measure_motion(guide, config.hat, motors, person, MonotonicClock())
@@ -110,12 +110,6 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
     )
     names = ("pitch_rad", "roll_rad", "height_m")
     return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}
-
-
-def _rounded(value: object) -> object:
-    if isinstance(value, list):
-        return [_rounded(item) for item in value]
-    return round(value, 6) if isinstance(value, float) else value
 
 
 def edit_yaml(path: Path, values: Values) -> List[str]:

@@ -12,7 +12,7 @@ from typing import Iterator, List, NamedTuple, Optional, Tuple
 
 from robot.computer.clock import MonotonicClock
 from robot.computer.machine import Machine
-from robot.config import CameraConfig, RecordingConfig, RobotConfig
+from robot.config import CameraConfig, RobotConfig
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, DuckpilotError, HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
@@ -23,6 +23,7 @@ from robot.inference.translator import open_policy
 from robot.lens import Mount
 from robot.link.keys import load_keys
 from robot.link.sockets import LinkConfig
+from robot.link.telemetry import Reading
 from robot.navigation.road_map import load_map
 from robot.typed_config import load_yaml
 
@@ -39,9 +40,11 @@ DARK = 8.0  # mean of a picture through a covered lens, of 255
 # What policies are trained to bear is randomised about the nominal mount by a little more.
 PITCH_TOLERANCE_RAD = math.radians(3.0)
 HEIGHT_TOLERANCE_M = 0.015
-MB = 1e6
-LEAST_MB, ROOM_MB = 200.0, 500.0  # that a system needs; for some hours of recording
-WARM_C, HOT_C = 75.0, 90.0  # a Nano throttles from 97 on, and switches off at 103
+REMEDIES = {
+    "temperature": "give the heat sink air or a fan",
+    "disk free": "delete old recordings, or none can be made",
+    "memory free": "end other programs",
+}
 NO_PICTURES = "plug the camera again; CSI: restart nvargus-daemon"
 
 Ill = Tuple[bool, str, str, str]  # whether it is so, its level, what it is, what to do
@@ -99,8 +102,7 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
         yield check_policy(config)
         yield _map(config.map)
         yield from _link(machine, config)
-    yield _disk(machine, config.recording if config else None)
-    yield _heat(machine)
+    yield from map(_health, machine.readings())
 
 
 def _judged(name: str, seen: str, *ills: Ill) -> Finding:
@@ -262,32 +264,8 @@ def _keys(link: LinkConfig) -> Finding:
     )
 
 
-def _disk(machine: Machine, recording: Optional[RecordingConfig]) -> Finding:
-    """Whether there is room, and for recordings, where there are any."""
-    place = Path(recording.folder if recording else ".").resolve()
-    while not place.exists():
-        place = place.parent
-    free_mb = machine.free_bytes(place) / MB
-    least_mb = max(LEAST_MB, recording.keep_free_mb if recording else 0.0)
-    remedy = "delete old recordings, or none can be made"
-    return _judged(
-        "disk",
-        f"{free_mb / 1e3:.1f} GB free at {place}",
-        (free_mb < least_mb, FAIL, "", remedy),
-        (free_mb < least_mb + ROOM_MB, WARN, "", remedy),
-    )
-
-
-def _heat(machine: Machine) -> Finding:
-    """The warmest thermometer."""
-    readings = machine.temperatures_c()
-    if not readings:
-        return Finding("temperature", OK, "this computer tells none")
-    name, celsius = max(readings.items(), key=lambda item: item[1])
-    remedy = "give the heat sink air or a fan"
-    return _judged(
-        "temperature",
-        f"{celsius:.0f} °C ({name})",
-        (celsius >= HOT_C, FAIL, "", remedy),
-        (celsius >= WARM_C, WARN, "", remedy),
-    )
+def _health(reading: Reading) -> Finding:
+    """As the robot judges itself while it drives."""
+    level = {"ok": OK, "warn": WARN, "bad": FAIL}[reading.level]
+    says = f"{reading.value:g} {reading.unit}".strip()
+    return Finding(reading.name, level, says, "" if level == OK else REMEDIES[reading.name])

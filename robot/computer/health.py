@@ -34,11 +34,12 @@ class Health:
         now_s = self._clock()
         if self._read_s is None or now_s - self._read_s >= EVERY_S:
             self._read_s = now_s
-            self._readings = (*_computer(), *(read() for read in self._others))
+            self._readings = (*readings(), *(read() for read in self._others))
         return self._readings
 
 
-def _computer() -> Iterator[Reading]:
+def readings() -> Iterator[Reading]:
+    """Of this computer, now."""
     hottest_c = max(temperatures_c().values(), default=None)
     if hottest_c is not None:
         level = "bad" if hottest_c >= HOT_C else "warn" if hottest_c >= WARM_C else "ok"

@@ -5,18 +5,16 @@ from __future__ import annotations
 import glob
 import platform
 import re
-import shutil
 import socket
 import sys
 import time
 from contextlib import closing, suppress
 from importlib import metadata
-from pathlib import Path
 from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from robot.computer.health import temperatures_c
+from robot.computer.health import readings
 from robot.config import CameraConfig
 from robot.hat.bus import SmbusBus
 from robot.runtime.assemble import CAPTURE_PX, open_stream
@@ -45,7 +43,7 @@ class Machine:
     python = sys.version_info[:2]
     processor = platform.machine()  # such as ``aarch64``
     open_bus = staticmethod(SmbusBus)  # by its number; HardwareError when it cannot be used
-    temperatures_c = staticmethod(temperatures_c)  # by the name of the sensor
+    readings = staticmethod(readings)  # of its health
 
     def package(self, name: str) -> Optional[str]:
         """Version of an installed package; None without it."""
@@ -68,10 +66,6 @@ class Machine:
                 repeats += np.array_equal(picture, last)
         size = (picture.shape[1], picture.shape[0])
         return CameraLook(count, now_s - began_s, size, repeats, float(picture.mean()))
-
-    def free_bytes(self, path: Path) -> int:
-        """Free space on the disk of ``path``."""
-        return shutil.disk_usage(path).free
 
     def connects(self, host: str, port: int) -> str:
         """Why nobody answers there; "" when somebody does."""

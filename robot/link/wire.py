@@ -6,15 +6,13 @@ come it raises nothing but ``ContractError``.
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import json
-import numbers
 import re
 from typing import Any, Callable, ClassVar, Dict, List, Sequence, Tuple, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError, nearest
-from robot.typed_config import from_plain
+from robot.typed_config import from_plain, to_plain
 
 SCHEMA = 1
 MAX_COUNT = 2**53  # integers beyond this are not the same number in a browser
@@ -135,20 +133,8 @@ def tidy_text(text: str, limit_bytes: int) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A message as dicts, lists and scalars for JSON; numbers keep six decimals, bytes base64."""
-    if type(value) is float:  # first, because a message is mostly these
-        return round(value, DECIMALS)
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, bytes):
-        return base64.b64encode(value).decode("ascii")
-    if value is None or isinstance(value, (bool, str, int)):
-        return value
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, numbers.Integral):
-        return int(value)
-    return round(float(value), DECIMALS)
+    """A message as dicts, lists and scalars for JSON; numbers keep six decimals."""
+    return to_plain(value, DECIMALS)
 
 
 def _parse(name: str, data: bytes) -> Dict[str, Any]:

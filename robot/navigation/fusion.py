@@ -67,13 +67,11 @@ class FusionConfig:
 class PoseFusion:
     """The filter of ``count`` robots. Times come from the caller's one clock.
 
-    ``poses`` (N, 3) are estimates in the world, NaN until the first overhead pose; ``rejected``
-    (N,) overhead poses in a row were too far off to believe.
+    ``rejected`` (N,) overhead poses in a row were too far off to believe.
     """
 
     def __init__(self, count: int = 1, config: FusionConfig = FusionConfig()) -> None:
         self.config = config
-        self.poses = np.full((count, 3), np.nan)
         self.rejected = np.zeros(count, dtype=int)
         self._states = SEEN.stop if config.sight else SEEN.start
         wheels = (config.forward_scale, config.turn_scale, config.drift_rad_per_m)
@@ -83,8 +81,7 @@ class PoseFusion:
         # Of a robot whose place is known, and its wheels and sight not yet.
         known = np.concatenate((np.zeros(3), np.square(wheels), np.zeros(3), self._seen_variance))
         self._first = np.diag(known[: self._states])
-        # Estimate of calibration, overhead error and that of sight.
-        self._beside = np.zeros((count, self._states - 3))
+        self._state = np.zeros((count, self._states))
         self._covariance = np.zeros((count, self._states, self._states))
         self._measured_s = np.full(count, -math.inf)
         self._odometry = np.zeros((count, 3))  # by calibrated steps
@@ -94,18 +91,23 @@ class PoseFusion:
 
     def reset(self, robots: np.ndarray) -> None:
         """Forget where these robots (boolean mask or indices) are, and how they drive."""
-        self.poses[robots] = np.nan
+        self._state[robots] = 0.0
+        self._state[robots, _POSE] = np.nan
         self.rejected[robots] = 0
         self._measured_s[robots] = -math.inf
-        self._beside[robots] = 0.0
         self._covariance[robots] = self._first
 
     def put(self, robots: np.ndarray, poses: np.ndarray, deviations: Tuple[float, ...]) -> None:
         """Let robots (M,) be at poses (M, 3), by a word with these standard deviations (3,)."""
         self.reset(robots)
-        self.poses[robots] = poses
+        self._state[robots, _POSE] = poses
         self._covariance[robots, _POSE, _POSE] = np.diag(np.square(deviations))
         self._covariance[robots, _ERROR, _ERROR] = np.diag(self._overhead_variance)
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(N, 3) estimates in the world, NaN until the first overhead pose."""
+        return self._state[:, _POSE]
 
     @property
     def ellipses(self) -> np.ndarray:
@@ -118,12 +120,13 @@ class PoseFusion:
         covariance[:, _CALIBRATION, :] = self._first[_CALIBRATION]
         covariance[:, :, _CALIBRATION] = self._first[:, _CALIBRATION]
         self._covariance[robots] = covariance
-        self._beside[robots, :3] = 0.0
+        self._state[robots, _CALIBRATION] = 0.0
 
     @property
     def at_bound(self) -> np.ndarray:
         """(N,) whether the wheels seem to be off by as much as wheels can be: a doubt in itself."""
-        return np.asarray((np.abs(self._beside[:, :3]) >= self.config.bounds).any(axis=1))
+        wheels = np.abs(self._state[:, _CALIBRATION])
+        return np.asarray((wheels >= self.config.bounds).any(axis=1))
 
     @property
     def certainty(self) -> np.ndarray:
@@ -133,7 +136,7 @@ class PoseFusion:
 
     def move(self, forward_m: np.ndarray, turn_rad: np.ndarray, now_s: float) -> None:
         """Dead-reckon arcs (N,) [m], (N,) [rad] that end ``now_s``; for every tick."""
-        forward_scale, turn_scale, drift = self._beside[:, :3].T
+        forward_scale, turn_scale, drift = self._state[:, _CALIBRATION].T
         forward = (1.0 + forward_scale) * forward_m
         turn = (1.0 + turn_scale) * turn_rad + drift * forward_m
         half = 0.5 * turn
@@ -145,7 +148,7 @@ class PoseFusion:
         along = np.nan_to_num(self.poses[:, 2] + half)
         elapsed_s = now_s - self._times_s[-1] if self._times_s else 0.0
         self._predict(forward_m, turn_rad, displaced, along, elapsed_s)
-        self.poses = moved
+        self._state[:, _POSE] = moved
         self._odometry = compose(self._odometry, step)
         self._times_s.append(now_s)
         self._history.append(self._odometry)
@@ -158,22 +161,22 @@ class PoseFusion:
         A row of NaN is a robot without a new pose; a heading alone may be NaN too. Poses that the
         filter cannot believe, or older than its memory, are counted in ``rejected`` and ignored.
         """
-        past, since, beside, covariance = self._then(captured_s)
+        state, since, covariance = self._then(captured_s)
         fresh = np.isfinite(measured[:, :2]).all(axis=1) & (captured_s > self._measured_s)
         unknown = np.isnan(self.poses[:, 0]) | (self.rejected >= self.config.rejections)
         lost = fresh & unknown & np.isfinite(measured[:, 2])
-        design = np.zeros((len(past), 3, self._states))  # measured is the pose and its error
+        design = np.zeros((len(state), 3, self._states))  # measured is the pose and its error
         design[:, range(3), range(3)] = design[:, range(3), range(6, 9)] = 1.0
-        jitter = np.zeros((len(past), 3, 3))
+        jitter = np.zeros((len(state), 3, 3))
         jitter[:, range(3), range(3)] = self.config.jitter**2 * self._overhead_variance
         jitter[np.isnan(measured[:, 2]), 2, 2] = _UNKNOWN_HEADING_RAD**2
-        innovation = measured - past - beside[:, 3:6]
+        innovation = measured - state[:, _POSE] - state[:, _ERROR]
         innovation[:, 2] = wrap_angle(innovation[:, 2])
-        known = np.isfinite(past[:, 0]) & np.isfinite(since[:, 0])
-        distance = _update(past, beside, covariance, innovation, design, jitter)
+        known = np.isfinite(state[:, 0]) & np.isfinite(since[:, 0])
+        distance = _update(state, covariance, innovation, design, jitter)
         covariance += covariance.transpose(0, 2, 1).copy()  # keeps rounding from growing
         covariance *= 0.5
-        self._bound(past, beside, covariance)
+        self._bound(state, covariance)
         taken = lost | (fresh & known & (distance < self.config.gate))
         # Who was lost is where it was measured, with that error. What it learned of its wheels led
         # it astray, or to nothing: it begins anew, too.
@@ -181,8 +184,9 @@ class PoseFusion:
         begun = self._first.copy()
         begun[_POSE, _POSE], begun[_ERROR, _ERROR] = error * (1.0 + self.config.jitter**2), error
         begun[_POSE, _ERROR] = begun[_ERROR, _POSE] = -error
-        past[lost], beside[lost], covariance[lost] = measured[lost], 0.0, begun
-        self._take(taken, past, since, beside, covariance)
+        state[lost], covariance[lost] = 0.0, begun
+        state[lost, _POSE] = measured[lost]
+        self._take(taken, state, since, covariance)
         self._measured_s[taken] = captured_s[taken]
         self.rejected = np.where(taken, 0, self.rejected + fresh)
 
@@ -194,21 +198,22 @@ class PoseFusion:
         goes with the state (N, K, S), and its covariance (N, K, K). What is farther off than
         ``gate`` is ignored.
         """
-        past, since, beside, covariance = self._then(captured_s)
-        innovation, design, noise = compare(past, since)
-        known = np.isfinite(innovation).all(axis=1) & np.isfinite(past).all(axis=1)
-        distance = _update(past, beside, covariance, innovation, design, noise)
-        self._bound(past, beside, covariance)
+        state, since, covariance = self._then(captured_s)
+        poses = state[:, _POSE]
+        innovation, design, noise = compare(poses, since)
+        known = np.isfinite(innovation).all(axis=1) & np.isfinite(poses).all(axis=1)
+        distance = _update(state, covariance, innovation, design, noise)
+        self._bound(state, covariance)
         taken = known & (distance < self.config.gate)
-        self._take(taken, past, since, beside, covariance)
+        self._take(taken, state, since, covariance)
         return np.asarray(taken)
 
     def seen_error(self) -> np.ndarray:
         """(N, 2) what sight seems to say wrong: offset [m], heading [rad]."""
-        return self._beside[:, 6:8].copy()
+        return self._state[:, SEEN].copy()
 
-    def _then(self, when_s: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Poses at times (N,) and the steps since, what goes with them, and their covariance.
+    def _then(self, when_s: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The states at times (N,), the steps since, and the states' covariance.
 
         NaN before the history begins.
         """
@@ -223,23 +228,19 @@ class PoseFusion:
             then = compose(before, step * np.clip(share, 0.0, 1.0)[:, None])
         then = np.where((when_s >= times[0])[:, None], then, np.nan)
         since = between(then, self._odometry)
-        past = uncompose(self.poses, since)
-        covariance = carried(self._covariance, past[:, :2] - self.poses[:, :2])
-        return past, since, self._beside.copy(), covariance
+        state = self._state.copy()
+        state[:, _POSE] = uncompose(self.poses, since)
+        covariance = carried(self._covariance, state[:, :2] - self._state[:, :2])
+        return state, since, covariance
 
     def _take(
-        self,
-        taken: np.ndarray,
-        past: np.ndarray,
-        since: np.ndarray,
-        beside: np.ndarray,
-        covariance: np.ndarray,
+        self, taken: np.ndarray, state: np.ndarray, since: np.ndarray, covariance: np.ndarray
     ) -> None:
         """Let corrected estimates of some robots (N,) count, with the steps since."""
-        now = compose(past, since)
-        self.poses[taken] = now[taken]
-        self._beside[taken] = beside[taken]
-        self._covariance[taken] = carried(covariance, now[:, :2] - past[:, :2])[taken]
+        now = compose(state, since)
+        self._covariance[taken] = carried(covariance, now[:, :2] - state[:, :2])[taken]
+        state[:, _POSE] = now
+        self._state[taken] = state[taken]
 
     def age_s(self, now_s: float) -> np.ndarray:
         """(N,) time since the picture of the last overhead pose that was taken [s]."""
@@ -277,24 +278,21 @@ class PoseFusion:
         if config.sight:
             noise[:, (9, 10), (9, 10)] = (1.0 - keep_seen**2) * self._seen_variance
         self._covariance = change @ self._covariance @ change.transpose(0, 2, 1) + noise
-        self._beside[:, 3:] *= kept[6:]
+        self._state[:, 6:] *= kept[6:]
 
-    def _bound(self, past: np.ndarray, beside: np.ndarray, covariance: np.ndarray) -> None:
+    def _bound(self, state: np.ndarray, covariance: np.ndarray) -> None:
         """Project estimates in place, so that no calibration is beyond its bound."""
-        bounds = self.config.bounds
+        bounds = np.array(self.config.bounds)
         for number, bound in zip((_FORWARD, _TURN, _DRIFT), bounds):
-            excess = beside[:, number - 3] - np.clip(beside[:, number - 3], -bound, bound)
-            if not excess.any():
-                continue
-            share = covariance[:, :, number] / covariance[:, number, number, None]
-            past -= share[:, _POSE] * excess[:, None]
-            beside -= share[:, 3:] * excess[:, None]
-        beside[:, :3] = np.clip(beside[:, :3], -np.array(bounds), bounds)
+            excess = state[:, number] - np.clip(state[:, number], -bound, bound)
+            if excess.any():
+                share = covariance[:, :, number] / covariance[:, number, number, None]
+                state -= share * excess[:, None]
+        state[:, _CALIBRATION] = np.clip(state[:, _CALIBRATION], -bounds, bounds)
 
 
 def _update(
-    poses: np.ndarray,
-    beside: np.ndarray,
+    state: np.ndarray,
     covariance: np.ndarray,
     innovation: np.ndarray,
     design: np.ndarray,
@@ -305,8 +303,6 @@ def _update(
     inverse = np.linalg.inv(design @ seen + noise)
     gain = seen @ inverse
     difference = np.nan_to_num(innovation)
-    correction = np.einsum("nij,nj->ni", gain, difference)
-    poses += correction[:, _POSE]
-    beside += correction[:, 3:]
+    state += np.einsum("nij,nj->ni", gain, difference)
     covariance -= gain @ seen.transpose(0, 2, 1)
     return np.einsum("ni,nij,nj->n", difference, inverse, difference)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import pytest
 
@@ -16,6 +16,7 @@ from robot.config import CameraConfig
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
 from robot.link.keys import keygen
+from robot.link.telemetry import Reading
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
@@ -32,8 +33,7 @@ class Patient:
     without: Tuple[str, ...] = ()
     hats: Dict[int, VirtualI2cBus] = field(default_factory=dict)
     look: CameraLook = field(default_factory=lambda: CameraLook(60, 2.0, (320, 240), 0, 100.0))
-    free: int = 20_000_000_000
-    heat: Dict[str, float] = field(default_factory=lambda: {"CPU-therm": 45.0})
+    health: Tuple[Reading, ...] = (Reading("temperature", 45.0, "°C"), Reading("load", 0.2))
     unreachable: str = ""
     dead_camera: str = ""
 
@@ -55,11 +55,8 @@ class Patient:
             raise HardwareError(self.dead_camera)
         return self.look
 
-    def free_bytes(self, path: Path) -> int:
-        return self.free
-
-    def temperatures_c(self) -> Dict[str, float]:
-        return self.heat
+    def readings(self) -> Tuple[Reading, ...]:
+        return self.health
 
     def connects(self, host: str, port: int) -> str:
         return self.unreachable
@@ -108,6 +105,10 @@ def sets(**changes: object) -> Ail:
     return lambda patient: [setattr(patient, name, value) for name, value in changes.items()]
 
 
+def suffers(*reading: Any) -> Ail:
+    return sets(health=(Reading(*reading),))
+
+
 def looks(**changes: object) -> Ail:
     return lambda patient: setattr(patient, "look", patient.look._replace(**changes))
 
@@ -136,10 +137,10 @@ AILMENTS: Dict[str, Tuple[Ail, str, str, str]] = {
     "camera frozen": (looks(repeats=59), "camera", FAIL, "plug the camera again"),
     "lens covered": (looks(brightness=3.0), "camera", WARN, "cap"),
     "localizer away": (sets(unreachable="timed out"), "localizer", WARN, "is it running"),
-    "disk full": (sets(free=400_000_000), "disk", FAIL, "delete"),
-    "disk filling": (sets(free=800_000_000), "disk", WARN, "delete"),
-    "hot": (sets(heat={"CPU-therm": 95.0}), "temperature", FAIL, "fan"),
-    "warm": (sets(heat={"CPU-therm": 80.0}), "temperature", WARN, "fan"),
+    "disk filling": (suffers("disk free", 4.0, "%", "warn"), "disk free", WARN, "delete"),
+    "little memory": (suffers("memory free", 90, "MB", "warn"), "memory free", WARN, "programs"),
+    "hot": (suffers("temperature", 95.0, "°C", "bad"), "temperature", FAIL, "fan"),
+    "warm": (suffers("temperature", 82.0, "°C", "warn"), "temperature", WARN, "fan"),
 }
 
 
@@ -245,6 +246,5 @@ def test_this_computer_can_be_looked_at(tmp_path: Path) -> None:
     machine = Machine()
     assert machine.package("numpy")
     assert machine.package("no-such-package") is None
-    assert machine.free_bytes(tmp_path) > 0
     assert "refused" in machine.connects("127.0.0.1", 9)
-    assert all(math.isfinite(t) for t in machine.temperatures_c().values())
+    assert all(math.isfinite(each.value) for each in machine.readings())

@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from tests.robot.link.conftest import free_base_port, until
 from tools.loop.operator import Operator
-from tools.loop.timekeeper import RealTime
+from tools.loop.timekeeper import Timekeeper
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads Linux's /proc")
 
@@ -33,14 +32,13 @@ def test_the_robot_ends_with_its_monitor(tmp_path: Path, how: signal.Signals) ->
         assert monitor.stdout is not None
         address = re.search(r":([0-9]+)/\?token=(\S+)", monitor.stdout.readline())
         assert address is not None
-        with closing(RealTime()) as time:
-            page = Operator(time, int(address[1]), address[2])
+        page = Operator(Timekeeper(), int(address[1]), address[2])
 
-            def shown() -> bool:
-                page.turn()
-                return page.state == "DISARMED" and bool(page.robot["pose"])
+        def shown() -> bool:
+            page.turn()
+            return page.state == "DISARMED" and bool(page.robot["pose"])
 
-            assert until(shown, 60.0)
+        assert until(shown, 60.0)
         children = Path(f"/proc/{monitor.pid}/task/{monitor.pid}/children").read_text().split()
         programs = [child for child in children if "tools.loop.in_step" in said(child)]
         assert len(programs) == 3

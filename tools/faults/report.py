@@ -8,24 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robot.output import write_bytes
-from tools.faults.case import STOP_BUDGET_S, Outcome
-
-HEAD = f"""# Faults
-
-Each row is a fault that the robot, localizer and monitor met as separate processes on the
-[loop bench](loop.md), while the robot drove a mission at 0.3 m/s. *Limit* is the age at which the
-fault counts; the motors must take their *last step* at most {1000 * STOP_BUDGET_S:.0f} ms later.
-Afterwards the fault is repaired: that alone may neither move nor arm the robot. *Shown* is what the
-monitor says, or the robot's terminal; ″ repeats the row above. A dash means that the robot must
-drive on, or was not driving.
-
-Made by `python -m tools.faults --model MODEL --report docs/faults.md`. Times are simulated. """
+from robot.typed_config import read_yaml
+from tools.faults.case import FILE, STOP_BUDGET_S, Outcome
 
 
 def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
     """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
     passed = f"{sum(outcome.passed for outcome in outcomes)} of {len(outcomes)}"
-    lines = [HEAD, f"{passed} passed.\n"]
+    head = read_yaml(FILE)["page"].rstrip().format(1000.0 * STOP_BUDGET_S)
+    lines = [f"{head} {passed} passed.\n"]
     if unmet:
         lines.append(f"Not met in this run: {', '.join(unmet)}.\n")
     for family in dict.fromkeys(outcome.family for outcome in outcomes):

@@ -29,7 +29,7 @@ from robot.typed_config import to_plain
 from sim_pybullet.look import NOMINAL, Look
 from tools.loop.operator import Operator
 from tools.loop.proxy import Proxy
-from tools.loop.timekeeper import BenchError, Conductor, RealTime, Timekeeper
+from tools.loop.timekeeper import BenchError, Conductor, Timekeeper
 from tools.loop.town import CAMERA_FPS, OVERHEAD_FPS, VirtualTown
 
 START_S = 30.0  # until all have heard of each other
@@ -115,7 +115,7 @@ class Bench:
         folder.mkdir(exist_ok=True)
         self.road_map = load_map(options.map)
         self.time: Timekeeper = (
-            Conductor(folder, (*PROGRAMS, *OF_SECOND)) if options.lockstep else RealTime()
+            Conductor(folder, (*PROGRAMS, *OF_SECOND)) if options.lockstep else Timekeeper()
         )
         self.programs = (*PROGRAMS, *(OF_SECOND if options.among else ()))
         scene = self.road_map, options.look, self.time, folder, options.seed
@@ -139,6 +139,7 @@ class Bench:
             stack.callback(self.close)
             if not self.options.lockstep:
                 self.town.warm_up()
+                self.time.start()
             for name in self.programs:
                 self.start(name)
             self.operator = self.log_in()
@@ -256,7 +257,7 @@ class Bench:
             process.end()
         for network in self.networks.values():
             network.close()
-        self.time.close()
+        self.time.end()
         self.town.close()
 
     def _wait_for_ends(self) -> None:

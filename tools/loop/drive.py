@@ -166,12 +166,11 @@ def row(record: MissionRecord, real_s: float, bench_s: float) -> dict[str, Any]:
     """One mission's line in the JSON."""
     rms = np.sqrt(np.mean(np.square(record.errors or [(math.nan, math.nan)]), axis=0))
     offsets = np.array(record.offsets_m or [math.nan])
-    same = ("length_m", "arrived", "phase", "reason", "detours", "seconds", "missed_m")
+    told = asdict(record)
+    del told["offsets_m"], told["errors"]
     return {
-        "start": [round(float(v), 3) for v in record.start],
-        "destination": [round(v, 3) for v in record.destination],
-        **{name: getattr(record, name) for name in same},
-        "stop": asdict(record.stop) if record.stop else None,
+        **told,
+        "arrived": record.arrived,
         "mean_path_distance_m": float(offsets.mean()),
         "max_path_distance_m": float(offsets.max()),
         "position_rms_m": float(rms[0]),

@@ -40,11 +40,16 @@ class Event:
     due_s: float
 
 
-class Timekeeper:
-    """Gives time to nobody yet; what only lock-step needs does nothing here."""
+class Timekeeper(Worker):
+    """The wall clock gives time to everybody; what only lock-step needs does nothing here.
 
-    def __init__(self, clock: Clock) -> None:
-        self.clock = clock
+    Once started, hardware answers in this thread: a motor's driver does not wait for a picture to
+    be drawn.
+    """
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        super().__init__("hardware")
+        self.clock = clock or MonotonicClock()
         self._events: list[Event] = []
         self._services: list[Listener] = []
 
@@ -84,32 +89,11 @@ class Timekeeper:
         """As ``poked``, for hardware that answers a waiting process."""
 
     def run_until(self, time_s: float) -> None:
-        """Let everybody live until the clock reads ``time_s`` [s]."""
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """Give nobody time any more."""
-        raise NotImplementedError
-
-
-class RealTime(Timekeeper):
-    """Does what `Conductor` does, without giving time to anybody.
-
-    Hardware answers in a thread of its own: a motor's driver does not wait for a picture to be
-    drawn.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(MonotonicClock())
-        self._hardware = Hardware(self._services)
-        self._hardware.start()
-
-    def run_until(self, time_s: float) -> None:
-        """Let things happen until the clock reads ``time_s`` [s]; what was missed is skipped.
+        """Let everybody live until the clock reads ``time_s`` [s]; what was missed is skipped.
 
         HardwareError: nothing answers any more.
         """
-        self._hardware.check()
+        self.check()
         while True:
             now_s = self.clock.now()
             for event in list(self._events):
@@ -121,18 +105,6 @@ class RealTime(Timekeeper):
                 return
             next_s = min([e.due_s for e in self._events] + [time_s])
             time.sleep(max(0.0, next_s - now_s))
-
-    def close(self) -> None:
-        """Stop serving."""
-        self._hardware.end()
-
-
-class Hardware(Worker):
-    """Serves the virtual hardware's sockets."""
-
-    def __init__(self, services: list[Listener]) -> None:
-        super().__init__("hardware")
-        self._services = services
 
     def _work(self) -> None:
         while not self._ending.is_set():
@@ -234,7 +206,7 @@ class Conductor(Timekeeper):
                 names = ", ".join(p.name for p in busy)
                 raise BenchError(f"{names}: no end to its work at {self.clock.now():.3f} s")
 
-    def close(self) -> None:
+    def end(self) -> None:
         """Give nobody time any more; processes in step end by that."""
         for participant in self._participants.values():
             participant.connection.close()

@@ -49,7 +49,7 @@ def _virtual(folder: Path, stack: ExitStack) -> RobotConfig:
     from sim_pybullet.virtual.hat import VirtualHat
     from sim_pybullet.virtual.i2c import VirtualI2cBus
     from tools.loop.devices import BusServer, PictureServer
-    from tools.loop.timekeeper import Hardware
+    from tools.loop.timekeeper import Timekeeper
 
     rng = np.random.default_rng(0)
     bus = VirtualI2cBus()
@@ -57,9 +57,11 @@ def _virtual(folder: Path, stack: ExitStack) -> RobotConfig:
     motors = BusServer(folder / "i2c", bus, lambda: None)
     see = lambda: rng.integers(0, 256, FRAME_SHAPE, dtype=np.uint8)  # noqa: E731
     camera = PictureServer(folder / "camera", see, lambda: None)
+    hardware = Timekeeper()
     for service in (motors, camera):
         stack.callback(service.close)
-    stack.enter_context(Hardware([motors, camera]))
+        hardware.add_service(service)
+    stack.enter_context(hardware)
     stack.enter_context(Shutter(camera.moment))
     time.sleep(0.05)
     return RobotConfig(

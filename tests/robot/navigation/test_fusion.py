@@ -237,7 +237,7 @@ def test_calibration_stays_within_its_bounds_whatever_comes(
     for tick, (forward, turn, seen) in enumerate(turns, 1):
         fusion.move(np.array([forward]), np.array([turn]), 0.1 * tick)
         fusion.measure(seen, np.array([0.1 * tick]))
-        assert (np.abs(fusion._beside[0, :3]) <= (0.2, 0.35, 1.4)).all()
+        assert (np.abs(fusion._state[0, 3:6]) <= (0.2, 0.35, 1.4)).all()
         assert np.isfinite(fusion.poses).all()
 
 

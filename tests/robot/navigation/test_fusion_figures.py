@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from robot.navigation.fusion import FusionConfig, PoseFusion, compose
+from tests.robot.navigation.test_fusion import position_sd_m
 
 
 def test_what_the_filter_takes_for_granted() -> None:
@@ -56,7 +57,7 @@ def figures() -> List[List[float]]:
             measured[1] = math.nan if tick % 11 == 5 else measured[1]
             fusion.measure(measured, np.array([now_s - 0.2, now_s - 0.17]))
         if tick % 20 == 19:
-            rows = (*fusion.poses.ravel(), *fusion.position_sd_m, *fusion.wheels_off.ravel())
+            rows = (*fusion.poses.ravel(), *position_sd_m(fusion), *fusion._state[:, 3:6].ravel())
             told.append([*rows, *fusion.rejected, *fusion.age_s(now_s)])
     return told
 

@@ -125,13 +125,13 @@ def test_who_arrived_keeps_what_it_learned_of_its_wheels_and_who_was_stopped_doe
     world = seeing()
     drive(world, 400)
     assert world.guidance.arrived
-    learned = world.navigator._fusion.wheels_off[0, 0]
+    learned = float(world.navigator._fusion._state[0, 3])
     assert learned > 0.02, "these wheels slip by 6 %"
     world.navigator.begin("mission-2", GOAL)
-    assert world.navigator._fusion.wheels_off[0, 0] == learned
+    assert world.navigator._fusion._state[0, 3] == learned
     world.navigator.end("stopped")
     world.navigator.begin("mission-3", GOAL)
-    assert world.navigator._fusion.wheels_off[0, 0] == 0.0
+    assert world.navigator._fusion._state[0, 3] == 0.0
 
 
 def test_a_person_tells_where_it_stands_and_it_drives_from_there() -> None:
