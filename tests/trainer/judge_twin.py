@@ -17,20 +17,30 @@ import numpy as np
 
 from robot.command_line import SEED, OneLineParser, number, whole
 from robot.output import write_json
-from sim_pybullet.look import Look
+from sim_pybullet.look import NOMINAL, Look
+from sim_pybullet.motors import PHYSICS_DT_S
 from sim_pybullet.randomise import load_look_sampler
 from tests.trainer.virtual_drive import record_drive
 from trainer.twin.camera import PX_PER_RAD, cover_scene
 from trainer.twin.colours import members, seen_from
 from trainer.twin.fit import Twin, fit_twin
+from trainer.twin.motion import NAMES, at_times, reckoned
 from trainer.twin.page import twin_pictures, write_page
 from trainer.twin.recorded import Recorded, read_drive
 
 MAP = "rings/claw"
+REPLAY_S = 10.0
 LEAST_PIXELS = 100
 AIMS = {
     **{"camera_delay_ms": 20.0, "delays_ms": 20.0, "gain": 0.02, "trim": 0.005},
-    **{"turn_gain": 0.02, "pitch_deg": 0.5, "middle_deg": 0.5, "height_mm": 3.0, "levels": 8.0},
+    **{
+        "replay_cm": 5.0,
+        "turn_gain": 0.02,
+        "pitch_deg": 0.5,
+        "middle_deg": 0.5,
+        "height_mm": 3.0,
+        "levels": 8.0,
+    },
 }
 
 
@@ -48,6 +58,8 @@ class Errors:
     height_mm: float
     levels: float  # greatest of any colour, in the twin's pictures of places that were recorded
     share: float  # of the pictures that the map explains
+    replay_cm: float  # after 10 s of the recorded commands in the twin, less where it really ends
+    nominal_cm: float  # likewise in the nominal look
 
 
 def errors_of(twin: Twin, true: Look, drive: Recorded) -> Errors:
@@ -73,7 +85,21 @@ def errors_of(twin: Twin, true: Look, drive: Recorded) -> Errors:
         height_mm=1e3 * (look.camera.height_m - true.camera.height_m) if seen else math.nan,
         levels=_levels(twin, drive) if seen else math.nan,
         share=twin.camera.share,
+        replay_cm=replayed_cm(look, true, drive.commands),
+        nominal_cm=replayed_cm(NOMINAL, true, drive.commands),
     )
+
+
+def replayed_cm(look: Look, true: Look, commands: np.ndarray) -> float:
+    """How far from each other two robots end under commands (K, 2): the mean of all 10 s."""
+    looks = [[getattr(each.drive, name) for name in NAMES] for each in (look, true)]
+    tracks = reckoned(commands, np.array(looks))
+    begin_s = np.arange(1.0, len(commands) * PHYSICS_DT_S - REPLAY_S, REPLAY_S)
+    ends = []
+    for track, (*_, delay_s) in zip(tracks, looks, strict=True):
+        first, last = (at_times(track, begin_s + s, delay_s) for s in (0.0, REPLAY_S))
+        ends.append(np.exp(-1j * first[:, 2]) * ((last - first)[:, :2] @ (1.0, 1j)))
+    return float(100.0 * np.abs(ends[0] - ends[1]).mean())
 
 
 def _late_s(look: Look) -> float:
@@ -125,6 +151,7 @@ def main() -> int:
         errors = np.abs([each[name] for each in found])
         within = int((errors <= aim).sum())
         print(f"{name}: {within} of {len(found)} within {aim:g}, median {np.nanmedian(errors):.3g}")
+    print(f"nominal_cm: median {np.median([each['nominal_cm'] for each in found]):.3g}")
     return 0
 
 

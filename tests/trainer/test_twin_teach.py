@@ -130,7 +130,7 @@ def test_a_proof_says_where_most_drives_fail_and_when() -> None:
         look = replace(NOMINAL, sensor=replace(NOMINAL.sensor, exposure=exposure))
         rides.append((bool(success), Ride(poses=[corner], look=look)))
     said = where_failed(road_map, rides)
-    assert said.startswith("on the bend in the north")
+    assert said.startswith("most on the bend in the north")
     assert said.endswith("(10 of 10), in the dark")
     assert where_failed(road_map, rides[1:4]) == ""  # nobody failed
 
@@ -138,4 +138,4 @@ def test_a_proof_says_where_most_drives_fail_and_when() -> None:
 def test_one_failure_tells_a_place_and_no_look() -> None:
     road_map = load_map("loop")
     one = [(k > 0, Ride(poses=[np.zeros(3)], look=NOMINAL)) for k in range(20)]
-    assert where_failed(road_map, one) == "on the bend in the south-west (1 of 1)"
+    assert where_failed(road_map, one) == "most on the bend in the south-west (1 of 1)"

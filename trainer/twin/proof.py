@@ -58,7 +58,7 @@ def prove(
     sentence = f"{share:.0f} % of {drives} {what} in its twin (95 %: {low:.0%} to {high:.0%})"
     fails = where_failed(road_map, done)
     if fails:
-        sentence += f"; fails most {fails}"
+        sentence += f"; fails {fails}"
     if steered:
         sentence += f"; steers as the person did in {same} of {steered} held-out moments"
     return Proof(drives, succeeded, low, high, steered, same, sentence, fails)
@@ -71,8 +71,10 @@ def where_failed(road_map: RoadMap, rides: Sequence[tuple[bool, Ride]]) -> str:
         return ""
     places = Counter(_place(road_map, *ride.poses[-1][:2].tolist()) for ride in failed)
     place, count = places.most_common(1)[0]
+    if count == 1 < len(failed):
+        return f"in {len(failed)} different places"
     when = _look(failed, [ride for success, ride in rides if success])
-    return f"{place} ({count} of {len(failed)}){when}"
+    return f"most {place} ({count} of {len(failed)}){when}"
 
 
 def _place(road_map: RoadMap, x_m: float, y_m: float) -> str:
