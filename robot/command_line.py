@@ -55,27 +55,6 @@ def one_line(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-def tell_of_imports(package: str) -> None:
-    """Let also what is raised while ``python -m PACKAGE.…`` is imported end in one line.
-
-    A package calls it as its first act; imported by anything else, nothing changes.
-    """
-    if sys.argv[:1] != ["-m"]:
-        return
-    words = getattr(sys, "orig_argv", [])
-    program = words[words.index("-m") + 1] if "-m" in words[:-1] else package
-
-    def told(kind: Any, error: BaseException, trace: Any) -> None:
-        line, status = _told(error)
-        if line is None:
-            sys.__excepthook__(kind, error, trace)
-            return
-        print(f"{program}: {one_line(line)}", file=sys.stderr)
-        raise SystemExit(status)
-
-    sys.excepthook = told
-
-
 def _told(error: BaseException) -> Tuple[Optional[str], int]:
     """The line and the exit status of what a person can mend; no line for anything else."""
     if isinstance(error, KeyboardInterrupt):

@@ -7,9 +7,5 @@ from __future__ import annotations
 
 import importlib.util
 
-from robot.command_line import tell_of_imports
-
-tell_of_imports("sim_pybullet")
-
 if importlib.util.find_spec("gymnasium"):
     import sim_pybullet.tasks  # noqa: F401

@@ -13,10 +13,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from robot.command_line import SEED, OneLineParser, answer, number
 from robot.inference.policy import SHIPPED_MODELS
@@ -24,6 +21,9 @@ from robot.output import expect_folder, write_json
 from robot.typed_config import read_yaml
 
 TRAIN_SECONDS = 75.0
+if TYPE_CHECKING:
+    from rich.console import Console
+
 FILE = Path(__file__).with_name("demo.yaml")
 NAVIGATOR = SHIPPED_MODELS / "nav_dueling.onnx"
 
@@ -91,6 +91,8 @@ def summarise(out: Path, total_s: float) -> dict[str, Any]:
 
 def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
     """A short table, and the page to open."""
+    from rich.table import Table
+
     table = Table(title="duckpilot demo", show_header=False)
     for name in [*metrics][2:]:
         value = metrics[name]
@@ -117,6 +119,8 @@ def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo")
 
 def show_all(out: Path, seed: int, seconds: float) -> int:
     """Run the stages that are not done; 0 when it drove. ConfigError: no place to write to."""
+    from rich.console import Console
+
     expect_folder(out)
     console = Console()
     if (out / "metrics.json").exists():  # the last demo ended: this is a new one

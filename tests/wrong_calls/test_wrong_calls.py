@@ -153,7 +153,6 @@ class Blocked:
 sys.meta_path.insert(0, Blocked())
 program, *words = sys.argv[1:]
 sys.argv = ["-m", *words]  # as Python itself while it imports the packages of a program
-sys.orig_argv = ["python", "-m", program, *words]
 runpy.run_module(program, run_name="__main__", alter_sys=True)
 """
 

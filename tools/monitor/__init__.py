@@ -2,3 +2,5 @@
 
 ``python -m tools.monitor --demo`` shows it on virtual hardware.
 """
+
+LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")

@@ -15,7 +15,7 @@ from robot.link.sockets import LinkConfig
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder
 from robot.typed_config import load_yaml
-from tools.monitor.access import LOOPBACK_NAMES
+from tools.monitor import LOOPBACK_NAMES
 
 PORT = 8600
 WS_LIMIT_BYTES = 4096  # of one message from a page; its longest has 15

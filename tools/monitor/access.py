@@ -17,7 +17,8 @@ from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
+from tools.monitor import LOOPBACK_NAMES
+
 BODY_LIMIT_BYTES = 4096  # as of any message on the link
 SAFE_METHODS = ("GET", "HEAD")
 HEADERS = {
