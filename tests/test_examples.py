@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from trainer.one_thread import ONE_THREAD
+from trainer.processes import ONE_THREAD
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))

@@ -12,8 +12,8 @@ import tyro
 from rich.console import Console
 
 from robot.errors import ConfigError
-from trainer.one_thread import ONE_THREAD
 from trainer.options import EvaluateOptions, TrainOptions
+from trainer.processes import ONE_THREAD
 from trainer.sweeps.sweep import SweepOptions, run_sweep
 
 EXPORT_ROBOTS = 32

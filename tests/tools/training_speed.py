@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trainer.one_thread import ONE_THREAD
+from trainer.processes import ONE_THREAD
 
 if TYPE_CHECKING:
     from trainer.config import RunConfig

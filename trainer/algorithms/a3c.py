@@ -4,8 +4,8 @@ Each process drives robots of its own and takes A2C's gradients of a few steps; 
 them to weights that all share, through RMSProp whose running mean of squares is shared as well.
 Unlike there a worker copies the weights once more before it takes the gradient, which would else
 lie behind by an update of every other worker. Nobody locks anything (Hogwild, Niu et al. 2011), so
-a worker that is killed leaves nothing locked, and another takes its place. The first worker is the
-process that trains; a single one is the same again for the same seed.
+a worker that is killed leaves nothing locked, and the training goes on with fresh ones. The first
+worker is the process that trains; a single one is the same again for the same seed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import time
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -34,10 +33,9 @@ from trainer.learners.episode_count import EpisodeCount, EpisodeEnd, Tell
 from trainer.learners.networks import DrivingActorCritic
 from trainer.learners.policies import learning_rates, policy_arguments
 from trainer.learners.world import learning_world
-from trainer.one_thread import send_out
+from trainer.processes import LocalProcesses
 from trainer.run import RunFolder
-
-_MOST_REPLACED = 100  # more deaths than that are no accidents
+from trainer.training.crew import PeerLostError
 
 
 @dataclass(frozen=True)
@@ -140,20 +138,23 @@ class _Orders(NamedTuple):
     shared: Shared
     number: int  # of the worker
     begun: int  # decisions before the workers began
-    cpu_s: float = 0.0  # of those whose place this one has taken
 
 
 class _Others:
-    """The worker processes beside the first; dead ones are replaced."""
+    """The worker processes beside the first."""
 
     def __init__(self, making: Making, shared: Shared, begun: int) -> None:
-        self.replaced, config, count = 0, making.config, len(shared.steps)
+        config, count = making.config, len(shared.steps)
+        self._processes = LocalProcesses()
+        self._workers = []
         seeds = np.random.SeedSequence((config.seed, begun)).generate_state(count) % 2**31
-        configs = [replace(config, seed=int(seed)) for seed in seeds]
-        self._orders = [
-            _Orders(configs[k], making.make_env, shared, k, begun) for k in range(1, count)
-        ]
-        self._workers = [_send_out(each) for each in self._orders]
+        for k in range(1, count):
+            ours, theirs = multiprocessing.Pipe(duplex=False)
+            own = replace(config, seed=int(seeds[k]))
+            orders = _Orders(own, making.make_env, shared, k, begun)
+            self._workers.append((self._processes.start(_work, orders, theirs), ours))
+            theirs.close()
+        self._cpu_s = [0.0] * len(self._workers)
 
     def news(self) -> list[tuple[list[EpisodeEnd], float]]:
         """See `A3C.news`."""
@@ -162,52 +163,35 @@ class _Others:
             ended: list[EpisodeEnd] = []
             with suppress(EOFError, OSError):  # of one that has gone, perhaps while it was writing
                 while pipe.poll():
-                    more, cpu_s = pipe.recv()
+                    more, self._cpu_s[k] = pipe.recv()
                     ended += more
-                    self._orders[k] = self._orders[k]._replace(cpu_s=cpu_s)
-            told.append((ended, self._orders[k].cpu_s))
-            if process.exitcode:
-                self._replace(k, process.exitcode)
+            told.append((ended, self._cpu_s[k]))
+            if end := self._processes.ended(process):
+                lost = PeerLostError if end.status < 0 else RuntimeError
+                raise lost(
+                    f"A3C: expected workers that go on until told to stop, worker {k + 2} left: "
+                    f"{end.said or 'its error is above'}"
+                )
         return told
-
-    def _replace(self, k: int, exitcode: int) -> None:
-        self.replaced += 1
-        if exitcode > 0 or self.replaced > _MOST_REPLACED:
-            raise RuntimeError(
-                f"A3C: expected workers that go on until told to stop, worker {k + 1} left with "
-                f"exit status {exitcode} ({self.replaced} replaced so far); its error is above"
-            )
-        self._workers[k][1].close()
-        config = self._orders[k].config
-        again = replace(config, seed=config.seed + self.replaced)
-        self._orders[k] = self._orders[k]._replace(config=again)
-        self._workers[k] = _send_out(self._orders[k])
 
     def close(self) -> None:
         """End the workers, wherever they are: nothing is locked, or theirs alone."""
         for process, pipe in self._workers:
             process.kill()
-            process.join()
             pipe.close()
-
-
-def _send_out(orders: _Orders) -> tuple[BaseProcess, Connection]:
-    ours, theirs = multiprocessing.Pipe(duplex=False)
-    process = send_out(_work, orders, theirs)
-    theirs.close()
-    return process, ours
+        self._processes.close()
 
 
 def _work(orders: _Orders, pipe: Connection) -> None:
     """The main function of a worker's process: learns until it is killed, or alone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
-    config, make_env, shared, number, begun, cpu_s = orders
+    config, make_env, shared, number, begun = orders
     torch.set_num_threads(config.threads)
     trainer = multiprocessing.parent_process()
 
     def tell(ended: list[EpisodeEnd]) -> None:
         if ended:
-            pipe.send((ended, cpu_s + time.process_time()))
+            pipe.send((ended, time.process_time()))
 
     def goes_on() -> bool:
         return trainer is not None and trainer.is_alive()

@@ -22,7 +22,7 @@ from trainer.sweeps.sweep import SweepOptions, WorkerOptions
 T = TypeVar("T")
 
 if TYPE_CHECKING:
-    from trainer.training.crew import Launcher
+    from trainer.processes import Processes
 
 
 @dataclass(frozen=True)
@@ -82,15 +82,14 @@ class TrainJob:
         )
         return INTERRUPTED if metrics.stopped_by == "interrupted" else 0
 
-    def _launcher(self) -> Launcher:
+    def _launcher(self) -> Processes:
         """Who starts the other processes of the training."""
-        from trainer.sweeps.workers import connect
-        from trainer.training.crew import LocalFollowers, RayFollowers
+        from trainer.processes import LocalProcesses, RayProcesses
 
         ray = None if self.alone is None else self.alone.ray
-        return LocalFollowers() if ray is None else RayFollowers(connect(ray))
+        return LocalProcesses() if ray is None else RayProcesses(ray)
 
-    def _processes(self, config: RunConfig, launcher: Launcher) -> int:
+    def _processes(self, config: RunConfig, launcher: Processes) -> int:
         """As many as are asked for, else as serve; one, where this is one of many jobs."""
         from trainer.algorithms import find_algorithm
         from trainer.training.crew import good_number

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import os
+import time
+from collections import deque
 from collections.abc import Sequence
-from concurrent import futures
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
-from trainer.sweeps.workers import LocalWorkers, RayWorkers, last_words
+from trainer.processes import LocalProcesses, Processes, RayProcesses
+from trainer.sweeps.perform import Job, last_words, perform
 
+RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 STOPPING_S = 60.0  # for runs to write their checkpoints
+_LOOK_S = 0.1  # between two looks whether jobs have ended
 _COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
-
-if TYPE_CHECKING:
-    from trainer.sweeps.workers import Job
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
 
     DuckpilotError if a job cannot be done at all; then none was begun.
     """
-    waiting = []
+    waiting: deque[Job] = deque()
     for job in jobs:
         if job.finished():
             console.print(f"{job.title}: finished before", markup=False)
@@ -61,35 +62,47 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
             waiting.append(job)
     if not waiting:
         return 0
-    workers = _workers(many)
-    asked = {workers.submit(job): job for job in waiting}
-    failures: list[str] = []
+    count, failures = len(waiting), list[str]()
+    processes, most = _processes(many, count)
+    going: list[tuple[Any, Job]] = []
     try:
         with Progress(*_COLUMNS, console=console) as bar:
-            for done in bar.track(futures.as_completed(asked), len(asked), description="jobs"):
-                status, said = last_words(asked[done], done)
-                if status == 0:
-                    console.print(said, markup=False)
-                else:
-                    job = asked[done]
-                    failures.append(f"{job.title}: failed, {said} (see {job.log})")
+            row = bar.add_task("jobs", total=count)
+            while waiting or going:
+                while waiting and len(going) < most:
+                    job = waiting.popleft()
+                    going.append((processes.start(perform, job, os.getcwd()), job))
+                for each in list(going):
+                    if ended := processes.ended(each[0]):
+                        going.remove(each)
+                        bar.advance(row)
+                        said = last_words(each[1], ended)
+                        if ended.status == 0:
+                            console.print(said, markup=False)
+                        else:
+                            failures.append(f"{each[1].title}: failed, {said} (see {each[1].log})")
+                time.sleep(_LOOK_S)
     except KeyboardInterrupt:
-        workers.stop()
-        futures.wait(asked, STOPPING_S)
+        processes.stop()
+        until = time.monotonic() + STOPPING_S
+        while time.monotonic() < until and not all(processes.ended(each) for each, _ in going):
+            time.sleep(_LOOK_S)
         console.print("interrupted; the same command goes on")
         return INTERRUPTED
     finally:
-        workers.close()
+        processes.close()
     for text in failures:
         console.print(text, style="red", markup=False)
-    console.print(f"{len(asked) - len(failures)} of {len(asked)} done")
+    console.print(f"{count - len(failures)} of {count} done")
     return 1 if failures else 0
 
 
-def _workers(many: WorkerOptions) -> LocalWorkers | RayWorkers:
+def _processes(many: WorkerOptions, jobs: int) -> tuple[Processes, int]:
+    """Who does the jobs, and how many of them are handed over at once."""
     if many.ray is not None:
-        return RayWorkers(many.ray)
-    count = len(os.sched_getaffinity(0)) if many.workers is None else many.workers
+        return RayProcesses(many.ray, RETRIES), jobs
+    processes = LocalProcesses()
+    count = processes.cores if many.workers is None else many.workers
     if count < 1:
         raise ConfigError(f"workers: expected 1 or more, got {count}")
-    return LocalWorkers(count)
+    return processes, count

@@ -11,7 +11,6 @@ one is lost, the leader goes on with fresh ones from where its weights are.
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import time
@@ -35,7 +34,7 @@ from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
 from trainer.learners.episode_count import EpisodeCount, Tell
 from trainer.learners.world import learning_world
-from trainer.one_thread import send_out
+from trainer.processes import Processes
 from trainer.run import RunFolder
 from trainer.training.checkpoint import content_of, put_back
 
@@ -43,7 +42,6 @@ _PATIENCE = timedelta(hours=1)  # the leader may be judging its policy
 _LOOK_S = 0.1  # between two looks whether followers are ready, or lost
 _MOST_IN_VAIN = 3  # times that followers are replaced before anything more is learned
 _READY = "ready"  # with its rank, of a follower that has its world
-_LEAVE_S = 5.0  # that a process gets to leave in order
 _FEWEST_ROBOTS = 8  # of a process: with fewer, what every step costs anyhow is most of it
 
 
@@ -130,14 +128,15 @@ class Crew:
         config: of the run; of one process has no followers.
         make_env: makes their worlds.
         folder: of the run.
-        launcher: who starts them, at once.
+        launcher: who starts them.
     """
 
     def __init__(
-        self, config: RunConfig, make_env: EnvMaker, folder: Path, launcher: Launcher
+        self, config: RunConfig, make_env: EnvMaker, folder: Path, launcher: Processes
     ) -> None:
         self._config, self._make_env, self._folder = config, make_env, folder
         self._launcher = launcher
+        self._followers: list[Any] = []
         self._peers: Peers | None = None
         self._muster()
 
@@ -173,8 +172,8 @@ class Crew:
             return True
         wanted = [f"{_READY}{rank}" for rank in range(1, self._config.workers)]
         while not self._store.check(wanted):
-            if told := self._launcher.lost():
-                raise PeerLostError(told)
+            for ended in filter(None, map(self._launcher.ended, self._followers)):
+                raise PeerLostError(ended.said or f"exit status {ended.status}, see above")
             if stopped():
                 return False
             time.sleep(_LOOK_S)
@@ -200,7 +199,10 @@ class Crew:
         self._store = distributed.TCPStore(host, 0, workers, is_master=True, wait_for_workers=False)
         given = (self._config, self._make_env, self._folder)
         port = self._store.port
-        self._launcher.start([Orders(*given, rank, host, port) for rank in range(1, workers)])
+        self._followers = [
+            self._launcher.start(follow, Orders(*given, rank, host, port))
+            for rank in range(1, workers)
+        ]
 
 
 @contextmanager
@@ -237,69 +239,3 @@ def follow(orders: Orders) -> None:
         model.learn(steps, tell, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]  # no log
     except (PeerLostError, distributed.DistError):
         return  # the leader has what it wanted; nothing here is worth keeping
-
-
-class LocalFollowers:
-    """Processes of this machine."""
-
-    host = "127.0.0.1"
-
-    def __init__(self) -> None:
-        self.cores = len(os.sched_getaffinity(0))
-        self._processes: list[Any] = []
-
-    def start(self, orders: list[Orders]) -> None:
-        """One process for each."""
-        self._processes = [send_out(follow, each) for each in orders]
-
-    def lost(self) -> str:
-        """What became of one that has ended; empty while all live."""
-        codes = (process.exitcode for process in self._processes)
-        return next((f"exit status {code}, see above" for code in codes if code is not None), "")
-
-    def close(self) -> None:
-        """End them all."""
-        for process in self._processes:
-            process.terminate()
-        for process in self._processes:
-            process.join(_LEAVE_S)
-            process.kill()
-            process.join()
-        self._processes = []
-
-
-class RayFollowers:
-    """Tasks of a Ray cluster, a core each.
-
-    Args:
-        ray: the module, connected to the cluster.
-    """
-
-    def __init__(self, ray: Any) -> None:
-        self._ray, self.host = ray, ray.util.get_node_ip_address()
-        self.cores = 1 + int(ray.cluster_resources().get("CPU", 0))  # with the leader's own
-        # one process each and no second try: the leader replaces who is lost
-        self._follow = ray.remote(num_cpus=1, max_retries=0, max_calls=1)(follow)
-        self._references: list[Any] = []
-
-    def start(self, orders: list[Orders]) -> None:
-        """One task for each."""
-        self._references = [self._follow.remote(each) for each in orders]
-
-    def lost(self) -> str:
-        """What became of one that has ended; empty while all live."""
-        ended, _ = self._ray.wait(self._references, timeout=0)
-        try:
-            self._ray.get(ended)
-        except self._ray.exceptions.RayError as error:
-            return str(error)
-        return "it ended" if ended else ""
-
-    def close(self) -> None:
-        """End them all."""
-        for reference in self._references:
-            self._ray.cancel(reference, force=True)
-        self._references = []
-
-
-Launcher = LocalFollowers | RayFollowers

@@ -18,10 +18,11 @@ from trainer.config import RunConfig
 from trainer.export import export_run
 from trainer.learners.replay import MappedReplayBuffer
 from trainer.learners.world import learning_world
+from trainer.processes import LocalProcesses, Processes
 from trainer.report.curves import draw_curve
 from trainer.run import EpisodeLog, RunFolder, write_json
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
-from trainer.training.crew import Crew, Launcher, LocalFollowers, share_of
+from trainer.training.crew import Crew, share_of
 from trainer.training.watch import Watch
 
 
@@ -49,7 +50,7 @@ def train(
     make_env: EnvMaker,
     console: Console,
     checkpoint_period_s: float = 10.0,
-    launcher: Launcher | None = None,
+    launcher: Processes | None = None,
 ) -> Metrics:
     """Train until the steps, the seconds or the task are done; go on from a checkpoint if any.
 
@@ -66,7 +67,7 @@ def train(
     with ExitStack() as closing:
         drivers = -(-config.evaluation.episodes // config.evaluation.rounds)
         # first of all: while the others make their worlds, this process does
-        crew = Crew(config, make_env, folder.path, launcher or LocalFollowers())
+        crew = Crew(config, make_env, folder.path, launcher or LocalProcesses())
         closing.callback(crew.close)
         judging_env = make_env(judged(config), drivers, config.seed)
         closing.callback(judging_env.close)

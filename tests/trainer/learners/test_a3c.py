@@ -19,6 +19,7 @@ from trainer.config import RunConfig
 from trainer.presets import preset
 from trainer.run import RunFolder
 from trainer.training.checkpoint import TrainState, load_checkpoint, save_checkpoint
+from trainer.training.crew import PeerLostError
 
 
 def a3c_config(steps: int, seed: int = 0, **learn: Any) -> RunConfig:
@@ -213,11 +214,11 @@ def test_each_worker_keeps_to_one_core(tmp_path: Path) -> None:
 
 
 class KillOneWorker(BaseCallback):
-    """Kills a worker once it has worked, and stops when its place is filled again."""
+    """Kills a worker once it has worked, and stops when its place has been filled again."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.killed = 0
+        self.killed, self.lost = 0, False
         self.cpu_s = 0.0
         self.robots: set[int] = set()  # of others, that ended an episode after the killing
 
@@ -228,20 +229,23 @@ class KillOneWorker(BaseCallback):
         told = self.model.news()
         ended = [episode.robot for episodes, _ in told for episode in episodes]
         self.cpu_s = sum(cpu_s for _, cpu_s in told)
-        if not self.killed and ended:
+        if self.lost:
+            self.robots.update(ended)
+        elif not self.killed and ended:
             worker = multiprocessing.active_children()[0]
             self.killed = worker.pid or 0
             worker.kill()
-        elif self.model.others.replaced:
-            self.robots.update(ended)
 
 
-def test_a_killed_worker_is_replaced() -> None:
+def test_a_killed_worker_is_told_of_and_fresh_ones_go_on() -> None:
     model, callback = model_of(a3c_config(10**7, workers=2)), KillOneWorker()
-    model.learn(10**7, callback)
+    with pytest.raises(PeerLostError, match="worker 2 left: killed by SIGKILL"):
+        model.learn(10**7, callback)
     assert callback.killed
+    assert not multiprocessing.active_children()
+    callback.lost, reached = True, model.num_timesteps
+    model.learn(10**7, callback, reset_num_timesteps=False)
     assert callback.robots == {4, 5, 6, 7}
-    assert model.others.replaced == 1
     assert callback.cpu_s > 0.0
     assert not multiprocessing.active_children()
-    assert model.num_timesteps > 0
+    assert model.num_timesteps > reached > 0

@@ -16,9 +16,10 @@ from rich.console import Console
 from robot.errors import ConfigError
 from tests.trainer.chores import Chore, ToyTraining
 from tests.trainer.toy import make_toy, toy_config
+from trainer.processes import RayProcesses
 from trainer.run import RunFolder
-from trainer.sweeps.workers import RayWorkers, connect, last_words
-from trainer.training.crew import RayFollowers
+from trainer.sweeps.perform import last_words, perform
+from trainer.sweeps.sweep import RETRIES
 from trainer.training.train import train
 
 ray = pytest.importorskip("ray")
@@ -49,20 +50,23 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
     training = ToyTraining(tmp_path / "toy", steps=12_000)
     training.out.mkdir()
     run = RunFolder(training.out)
-    workers = RayWorkers(address)
+    workers = RayProcesses(address, RETRIES)
     try:
         jobs = (training, Chore(tmp_path / "a"), Chore(tmp_path / "b", "refuse"))
-        asked = {job.title: (job, workers.submit(job)) for job in jobs}
+        asked = [(job, workers.start(perform, job, str(tmp_path))) for job in jobs]
         wait_for(run.checkpoint)
         killed = int((training.out / "pid").read_text())
         os.kill(killed, signal.SIGKILL)
         reached = int(torch.load(run.checkpoint, weights_only=True)["counters"]["num_timesteps"])
-        ended = {title: last_words(*each) for title, each in asked.items()}
+        ray.wait([each for _, each in asked], num_returns=3, timeout=120.0)
+        ended = [workers.ended(each) for _, each in asked]
     finally:
         workers.close()
-    assert {title: status for title, (status, _) in ended.items()} == {"toy": 0, "a": 0, "b": 2}
+        ray.shutdown()
+    assert [each and each.status for each in ended] == [0, 0, 2]
     assert (tmp_path / "a").read_text() == "write 1"
-    assert ended["b"][1] == "expected this, got that"
+    assert ended[2] is not None
+    assert last_words(jobs[2], ended[2]) == "expected this, got that"
     assert int((training.out / "pid").read_text()) != killed
     steps = [episode.step for episode in run.episodes()]
     assert steps == sorted(steps)
@@ -73,7 +77,7 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, address: str) -> None:
 
 def test_no_cluster_is_wrong_input() -> None:
     with pytest.raises(ConfigError, match="expected the address of a running cluster"):
-        RayWorkers("nonsense")
+        RayProcesses("nonsense")
 
 
 @pytest.mark.slow
@@ -83,7 +87,7 @@ def test_where_no_cluster_answers_is_wrong_input_within_twenty_seconds(listens: 
         address = f"127.0.0.1:{silent.getsockname()[1] if listens else 1}"
         began = time.monotonic()
         with pytest.raises(ConfigError, match="expected the address of a running cluster"):
-            RayWorkers(address)
+            RayProcesses(address)
         assert time.monotonic() - began < 20.0
 
 
@@ -112,7 +116,7 @@ def test_a_training_over_a_cluster_survives_the_loss_of_a_node(
 
     losing = threading.Thread(target=lose_the_node)
     try:
-        launcher = RayFollowers(connect(cluster.address))
+        launcher = RayProcesses(cluster.address)
         assert launcher.cores == 3
         losing.start()
         metrics = train(config, run, make_toy, Console(quiet=True), launcher=launcher)

@@ -19,10 +19,11 @@ from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.config import RunConfig
 from trainer.options import TrainOptions
 from trainer.presets import preset
+from trainer.processes import Ended, LocalProcesses
 from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob
 from trainer.sweeps.sweep import WorkerOptions
-from trainer.training.crew import Crew, LocalFollowers, good_number, share_of
+from trainer.training.crew import Crew, good_number, share_of
 from trainer.training.train import train
 
 
@@ -82,19 +83,19 @@ def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
     assert metrics.stopped_by == "solved"
 
 
-class Killing(LocalFollowers):
+class Killing(LocalProcesses):
     """Kills each of its first followers once they have learned a while."""
 
     def __init__(self, kills: int) -> None:
         super().__init__()
         self.kills = kills
 
-    def start(self, orders: list) -> None:
-        super().start(orders)
+    def start(self, do: Any, *orders: Any) -> Any:
+        process = super().start(do, *orders)
         if self.kills:
             self.kills -= 1
-            victim = self._processes[0].pid
-            threading.Timer(4.0, os.kill, (victim, signal.SIGKILL)).start()
+            threading.Timer(4.0, os.kill, (process.pid, signal.SIGKILL)).start()
+        return process
 
 
 @pytest.mark.slow
@@ -123,17 +124,21 @@ class Nobody:
 
     host, cores = "127.0.0.1", 2
 
-    def start(self, orders: list) -> None:
-        self.orders = orders
+    def __init__(self, status: int | None = None) -> None:
+        self.orders: list[Any] = []
+        self.status = status
 
-    def lost(self) -> str:
-        return ""
+    def start(self, do: Any, *orders: Any) -> None:
+        self.orders += orders
+
+    def ended(self, process: Any) -> Ended | None:
+        return None if self.status is None else Ended(self.status, "")
 
     def close(self) -> None: ...
 
 
 def test_who_waits_for_followers_can_be_stopped(tmp_path: Path) -> None:
-    launcher = Nobody()
+    launcher: Any = Nobody()
     crew = Crew(two_processes("ppo", 100), make_toy, tmp_path, launcher)
     asked: list[bool] = []
 
@@ -148,8 +153,7 @@ def test_who_waits_for_followers_can_be_stopped(tmp_path: Path) -> None:
 
 
 def test_followers_that_die_again_and_again_are_an_error(tmp_path: Path) -> None:
-    launcher = Nobody()
-    launcher.lost = lambda: "exit status 1"  # type: ignore[method-assign]
+    launcher: Any = Nobody(status=1)
     crew = Crew(two_processes("ppo", 100), make_toy, tmp_path, launcher)
     with pytest.raises(RuntimeError, match="followers that stay: exit status 1"):
         crew.learn(cast(Any, SimpleNamespace(num_timesteps=0)), 100, None, lambda: False)

@@ -1,0 +1,164 @@
+"""Processes that work at once, on this machine or on a Ray cluster, a core each.
+
+Libraries that take all cores get in each other's way. numba and OpenMP make their threads when they
+are imported, so the environment must tell them.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from multiprocessing import forkserver
+from multiprocessing.process import BaseProcess
+from typing import Any, NamedTuple
+
+from robot.command_line import one_line
+from robot.errors import ConfigError
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+ANSWER_S = 15.0  # that a cluster may take to answer
+_LEAVE_S = 5.0  # that a process gets to leave in order
+_TRY = "import sys, ray; ray.init(sys.argv[1], log_to_driver=False, logging_level='ERROR')"
+
+
+class Ended(NamedTuple):
+    """How a process ended."""
+
+    status: int  # what it returned or exited with; below 0, the signal that killed it
+    said: str  # why, where that is known
+
+
+class LocalProcesses:
+    """Of this machine; a server that has imported everything forks them.
+
+    That is quick, and no threads are copied.
+    """
+
+    host = "127.0.0.1"
+
+    def __init__(self) -> None:
+        self.cores = len(os.sched_getaffinity(0))
+        self._started: list[BaseProcess] = []
+
+    def start(self, do: Callable[..., object], *orders: Any) -> BaseProcess:
+        """One more, that does so and exits with what it returns."""
+        from torch import multiprocessing
+
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["trainer.training.crew"])
+        before = dict(os.environ)
+        os.environ.update(ONE_THREAD)  # this process keeps what it has
+        try:
+            forkserver.ensure_running()
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
+        process: BaseProcess = context.Process(target=_do, args=(do, *orders))
+        process.start()
+        self._started.append(process)
+        return process
+
+    def ended(self, process: BaseProcess) -> Ended | None:
+        """How it ended; None while it lives."""
+        code = process.exitcode
+        if code is None:
+            return None
+        return Ended(code, f"killed by {signal.Signals(-code).name}" if code < 0 else "")
+
+    def stop(self) -> None:
+        """Ask all to leave."""
+        for process in self._started:
+            process.terminate()
+
+    def close(self) -> None:
+        """End them all."""
+        self.stop()
+        for process in self._started:
+            process.join(_LEAVE_S)
+            process.kill()
+            process.join()
+        self._started = []
+
+
+class RayProcesses:
+    """Of a Ray cluster, see `LocalProcesses`.
+
+    ConfigError if Ray is not installed, or no cluster answers at this address.
+
+    Args:
+        retries: how often one begins again elsewhere whose process or node has died.
+    """
+
+    def __init__(self, address: str, retries: int = 0) -> None:
+        self._ray, self._retries = connect(address), retries
+        self.host = self._ray.util.get_node_ip_address()
+        self.cores = 1 + int(self._ray.cluster_resources().get("CPU", 0))  # with this process's own
+        self._started: list[Any] = []
+
+    def start(self, do: Callable[..., object], *orders: Any) -> Any:
+        """As soon as a core is free."""
+        # a process for each, so that none inherits another's threads and open files
+        remote = self._ray.remote(num_cpus=1, max_retries=self._retries, max_calls=1)(do)
+        self._started.append(remote.remote(*orders))
+        return self._started[-1]
+
+    def ended(self, reference: Any) -> Ended | None:
+        """See `LocalProcesses`."""
+        if not self._ray.wait([reference], timeout=0)[0]:
+            return None
+        try:
+            return Ended(self._ray.get(reference) or 0, "")
+        except self._ray.exceptions.RayError as error:
+            return Ended(1, str(error).strip().splitlines()[-1])
+
+    def stop(self) -> None:
+        """Ask all to leave."""
+        for reference in self._started:
+            self._ray.cancel(reference)
+
+    def close(self) -> None:
+        """End them all; the cluster goes on."""
+        for reference in self._started:
+            self._ray.cancel(reference, force=True)
+        self._started = []
+
+
+Processes = LocalProcesses | RayProcesses
+
+
+def connect(address: str) -> Any:
+    """The module ray, connected; ConfigError if it is not installed, or no cluster answers."""
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError(
+            "ray: expected the package ray, found none; install duckpilot[scale]"
+        ) from error
+    told = f"no answer in {ANSWER_S:.0f} s"
+    try:  # in a process that can be ended: Ray itself waits for a quarter of an hour
+        command = [sys.executable, "-c", _TRY, address]
+        tried = subprocess.run(command, capture_output=True, timeout=ANSWER_S, check=False)
+        told = one_line(tried.stderr.decode(errors="replace"))[-200:] if tried.returncode else ""
+    except subprocess.TimeoutExpired:
+        pass
+    if told:
+        raise ConfigError(
+            f"ray {address!r}: expected the address of a running cluster (ray start --head), "
+            f"got: {told}"
+        )
+    quiet: dict[str, Any] = {
+        "log_to_driver": False,
+        "logging_level": logging.ERROR,
+        "ignore_reinit_error": True,
+    }
+    ray.init(address, runtime_env={"env_vars": ONE_THREAD}, **quiet)
+    return ray
+
+
+def _do(do: Callable[..., object], *orders: Any) -> None:
+    status = do(*orders)
+    sys.exit(status if isinstance(status, int) else 0)
