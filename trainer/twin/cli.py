@@ -57,7 +57,7 @@ def teach_command(
     """Teach a policy your floor: fit a twin, learn on in it, and prove how it drives there.
 
     Leaves twin.yaml, twin.html and model.onnx in its folder. Exit status 1 if the proof is not
-    enough for a robot to arm.
+    enough for a robot to arm, or its base drives better in the twin.
 
     Args:
         recordings: MCAP files of drives on one map.
@@ -94,12 +94,16 @@ def teach_command(
     model = out / "model.onnx"
     export_network(network, taught, model)
     with Progress(console=console) as bar:
-        row = bar.add_task("proof", total=drives)
+        row = bar.add_task("proof", total=2 * drives)
         held_out = examples_of(seen, contract, held_out=True)
-        proof = prove(model, road_map, looks, held_out, drives, lambda _: bar.advance(row))
+        given = road_map, looks, held_out, drives, lambda _: bar.advance(row)
+        before, proof = (prove(file, *given) for file in (path, model))
     proven = replace(taught, proof=proof)
     export_network(network, proven, model)
-    console.print(f"{model}: {proof.sentence}", markup=False)
+    console.print(f"before: {before.sentence}\n{model}: {proof.sentence}", markup=False)
+    worse = proof.succeeded < before.succeeded
+    if worse:
+        console.print(f"it drives worse than {path.stem}: keep that", markup=False)
     if proven.unproven:
         console.print(f"the robot will not arm with it: {proven.unproven}", markup=False)
-    return 1 if proven.unproven else 0
+    return 1 if worse or proven.unproven else 0
