@@ -16,7 +16,7 @@ from typing import List
 from robot.errors import ConfigError, HardwareError
 
 ROOT = Path(__file__).resolve().parents[2]
-SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_coached.onnx"
+SHIPPED_MODEL = ROOT / "robot" / "models" / "lane_sight.onnx"
 SCRIPT = ROOT / "robot" / "install" / "install.sh"
 
 

@@ -88,7 +88,7 @@ def test_steering_that_is_half_reversed_is_not_foretold() -> None:
     assert foretold(good, seen[1], LANE) == (50, 100)
 
 
-@pytest.mark.parametrize("name", ["lane_coached", "lane_ppo", "nav_dueling"])
+@pytest.mark.parametrize("name", ["lane_coached", "lane_ppo", "lane_sight", "nav_dueling"])
 def test_a_shipped_policy_can_learn_on(name: str) -> None:
     network, contract = load_base(base_file(name))  # compared with ONNX in there
     assert contract.task == ("navigation" if name == "nav_dueling" else "lane")

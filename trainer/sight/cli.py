@@ -17,7 +17,10 @@ MODELS = Path(robot.__file__).parent / "models"
 SHIPPED = MODELS / "sight.onnx"
 SEERS = tuple(
     MODELS / f"{name}.onnx"
-    for name in ("lane_coached", "lane_dueling", "lane_ppo", "nav_dueling", "nav_ppo", "sight")
+    for name in (
+        *("lane_sight", "lane_coached", "lane_dueling", "lane_ppo"),
+        *("nav_sight", "nav_dueling", "nav_ppo", "sight"),
+    )
 )
 
 
