@@ -80,8 +80,8 @@ def judge_command(
     tell(console, challenge, verdicts)
     if json is not None:
         asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
-        asked |= {"poses": poses, "seconds": seconds, "maps": [m.name for m in road_maps]}
-        told = {**asked, **verdicts[0].plain()}
+        driven = {"poses": poses, "seconds": seconds, "maps": [m.name for m in road_maps]}
+        told = {**asked, **driven, **verdicts[0].plain()}
         if len(verdicts) > 1:
             told["against"] = verdicts[0].against(verdicts[1])
         write_json(json, told)
