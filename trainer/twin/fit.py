@@ -121,22 +121,25 @@ def fit_twin(drives: Sequence[Recorded]) -> Twin:
     camera = seen.fit_camera(images[chosen], np.concatenate(near)[chosen], drives[0].road_map)
     found: Found = {}
     unseen = [f"not seen, as wide as randomised: {', '.join(_OUT_OF_SIGHT)}"]
-    known = camera.share >= LEAST_EXPLAINED and camera.rival is None
+    known = camera.share >= LEAST_EXPLAINED
     if known:
         scene = seen.cover_scene(drives[0].road_map, camera.width)
         told = [_track(d, at, scene, camera) for d, at in zip(drives, near, strict=True)]
         motion = moved.fit_motion([t for t in told if len(t.times_s) >= 30], eye=True)
+        if camera.rival is not None:
+            other_mm = 1e3 * camera.rival[0]
+            unseen.append(f"camera: one {other_mm:.0f} mm high explains the pictures as well")
+            sd = np.maximum(camera.sd, 0.5 * np.abs(camera.rival - camera.values))
+            camera = camera._replace(sd=sd)
         found |= _camera_of(camera, motion)
         cover = seen_from(scene, camera.values, camera.poses)
         colours = fit_colours(images[chosen], cover, _still(drives[0]))
         found |= _colours_of(colours, camera.width, unseen)
     else:
         told = above
-        why = f"the map explains only {camera.share:.0%} of the pictures"
-        if camera.rival is not None:
-            one_m, other_m = camera.values[0], camera.rival[0]
-            why = f"pictures fit one {1e3 * one_m:.0f} mm high and one of {1e3 * other_m:.0f} mm"
-        unseen.append(f"camera, lens and colours: {why}")
+        unseen.append(
+            f"camera, lens and colours: the map explains only {camera.share:.0%} of the pictures"
+        )
     found |= _motion_of(drives, told, motion, known, unseen)
     if any(drive.skipped for drive in drives):
         found["timing.frame_skip"] = float(np.mean([drive.skipped for drive in drives])), 0.01
