@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import DUCK, Neighbours
 from robot.navigation.others import AHEAD_M
+from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch
 from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern
 from robot.safety.road_ahead import Light, RoadAhead
@@ -47,6 +49,18 @@ class _Robot:
         return self.told
 
 
+class _View(LaneView):
+    """All robots ask of the same poses, of which each is looked up once."""
+
+    def __init__(self, road_map: RoadMap) -> None:
+        super().__init__(road_map)
+        self._line_ahead_m = lru_cache(maxsize=256)(super().line_ahead_m)
+
+    def line_ahead_m(self, pose: Pose) -> float:
+        """See `LaneView`."""
+        return self._line_ahead_m(pose)
+
+
 class _Above:
     """The localizer of one group of bodies; its errors follow from the episode's number."""
 
@@ -74,6 +88,7 @@ class Governed(Pilot):
         super().__init__(policy)
         self._look = ARENA_POSE if poses == "arena" else PoseLook()
         self._robots: dict[int, _Robot] = {}
+        self._views: dict[str, _View] = {}
         self._above: dict[int, _Above] = {}  # of each group
         self._turns = 0
 
@@ -117,7 +132,9 @@ class Governed(Pilot):
             if known is not None and number in (-1, known.number):
                 continue
             group, place = divmod(i, task.group)
-            view = LaneView(task.road_maps[world.maps[i]])
+            road_map = task.road_maps[world.maps[i]]
+            view = self._views.get(road_map.name) or _View(road_map)
+            self._views[road_map.name] = view
             others = Neighbours(view, _name(place), self._look.position_m)
             rules = KeepApart(), StopLines(), Lights(), FirstCome()
             here = Pose(*world.poses[i].tolist())
