@@ -24,7 +24,7 @@ from sim_pybullet.tasks.spec import (
     register,
 )
 from sim_pybullet.traffic.ahead import behind
-from sim_pybullet.traffic.crowd import Approach, Body, Crowd
+from sim_pybullet.traffic.crowd import STANDS_MPS, Approach, Body, Crowd
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
 from sim_pybullet.traffic.scenario import Scenario, load_scenario
 from sim_pybullet.traffic.streets import Streets
@@ -36,7 +36,6 @@ SLOW_MPS = 0.12
 TRAFFIC_ACTIONS: ActionTable = (*FIVE_ACTIONS, (SLOW_MPS, SLOW_MPS), (0.0, 0.0))
 FEWEST_TILES = 3.0  # who has not driven so far has not done what was asked
 _NEAR_M = 0.3  # nearer than that to what is ahead one should not drive
-_STANDS_MPS = 0.02
 _HEADWAY_S = 0.8  # of the expert
 _LOOKAHEAD_M = 0.1  # nearer than elsewhere: within 3 cm of the middle, so that two can pass
 _PENALTY = 20.0
@@ -61,9 +60,8 @@ class Traffic(Task):
 
     Facts: ``tiles`` driven along the lane; ``hit``, whom the collision was with, as
     `sim_pybullet.traffic.crowd.Body`, or 0; ``at_fault``: 0 where the other drove into a robot that
-    stood, or from behind; ``free_m`` ahead along the lane, at most 1.04, and ``closing_mps``, how
-    fast that shrinks; ``least_ttc_s``, the least time to a collision with what was ahead, at these
-    speeds, so far, at most a minute.
+    stood, or from behind; ``free_m`` ahead along the lane, at most 1.04; ``least_ttc_s``,
+    the least time to a collision with what was ahead, at these speeds, so far, at most a minute.
 
     ConfigError for no maps, or robots that do not fill the scenario's worlds; MapError for a map
     without room for it.
@@ -77,7 +75,6 @@ class Traffic(Task):
         "hit",
         "at_fault",
         "free_m",
-        "closing_mps",
         "least_ttc_s",
     )
 
@@ -187,10 +184,7 @@ class Traffic(Task):
         self.met = hit > 0
         self._seen = None
         seen = self.look(poses)
-        free_m, closing_mps = (
-            each[:, : self.group].ravel() for each in (seen.free_m, seen.closing_mps)
-        )
-        ttc_s = np.where(closing_mps > _STANDS_MPS, free_m / np.maximum(closing_mps, 1e-6), np.inf)
+        free_m, ttc_s = (each[:, : self.group].ravel() for each in (seen.free_m, seen.ttc_s))
         self._least_ttc_s = np.minimum(self._least_ttc_s, ttc_s)
         tile_m = self.streets.tile_m[self._maps]
         tiles = course.travelled_m / tile_m
@@ -200,7 +194,7 @@ class Traffic(Task):
         terms = np.vstack(
             (following_terms(course, self.half_lane_m), nearness, -_PENALTY * at_fault)
         )
-        facts = np.stack((tiles, hit, at_fault, free_m, closing_mps, self._least_ttc_s))
+        facts = np.stack((tiles, hit, at_fault, free_m, self._least_ttc_s))
         late = self._steps * CONTROL_DT_S >= self.episode_s - 1e-9
         failed = self.met | off
         judged = self._judged(terms, facts, (failed, np.zeros_like(late), late))
@@ -218,7 +212,7 @@ class Traffic(Task):
         whom = np.where(near, apart, np.inf).argmin(axis=1)
         met = near.any(axis=1)
         hit = np.where(met, bodies.kinds[whom], np.where(collided, Body.THING, 0))
-        stood = np.hypot(*self._velocities.T) < _STANDS_MPS
+        stood = np.hypot(*self._velocities.T) < STANDS_MPS
         theirs = met & (stood | behind(poses, xy_m)[robots, whom])
         return hit, ((hit > 0) & ~theirs).astype(int)
 

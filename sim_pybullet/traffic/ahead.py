@@ -18,10 +18,10 @@ class Ahead(NamedTuple):
     what: np.ndarray  # (...) int, index of the body
 
 
-def look_ahead(
+def steps_ahead(
     points: np.ndarray, poses: np.ndarray, bodies: np.ndarray, clear_m: np.ndarray
-) -> Ahead:
-    """The way that robots have before they would come too near to something.
+) -> np.ndarray:
+    """(N, B) how many steps robots have before they would come too near to each body.
 
     Args:
         points: (N, K, 2) of their paths, at ``AHEAD_M``.
@@ -35,7 +35,11 @@ def look_ahead(
     squares = (points**2).sum(axis=-1)[..., None] - 2.0 * points @ bodies.swapaxes(1, 2)
     limits = np.where(forward > 0.0, clear_m**2 - (bodies**2).sum(axis=-1), -np.inf)
     near = squares < limits[:, None]  # (N, K, B), by the law of cosines
-    first = np.where(near.any(axis=1), near.argmax(axis=1), len(AHEAD_M))  # (N, B)
+    return np.where(near.any(axis=1), near.argmax(axis=1), len(AHEAD_M))
+
+
+def nearest(first: np.ndarray) -> Ahead:
+    """Of what `steps_ahead` says of bodies, that which ends the way."""
     what = first.argmin(axis=1)
     steps = np.take_along_axis(first, what[:, None], axis=1)[:, 0]
     return Ahead(steps * STEP_M, np.where(steps < len(AHEAD_M), what, NOTHING))

@@ -14,7 +14,7 @@ from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
-from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, along, look_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, along, nearest, steps_ahead
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
@@ -24,7 +24,8 @@ from sim_pybullet.traffic.streets import NO_JUNCTION, CarStart, Layout, Streets
 NEAR_M = 0.35  # from axle to junction: who is so near asks
 STOP_M = 0.17  # where a car stands: the red line and a few centimetres before it
 STAND_S = 0.5
-_STANDS_MPS = 0.03
+_WAITS_MPS = 0.03
+STANDS_MPS = 0.02
 _EXIT_M = 0.7  # must be free behind the line, so that nobody stands in a junction
 _TIGHT_M = 0.35  # is enough for who has been patient, or a queue all round a block never moves
 _PATIENCE_S = 6.0  # who has the way and does not go loses it
@@ -38,7 +39,7 @@ class Approach(NamedTuple):
     inside: np.ndarray  # (G, A) int, the one it is in
     free_m: np.ndarray  # (G, A)
     red: np.ndarray  # (G, A) bool
-    closing_mps: np.ndarray  # (G, A) how fast ``free_m`` shrinks
+    ttc_s: np.ndarray  # (G, A) to a collision with who is on the way now, at these speeds
 
 
 class RightOfWay:
@@ -56,7 +57,7 @@ class RightOfWay:
     def ask(self, approach: Approach, speeds_mps: np.ndarray) -> np.ndarray:
         """(G, A) bool: who may go on into the next junction, one decision later."""
         at_line = approach.line_m < NEAR_M
-        stands = at_line & (speeds_mps < _STANDS_MPS)
+        stands = at_line & (speeds_mps < _WAITS_MPS)
         self._stood_s = np.where(at_line, self._stood_s + CONTROL_DT_S * stands, 0.0)
         for group, junction in np.argwhere(self._holder >= 0).tolist():
             self._release(group, junction, approach)
@@ -217,19 +218,22 @@ class Crowd:
         seen = np.repeat(xy_m[:, None], cars, axis=1)
         seen[:, np.arange(cars), np.arange(cars)] = np.nan  # nobody is in their own way
         flat = groups * cars
-        ahead = look_ahead(
+        steps = steps_ahead(
             points.reshape(flat, -1, 2),
             everyone.reshape(flat, 3),
             seen.reshape(flat, -1, 2),
             np.tile(clear_m, (flat, 1)),
         )
-        what = ahead.what.reshape(groups, cars)
-        free_m = ahead.free_m.reshape(groups, cars)
+        free_m = nearest(steps).free_m.reshape(groups, cars)
+        now_m, what = (
+            each.reshape(groups, cars) for each in nearest(steps[:, : len(bodies.kinds)])
+        )
         mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
         others = np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
-        closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * along(points, free_m)).sum(-1)
-        closing = np.where(what == NOTHING, 0.0, closing)
-        return self._approach(everyone, points, free_m, closing)
+        closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * along(points, now_m)).sum(-1)
+        meets = (what != NOTHING) & (closing > STANDS_MPS)
+        ttc_s = np.where(meets, now_m / np.maximum(closing, STANDS_MPS), np.inf)
+        return self._approach(everyone, points, free_m, ttc_s)
 
     def think(self, poses: np.ndarray, velocities: np.ndarray, approach: Approach) -> None:
         """One decision of everybody but ours, by what `look` told."""
@@ -293,13 +297,13 @@ class Crowd:
         )
 
     def _approach(
-        self, poses: np.ndarray, points: np.ndarray, free_m: np.ndarray, closing: np.ndarray
+        self, poses: np.ndarray, points: np.ndarray, free_m: np.ndarray, ttc_s: np.ndarray
     ) -> Approach:
         streets, shape = self._streets, free_m.shape
         if not streets.junctions:
             none = np.full(shape, NO_JUNCTION)
             never = np.zeros(shape, dtype=bool)
-            return Approach(none, np.full(shape, np.inf), none, free_m, never, closing)
+            return Approach(none, np.full(shape, np.inf), none, free_m, never, ttc_s)
         inside = streets.junction_at(self.maps, poses[..., :2])
         ahead = streets.junction_at(self.maps, points)
         other = (ahead != NO_JUNCTION) & (ahead != inside[..., None])
@@ -308,7 +312,7 @@ class Crowd:
         coming = np.where(other.any(axis=-1) & np.isfinite(poses[..., 0]), found, NO_JUNCTION)
         line_m = np.where(coming == NO_JUNCTION, np.inf, (first + 0.5) * STEP_M)
         red = self.lights.red(coming, poses[..., 2])
-        return Approach(coming, line_m, inside, free_m, red, closing)
+        return Approach(coming, line_m, inside, free_m, red, ttc_s)
 
 
 def _most(movers: list[tuple[MapObject, ...]], kind: str) -> int:

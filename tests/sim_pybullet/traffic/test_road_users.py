@@ -10,7 +10,7 @@ from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from sim_pybullet.rendering.solid_table import mover_rows
-from sim_pybullet.traffic.ahead import AHEAD_M, along, look_ahead
+from sim_pybullet.traffic.ahead import AHEAD_M, along, nearest, steps_ahead
 from sim_pybullet.traffic.crowd import Approach, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
@@ -24,10 +24,11 @@ NOBODY = np.full((1, 1, 2), np.nan)
 def test_a_robot_sees_what_is_ahead_on_its_path_and_nothing_else() -> None:
     points = np.stack((AHEAD_M, np.zeros_like(AHEAD_M)), axis=-1)[None]
     bodies = np.array([[(-0.1, 0.0), (0.4, 0.2), (0.6, 0.05), (0.9, 0.0), (np.nan, np.nan)]])
-    seen = look_ahead(points, np.zeros((1, 3)), bodies, np.full((1, 5), 0.15))
+    steps = steps_ahead(points, np.zeros((1, 3)), bodies, np.full((1, 5), 0.15))
+    seen = nearest(steps)
     assert seen.what[0] == 2
     assert 0.44 - 0.041 <= seen.free_m[0] <= 0.6 - 0.14
-    free = look_ahead(points, np.zeros((1, 3)), bodies[:, :2], np.full((1, 2), 0.15))
+    free = nearest(steps[:, :2])
     assert free.what[0] == -1
     assert free.free_m[0] > 0.95
 
