@@ -67,7 +67,7 @@ class Neighbours:
         """What lies before the robot at a pose, on its way (61, 2) [m] of `AHEAD_M`."""
         if not now_s - self._heard_s <= HEARD_S:
             return RoadAhead(free_m=math.nan)
-        way = free_way(way_m, pose, list(self._others(now_s)))
+        way = free_way(way_m, pose, list(self._others(now_s)), self._sigma_m)
         junction = self._junction
         if junction is not None and self._crossings.inside(pose) is None:
             junction = replace(junction, own=replace(junction.own, inside=False))

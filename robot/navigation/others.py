@@ -38,8 +38,13 @@ class Other(NamedTuple):
     walks: bool = False  # it crosses lanes; robots keep to theirs
 
 
-def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> RoadAhead:
-    """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot."""
+def free_way(
+    lane_m: np.ndarray, pose: Pose, others: Sequence[Other], sigma_m: float = 0.0
+) -> RoadAhead:
+    """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot.
+
+    Who is a little behind the robot's axle by places that err by ``sigma_m`` may be before it.
+    """
     seen = np.array(others, dtype=float).reshape(-1, 6)
     seen = seen[np.hypot(seen[:, 0] - pose.x_m, seen[:, 1] - pose.y_m) < _NEAR_M]
     if not len(seen):
@@ -55,7 +60,7 @@ def free_way(lane_m: np.ndarray, pose: Pose, others: Sequence[Other]) -> RoadAhe
         first, where = near.argmax(axis=1), apart_m.argmin(axis=1)
         # In a bend it comes near to things long before it would be abreast of them.
         most_m = np.minimum(AHEAD_M[first] + _HALF_WIDE_M, AHEAD_M[where] - here[:, 4]) - NOSE_M
-        on_it = near.any(axis=1) & (pose.to_robot(at_m)[:, 0] > _IN_FRONT_M)
+        on_it = near.any(axis=1) & (pose.to_robot(at_m)[:, 0] > _IN_FRONT_M - 2.0 * sigma_m)
         for k in np.flatnonzero(on_it & (most_m < nearest.free_m)).tolist():
             if most_m[k] < nearest.free_m:
                 step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]

@@ -119,6 +119,7 @@ class Lights:
 GAP_M = 0.04  # from the nose to a thing before which the robot stands
 HEADWAY_S = 0.9  # in which it would be there: turn, delay and lag of the motors three times over
 _SIGMAS = 2.0
+_CLEAR = 10  # turns: errors of poses last that long
 _LEAST_MPS = 0.02  # slower than that is standing
 
 
@@ -127,21 +128,31 @@ class KeepApart:
     """Never so fast that the robot could not stand before what is on its lane.
 
     It counts on nothing: what drives ahead may stop dead at any time. What comes nearer by itself
-    takes the way that it will make in the meantime.
+    takes the way that it will make in the meantime. Who stands goes on only with two deviations to
+    spare, or after a second of nothing, lest it creep nearer whenever what it is told errs.
     """
+
+    stands: bool = False
+    clear: int = 0  # turns in a row in which nothing was told, since it stood
 
     def after(self, road: Road) -> Tuple[KeepApart, Cap]:
         """See `Rule`."""
         ahead = road.ahead
         if ahead.free_m == math.inf:
-            return self, Cap()
+            clear = self.clear + 1
+            if self.stands and ahead.free_sigma_m > 0.0 and clear < _CLEAR:
+                return KeepApart(True, clear), Cap(0.0, "what it stood before may be there yet")
+            return KeepApart(), Cap()
         if math.isnan(ahead.free_m):
             return self, Cap(0.0, "nothing tells where the others are")
-        sure_m = ahead.free_m - _SIGMAS * ahead.free_sigma_m - GAP_M
+        sigmas = (1.0 + self.stands) * _SIGMAS
+        sure_m = ahead.free_m - sigmas * ahead.free_sigma_m - GAP_M
         most_mps = sure_m / HEADWAY_S - max(0.0, ahead.coming_mps)
         if not most_mps >= _LEAST_MPS:  # nor a NaN
             most_mps = 0.0
-        return self, Cap(most_mps, f"something is {100.0 * ahead.free_m:.0f} cm ahead")
+        return KeepApart(most_mps == 0.0), Cap(
+            most_mps, f"something is {100.0 * ahead.free_m:.0f} cm ahead"
+        )
 
 
 VIEWS_S = 0.4

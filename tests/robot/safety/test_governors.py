@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from functools import partial
 from typing import Callable, List, NamedTuple, Optional
 
@@ -268,6 +269,23 @@ def test_it_stops_before_a_duck_that_appears_a_quarter_of_a_metre_ahead(
 ) -> None:
     free_m = 0.25 - 0.066 - 0.03  # from the axle to the duck's middle: less the nose, half a duck
     assert chase([0.0] * 40, free_m, lag_s, delay_turns, [0.0]).least_m > 0.0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_who_stands_before_a_thing_does_not_creep_into_it_by_poses_that_err(seed: int) -> None:
+    """Errors of 4 cm that last for 2 s, of two poses of 3 cm; for half a second none is told."""
+    rng, rule, free_m, speed, keep = random.Random(seed), KeepApart(), 0.5, 0.0, math.exp(-0.05)
+    error_m = rng.gauss(0.0, 0.042)
+    for k in range(600):
+        error_m = keep * error_m + math.sqrt(1.0 - keep**2) * rng.gauss(0.0, 0.042)
+        told_m = math.inf if 300 <= k < 305 else free_m + error_m
+        rule, cap = rule.after(Road(0.1 * k, 0.0, 0.0, RoadAhead(told_m, 0.03)))
+        speed += 0.5 * (min(FULL_MPS, cap.most_mps) - speed)
+        free_m -= 0.1 * speed
+    assert 0.0 < free_m < 0.2
+    for k in range(10):
+        rule, cap = rule.after(Road(60.0 + 0.1 * k, 0.0, 0.0, RoadAhead(free_sigma_m=0.03)))
+    assert cap == Cap(), "it was taken away"
 
 
 def test_who_walks_towards_it_is_not_met_at_speed() -> None:
