@@ -19,7 +19,7 @@ from robot.vision.sight import Seen
 MAP_LINES_M = 0.12  # 95 % sure of the place: else red lines are those that are seen
 _NEAR_M = 0.3  # before a line, or a little over it
 _ANYBODY = Junction(AtJunction(0, math.inf, ""), (AtJunction(0, 0.0, "", inside=True),))
-THING = 0.5  # probability above which something is in the way
+THING = 0.8  # probability above which something is in the way
 CLEAR = 3  # pictures in a row without it, after which it is gone
 FRESH_S = 0.5  # older pictures tell nothing of the road
 

@@ -27,7 +27,7 @@ def judge_command(
     seed: int = 1000,
     look: str = "nominal",
     map: tuple[str, ...] = (),
-    poses: Literal["true", "arena"] = "true",
+    poses: Literal["true", "arena", "sight"] = "true",
     seconds: float = 60.0,
     json: Path | None = None,
     out: Path | None = None,
@@ -45,8 +45,8 @@ def judge_command(
         look: a YAML file with a look or a distribution of looks, or a shipped name.
         map: map files, or shipped names or folders; else the rings kept for judging, with
             junctions town.
-        poses: what the rules of the road know of everybody: the truth of now, or what a localizer
-            over the arena tells, late and 3 cm off.
+        poses: what the rules of the road know of everybody: the truth of now; what a localizer
+            over the arena tells, late and 3 cm off; or what sight sees of the way ahead.
         seconds: how long an episode is; the Olympics' are a minute.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
@@ -59,6 +59,10 @@ def judge_command(
     from trainer.judging.olympics import Verdict, tell, write_worst
     from trainer.run import write_json
 
+    if poses == "sight" and challenge == "lfvi":
+        raise ConfigError(
+            "poses: expected true or arena, got sight, which does not tell who comes from the sides"
+        )
     names = [model] if against is None else [model, against]
     drivers = [_driver(name, model, poses) for name in names]
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
@@ -91,9 +95,12 @@ def judge_command(
 
 
 def _driver(name: str, model: str, poses: str) -> Driver:
+    from robot.vision.sight import OnnxSight
     from trainer.judging.drivers import Driver, Expert, Pilot
     from trainer.judging.evaluate import open_policy
     from trainer.judging.governed import Governed
+    from trainer.judging.sighted import Sighted
+    from trainer.sight.cli import SHIPPED
 
     if name in ("expert", "stand"):
         return Expert() if name == "expert" else Driver()
@@ -101,4 +108,7 @@ def _driver(name: str, model: str, poses: str) -> Driver:
     path = Path(model if bare else name)
     if not path.exists():
         raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; there is no file")
-    return Pilot(open_policy(path)) if bare else Governed(open_policy(path), poses)
+    policy = open_policy(path)
+    if poses == "sight" and not bare:
+        return Sighted(policy, OnnxSight(SHIPPED))
+    return Pilot(policy) if bare else Governed(policy, poses)

@@ -29,16 +29,20 @@ from trainer.judging.evaluate import DrivingPolicy
 
 
 @dataclass
-class _Robot:
+class Ruled:
     """One robot's memory in an episode."""
 
     number: int
     pose: Pose  # a decision ago
-    neighbours: Neighbours
     watch: RoadWatch
     rules: tuple[Rule, ...]
     told: WheelSpeeds = STILL
     driven_m: float = 0.0
+
+    def moved(self, pose: Pose) -> None:
+        """It is there now."""
+        self.driven_m += float(np.hypot(pose.x_m - self.pose.x_m, pose.y_m - self.pose.y_m))
+        self.pose = pose
 
     def slow(self, wanted: np.ndarray, now_s: float, ahead: RoadAhead) -> WheelSpeeds:
         """What of the wheel speeds wanted (2,) [m/s] the rules allow."""
@@ -87,7 +91,7 @@ class Governed(Pilot):
     def __init__(self, policy: DrivingPolicy, poses: str = "true") -> None:
         super().__init__(policy)
         self._look = ARENA_POSE if poses == "arena" else PoseLook()
-        self._robots: dict[int, _Robot] = {}
+        self._robots: dict[int, tuple[Ruled, Neighbours]] = {}
         self._views: dict[str, _View] = {}
         self._above: dict[int, _Above] = {}  # of each group
         self._turns = 0
@@ -113,10 +117,9 @@ class Governed(Pilot):
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
         for i in np.flatnonzero(world.active).tolist():
             group, place = divmod(i, ours)
-            robot = self._robots[i]
-            robot.driven_m += float(np.hypot(*(world.poses[i] - robot.pose)[:2]))
-            robot.pose = Pose(*world.poses[i].tolist())
-            robot.neighbours.hear(heard[group], now_s)
+            robot, neighbours = self._robots[i]
+            robot.moved(Pose(*world.poses[i].tolist()))
+            neighbours.hear(heard[group], now_s)
             here = Pose(*believed[i].tolist())
             ahead = robot.watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
             light = Light.RED if red[group, place] else Light.NONE
@@ -129,7 +132,7 @@ class Governed(Pilot):
         """Who begins an episode remembers nothing."""
         for i, number in enumerate(world.numbers.tolist()):
             known = self._robots.get(i)
-            if known is not None and number in (-1, known.number):
+            if known is not None and number in (-1, known[0].number):
                 continue
             group, place = divmod(i, task.group)
             road_map = task.road_maps[world.maps[i]]
@@ -138,7 +141,7 @@ class Governed(Pilot):
             others = Neighbours(view, _name(place), self._look.position_m)
             rules = KeepApart(), StopLines(), Lights(), FirstCome()
             here = Pose(*world.poses[i].tolist())
-            self._robots[i] = _Robot(number, here, others, RoadWatch(view, others), rules)
+            self._robots[i] = Ruled(number, here, RoadWatch(view, others), rules), others
             if place == 0:
                 self._above[group] = _Above(bodies, self._look, number)
 

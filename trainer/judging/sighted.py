@@ -1,0 +1,68 @@
+"""A policy that keeps apart from what its own pictures show, told of nobody."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
+from robot.errors import ContractError
+from robot.geometry import Pose
+from robot.inference.preprocess import preprocess_batch
+from robot.navigation.lane_view import LaneView
+from robot.navigation.others import AHEAD_M
+from robot.navigation.road_watch import RoadWatch, WaySeen
+from robot.safety.governors import KeepApart
+from robot.vision.sight import OnnxSight, Seen
+from sim_pybullet.batch import BatchWorld, Observation
+from sim_pybullet.tasks.traffic import Traffic
+from trainer.judging.drivers import Pilot
+from trainer.judging.evaluate import DrivingPolicy
+from trainer.judging.governed import Ruled
+
+_NO_WAY_M = np.full(
+    (len(AHEAD_M), 2), np.nan
+)  # the way, which only others' poses are compared with
+
+
+class Sighted(Pilot):
+    """As `Pilot`, slowed by headway alone: `rules: {headway: true}` of a robot without a localizer.
+
+    ContractError for a sight that does not tell the way.
+    """
+
+    def __init__(self, policy: DrivingPolicy, sight: OnnxSight) -> None:
+        super().__init__(policy)
+        if not sight.tells_way:
+            raise ContractError(f"{sight.path}: expected a sight that tells the free way")
+        self._sight = sight
+        self._robots: dict[int, Ruled] = {}
+        self._turns = 0
+
+    def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
+        """See `trainer.judging.drivers.Driver`."""
+        assert isinstance(world.task, Traffic)
+        shares = super().choose(world, seen)
+        self._turns += 1
+        now_s, driving = self._turns * CONTROL_DT_S, np.flatnonzero(world.active)
+        newest = preprocess_batch(seen.image[driving, ..., -3:], self._sight.contract.image)
+        what = self._sight(newest)
+        for k, i in enumerate(driving.tolist()):
+            robot = self._robot(world, i)
+            robot.moved(Pose(*world.poses[i].tolist()))
+            robot.watch.saw(Seen(*(part[k : k + 1] for part in what)), robot.driven_m, now_s)
+            ahead = robot.watch.look(now_s, robot.pose, math.inf, robot.driven_m, _NO_WAY_M)
+            slowed = robot.slow(MAX_WHEEL_MPS * shares[i], now_s, ahead)
+            shares[i] = np.array(slowed) / MAX_WHEEL_MPS
+        return shares
+
+    def _robot(self, world: BatchWorld, i: int) -> Ruled:
+        """Who begins an episode remembers nothing."""
+        number, known = int(world.numbers[i]), self._robots.get(i)
+        if known is None or number not in (-1, known.number):
+            view = LaneView(world.task.road_maps[world.maps[i]])
+            watch = RoadWatch(view, way=WaySeen())
+            known = Ruled(number, Pose(*world.poses[i].tolist()), watch, (KeepApart(),))
+            self._robots[i] = known
+        return known
