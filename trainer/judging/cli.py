@@ -59,12 +59,8 @@ def judge_command(
     from trainer.judging.olympics import Verdict, tell, write_worst
     from trainer.run import write_json
 
-    if poses == "sight" and challenge == "lfvi":
-        raise ConfigError(
-            "poses: expected true or arena, got sight, which does not tell who comes from the sides"
-        )
     names = [model] if against is None else [model, against]
-    drivers = [_driver(name, model, poses) for name in names]
+    drivers = [_driver(name, model, poses, challenge) for name in names]
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
     road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
     looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
@@ -94,7 +90,7 @@ def judge_command(
     return 0
 
 
-def _driver(name: str, model: str, poses: str) -> Driver:
+def _driver(name: str, model: str, poses: str, challenge: str) -> Driver:
     from robot.vision.sight import OnnxSight
     from trainer.judging.drivers import Driver, Expert, Pilot
     from trainer.judging.evaluate import open_policy
@@ -102,6 +98,10 @@ def _driver(name: str, model: str, poses: str) -> Driver:
     from trainer.judging.sighted import Sighted
     from trainer.sight.cli import SHIPPED
 
+    if poses == "sight" and challenge == "lfvi":
+        raise ConfigError(
+            "poses: expected true or arena, got sight, which does not tell who comes from the sides"
+        )
     if name in ("expert", "stand"):
         return Expert() if name == "expert" else Driver()
     bare = name == BARE and name != model

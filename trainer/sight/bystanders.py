@@ -66,9 +66,8 @@ class Bystanders(Navigation):
         aside = np.stack((-np.sin(along), np.cos(along)), axis=-1)
         turned = rng.uniform(-1.0, 1.0, shape) * np.where(robots, 0.2, math.pi)
         turned += np.where(robots & (left_m > 0.5 * _ROBOTS_LEFT_M[0]), math.pi, 0.0)
-        places = np.concatenate(
-            (points + left_m[..., None] * aside, (along + turned)[..., None]), axis=-1
-        )
+        where = points + left_m[..., None] * aside
+        places = np.concatenate((where, (along + turned)[..., None]), axis=-1)
         places[rng.random(shape) > _THERE] = np.nan
         return places
 
