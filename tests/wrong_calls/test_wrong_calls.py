@@ -189,7 +189,7 @@ def test_ctrl_c_while_a_program_is_imported_is_one_line(tmp_path: Path) -> None:
     ended = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
-    assert (ended.returncode, ended.stderr) == (130, "tools.demo: stopped by Ctrl-C\n")
+    assert (ended.returncode, ended.stderr) == (130, "demo: stopped by Ctrl-C\n")
 
 
 @pytest.mark.parametrize("program", ["trainer", "robot", "localizer_node", "tools.monitor"])

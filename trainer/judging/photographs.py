@@ -190,7 +190,7 @@ def seer_of(model: Path) -> Seer:
 
     ContractError if it is neither, or does not choose among the five actions.
     """
-    if "sight" in model.stem:
+    if model.stem.startswith("sight"):
         sight = OnnxSight(model)
         return lambda frame: _seen_by(sight, frame)
     policy = OnnxPolicy(model, FIVE_ACTIONS)

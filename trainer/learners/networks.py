@@ -54,7 +54,7 @@ class DrivingFeatures(BaseFeaturesExtractor):
             flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
         self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
-        for learned in (self.image_fc, self.path_fc, None if net.backbone else self.convolutions):
+        for learned in (None if net.backbone else self.convolutions, self.image_fc, self.path_fc):
             if learned is not None:
                 learned.apply(_orthogonal)
 

@@ -30,7 +30,7 @@ class SightRun:
 
     files: int = 60
     """Of some 4,000 pictures each, to learn from."""
-    steps: int = 16_000
+    steps: int = 24_000
     """Of learning."""
     batch: int = 128
     """Pictures in a step."""

@@ -125,7 +125,7 @@ def test_dagger_descends_on_the_likelihood_of_the_experts_choices(tmp_path: Path
     batch = model.replay_buffer.sample(64)
     model.replay_buffer.sample = lambda _: batch
     with torch.no_grad():
-        logs = torch.log_softmax(model.q_net(batch.observations), 1)
+        logs = torch.log_softmax(model.policy.logits(batch.observations), 1)
     wanted = -logs.gather(1, batch.actions.long()).mean()
     assert model._update(64) == pytest.approx(float(wanted), rel=1e-5)
     assert model._update(64) < float(wanted)
