@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Iterator, List, NamedTuple, Optional, Tuple
 
 from robot.computer.clock import MonotonicClock
+from robot.computer.health import LEAST_DISK_MB
 from robot.computer.machine import Machine
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import CONTROL_DT_S
@@ -102,7 +103,10 @@ def examine(machine: Machine, config_path: Optional[Path]) -> Iterator[Finding]:
         yield check_policy(config)
         yield _map(config.map)
         yield from _link(machine, config)
-    yield from map(_health, machine.readings())
+    recording = config.recording if config else None
+    least_mb = max(LEAST_DISK_MB, recording.keep_free_mb if recording else 0.0)
+    place = Path(recording.folder if recording else ".")
+    yield from map(_health, machine.readings(place, least_mb))
 
 
 def _judged(name: str, seen: str, *ills: Ill) -> Finding:

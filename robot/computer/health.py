@@ -16,6 +16,7 @@ MEMORY = Path("/proc/meminfo")
 WARM_C, HOT_C = 80.0, 95.0  # a Jetson Nano slows down at 97 °C, a Raspberry Pi at 80
 NO_THERMOMETER = "PMIC-Die"  # of a Nano always reads 100
 LOW_DISK_PERCENT = 5.0
+LEAST_DISK_MB = 200.0  # that a system needs
 LOW_MEMORY_MB = 200.0
 
 
@@ -38,15 +39,20 @@ class Health:
         return self._readings
 
 
-def readings() -> Iterator[Reading]:
-    """Of this computer, now."""
+def readings(folder: Path = Path("/"), least_mb: float = LEAST_DISK_MB) -> Iterator[Reading]:
+    """Of this computer, now, and of the disk that holds a folder, which should keep so much free.
+
+    The folder need not exist yet.
+    """
     hottest_c = max(temperatures_c().values(), default=None)
     if hottest_c is not None:
         level = "bad" if hottest_c >= HOT_C else "warn" if hottest_c >= WARM_C else "ok"
         yield Reading("temperature", round(hottest_c, 1), "°C", level)
-    disk = shutil.disk_usage("/")
+    place = folder.resolve()
+    disk = shutil.disk_usage(next(each for each in (place, *place.parents) if each.exists()))
     free_percent = 100.0 * disk.free / disk.total
     level = "ok" if free_percent > LOW_DISK_PERCENT else "warn"
+    level = "bad" if disk.free < 1e6 * least_mb else level
     yield Reading("disk free", round(free_percent), "%", level)
     free_mb = memory_free_mb()
     if free_mb is not None:

@@ -36,6 +36,7 @@ class Patient:
     health: Tuple[Reading, ...] = (Reading("temperature", 45.0, "°C"), Reading("load", 0.2))
     unreachable: str = ""
     dead_camera: str = ""
+    asked_of_disk: Tuple[Path, float] = (Path(), 0.0)
 
     def package(self, name: str) -> Optional[str]:
         return None if name in self.without else self.packages.get(name, "1.19.2")
@@ -55,7 +56,8 @@ class Patient:
             raise HardwareError(self.dead_camera)
         return self.look
 
-    def readings(self) -> Tuple[Reading, ...]:
+    def readings(self, folder: Path, least_mb: float) -> Tuple[Reading, ...]:
+        self.asked_of_disk = (folder, least_mb)
         return self.health
 
     def connects(self, host: str, port: int) -> str:
@@ -96,6 +98,7 @@ def test_a_healthy_robot_is_well_in_every_respect(patient: Patient, config: Path
     assert {finding.level for finding in findings.values()} == {OK}, findings
     assert not any(finding.remedy for finding in findings.values())
     assert len(findings) == 12
+    assert patient.asked_of_disk == (Path("/no/such/folder/yet"), 500.0)
 
 
 Ail = Callable[[Patient], object]

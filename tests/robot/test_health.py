@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
-from robot.computer.health import Health, memory_free_mb, temperatures_c
+import pytest
+
+from robot.computer.health import Health, memory_free_mb, readings, temperatures_c
 from robot.link.telemetry import Reading
 from tests.robot.clocks import FakeClock
 
@@ -25,6 +28,24 @@ def test_memory_is_read_where_linux_tells(tmp_path: Path) -> None:
     (tmp_path / "meminfo").write_text("MemTotal: 4096 kB\nMemAvailable: 2048 kB\n")
     assert memory_free_mb(tmp_path / "meminfo") == 2.0
     assert memory_free_mb(tmp_path / "none") is None
+
+
+@pytest.mark.parametrize(
+    ("free_mb", "level"), [(9000.0, "ok"), (400.0, "warn"), (199.0, "bad"), (0.0, "bad")]
+)
+def test_the_disk_of_the_folder_asked_for_is_judged(
+    free_mb: float, level: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SimpleNamespace(total=10_000 * 10**6, free=free_mb * 1e6)
+    other = SimpleNamespace(total=100, free=100)
+    monkeypatch.setattr("shutil.disk_usage", lambda at: disk if Path(at) == tmp_path else other)
+    found = {each.name: each for each in readings(tmp_path / "not" / "yet")}
+    assert found["disk free"].level == level
+
+
+def test_a_recorder_wants_more_of_the_disk(tmp_path: Path) -> None:
+    told = [each for each in readings(tmp_path, least_mb=1e12) if each.name == "disk free"]
+    assert [each.level for each in told] == ["bad"]
 
 
 def test_sensors_are_read_once_a_second() -> None:
