@@ -182,14 +182,18 @@ class Hanging:
 
         As the tilt has no part about the optical axis, the yaw is the twist about that.
         """
-        import cv2
-
         x_m, y_m, height_m = map(float, position_m)
         seen = np.diag((1.0, -1.0, -1.0)) @ rotation
-        yaw_rad = -2.0 * math.atan2(seen[1, 0] - seen[0, 1], 1.0 + np.trace(seen))
+        # Of a unit quaternion 4ww, 4wz and 4zz: at half a turn w is none, and only 4zz is exact.
+        ww, wz = 1.0 + np.trace(seen), seen[1, 0] - seen[0, 1]
+        zz = 1.0 - seen[0, 0] - seen[1, 1] + seen[2, 2]
+        yaw_rad = -2.0 * (math.atan2(wz, ww) if ww > zz else math.atan2(zz, wz))
         level = cls((x_m, y_m, height_m), yaw_rad)
-        right_rad, down_rad, _ = cv2.Rodrigues(level.rotation.T @ rotation)[0].ravel().tolist()
-        return replace(level, tilt_rad=(right_rad, down_rad))
+        turn = level.rotation.T @ rotation  # cv2.Rodrigues would call less than 1e-5 rad level
+        right, down = (turn[2, 1] - turn[1, 2]) / 2.0, (turn[0, 2] - turn[2, 0]) / 2.0
+        sine = math.hypot(right, down)
+        scale = math.atan2(sine, (np.trace(turn) - 1.0) / 2.0) / sine if sine else 1.0
+        return replace(level, tilt_rad=(float(right * scale), float(down * scale)))
 
     @property
     def rotation(self) -> np.ndarray:
