@@ -48,9 +48,9 @@ def camera_figures() -> dict[str, float]:
     """Both cameras, 160x120 fisheye, the same scene and poses, measured in turn."""
 
     from sim_pybullet.look import NOMINAL
-    from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
     from sim_pybullet.rendering.ray_camera import RayCamera
     from sim_pybullet.scenery.objects import build_scene, lane_poses
+    from tests.sim_pybullet.pybullet_camera import PyBulletCamera
 
     rng, road_map, rig = np.random.default_rng(0), load_map("town"), NOMINAL.rig()
     scene = build_scene(road_map, NOMINAL, rng)

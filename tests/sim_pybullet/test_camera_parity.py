@@ -15,12 +15,12 @@ from robot.navigation.map_objects import MapObject, objects_of
 from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
-from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.scenery.objects import build_scene
 from tests.robot.real_lenses import real_lenses
+from tests.sim_pybullet.pybullet_camera import PyBulletCamera
 from tests.thorough import count
 
 FRAME = ImageSpec(160, 120)

@@ -12,11 +12,11 @@ from sim_pybullet.look import NOMINAL, GroundLook, Look, TrackLook
 from sim_pybullet.racing.track import SCALE, centre_line, load_track
 from sim_pybullet.racing.track_ground import STONE_M, paint_track, track_walls
 from sim_pybullet.randomise import load_look_sampler, load_looks, shipped_looks
-from sim_pybullet.rendering.pybullet_camera import PyBulletCamera
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground
 from sim_pybullet.scenery.objects import build_scene
 from sim_pybullet.tasks.track_racing import TOP_SPEED_MPS
+from tests.sim_pybullet.pybullet_camera import PyBulletCamera
 
 TRACK = load_track("karting")
 LINE = centre_line(TRACK)
