@@ -9,7 +9,7 @@ if [ -z "$python38" ]; then
 fi
 if [ ! -e .venv38/.installed ] || [ constraints-nano.txt -nt .venv38/.installed ]; then
   "$python38" -m venv --clear .venv38
-  .venv38/bin/python -m pip install --quiet --constraint constraints-nano.txt --editable . pytest pytest-timeout hypothesis
+  .venv38/bin/python -m pip install --quiet --constraint constraints-nano.txt --editable . pytest pytest-timeout pytest-xdist hypothesis
   touch .venv38/.installed
 fi
-exec .venv38/bin/python -m pytest tests/robot tests/localizer_node
+exec .venv38/bin/python -m pytest --numprocesses 2 tests/robot tests/localizer_node

@@ -17,8 +17,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trainer.processes import ONE_THREAD
-
 if TYPE_CHECKING:
     from trainer.config import RunConfig
 
@@ -102,6 +100,8 @@ def training_speed(task: str, algorithm: str, look: str, size: str = "fast") -> 
 
 def in_checkout(case: str, checkout: Path) -> TrainingSpeed:
     """A case measured in a process of its own, by the code of a checkout, in one thread."""
+    from trainer.processes import ONE_THREAD  # an older checkout has no such module
+
     environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(checkout)}
     words = [sys.executable, __file__, case]
     told = subprocess.run(words, cwd=checkout, env=environment, capture_output=True, check=True)
@@ -111,6 +111,8 @@ def in_checkout(case: str, checkout: Path) -> TrainingSpeed:
 def main(words: list[str]) -> None:
     """``CASE`` measures one here; the others compare all, or the cases named after them."""
     if words[:1] == ["--processes"]:
+        from trainer.processes import ONE_THREAD
+
         os.environ.update(ONE_THREAD)
         for case in words[2:] or CASES:
             short = measured(*CASES[case])
