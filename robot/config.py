@@ -76,12 +76,12 @@ class RobotConfig:
     model: str  # an ONNX policy
     name: str = "robot"  # in poses and telemetry
     map: str = ""  # a map file or the name of a shipped one; for navigation
-    sight: str = ""  # ONNX; tells where a robot with a map is, also without overhead poses
+    sight: str = ""  # ONNX; tells what is in the way, and where a robot with a map is
     translator: str = ""  # ONNX, real-to-sim or a parser: for a policy that knows its pictures only
     camera: CameraConfig = CameraConfig()
     hat: HatConfig = field(default_factory=HatConfig)
     safety: SafetyLimits = field(default_factory=SafetyLimits)
-    rules: Rules = field(default_factory=Rules)  # of the road; for a robot with a map
+    rules: Rules = field(default_factory=Rules)  # of the road
     recording: Optional[RecordingConfig] = None  # of every drive, in MCAP; without: none
     link: Optional[LinkConfig] = None  # to localizer and monitor; without: the terminal alone
 
@@ -100,11 +100,11 @@ class RobotConfig:
             raise ConfigError(
                 "map: expected a link as well, to hear poses and destinations; add link, or no map"
             )
-        if self.rules != Rules() and not self.map:
+        if self.rules.stop_lines and not self.map:
             raise ConfigError(
-                "rules: expected a map as well, to know lines and lanes by; add map, or leave them"
+                "rules.stop_lines: expected a map as well, to know lines by; add map, or leave it"
             )
-        if self.sight and not self.map:
-            raise ConfigError(
-                "sight: expected a map as well, to know lanes by; add map, or leave it"
-            )
+        if self.rules.headway and not (self.map or self.sight):
+            raise ConfigError("rules.headway: expected sight as well, to see others by, or a map")
+        if self.sight and not (self.map or self.rules.headway):
+            raise ConfigError("sight: expected a map as well, to know lanes by, or rules.headway")

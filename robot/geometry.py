@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Union
+from typing import NamedTuple, Tuple, Union
 
 import numpy as np
 
@@ -51,6 +51,13 @@ class Pose(NamedTuple):
         angle = self.heading_rad + half
         heading = float(wrap_angle(self.heading_rad + turn_rad))
         return Pose(self.x_m + chord * math.cos(angle), self.y_m + chord * math.sin(angle), heading)
+
+    def arc_to(self, other: Pose) -> Tuple[float, float]:
+        """What to give ``moved`` to come to a pose on an arc from here: [m], [rad]."""
+        forward_m, left_m = self.to_robot(np.array(other[:2]))
+        turn_rad = float(wrap_angle(other.heading_rad - self.heading_rad))
+        chord_m = math.copysign(math.hypot(forward_m, left_m), forward_m)
+        return float(chord_m / np.sinc(turn_rad / (2.0 * math.pi))), turn_rad
 
 
 class Twist(NamedTuple):

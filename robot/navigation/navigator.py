@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Callable, NamedTuple, Optional, Tuple
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 
-from robot.camera.source import Frame
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
-from robot.inference.preprocess import preprocess
 from robot.link.freshness import PoseGate
 from robot.link.messages import FAR_M, PoseMessage, PosesMessage
 from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, Belief, MissionStatus, thin_path
@@ -35,7 +33,7 @@ from robot.navigation.whereabouts import Whereabouts
 from robot.parts import Guidance, Tick
 from robot.safety.road_ahead import RoadAhead
 from robot.safety.state_machine import State
-from robot.vision.sight import OnnxSight
+from robot.vision.sight import Glimpse
 
 ARRIVAL_M = 0.05  # left to drive: a decision drives 3 cm
 # The middle of the yellow line, seen from the middle of the lane: beyond it the robot is on the
@@ -51,13 +49,6 @@ WORD = (0.05, 0.05, math.radians(10.0))  # deviations of a pose that a person te
 HEARD_S = 1.0  # a source that said nothing for so long holds the belief no more
 BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
-
-
-class Glimpse(NamedTuple):
-    """How a navigator looks around."""
-
-    sight: OnnxSight
-    newest: Callable[[], Optional[Frame]]  # a camera's ``read``
 
 
 class MissionNavigator:
@@ -92,7 +83,6 @@ class MissionNavigator:
         self._views = [LaneView(road_map)] if glimpse is not None else []
         self._fix, self._watch = SightFix(self._fusion, self._views), watch
         self._search: Optional[Whereabouts] = None
-        self._seen: Optional[int] = None  # number of the newest frame that was looked at
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer, self._driven_m = odometry(), 0.0
         self._jumps = 0
@@ -269,11 +259,7 @@ class MissionNavigator:
 
     def _move(self, now_s: float) -> None:
         last, self._odometer = self._odometer, self._odometry()
-        forward_m, left_m = last.to_robot(np.array(self._odometer[:2]))
-        turn_rad = float(wrap_angle(self._odometer.heading_rad - last.heading_rad))
-        # The arc whose chord this is.
-        arc_m = math.copysign(math.hypot(forward_m, left_m), forward_m)
-        arc_m /= np.sinc(turn_rad / (2.0 * math.pi))
+        arc_m, turn_rad = last.arc_to(self._odometer)
         self._fusion.move(np.array([arc_m]), np.array([turn_rad]), now_s)
         if self._search is not None:
             self._search.move(arc_m, turn_rad, now_s)
@@ -307,21 +293,20 @@ class MissionNavigator:
             self._arrived_s = now_s
 
     def _see(self) -> None:
-        frame = None if self._glimpse is None else self._glimpse.newest()
-        if self._glimpse is None or frame is None or frame.sequence == self._seen:
+        glimpsed = None if self._glimpse is None else self._glimpse.look()
+        if glimpsed is None:
             return
-        self._seen, sight = frame.sequence, self._glimpse.sight
-        seen = sight(preprocess(frame.image, sight.contract.image)[None])
-        self._fix.see(seen, np.ones(1, dtype=bool), frame.time_s)
+        seen, taken_s = glimpsed
+        self._fix.see(seen, np.ones(1, dtype=bool), taken_s)
         if self.pose is not None:
             self._search = None
         elif self._search is None:  # who is told nothing looks for its place, driven by hand
             self._search = Whereabouts(self._road_map, self._views[0])
         else:
-            for pose, deviations in self._search.see(seen, frame.time_s):
+            for pose, deviations in self._search.see(seen, taken_s):
                 self._fusion.put(np.arange(1), np.array([pose]), deviations)
         if self._watch is not None:
-            self._watch.saw(seen, self._driven_m, frame.time_s)
+            self._watch.saw(seen, self._driven_m, taken_s)
 
     def _ahead(self, now_s: float, path: Path, pose: Pose) -> RoadAhead:
         if self._watch is None:

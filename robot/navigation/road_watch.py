@@ -25,8 +25,8 @@ FRESH_S = 0.5  # older pictures tell nothing of the road
 
 
 def free_way_seen(seen: Seen) -> RoadAhead:
-    """The free way in the first of some pictures."""
-    if not seen.thing[0] > THING:
+    """The free way in the first of some pictures; without a number none is free."""
+    if seen.thing[0] <= THING:
         return RoadAhead()
     return RoadAhead(float(seen.figures[0, 4]), float(seen.deviations[0, 4]))
 

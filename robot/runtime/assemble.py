@@ -23,7 +23,8 @@ from robot.link.messages import FrameMessage, PosesMessage
 from robot.link.sockets import Link
 from robot.link.telemetry import Reading, Telemetry
 from robot.navigation.lane_view import LaneView
-from robot.navigation.navigator import Glimpse, MissionNavigator
+from robot.navigation.lane_watch import LaneWatch
+from robot.navigation.navigator import MissionNavigator
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
 from robot.navigation.road_paint import road_paint
@@ -39,7 +40,7 @@ from robot.safety.governors import Rules
 from robot.safety.state_machine import Safety, State
 from robot.vision.plausibility import PictureDoubts
 from robot.vision.road_fit import RoadFit
-from robot.vision.sight import OnnxSight
+from robot.vision.sight import Glimpse, OnnxSight
 
 FRAME_PX = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 CAPTURE_PX = (320, 240)  # twice a frame: the last halving is by area, on the processor
@@ -67,9 +68,10 @@ def open_robot(
         raise ConfigError(
             f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
         )
-    rules = config.rules.chain()
-    if rules and not navigates:
-        raise ConfigError(f"rules: expected a navigation policy, {config.model} is none")
+    if config.rules.stop_lines and not navigates:
+        raise ConfigError(
+            f"rules: expected headway at most, {config.model} keeps its lane across all lines"
+        )
     with ExitStack() as stack:
         if motors is None:  # before anything that a robot which drives already would mind
             motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
@@ -77,6 +79,7 @@ def open_robot(
         eye = stack.enter_context(camera or open_camera(config.camera, clock))
         wheels = stack.enter_context(motors)
         navigator: Optional[MissionNavigator] = None
+        watch = None if navigates else open_watch(config, wheels, eye)
         everybody: List[Operator] = list(operators)
         audience: List[Subscriber] = [watchdog, *subscribers]
         if isinstance(wheels, MotorThread):
@@ -93,7 +96,8 @@ def open_robot(
         never = unproven and f"the policy is {unproven}"
         runtime = Runtime(
             *(eye, policy, wheels, Safety(clock.now, config.safety, never), clock),
-            *(audience, everybody, navigator, PictureDoubts(RoadFit(rig, paint)), rules),
+            *(audience, everybody, navigator or watch, PictureDoubts(RoadFit(rig, paint))),
+            config.rules.chain(),
         )
         stack.enter_context(watchdog)
         yield runtime
@@ -134,6 +138,18 @@ def open_navigator(
     way = WaySeen() if seen else None
     watch = None if config.rules == Rules() else RoadWatch(view, others, way)
     return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse, watch)
+
+
+def open_watch(config: RobotConfig, motors: Motors, camera: Camera) -> Optional[LaneWatch]:
+    """Sees what is in the way of a robot that keeps its lane, where it shall keep a headway.
+
+    ConfigError where it has no sight, ContractError for one that is wrong or does not tell.
+    """
+    if not config.rules.headway:
+        return None
+    if not config.sight:
+        raise ConfigError("rules.headway: expected sight as well: nothing else tells a lane keeper")
+    return LaneWatch(Glimpse(OnnxSight(config.sight), camera.read), lambda: motors.pose)
 
 
 def open_reports(

@@ -11,13 +11,15 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Sequence, Tuple, Union
+from typing import Callable, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from robot.camera.source import Frame
 from robot.contract import ImageSpec
 from robot.errors import ContractError, DuckpilotError
 from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
+from robot.inference.preprocess import preprocess
 from robot.navigation.lane_view import KINDS
 from robot.typed_config import from_plain, to_plain
 
@@ -127,3 +129,19 @@ def as_seen(rows: np.ndarray, columns: Sequence[str] = COLUMNS) -> Seen:
     rest = 2 * count
     line, road, thing = told[:, rest : rest + 3].T
     return Seen(told[:, :count], told[:, count:rest], line, road, told[:, rest + 3 :], thing)
+
+
+class Glimpse:
+    """How a robot looks around: asks ``sight`` once about each picture of a camera's ``read``."""
+
+    def __init__(self, sight: OnnxSight, newest: Callable[[], Optional[Frame]]) -> None:
+        self.sight, self._newest = sight, newest
+        self._seen: Optional[int] = None  # number of the newest frame that was looked at
+
+    def look(self) -> Optional[Tuple[Seen, float]]:
+        """What a new picture shows, and when that came [s]; None while there is none."""
+        frame = self._newest()
+        if frame is None or frame.sequence == self._seen:
+            return None
+        self._seen = frame.sequence
+        return self.sight(preprocess(frame.image, self.sight.contract.image)[None]), frame.time_s

@@ -59,9 +59,18 @@ def test_what_does_not_fit_is_refused(data: dict, said: str) -> None:
     assert said in str(caught.value)
 
 
-def test_who_obeys_rules_has_a_map() -> None:
-    with pytest.raises(ConfigError, match="rules: expected a map"):
-        RobotConfig("model.onnx", rules=Rules(headway=True))
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({"rules": Rules(stop_lines=True)}, r"rules\.stop_lines: expected a map as well"),
+        ({"rules": Rules(headway=True)}, r"rules\.headway: expected sight as well"),
+        ({"sight": "sight.onnx"}, r"sight: expected a map as well, .* or rules\.headway"),
+    ],
+)
+def test_rules_and_sight_have_what_they_need(told: dict, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        RobotConfig("lane.onnx", **told)
+    RobotConfig("lane.onnx", sight="sight.onnx", rules=Rules(headway=True))
 
 
 def test_right_of_way_needs_the_rules_that_it_counts_on() -> None:

@@ -52,6 +52,13 @@ def test_an_arc_equals_many_small_ones(pose: Pose, forward: float, turn: float) 
     assert abs(wrap_angle(small.heading_rad - big.heading_rad)) < 1e-9
 
 
+@given(poses, st.floats(-1, 1), st.floats(-1.5, 1.5))
+def test_the_arc_to_a_pose_is_the_one_that_led_there(
+    pose: Pose, forward: float, turn: float
+) -> None:
+    assert np.allclose(pose.arc_to(pose.moved(forward, turn)), (forward, turn), atol=1e-9)
+
+
 @given(st.floats(-1, 1), st.floats(-5, 5), st.floats(0.05, 0.3))
 def test_twist_survives_the_wheels(forward: float, turn: float, baseline: float) -> None:
     drive = DifferentialDrive(baseline_m=baseline)

@@ -34,7 +34,6 @@ class Ruled:
 
     number: int
     pose: Pose  # a decision ago
-    watch: RoadWatch
     rules: tuple[Rule, ...]
     told: WheelSpeeds = STILL
     driven_m: float = 0.0
@@ -91,7 +90,7 @@ class Governed(Pilot):
     def __init__(self, policy: DrivingPolicy, poses: str = "true") -> None:
         super().__init__(policy)
         self._look = ARENA_POSE if poses == "arena" else PoseLook()
-        self._robots: dict[int, tuple[Ruled, Neighbours]] = {}
+        self._robots: dict[int, tuple[Ruled, RoadWatch, Neighbours]] = {}
         self._views: dict[str, _View] = {}
         self._above: dict[int, _Above] = {}  # of each group
         self._turns = 0
@@ -117,11 +116,11 @@ class Governed(Pilot):
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
         for i in np.flatnonzero(world.active).tolist():
             group, place = divmod(i, ours)
-            robot, neighbours = self._robots[i]
+            robot, watch, neighbours = self._robots[i]
             robot.moved(Pose(*world.poses[i].tolist()))
             neighbours.hear(heard[group], now_s)
             here = Pose(*believed[i].tolist())
-            ahead = robot.watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
+            ahead = watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
             light = Light.RED if red[group, place] else Light.NONE
             wanted = MAX_WHEEL_MPS * shares[i]
             slowed = robot.slow(wanted, now_s, replace(ahead, light=light))
@@ -141,7 +140,7 @@ class Governed(Pilot):
             others = Neighbours(view, _name(place), self._look.position_m)
             rules = KeepApart(), StopLines(), Lights(), FirstCome()
             here = Pose(*world.poses[i].tolist())
-            self._robots[i] = Ruled(number, here, RoadWatch(view, others), rules), others
+            self._robots[i] = Ruled(number, here, rules), RoadWatch(view, others), others
             if place == 0:
                 self._above[group] = _Above(bodies, self._look, number)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,24 +10,24 @@ from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.inference.preprocess import preprocess_batch
-from robot.navigation.lane_view import LaneView
-from robot.navigation.others import AHEAD_M
-from robot.navigation.road_watch import RoadWatch, WaySeen
-from robot.safety.governors import KeepApart
+from robot.navigation.road_watch import WaySeen
+from robot.safety.governors import Rules
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.batch import BatchWorld, Observation
-from sim_pybullet.tasks.traffic import Traffic
 from trainer.judging.drivers import Pilot
 from trainer.judging.evaluate import DrivingPolicy
 from trainer.judging.governed import Ruled
 
-_NO_WAY_M = np.full(
-    (len(AHEAD_M), 2), np.nan
-)  # the way, which only others' poses are compared with
+
+@dataclass
+class Seeing(Ruled):
+    """As `Ruled`, with what it saw: a robot's `robot.navigation.lane_watch.LaneWatch`."""
+
+    way: WaySeen = field(default_factory=WaySeen)
 
 
 class Sighted(Pilot):
-    """As `Pilot`, slowed by headway alone: `rules: {headway: true}` of a robot without a localizer.
+    """As `Pilot`, slowed by headway alone: `rules: {headway: true}` of a robot without a map.
 
     ContractError for a sight that does not tell the way.
     """
@@ -37,12 +37,11 @@ class Sighted(Pilot):
         if not sight.tells_way:
             raise ContractError(f"{sight.path}: expected a sight that tells the free way")
         self._sight = sight
-        self._robots: dict[int, Ruled] = {}
+        self._robots: dict[int, Seeing] = {}
         self._turns = 0
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """See `trainer.judging.drivers.Driver`."""
-        assert isinstance(world.task, Traffic)
         shares = super().choose(world, seen)
         self._turns += 1
         now_s, driving = self._turns * CONTROL_DT_S, np.flatnonzero(world.active)
@@ -51,18 +50,17 @@ class Sighted(Pilot):
         for k, i in enumerate(driving.tolist()):
             robot = self._robot(world, i)
             robot.moved(Pose(*world.poses[i].tolist()))
-            robot.watch.saw(Seen(*(part[k : k + 1] for part in what)), robot.driven_m, now_s)
-            ahead = robot.watch.look(now_s, robot.pose, math.inf, robot.driven_m, _NO_WAY_M)
+            robot.way.see(Seen(*(part[k : k + 1] for part in what)), robot.driven_m, now_s)
+            ahead = robot.way.ahead(robot.driven_m, now_s)
             slowed = robot.slow(MAX_WHEEL_MPS * shares[i], now_s, ahead)
             shares[i] = np.array(slowed) / MAX_WHEEL_MPS
         return shares
 
-    def _robot(self, world: BatchWorld, i: int) -> Ruled:
+    def _robot(self, world: BatchWorld, i: int) -> Seeing:
         """Who begins an episode remembers nothing."""
         number, known = int(world.numbers[i]), self._robots.get(i)
         if known is None or number not in (-1, known.number):
-            view = LaneView(world.task.road_maps[world.maps[i]])
-            watch = RoadWatch(view, way=WaySeen())
-            known = Ruled(number, Pose(*world.poses[i].tolist()), watch, (KeepApart(),))
+            here = Pose(*world.poses[i].tolist())
+            known = Seeing(number, here, Rules(headway=True).chain())
             self._robots[i] = known
         return known

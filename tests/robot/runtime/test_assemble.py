@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from contextlib import closing, contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Optional
 
@@ -18,6 +19,7 @@ from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
+from robot.inference.policy import SHIPPED_MODELS
 from robot.link.command_client import CommandClient
 from robot.link.commands import Ack, Mission
 from robot.link.messages import PosesMessage, Sighting
@@ -30,11 +32,13 @@ from robot.recording.reader import entries
 from robot.runtime.assemble import open_camera, open_robot
 from robot.runtime.loop import Runtime
 from robot.safety.gates import Reason, SafetyLimits
+from robot.safety.governors import Rules
 from robot.safety.state_machine import Command, State
 from tests.robot.fakes import FakeOperator, FakeSubscriber
 from tests.robot.navigation.test_navigator import GRAPH
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
+SIGHT = SHIPPED_MODELS / "sight.onnx"
 # The computers that run the tests may be busy; what is tested here is the wiring, not the limits.
 PATIENT = SafetyLimits(frame_age_s=2.0, loop_age_s=2.0, link_age_s=0.6, pose_age_s=2.0)
 
@@ -200,6 +204,41 @@ def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path
     reports = [entry.message() for entry in entries(path, topics.TELEMETRY)]
     assert [report["state"] for report in reports] == ["READY", "READY"]
     assert "recorded" in [reading["name"] for reading in reports[-1]["health"]]
+
+
+def test_a_lane_keeper_stands_for_what_its_pictures_show(tmp_path: Path) -> None:
+    lane = str(write_policy(tmp_path / "lane.onnx", lane_contract()))
+    operator, heard = FakeOperator(), FakeSubscriber()
+    operator.silent_s = None
+    parts = {
+        "camera": nullcontext(DarkCamera()),
+        "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
+    }
+    config = RobotConfig(lane, sight=str(SIGHT), safety=PATIENT, rules=Rules(headway=True))
+    with open_robot(config, (operator,), (heard,), **parts) as runtime:
+        for word in (Command.ARM, Command.AUTO):
+            runtime.run(turns=3)
+            operator.wishes = [(word, None)]
+        runtime.run(turns=1)
+    tick = heard.ticks[-1]
+    assert tick.guidance is not None
+    assert (tick.guidance.path, tick.guidance.pose) == (None, None)
+    assert not math.isnan(tick.guidance.ahead.free_m), "it was asked about this very picture"
+
+
+def test_a_lane_keeper_obeys_no_rule_that_it_cannot_see_to(
+    tmp_path: Path, configs: Dict[str, LinkConfig]
+) -> None:
+    lane = str(write_policy(tmp_path / "lane.onnx", lane_contract()))
+    config = RobotConfig(lane, map="town", link=configs["robot"], rules=Rules(stop_lines=True))
+    with pytest.raises(ConfigError, match="rules: expected headway at most"):
+        open_robot(config).__enter__()
+    parts = {
+        "camera": nullcontext(DarkCamera()),
+        "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
+    }
+    with pytest.raises(ConfigError, match=r"rules\.headway: expected sight as well"):
+        open_robot(replace(config, rules=Rules(headway=True)), **parts).__enter__()
 
 
 def test_a_robot_without_its_watchdog_does_not_drive(

@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robot.contract import ImageSpec
+from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
 from robot.errors import ConfigError, ContractError
+from robot.inference.preprocess import FRAME_SHAPE
 from robot.navigation.road_map import load_map
+from robot.safety.state_machine import Command
 from robot.vision.sight import OnnxSight
+from sim_pybullet.batch import Observation
 from sim_pybullet.randomise import load_look_sampler
+from tests.robot.navigation.test_lane_watch import FakeSight, OnTheLane
+from tests.robot.navigation.test_way_seen import picture
 from tests.trainer.judging.test_governed import Heedless
 from trainer.judging.challenge import Episode, drive
 from trainer.judging.cli import judge_command
@@ -43,6 +48,33 @@ def test_it_stands_before_the_ducks_that_a_heedless_driver_hits(
     seen = driven(sighted)
     assert not [each for each in seen if each.end.startswith("collision")]
     assert np.median([each.tiles for each in seen]) > 5.0
+
+
+def test_the_judge_decides_as_the_robot_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same pictures, in which things come and go, and the same wheels in every turn."""
+    rng, turns = np.random.default_rng(0), 400
+    there = np.repeat(rng.random(turns // 8) < 0.5, 8)
+    script = [
+        picture(float(t), f) for t, f in zip(there, rng.uniform(0.05, 0.5, turns), strict=True)
+    ]
+    robot = OnTheLane()
+    robot.bench.turn()
+    for command in (Command.ARM, Command.AUTO):
+        assert robot.bench.runtime.ask(command).accepted
+    robot.sight.sees = iter(script).__next__
+    drove = []
+    for _ in range(turns):
+        drove.append(robot.turn().bench.motors.wheels)
+    assert len(set(drove)) > 50
+    assert (0.0, 0.0) in drove
+    monkeypatch.setattr(Pilot, "choose", lambda *_: np.full((1, 2), 0.3 / MAX_WHEEL_MPS))
+    judged = Sighted(POLICY, FakeSight(iter(script).__next__))  # type: ignore[arg-type]
+    world: Any = SimpleNamespace(active=np.ones(1, bool), numbers=[7], poses=np.zeros((1, 3)))
+    for wheels in drove:
+        seen = Observation(rng.integers(0, 255, (1, *FRAME_SHAPE), np.uint8), None)
+        told_mps = MAX_WHEEL_MPS * judged.choose(world, seen)[0]
+        assert told_mps == pytest.approx(wheels, abs=1e-9)
+        world.poses[0, 0] += CONTROL_DT_S * told_mps[0]
 
 
 def test_a_sight_that_tells_nothing_of_the_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
