@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 from contextlib import contextmanager
@@ -10,14 +11,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Iterable, Iterator, Optional
 
 from robot.errors import ConfigError
+from robot.typed_config import to_plain
 
 if TYPE_CHECKING:
     import numpy as np  # an installation runs before there is one
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON; ConfigError where the folder cannot be written."""
-    write_text(path, json.dumps(data, indent=1) + "\n")
+    """Write a dataclass or plain data, NaN as null; ConfigError where there is no place for it."""
+    write_text(path, json.dumps(_without_nan(to_plain(data)), indent=1) + "\n")
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def write_png(path: Path, picture: np.ndarray) -> None:

@@ -10,6 +10,7 @@ import base64
 import contextlib
 import dataclasses
 import functools
+import json
 import reprlib
 import typing
 from pathlib import Path
@@ -85,6 +86,19 @@ def read_yaml(path: Union[str, Path]) -> Any:
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: 2026-99-99
         told = " ".join(str(error).split())
         raise ConfigError(f"{path}: expected YAML in UTF-8, got: {told}") from error
+
+
+def read_json(path: Path) -> Dict[str, Any]:
+    """The object in a JSON file; ConfigError if it is absent, or none."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: expected figures, got: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: expected figures in JSON, got: {error}") from error
+    if not isinstance(found, dict):
+        raise ConfigError(f"{path}: expected an object of figures, got {type(found).__name__}")
+    return found
 
 
 _short = reprlib.Repr()

@@ -6,7 +6,6 @@ that was killed goes on with the stage it was in.
 
 from __future__ import annotations
 
-import json
 import shutil
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from robot.command_line import SEED, OneLineParser, answer, number
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
-from robot.typed_config import read_yaml
+from robot.typed_config import read_json, read_yaml
 
 TRAIN_SECONDS = 75.0
 if TYPE_CHECKING:
@@ -67,9 +66,7 @@ def summarise(out: Path, total_s: float) -> dict[str, Any]:
     """The demo's metrics from the files of its stages."""
     told = read_yaml(FILE)["told"]
     names = ("lane/metrics", "lane/evaluation", "loop", "navigation")
-    training, evaluation, loop, navigation = (
-        json.loads((out / f"{name}.json").read_text(encoding="utf-8")) for name in names
-    )
+    training, evaluation, loop, navigation = (read_json(out / f"{name}.json") for name in names)
     return {
         "schema": 1,
         "inputs": {

@@ -24,7 +24,7 @@ from robot.errors import DuckpilotError, expect_between, nearest
 from robot.output import expect_folder, expect_writable
 
 PROGRAM = "python -m trainer"
-_LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look", "--models")
+_LISTS = ("--map", "--without", "--judge-map", "--sim", "--real", "--pairs", "--look")
 _FRAME = "│╭╮╰╯┆ "
 
 # Of every command that has an option of this name.
@@ -60,10 +60,6 @@ _RUN, _SEE, _TRY = "trainer.commands", "trainer.transfer.cli", "trainer.experime
 COMMANDS: Mapping[str, Command | Group] = {
     "train": Command(f"{_RUN}:train_command", "train a policy"),
     "train-sight": Command("trainer.sight.cli:train_command", "teach the network that sees lanes"),
-    "judge-sight": Command("trainer.sight.cli:judge_command", "how right sight is, and how sure"),
-    "judge-photographs": Command(
-        "trainer.sight.cli:photographs_command", "what all that sees makes of photographs"
-    ),
     "sight": Command("trainer.sight.cli:draw_command", "draw what sight sees over pictures"),
     "evaluate": Command(f"{_RUN}:evaluate_command", "drive a policy, and count successes"),
     "judge": Command("trainer.judging.cli:judge_command", "drive an AI Driving Olympics challenge"),

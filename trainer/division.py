@@ -43,7 +43,7 @@ class Division:
     maps: Parts
     looks: Parts
     pictures: Parts  # photographs and recorded drives that people took; none comes with this
-    sites: Parts  # of annotated photographs, trainer/judging/photographs.yaml
+    sites: Parts  # of annotated photographs, tests/trainer/photographs.yaml
     outside: tuple[str, ...]  # judging maps that do not come with this: NAME FINGERPRINT
 
 

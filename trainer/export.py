@@ -19,13 +19,14 @@ from torch import nn
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
 from robot.inference.translator import OnnxTranslator, TranslatorContract
+from robot.output import write_json
 from robot.vision.sight import SightContract
 from sim_pybullet.tasks.spec import find_task
 from trainer.config import RunConfig
 from trainer.envs import parts_of
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
-from trainer.run import RunFolder, atomically, write_json
+from trainer.run import RunFolder, atomically
 from trainer.training.checkpoint import load_policy, read_state
 
 OPSET = 17

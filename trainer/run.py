@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,32 +17,6 @@ from trainer.algorithms import find_algorithm
 from trainer.config import RunConfig
 
 CONFIG = "config.yaml"  # of every kind of run: what it was begun with
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Atomically, a dataclass or plain data; NaN becomes null."""
-    write_text(path, json.dumps(_without_nan(to_plain(data)), indent=2) + "\n")
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; ConfigError if it is absent, or none."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: expected figures, got: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: expected figures in JSON, got: {error}") from error
-    if not isinstance(found, dict):
-        raise ConfigError(f"{path}: expected an object of figures, got {type(found).__name__}")
-    return found
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 Config = TypeVar("Config")

@@ -4,8 +4,9 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
+from robot.output import write_json
 from trainer.presets import preset
-from trainer.run import Episode, EpisodeLog, RunFolder, atomically, refuse_run, write_json
+from trainer.run import Episode, EpisodeLog, RunFolder, atomically, refuse_run
 
 
 def episode(step: int) -> Episode:

@@ -14,12 +14,13 @@ from tqdm import tqdm
 from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.output import expect_writable, write_json
 from robot.safety.governors import Rules
+from robot.typed_config import read_json
 from tools.faults import FAMILIES, hardware, pictures, poses, programs, strangers, traffic
 from tools.faults.case import Case, Outcome
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
-from tools.loop.drive import expect_navigator, read_figures
+from tools.loop.drive import expect_navigator
 
 
 def every_case() -> list[tuple[str, Case]]:
@@ -99,6 +100,6 @@ def _done(path: Path | None) -> list[Outcome]:
     if path is None or not path.exists():
         return []
     try:
-        return [Outcome(**row) for row in read_figures(path)["outcomes"]]
+        return [Outcome(**row) for row in read_json(path)["outcomes"]]
     except (KeyError, TypeError) as error:
         raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others") from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import tempfile
 import time
@@ -16,11 +15,12 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from robot.errors import ConfigError, ContractError
+from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.inference.policy import read_contract
 from robot.navigation.road_map import load_map
 from robot.output import expect_folder, expect_writable, write_json
+from robot.typed_config import read_json
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.hands import DRIVERS
 from tools.loop.missions import MissionRecord
@@ -185,7 +185,7 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
     arrived = [r for r in rows if r["arrived"]]
 
     def mean(key: str) -> float:
-        values = [r[key] for r in rows if math.isfinite(r[key])]
+        values = [v for r in rows if (v := r[key]) is not None and math.isfinite(v)]
         return float(np.mean(values)) if values else math.nan
 
     return {
@@ -221,17 +221,9 @@ def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
     """What an earlier run of the same inputs has driven."""
     if options.json is None or not options.json.exists():
         return []
-    before = read_figures(options.json)
+    before = read_json(options.json)
     same = (before.get("schema"), before.get("inputs")) == (SCHEMA, inputs_of(options))
     return list(before.get("rows") or ())[: options.missions] if same else []
-
-
-def read_figures(path: Path) -> dict[str, Any]:
-    """The JSON object that an earlier run wrote; ConfigError for another file."""
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise ConfigError(f"{path}: expected the JSON of an earlier run, got: {error}") from error
 
 
 def inputs_of(options: argparse.Namespace) -> dict[str, Any]:

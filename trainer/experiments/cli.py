@@ -79,10 +79,10 @@ def table1_command(
         seeds: how many supervised networks of each kind.
         steps: updates of each.
     """
+    from robot.output import write_json
     from trainer.experiments.racing_policy import named_policies
     from trainer.experiments.records import load_drive
     from trainer.experiments.table1 import as_table, draw_table, foretell
-    from trainer.run import write_json
 
     console = Console(soft_wrap=True)
     policies = named_policies(policy)
@@ -141,8 +141,8 @@ def figure5_command(
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
+    from robot.output import write_json
     from trainer.experiments.figure5 import as_table, draw_figure, gather, trainings, translator
-    from trainer.run import write_json
 
     console = Console(soft_wrap=True)
     jobs = trainings(out, options, translator(out, options, console))

@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot.output import write_text
-from robot.typed_config import to_plain
+from robot.output import write_json, write_text
+from robot.typed_config import read_json, to_plain
 from trainer.algorithms import find_algorithm
 from trainer.experiments.cli import SixModelsOptions
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.report.curves import draw_panels, half_interval
-from trainer.run import RunFolder, read_json, write_json
+from trainer.run import RunFolder
 from trainer.sweeps.jobs import EvaluateJob, TrainJob
 from trainer.training.checkpoint import read_state
 

@@ -52,12 +52,12 @@ def judge_command(
         out: a folder for a page with films of the worst episodes.
     """
     from robot.navigation.road_map import load_map
+    from robot.output import write_json
     from sim_pybullet.randomise import load_look_sampler
     from trainer.division import maps_named
     from trainer.judging.challenge import drive, robots_of
     from trainer.judging.films import Worst
     from trainer.judging.olympics import Verdict, tell, write_worst
-    from trainer.run import write_json
 
     names = [model] if against is None else [model, against]
     drivers = [_driver(name, model, poses, challenge) for name in names]

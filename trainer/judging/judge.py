@@ -19,8 +19,8 @@ from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.inference.translator import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
-from robot.output import expect_writable, write_text
-from robot.typed_config import to_plain
+from robot.output import expect_writable, write_json, write_text
+from robot.typed_config import read_json, to_plain
 from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import DriveMetrics
 from sim_pybullet.sensing.guidance_feed import PoseSources
@@ -36,7 +36,6 @@ from trainer.judging.evaluate import (
 )
 from trainer.judging.films import Worst, films_of
 from trainer.options import EvaluateOptions
-from trainer.run import read_json, write_json
 
 _COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
 _FREE = ("episodes", "seed")  # which episodes are asked for: a drive is the same among others

@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot.errors import ConfigError
 from robot.output import write_text
-from robot.typed_config import from_plain
+from robot.typed_config import from_plain, read_json
 from sim_pybullet.tasks.spec import TASKS, PaperRow, TaskSpec, find_task, learned_tasks
 from trainer.algorithms import NAMES, find_algorithm
 from trainer.config import RunConfig
@@ -21,7 +21,7 @@ from trainer.judging.films import films, films_of
 from trainer.judging.rides import FILM_S
 from trainer.options import EvaluateOptions
 from trainer.report.curves import SKILLED, draw_panels
-from trainer.run import Episode, RunFolder, read_json
+from trainer.run import Episode, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState, read_state
 
 _NAMED_MAPS = 2  # at most, where there is little room

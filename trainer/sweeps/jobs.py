@@ -13,10 +13,10 @@ from rich.console import Console
 from robot.command_line import INTERRUPTED
 from robot.errors import ConfigError
 from robot.output import expect_folder
-from robot.typed_config import from_plain, read_yaml, to_plain
+from robot.typed_config import from_plain, read_json, read_yaml, to_plain
 from trainer.config import RunConfig
 from trainer.options import EvaluateOptions, TrainOptions, extended, refuse_others
-from trainer.run import RunFolder, read_json, refuse_run
+from trainer.run import RunFolder, refuse_run
 from trainer.sweeps.sweep import SweepOptions, WorkerOptions
 
 T = TypeVar("T")

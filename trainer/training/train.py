@@ -13,6 +13,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
+from robot.output import write_json
 from trainer.algorithms import EnvMaker, Making, find_algorithm
 from trainer.config import RunConfig
 from trainer.export import export_run
@@ -20,7 +21,7 @@ from trainer.learners.replay import MappedReplayBuffer
 from trainer.learners.world import learning_world
 from trainer.processes import LocalProcesses, Processes
 from trainer.report.curves import draw_curve
-from trainer.run import EpisodeLog, RunFolder, write_json
+from trainer.run import EpisodeLog, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState, load_checkpoint
 from trainer.training.crew import Crew, share_of
 from trainer.training.watch import Watch

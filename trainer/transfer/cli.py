@@ -159,7 +159,7 @@ def translate_judge_command(
         json: write the figures there.
     """
     from robot.inference.translator import OnnxTranslator
-    from trainer.run import write_json
+    from robot.output import write_json
     from trainer.transfer.judge import LANE_OVERLAP, judge
 
     found = judge(OnnxTranslator(model), sim, real)
@@ -242,7 +242,7 @@ def parse_translate_command(
 
 
 def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console: Console) -> None:
-    from trainer.run import write_json
+    from robot.output import write_json
     from trainer.transfer.parser import score_classes
 
     scores = []

@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.lens import CameraRig
 from sim_pybullet.look import NOMINAL
-from trainer.cli import main
-from trainer.division import division
-from trainer.judging.photographs import (
+from tests.trainer.judge_photographs import (
     Answer,
     DrawnLine,
     Judged,
@@ -21,9 +19,11 @@ from trainer.judging.photographs import (
     figures,
     judge,
     load_annotations,
+    main,
     pursuit,
     seers,
 )
+from trainer.division import division
 from trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
@@ -173,13 +173,14 @@ def test_the_command_writes_figures_site_by_site_and_refuses_what_is_not_there(
     black: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "figures.json"
-    assert main(["judge-photographs", str(black), "--json", str(out)]) == 0
+    assert main([str(black), "--json", str(out)]) == 0
     assert "| lane_coached | " in capsys.readouterr().out
     judged = json.loads(out.read_text())["judged"]
     assert {"nav_ppo", "sight", "yellow-line detector", "always straight"} <= set(judged)
     assert set(judged["sight"]["sites"]) == set(division().sites.judging)
-    assert main(["judge-photographs", str(black), "--part", "training"]) == 2
-    assert main(["judge-photographs", str(tmp_path / "none")]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main([str(black), "--part", "training"])
+    assert main([str(tmp_path / "none")]) == 2
     assert "expected an annotated photograph, found none" in capsys.readouterr().err
 
 

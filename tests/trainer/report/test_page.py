@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from robot.errors import ConfigError
+from robot.output import write_json
 from robot.typed_config import to_plain
 from tests.trainer.judging.test_rides import offered
 from tests.trainer.test_run import episode
@@ -21,7 +22,7 @@ from trainer.options import EvaluateOptions
 from trainer.presets import preset
 from trainer.report import page as module
 from trainer.report.page import find_runs, read_runs, write_report
-from trainer.run import EpisodeLog, RunFolder, write_json
+from trainer.run import EpisodeLog, RunFolder
 from trainer.training.checkpoint import Evaluated, TrainState
 
 

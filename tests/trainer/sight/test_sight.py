@@ -12,9 +12,9 @@ from robot.navigation.lane_view import KINDS, LaneView
 from robot.navigation.road_map import load_map
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
 from sim_pybullet.look import NOMINAL
+from tests.trainer import judge_sight
 from trainer.cli import main
 from trainer.sight.cli import SHIPPED, SightRun
-from trainer.sight.judge import judge
 from trainer.sight.network import SightNetwork, calibrate, export_sight
 from trainer.sight.pictures import (
     CROSSING,
@@ -154,7 +154,7 @@ def test_a_judgement_of_the_map_itself_is_perfect(
             seen = super().__call__(pictures)
             return seen._replace(line=np.zeros(len(pictures)))
 
-    found = judge(Knowing(untaught), "nominal", driven, elsewhere, driven)
+    found = judge_sight.judge(Knowing(untaught), "nominal", driven, elsewhere, driven)
     assert found.line_found == 0.0
     assert found.lines_passed_by == found.lines > 0
     assert found.invented_per_200_m == 0.0
@@ -204,8 +204,8 @@ def test_what_is_seen_is_drawn_over_a_picture(untaught: Path, photograph: Path) 
 
 def test_judging_writes_its_figures(untaught: Path, tmp_path: Path) -> None:
     path = tmp_path / "sight.json"
-    words = ["judge-sight", "--model", str(untaught), "--json", str(path), "--look", "nominal"]
-    assert main([*words, "--map", "town", "--decisions", "5"]) == 0
+    words = ["--model", str(untaught), "--json", str(path), "--look", "nominal"]
+    assert judge_sight.main([*words, "--map", "town", "--decisions", "5"]) == 0
     found = json.loads(path.read_text())
     assert found["inputs"]["maps"] == ["town"]
     assert found["looks"][0]["offset_m"]["pictures"] > 0

@@ -5,11 +5,12 @@ import pytest
 from rich.console import Console
 
 from robot.errors import ConfigError, DuckpilotError
+from robot.output import write_json
 from tests.trainer.chores import Chore
 from trainer.cli import main
 from trainer.options import EvaluateOptions, TrainOptions
 from trainer.presets import preset
-from trainer.run import RunFolder, write_json
+from trainer.run import RunFolder
 from trainer.sweeps.jobs import TrainJob, combinations, evaluate_jobs
 from trainer.sweeps.sweep import SweepOptions, run_sweep
 

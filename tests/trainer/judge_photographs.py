@@ -1,4 +1,6 @@
-"""What policies choose on photographs that a person annotated, and where lines are seen.
+"""``python -m tests.trainer.judge_photographs FOLDER``: on photographs that a person annotated.
+
+What policies choose there, and where lines are seen.
 
 ``photographs.yaml`` holds file names, letters for actions and points of lines; the photographs lie
 elsewhere; docs/photographs.md has the rule. Where a line lies on the floor depends on lens and
@@ -8,7 +10,9 @@ mounting, which nobody measured: the nominal ones are assumed (three calibrated 
 
 from __future__ import annotations
 
+import argparse
 import math
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,15 +23,17 @@ import numpy as np
 
 from robot.camera.files import read_picture
 from robot.camera.source import fit_to_frame
+from robot.command_line import OneLineParser, answer
 from robot.contract import FIVE_ACTIONS, FRAME_HEIGHT_PX, FRAME_WIDTH_PX
 from robot.errors import ConfigError
-from robot.inference.policy import OnnxPolicy, values_of
+from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy, values_of
 from robot.inference.preprocess import preprocess
 from robot.lens import CameraRig
+from robot.output import expect_writable, write_json
 from robot.typed_config import load_yaml
 from robot.vision.sight import OnnxSight
 from sim_pybullet.look import NOMINAL
-from trainer.division import division
+from trainer.division import PARTS, division
 from trainer.judging.yellow_line import (
     DASHES,
     RANGE_M,
@@ -39,6 +45,13 @@ from trainer.judging.yellow_line import (
 )
 
 FILE = Path(__file__).with_name("photographs.yaml")
+SEERS = tuple(
+    SHIPPED_MODELS / f"{name}.onnx"
+    for name in (
+        *("lane_sight", "lane_coached", "lane_dueling", "lane_ppo"),
+        *("nav_sight", "nav_dueling", "nav_ppo", "sight"),
+    )
+)
 _SPACING_M = 0.075  # a dash and a gap of Duckietown's yellow tape
 
 # Lines between these distances may be found or not; the detector's range lies between them.
@@ -305,3 +318,34 @@ def as_rows(found: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
         cells[3] += f" ({own['worst_site']})" if own["worst_site"] else ""
         rows.append((who, str(own["chosen"] or own["pictures"]), *cells))
     return rows
+
+
+def judge_all(options: argparse.Namespace) -> None:
+    """Ask all, and tell; DuckpilotError for no such model, or a photograph that is missing."""
+    expect_writable(options.json, inputs=options.models)
+    found = {
+        name: figures(judge(see, options.photographs, options.part))
+        for name, see in seers(options.models).items()
+    }
+    if options.json is not None:
+        inputs = {"photographs": str(options.photographs), "part": options.part}
+        asked = {**inputs, "models": [str(model) for model in options.models]}
+        write_json(options.json, {"inputs": asked, "judged": found})
+    for row in as_rows(found):
+        print(f"| {' | '.join(row)} |")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status 2 for wrong input."""
+    parser = OneLineParser(prog="python -m tests.trainer.judge_photographs", description=__doc__)
+    parser.add_argument("photographs", type=Path, help="the folder of the sites' folders")
+    told = "policies, and sight by its name, .onnx; else the shipped ones"
+    parser.add_argument("--models", type=Path, nargs="+", default=SEERS, help=told)
+    parser.add_argument("--part", choices=PARTS[1:], default="judging")
+    parser.add_argument("--json", type=Path, help="write the figures, site by site")
+    options = parser.parse_args(arguments)
+    return answer("judge_photographs", lambda: judge_all(options))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,12 +1,25 @@
-"""How right sight is about pictures of maps and looks that it never saw, and how sure of it."""
+"""``python -m tests.trainer.judge_sight``: how right sight is, and how sure of it.
+
+Asked about what experts see who drive on maps and in looks that it never saw.
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from robot.command_line import SEED, OneLineParser, answer, whole
+from robot.navigation.road_map import load_map
+from robot.output import expect_writable, write_json
+from robot.typed_config import to_plain
 from robot.vision.sight import OnnxSight, Seen
+from sim_pybullet.randomise import load_look_sampler
+from trainer.division import division, maps_named
+from trainer.sight.cli import SHIPPED
 from trainer.sight.pictures import (
     CROSSING,
     DRIVEN_M,
@@ -18,7 +31,11 @@ from trainer.sight.pictures import (
     ROBOTS,
     THING,
     Pictures,
+    anywhere,
+    drive,
+    missions,
     spoiled,
+    traffic,
 )
 
 SURE = 0.5  # a probability above it is a yes
@@ -40,7 +57,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What ``judge-sight`` finds in one look; shares are of the pictures asked about."""
+    """What is found in one look; shares are of the pictures asked about."""
 
     look: str
     pictures: int
@@ -202,3 +219,40 @@ def _row(each: Judgement) -> dict[str, str]:
 
 def _of(error: Error) -> str:
     return f"({error.ratio:.2f}, {error.outliers:.1%})"
+
+
+def judge_all(options: argparse.Namespace) -> None:
+    """Drive in each look, judge, and tell; DuckpilotError for no such sight, look or map."""
+    expect_writable(options.json, inputs=[options.model])
+    sight, found = OnnxSight(options.model), []
+    maps = [load_map(name) for name in maps_named(options.map) or division().maps.judging]
+    for name in options.look:
+        looks = load_look_sampler(name)
+        driven = drive(missions(maps), looks, options.seed, options.decisions)
+        met = drive(traffic(maps), looks, options.seed, options.decisions)
+        elsewhere = anywhere(maps, looks, options.seed)
+        found.append(judge(sight, name, driven, elsewhere, met))
+    if options.json is not None:
+        inputs = {"model": str(options.model), "maps": [m.name for m in maps]}
+        inputs["seed"] = options.seed
+        write_json(options.json, {"inputs": inputs, "looks": [to_plain(each) for each in found]})
+    head, *rows = as_rows(found)
+    for row in (head, ["---"] * len(head), *rows):
+        print(f"| {' | '.join(row)} |")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status 2 for wrong input."""
+    parser = OneLineParser(prog="python -m tests.trainer.judge_sight", description=__doc__)
+    parser.add_argument("--model", type=Path, default=SHIPPED)
+    parser.add_argument("--json", type=Path, help="write the figures")
+    parser.add_argument("--look", nargs="+", default=("randomised", "reality"))
+    parser.add_argument("--map", nargs="+", default=(), help="else all judging maps")
+    parser.add_argument("--decisions", type=whole(1, 100_000), default=400, help="of 20 robots")
+    parser.add_argument("--seed", type=SEED, default=1000)
+    options = parser.parse_args(arguments)
+    return answer("judge_sight", lambda: judge_all(options))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
