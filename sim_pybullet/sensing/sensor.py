@@ -73,13 +73,37 @@ def _brighten(pixels: np.ndarray, rays: np.ndarray, light: LightLook, heading_ra
     ahead, level = light.azimuth_rad - heading_rad, math.cos(light.elevation_rad)
     towards = (level * math.cos(ahead), level * math.sin(ahead), -math.sin(light.elevation_rad))
     lamp, variance = np.array(towards, np.float32), light.gloss_width_rad**2
-    alike = rays @ lamp
-    seen = np.flatnonzero((alike > 1.0 + variance * math.log(_BARELY)) & (rays[:, 2] < 0.0))
-    (x, y, z), (_, b, c) = rays[seen].T, lamp.astype(float)
-    near = (c * z + (b * y + x * lamp[0]).astype(np.float32)).astype(np.float32)  # fused
-    spot = np.exp((np.clip(near, -1.0, 1.0) - np.float32(1.0)) / np.float32(variance))
-    bright = pixels[seen] + np.float32(light.gloss * _LAMP) * spot[:, None]
-    pixels[seen] = np.minimum(bright + np.float32(0.5), 255.0)
+    least = np.float32(1.0 + variance * math.log(_BARELY))
+    near, seen = _near(rays, lamp, least)
+    # numpy's exp, not the compiler's: they differ in the last bit
+    spot = np.exp((np.minimum(near, np.float32(1.0)) - np.float32(1.0)) / np.float32(variance))
+    _add(pixels, seen, np.float32(light.gloss * _LAMP) * spot)
+
+
+@njit(nogil=True, cache=True)
+def _near(rays: np.ndarray, lamp: np.ndarray, least: np.float32) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines (M,) of the angles between the lamp and those rays (P, 3) that meet the floor and
+    are so alike; their numbers (M,)."""
+    near, seen = np.empty(len(rays), np.float32), np.empty(len(rays), np.int32)
+    count = 0
+    b, c = np.float64(lamp[1]), np.float64(lamp[2])
+    for p in range(len(rays)):
+        across = np.float32(b * rays[p, 1] + np.float64(rays[p, 0] * lamp[0]))
+        cosine = np.float32(c * rays[p, 2] + across)
+        near[count], seen[count] = cosine, p
+        if cosine > least and rays[p, 2] < 0.0:
+            count += 1
+    return near[:count], seen[:count]
+
+
+@njit(nogil=True, cache=True)
+def _add(pixels: np.ndarray, which: np.ndarray, light: np.ndarray) -> None:
+    """To pixels (P, 3) of these numbers (M,) so much light (M,), in place."""
+    for k in range(len(which)):
+        pixel = pixels[which[k]]
+        for colour in range(3):
+            bright = np.float32(pixel[colour]) + light[k] + np.float32(0.5)
+            pixel[colour] = np.uint8(min(bright, np.float32(255.0)))
 
 
 class Sensors:

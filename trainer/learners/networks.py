@@ -24,7 +24,7 @@ from torch import nn
 from robot.contract import PATH_POINTS, ActionTable
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.learners.backbone import read_backbone
+from trainer.learners.backbone import centred, read_backbone
 from trainer.learners.world import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
@@ -39,24 +39,24 @@ class DrivingFeatures(BaseFeaturesExtractor):
     """Convolutions and first fully connected layer; with a path, both branches concatenated.
 
     Takes a picture (N, H, W, 3 F) of F stacked frames, or a dict of ``image`` and ``path`` (N, P)
-    in [-1, 1].
+    in [-1, 1]. In place of the picture it takes what its backbone saw there, (N, width).
     """
 
     def __init__(self, observation_space: spaces.Space, net: NetConfig) -> None:
         image, path_points = observation_shapes(observation_space)
-        width = net.image_fc + (net.path_fc[1] if path_points else 0)
-        super().__init__(observation_space, width)
+        super().__init__(observation_space, net.image_fc + net.path_fc[1] * bool(path_points))
         self._centred = net.centred or bool(net.backbone)
-        self.convolutions = _convolutions(image[2], net.channels)
         if net.backbone:
-            self.convolutions = read_backbone(Path(net.backbone))
-        with torch.no_grad():
-            flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
+            backbone = read_backbone(Path(net.backbone))
+            self.convolutions: nn.Sequential = backbone
+            flat = backbone.width
+        else:
+            self.convolutions = _convolutions(image[2], net.channels)
+            with torch.no_grad():
+                flat = self.convolutions(torch.zeros(1, image[2], *image[:2])).numel()
         self.image_fc = nn.Sequential(nn.Linear(flat, net.image_fc), nn.ReLU())
         self.path_fc = _perceptron((path_points, *net.path_fc)) if path_points else None
-        for learned in (None if net.backbone else self.convolutions, self.image_fc, self.path_fc):
-            if learned is not None:
-                learned.apply(_orthogonal)
+        self.apply(_orthogonal)
 
     def forward(self, observation: Observation) -> torch.Tensor:
         """(N, features)."""
@@ -68,9 +68,9 @@ class DrivingFeatures(BaseFeaturesExtractor):
         return torch.cat((seen, self.path_fc(observation["path"])), 1)
 
     def _look(self, image: torch.Tensor) -> torch.Tensor:
-        # permute alone leaves the pixels where they are: torch's "channels last", its fastest
-        pixels = image.float().permute(0, 3, 1, 2)
-        pixels = pixels / 127.5 - 1.0 if self._centred else pixels / 255.0
+        if image.ndim == 2:
+            return self.image_fc(image)
+        pixels = centred(image) if self._centred else image.float().permute(0, 3, 1, 2) / 255.0
         return self.image_fc(self.convolutions(pixels).flatten(1))
 
 
@@ -262,7 +262,7 @@ def unhedged(head: nn.Sequential) -> nn.Sequential:
 
 
 def observation_shapes(space: spaces.Space) -> tuple[tuple[int, ...], int]:
-    """((H, W, 3 F), path points or 0) of an observation space.
+    """((H, W, 3 F), path points or 0) of an observation space; (width,) where a backbone saw.
 
     Raises:
         ContractError: neither a picture nor a dict of ``image`` and ``path``.
@@ -270,7 +270,7 @@ def observation_shapes(space: spaces.Space) -> tuple[tuple[int, ...], int]:
     parts: Any = space.spaces if isinstance(space, spaces.Dict) else {"image": space}
     shapes: dict[str, tuple[int, ...]] = {name: part.shape or () for name, part in parts.items()}
     image = shapes.get("image", ())
-    if len(image) != 3 or image[2] % 3:
+    if len(image) not in (1, 3) or (image[2:] and image[2] % 3):
         raise ContractError(f"observation: expected a picture (H, W, 3), got {space}")
     return image, sum(shapes.get("path", ()))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +16,7 @@ from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
 from trainer.envs import SeenOtherwise, parts_of
+from trainer.learners.backbone import Seer
 from trainer.relit import relit
 
 TRUE_PATH = "true_path"
@@ -56,6 +58,19 @@ def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
     return SeenOtherwise(env, see)
 
 
+def seen_by(env: VecEnv, backbone: Seer) -> SeenOtherwise:
+    """In place of pictures (H, W, 3), alone or in a dict as ``image``, what a backbone saw."""
+
+    def see(seen: Any, _: int | None) -> Any:
+        image = backbone(parts_of(seen)["image"])
+        return {**seen, "image": image} if isinstance(seen, dict) else image
+
+    space: spaces.Space = spaces.Box(-np.inf, np.inf, (backbone.width,), np.float32)
+    if isinstance(env.observation_space, spaces.Dict):
+        space = spaces.Dict({**env.observation_space.spaces, "image": space})
+    return SeenOtherwise(env, see, space)
+
+
 class ScaledReward(VecEnvWrapper):
     """Multiplies rewards, so that values lie near 1, where losses and gradients are made for."""
 
@@ -80,4 +95,6 @@ def learning_world(config: RunConfig, make_env: EnvMaker) -> VecEnv:
         env = with_true_path(env)
     if config.relit:
         env = under_other_lights(env, np.random.default_rng(config.seed))
+    if config.net.backbone:
+        env = seen_by(env, Seer(Path(config.net.backbone), config.device))
     return ScaledReward(env, config.reward_scale)

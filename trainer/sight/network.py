@@ -13,6 +13,7 @@ from robot.errors import ContractError
 from robot.output import atomically
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
 from trainer.export import write_onnx
+from trainer.learners.backbone import HALF
 from trainer.sight.pictures import FIGURES, FREE, IMAGE, KIND, LINE, NEW, ROAD, THING, Pictures
 
 CHANNELS = (24, 48, 96)
@@ -28,7 +29,6 @@ _LOG_SD = (-4.0, 2.0)  # least and most, of the standard deviation in spreads
 _BETA = 0.5
 _TOLERANCE = 1e-4
 _AT_ONCE = 512
-_HALF = torch.ops.mkldnn._is_mkldnn_bf16_supported()  # half the time of learning
 
 
 def _convolution(of: int, to: int, size: int, stride: int) -> nn.Sequential:
@@ -83,7 +83,7 @@ class SightNetwork(nn.Module):
     def raw(self, images: torch.Tensor) -> torch.Tensor:
         """(N, 18) in spreads, logarithms and logits."""
         pixels = images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
-        with torch.autocast("cpu", torch.bfloat16, enabled=self.training and _HALF):
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.training and HALF):
             features = self.body(pixels)
         return self.head(features.float())
 

@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from sim_pybullet.look import LightLook, SensorLook
+from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.sensing.sensor import PX_PER_RAD, apply_sensor, smeared
 from tests.sim_pybullet.sensing.gloss import add_gloss
 
@@ -55,3 +58,19 @@ def test_a_lamp_ahead_shines_in_the_floor_ahead_and_turns_with_the_robot() -> No
     assert middles[1] > middles[0] + 15  # the robot turned left: the lamp is to the right
     assert middles[2] < middles[0] - 15
     assert seen[3].max() < 60
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.1, 1.5), st.floats(0.05, 2.0), st.floats(0.02, 0.6))
+def test_gloss_is_phongs_lamp_on_the_floor(
+    heading: float, elevation: float, gloss: float, width: float
+) -> None:
+    light = LightLook(azimuth_rad=0.3, elevation_rad=elevation, gloss=gloss, gloss_width_rad=width)
+    frame = np.full((60, 80, 3), 50, np.uint8)
+    image = ImageSpec(80, 60)
+    add_gloss(frame, RIG, image, light, heading)
+    rays = pixel_rays(RIG, image).directions.astype(float)
+    lamp = np.array((np.cos(0.3 - heading), np.sin(0.3 - heading), 0.0)) * np.cos(elevation)
+    lamp[2] = -np.sin(elevation)
+    spot = np.exp((np.minimum(rays @ lamp, 1.0) - 1.0) / width**2) * (rays[..., 2] < 0.0)
+    expected = np.minimum(50.0 + 200.0 * gloss * spot, 255.0)
+    assert np.abs(frame - expected[..., None]).max() <= 0.6

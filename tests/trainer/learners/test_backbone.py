@@ -12,17 +12,22 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from onnxruntime import InferenceSession
+from rich.console import Console
 
 import robot
 from robot.contract import FIVE_ACTIONS, PolicyContract
 from robot.errors import ConfigError, ContractError
+from robot.inference.policy import OnnxPolicy
 from robot.vision.sight import OnnxSight
+from trainer.envs import make_env
 from trainer.export import check_equal, export_network, noise_seen
-from trainer.learners.backbone import read_backbone
+from trainer.learners.backbone import Seer, centred, read_backbone
 from trainer.learners.networks import GreedyNetwork, Hedge
 from trainer.learners.policies import build_policy
 from trainer.options import TrainOptions
 from trainer.presets import preset
+from trainer.run import RunFolder
+from trainer.training.train import train
 from trainer.twin.teach import load_base
 
 SIGHT = Path(robot.__file__).parent / "models" / "sight.onnx"
@@ -54,6 +59,40 @@ def test_it_sees_what_the_last_layer_of_sight_gets() -> None:
     seen = read_backbone(SIGHT)(pixels).numpy()
     assert seen.shape == (4, 192)
     np.testing.assert_allclose(seen, expected, atol=1e-4)
+
+
+def test_what_learners_are_shown_is_nearly_that() -> None:
+    images = pictures(6)
+    seer = Seer(SIGHT, "cpu")
+    exact = read_backbone(SIGHT)(centred(torch.from_numpy(images))).numpy()
+    seen = seer(images)
+    assert (seen.shape, seen.dtype, seer.width) == ((6, 192), np.float32, 192)
+    assert np.abs(seen - exact).max() < 0.02 * exact.max()
+    assert np.abs(seer(images[0]) - seen[0]).max() < 0.02 * exact.max()
+    network = seeing("lane").features
+    of_pictures, of_what_was_seen = network(torch.from_numpy(images)), network(torch.tensor(exact))
+    assert torch.equal(of_pictures, of_what_was_seen)
+
+
+@pytest.mark.parametrize("algorithm", ["dueling", "dagger", "ppo"])
+@pytest.mark.parametrize("task", ["lane", "navigation"])
+def test_runs_learn_from_what_it_saw_and_drive_by_pictures(
+    task: str, algorithm: str, tmp_path: Path
+) -> None:
+    config = preset(task, algorithm, "debug")
+    config = replace(
+        config,
+        steps=192,
+        net=replace(config.net, backbone=str(SIGHT)),
+        image=OnnxSight(SIGHT).contract.image,
+        evaluation=replace(config.evaluation, episodes=1),
+    )
+    folder = RunFolder(tmp_path)
+    train(config, folder, make_env, Console(quiet=True))
+    policy = OnnxPolicy(folder.onnx)
+    assert (policy.contract.algorithm, policy.contract.image) == (algorithm, config.image)
+    layers = read_backbone(SIGHT).parameters(), read_backbone(folder.onnx).parameters()
+    assert all(torch.equal(ours, theirs) for ours, theirs in zip(*layers, strict=True))
 
 
 def test_what_learns_leaves_the_backbone_as_it_is() -> None:
