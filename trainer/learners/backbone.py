@@ -43,7 +43,7 @@ class Backbone(nn.Sequential):
         """How many numbers it says of a picture."""
         return cast(nn.Linear, self[-2]).out_features
 
-    def apply(self, fn: Callable[[nn.Module], None]) -> Backbone:
+    def apply(self, fn: Callable[[nn.Module], None]) -> Backbone:  # noqa: ARG002
         """Nothing: those who make all layers of a policy anew, such as SB3's, mean what learns."""
         return self
 
