@@ -9,7 +9,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple, Optional, Tuple
+from typing import ClassVar, NamedTuple, Optional, Tuple, Type, TypeVar
 
 from robot.errors import ConfigError, ContractError
 from robot.geometry import DifferentialDrive, Twist, WheelSpeeds
@@ -105,6 +105,35 @@ class ImageSpec:
         return (self.height_px - self.crop_top_px, self.width_px, 3)
 
 
+T = TypeVar("T", bound="InFile")
+
+
+class InFile:
+    """A frozen dataclass that travels inside an ONNX file, as JSON under its ``METADATA_KEY``."""
+
+    METADATA_KEY: ClassVar[str]
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(to_plain(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls: Type[T], text: str) -> T:
+        """Read what ``to_json`` wrote; ContractError for other JSON, or another version's."""
+        what = f"metadata {cls.METADATA_KEY}"
+        try:
+            plain = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ContractError(f"{what}: expected JSON, got: {error}") from error
+        schema = plain.get("schema") if isinstance(plain, dict) else None
+        if schema != SCHEMA_VERSION:
+            raise ContractError(
+                f"{what}: expected schema {SCHEMA_VERSION}, got {schema!r}; export it again with "
+                "this version"
+            )
+        return from_plain(cls, plain, where=what)
+
+
 LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
 
 
@@ -133,8 +162,8 @@ class Proof:
 
 
 @dataclass(frozen=True)
-class PolicyContract:
-    """Travels inside every ONNX file, as JSON under the metadata key ``duckpilot``.
+class PolicyContract(InFile):
+    """Of every policy.
 
     ONNX inputs: ``image`` uint8 (N, H, W, 3 frames) RGB and, when ``path_points`` > 0, ``path``
     float32 (N, path_points) in [-1, 1]. Output: ``values`` float32 (N, actions); greedy is its
@@ -150,7 +179,7 @@ class PolicyContract:
     frames: int = 1  # pictures behind each other along the colour axis, the newest last
     run: str = ""  # name of the training run
     trained_steps: int = 0
-    score: float = float("nan")  # success rate of the training run's last evaluation
+    score: Optional[float] = None  # success rate of the training run's last evaluation
     schema: int = SCHEMA_VERSION
     notes: Tuple[str, ...] = field(default=())
     taught_from: str = ""  # the policy that was taught on a floor of one's own; "": this was not
@@ -175,31 +204,3 @@ class PolicyContract:
         """(H, W, 3 frames) of what the network sees."""
         height, width, channels = self.image.shape
         return (height, width, channels * self.frames)
-
-    def to_json(self) -> str:
-        """One line of JSON; a score that was never measured is written as null."""
-        plain = to_plain(self)
-        if self.frames == 1:
-            del plain["frames"]  # robots that know nothing of stacked pictures read the rest
-        if not self.taught_from:
-            del plain["taught_from"], plain["proof"]  # likewise
-        if math.isnan(self.score):
-            plain["score"] = None
-        return json.dumps(plain, sort_keys=True)
-
-    @classmethod
-    def from_json(cls, text: str) -> PolicyContract:
-        """Read what ``to_json`` wrote; ContractError for other JSON, or another version's."""
-        try:
-            plain = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise ContractError(f"policy metadata: expected JSON, got: {error}") from error
-        schema = plain.get("schema") if isinstance(plain, dict) else None
-        if schema != SCHEMA_VERSION:
-            raise ContractError(
-                f"policy metadata: expected schema {SCHEMA_VERSION}, got {schema!r}; "
-                "export the policy again with this version"
-            )
-        if plain.get("score") is None:
-            plain["score"] = float("nan")
-        return from_plain(cls, plain, where="policy metadata")

@@ -101,7 +101,7 @@ def _contract(folder: RunFolder, config: RunConfig) -> PolicyContract:
         frames=spec.frames,
         run=folder.name,
         trained_steps=best.step if best else 0,
-        score=best.success_rate if best else float("nan"),
+        score=best.success_rate if best else None,
     )
 
 

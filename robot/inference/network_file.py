@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Iterable, List, NamedTuple, Tuple, Type, TypeVar, Union
 
 import numpy as np
 
-from robot.errors import ContractError
+from robot.contract import InFile
+from robot.errors import ContractError, DuckpilotError
+
+File = Union[str, Path]
+T = TypeVar("T", bound=InFile)
 
 
 class Tensor(NamedTuple):
@@ -31,7 +35,7 @@ class Tensor(NamedTuple):
         )
 
 
-def open_network(path: Union[str, Path], remedy: str) -> Any:
+def open_network(path: File, remedy: str) -> Any:
     """An onnxruntime session of a file, on one thread of the processor.
 
     One is as fast as four for our networks, and leaves the other cores of a Jetson Nano to the
@@ -59,17 +63,16 @@ def open_network(path: Union[str, Path], remedy: str) -> Any:
     raise ContractError(f"{path}: expected an ONNX policy, got: {told}; {remedy}")
 
 
-def read_metadata(path: Union[str, Path], network: Any, key: str, remedy: str) -> str:
-    """The text under ``key`` of an open network's file; ContractError when it has no such entry."""
+def read_stated(path: File, network: Any, kind: Type[T], remedy: str) -> T:
+    """What an open network's file says of itself; ContractError when it has no such contract."""
+    key = kind.METADATA_KEY
     try:
         metadata = network.get_modelmeta().custom_metadata_map
-    except UnicodeDecodeError:
-        metadata = {}
-    if key not in metadata:
-        raise ContractError(
-            f"{path}: expected metadata under {key!r}, got keys {sorted(metadata)}; {remedy}"
-        )
-    return str(metadata[key])
+        if key not in metadata:
+            raise ContractError(f"expected metadata under {key!r}, got keys {sorted(metadata)}")
+        return kind.from_json(metadata[key])
+    except (DuckpilotError, UnicodeDecodeError) as error:
+        raise ContractError(f"{path}: {error}; {remedy}") from error
 
 
 def expect_pictures(pictures: np.ndarray, shape: Tuple[int, ...], whose: str) -> np.ndarray:
@@ -86,11 +89,7 @@ def expect_pictures(pictures: np.ndarray, shape: Tuple[int, ...], whose: str) ->
 
 
 def expect_tensors(
-    path: Union[str, Path],
-    network: Any,
-    inputs: List[Tensor],
-    outputs: List[Tensor],
-    remedy: str,
+    path: File, network: Any, inputs: List[Tensor], outputs: List[Tensor], remedy: str
 ) -> None:
     """ContractError unless an open network has these inputs and outputs, and no others."""
     for role, expected, nodes in (
@@ -101,10 +100,9 @@ def expect_tensors(
         same = set(got) == {tensor.name for tensor in expected}
         if not (same and all(tensor.fits(got[tensor.name]) for tensor in expected)):
             raise ContractError(
-                f"{path}: expected {role} {_told(expected)}, got {_told(list(got.values()))}; "
-                f"{remedy}"
+                f"{path}: expected {role} {_told(expected)}, got {_told(got.values())}; {remedy}"
             )
 
 
-def _told(tensors: Sequence[Tensor]) -> str:
+def _told(tensors: Iterable[Tensor]) -> str:
     return "; ".join(map(str, tensors)) or "none"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional, Union
+from typing import Dict, Optional, Union
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from robot.contract import (
     ActionTable,
     PolicyContract,
 )
-from robot.errors import ContractError, DuckpilotError
+from robot.errors import ContractError
 from robot.inference.network_file import (
     Tensor,
     expect_pictures,
     expect_tensors,
     open_network,
-    read_metadata,
+    read_stated,
 )
 from robot.inference.preprocess import FRAME_SHAPE, preprocess
 from robot.parts import Policy
@@ -48,7 +48,7 @@ class OnnxPolicy:
     def __init__(self, path: Union[str, Path], actions: Optional[ActionTable] = None) -> None:
         self.path = Path(path)
         self._session = network = open_network(path, REMEDY)
-        self.contract = contract = _stated(path, network)
+        self.contract = contract = read_stated(path, network, PolicyContract, REMEDY)
         _check_actions(path, contract.actions, actions)
         for what, got, valid in (
             ("seconds between decisions", contract.control_dt_s, (CONTROL_DT_S,)),
@@ -115,15 +115,7 @@ class OnnxPolicy:
 
 def read_contract(path: Union[str, Path]) -> PolicyContract:
     """The contract inside a policy file, of any vehicle; ContractError where there is none."""
-    return _stated(path, open_network(path, REMEDY))
-
-
-def _stated(path: Union[str, Path], network: Any) -> PolicyContract:
-    text = read_metadata(path, network, PolicyContract.METADATA_KEY, REMEDY)
-    try:
-        return PolicyContract.from_json(text)
-    except DuckpilotError as error:
-        raise ContractError(f"{path}: {error}") from error
+    return read_stated(path, open_network(path, REMEDY), PolicyContract, REMEDY)
 
 
 def _check_actions(

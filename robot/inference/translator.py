@@ -8,25 +8,23 @@ contract.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, Optional, Tuple, Union
 
 import numpy as np
 
-from robot.contract import ImageSpec
-from robot.errors import ContractError, DuckpilotError, nearest
+from robot.contract import ImageSpec, InFile
+from robot.errors import ContractError, nearest
 from robot.inference.network_file import (
     Tensor,
     expect_pictures,
     expect_tensors,
     open_network,
-    read_metadata,
+    read_stated,
 )
 from robot.inference.policy import OnnxPolicy
 from robot.parts import Policy
-from robot.typed_config import from_plain, to_plain
 
 DIRECTIONS = ("sim-to-real", "real-to-sim")
 PARSING = "to-parsing"  # of a parser, which shows the classes it sees, in simulation as in reality
@@ -38,8 +36,8 @@ Translator = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class TranslatorContract:
-    """Travels inside every translator file, as JSON under the key ``duckpilot-translator``.
+class TranslatorContract(InFile):
+    """Of every translator.
 
     ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same. ContractError:
     an unknown direction, with the nearest one.
@@ -62,10 +60,6 @@ class TranslatorContract:
                 f"direction: unknown {self.direction!r}; {nearest(self.direction, known)}"
             )
 
-    def to_json(self) -> str:
-        """One line of JSON."""
-        return json.dumps(to_plain(self), sort_keys=True)
-
 
 class OnnxTranslator:
     """A translator from an ONNX file, whose metadata holds a ``TranslatorContract``.
@@ -77,11 +71,7 @@ class OnnxTranslator:
     def __init__(self, path: Union[str, Path]) -> None:
         self.path = Path(path)
         self._network = open_network(path, REMEDY)
-        text = read_metadata(path, self._network, TranslatorContract.METADATA_KEY, REMEDY)
-        try:
-            self.contract = from_plain(TranslatorContract, json.loads(text), "translator metadata")
-        except (DuckpilotError, json.JSONDecodeError) as error:
-            raise ContractError(f"{path}: {error}; {REMEDY}") from error
+        self.contract = read_stated(path, self._network, TranslatorContract, REMEDY)
         axes = (None, *self.contract.image.shape)
         inputs = [Tensor("image", "tensor(uint8)", axes)]
         outputs = [Tensor("translation", "tensor(uint8)", axes)]

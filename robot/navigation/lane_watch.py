@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Callable
 
-from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.navigation.road_watch import WaySeen
 from robot.parts import Guidance
@@ -14,12 +13,10 @@ from robot.vision.sight import Glimpse
 class LaneWatch:
     """A ``Navigator`` without map or place: it leads nowhere, and tells what lies ahead.
 
-    ``odometry`` counts steps from anywhere. ContractError: a sight that tells nothing of the way.
+    ``odometry`` counts steps from anywhere.
     """
 
     def __init__(self, glimpse: Glimpse, odometry: Callable[[], Pose]) -> None:
-        if not glimpse.sight.tells_way:
-            raise ContractError(f"{glimpse.sight.path}: expected a sight that tells the free way")
         self._glimpse, self._way = glimpse, WaySeen()
         self._odometry, self._odometer, self._driven_m = odometry, odometry(), 0.0
 

@@ -134,8 +134,7 @@ def open_navigator(
     road_map = load_map(config.map)
     view = LaneView(road_map)
     others = Neighbours(view, config.name) if config.rules.headway else None
-    seen = others is not None and glimpse is not None and glimpse.sight.tells_way
-    way = WaySeen() if seen else None
+    way = WaySeen() if others and glimpse else None
     watch = None if config.rules == Rules() else RoadWatch(view, others, way)
     return MissionNavigator(road_map, receive, lambda: motors.pose, config.name, glimpse, watch)
 
@@ -143,7 +142,7 @@ def open_navigator(
 def open_watch(config: RobotConfig, motors: Motors, camera: Camera) -> Optional[LaneWatch]:
     """Sees what is in the way of a robot that keeps its lane, where it shall keep a headway.
 
-    ConfigError where it has no sight, ContractError for one that is wrong or does not tell.
+    ConfigError where it has no sight, ContractError for one that is wrong.
     """
     if not config.rules.headway:
         return None

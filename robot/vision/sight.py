@@ -7,21 +7,24 @@ of the target probability distribution, ICNN 1994). Frames and signs are those o
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Callable, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
 from robot.camera.source import Frame
-from robot.contract import ImageSpec
-from robot.errors import ContractError, DuckpilotError
-from robot.inference.network_file import Tensor, expect_tensors, open_network, read_metadata
+from robot.contract import ImageSpec, InFile
+from robot.errors import ContractError
+from robot.inference.network_file import (
+    Tensor,
+    expect_pictures,
+    expect_tensors,
+    open_network,
+    read_stated,
+)
 from robot.inference.preprocess import preprocess
 from robot.navigation.lane_view import KINDS
-from robot.typed_config import from_plain, to_plain
 
 FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m", "free_m")
 COLUMNS = (
@@ -32,9 +35,6 @@ COLUMNS = (
     "thing",
     *(f"junction_{kind}" for kind in KINDS),
 )
-# What files of before do not tell is that nothing is in the way.
-UNTOLD = {"free_m": math.inf, "sd_free_m": 1.0, "thing": 0.0}
-COLUMNS_BEFORE = tuple(column for column in COLUMNS if column not in UNTOLD)
 REMEDY = "make one with duckpilot train-sight"
 
 
@@ -50,11 +50,8 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SightContract:
-    """Travels inside the file, as JSON under the key ``duckpilot-sight``.
-
-    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``seen`` float32 (N, columns).
-    """
+class SightContract(InFile):
+    """ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``seen`` float32 (N, columns)."""
 
     image: ImageSpec
     columns: Tuple[str, ...] = COLUMNS
@@ -63,10 +60,6 @@ class SightContract:
     schema: int = 1
 
     METADATA_KEY = "duckpilot-sight"
-
-    def to_json(self) -> str:
-        """One line of JSON."""
-        return json.dumps(to_plain(self), sort_keys=True)
 
 
 class OnnxSight:
@@ -83,25 +76,15 @@ class OnnxSight:
     def __init__(self, path: Union[str, Path]) -> None:
         self.path = Path(path)
         self._network = open_network(path, REMEDY)
-        text = read_metadata(path, self._network, SightContract.METADATA_KEY, REMEDY)
-        try:
-            self.contract = from_plain(SightContract, json.loads(text), "sight metadata")
-        except (DuckpilotError, json.JSONDecodeError) as error:
-            raise ContractError(f"{path}: {error}; {REMEDY}") from error
-        columns = self.contract.columns
-        if columns not in (COLUMNS, COLUMNS_BEFORE):
+        self.contract = read_stated(path, self._network, SightContract, REMEDY)
+        if self.contract.columns != COLUMNS:
             raise ContractError(
                 f"{path}: expected the columns {', '.join(COLUMNS)}, got "
-                f"{', '.join(columns)}; {REMEDY}"
+                f"{', '.join(self.contract.columns)}; {REMEDY}"
             )
         inputs = [Tensor("image", "tensor(uint8)", (None, *self.contract.image.shape))]
-        outputs = [Tensor("seen", "tensor(float)", (None, len(columns)))]
+        outputs = [Tensor("seen", "tensor(float)", (None, len(COLUMNS)))]
         expect_tensors(path, self._network, inputs, outputs, REMEDY)
-
-    @property
-    def tells_way(self) -> bool:
-        """Whether it says what is in the way; files of before do not."""
-        return self.contract.columns == COLUMNS
 
     def __call__(self, pictures: np.ndarray) -> Seen:
         """What pictures (N, H, W, 3) uint8 RGB show, as ``preprocess`` makes them.
@@ -109,23 +92,16 @@ class OnnxSight:
         Raises:
             ContractError: pictures of another size or kind, or the network answered no numbers.
         """
-        shape = self.contract.image.shape
-        if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
-            raise ContractError(
-                f"pictures: expected (N, {shape[0]}, {shape[1]}, 3) uint8, got {pictures.shape} "
-                f"{pictures.dtype}; {self.path.name} was trained for {self.contract.image}"
-            )
-        rows = self._network.run(["seen"], {"image": np.ascontiguousarray(pictures)})[0]
+        given = expect_pictures(pictures, self.contract.image.shape, self.path.name)
+        rows = self._network.run(["seen"], {"image": given})[0]
         if not np.isfinite(rows).all():
             raise ContractError(f"{self.path}: expected finite figures, got others; {REMEDY}")
-        return as_seen(rows, self.contract.columns)
+        return as_seen(rows)
 
 
-def as_seen(rows: np.ndarray, columns: Sequence[str] = COLUMNS) -> Seen:
-    """A network's answer (N, columns)."""
-    told = np.tile([UNTOLD.get(column, 0.0) for column in COLUMNS], (len(rows), 1))
-    told[:, [COLUMNS.index(column) for column in columns]] = rows
-    count = len(FIGURES)
+def as_seen(rows: np.ndarray) -> Seen:
+    """A network's answer (N, 18), as `COLUMNS`."""
+    told, count = np.asarray(rows, float), len(FIGURES)
     rest = 2 * count
     line, road, thing = told[:, rest : rest + 3].T
     return Seen(told[:, :count], told[:, count:rest], line, road, told[:, rest + 3 :], thing)

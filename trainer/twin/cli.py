@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,7 +88,7 @@ def teach_command(
         teach(network, contract, road_map, looks, person, options, seed)
     trained = contract.trained_steps + 2 * steps * options.robots
     taught = replace(
-        contract, run=out.name, taught_from=path.stem, trained_steps=trained, score=math.nan
+        contract, run=out.name, taught_from=path.stem, trained_steps=trained, score=None
     )
     model = out / "model.onnx"
     export_network(network, taught, model)

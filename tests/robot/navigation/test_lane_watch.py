@@ -29,7 +29,7 @@ from tests.robot.tiny_onnx import lane_contract
 class FakeSight:
     """Sees what ``sees`` says; objects to pictures of a wrong size, and to one seen before."""
 
-    contract, path, tells_way = SightContract(ImageSpec(80, 60, 20)), Path("sight.onnx"), True
+    contract, path = SightContract(ImageSpec(80, 60, 20)), Path("sight.onnx")
 
     def __init__(self, sees: Callable[[], Seen]) -> None:
         self.sees = sees
@@ -169,10 +169,3 @@ def test_what_was_seen_comes_nearer_by_the_wheels_steps_in_bends_too() -> None:
         pose = pose.moved(0.02, 0.2)
     told = watch.look(frame.time_s + 0.1)
     assert told.driven_m == pytest.approx(0.2, abs=0.04)
-
-
-def test_a_sight_of_before_is_refused() -> None:
-    sight = FakeSight(raises)
-    sight.tells_way = False
-    with pytest.raises(ContractError, match="expected a sight that tells the free way"):
-        LaneWatch(Glimpse(sight, lambda: None), lambda: Pose(0.0, 0.0, 0.0))  # type: ignore[arg-type]

@@ -7,9 +7,9 @@ from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
 from robot.navigation.neighbours import Neighbours
 from robot.navigation.road_map import load_map
-from robot.navigation.road_watch import CLEAR, FRESH_S, RoadWatch, WaySeen, free_way_seen
+from robot.navigation.road_watch import CLEAR, FRESH_S, RoadWatch, WaySeen
 from robot.safety.road_ahead import RoadAhead
-from robot.vision.sight import COLUMNS, COLUMNS_BEFORE, Seen, as_seen
+from robot.vision.sight import COLUMNS, Seen, as_seen
 from tests.robot.navigation.test_neighbours import HERE, WAY
 
 
@@ -17,11 +17,6 @@ def picture(thing: float, free_m: float = 0.3) -> Seen:
     row = dict.fromkeys(COLUMNS, 0.0)
     row.update(thing=thing, free_m=free_m, sd_free_m=0.02)
     return as_seen(np.array([list(row.values())]))
-
-
-def test_a_file_of_before_tells_of_nobody() -> None:
-    way = free_way_seen(as_seen(np.full((1, len(COLUMNS_BEFORE)), 0.5), COLUMNS_BEFORE))
-    assert way.free_m == math.inf
 
 
 def test_what_is_seen_comes_nearer_as_the_wheels_turn() -> None:

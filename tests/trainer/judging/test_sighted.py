@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS, ImageSpec
-from robot.errors import ConfigError, ContractError
+from robot.errors import ConfigError
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.navigation.road_map import load_map
 from robot.safety.state_machine import Command
@@ -75,12 +75,6 @@ def test_the_judge_decides_as_the_robot_does(monkeypatch: pytest.MonkeyPatch) ->
         told_mps = MAX_WHEEL_MPS * judged.choose(world, seen)[0]
         assert told_mps == pytest.approx(wheels, abs=1e-9)
         world.poses[0, 0] += CONTROL_DT_S * told_mps[0]
-
-
-def test_a_sight_that_tells_nothing_of_the_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OnnxSight, "tells_way", False)
-    with pytest.raises(ContractError, match="expected a sight that tells the free way"):
-        Sighted(POLICY, OnnxSight(SHIPPED))
 
 
 def test_at_junctions_sight_is_not_enough(tmp_path: Path) -> None:
