@@ -9,7 +9,7 @@ import sys
 import threading
 from functools import partial
 from pathlib import Path
-from typing import Callable, Iterable, List, Optional
+from typing import Callable, Iterable, List, Optional, Tuple
 
 from robot.computer.systemd import Heartbeat, notify_socket, on_ending
 from robot.config import RobotConfig
@@ -17,6 +17,7 @@ from robot.errors import nearest
 from robot.parts import Ask, Tick
 from robot.runtime.assemble import open_robot
 from robot.runtime.gamepad import Gamepad
+from robot.safety.governors import Cap
 from robot.safety.state_machine import Command, Verdict
 from robot.typed_config import load_yaml
 
@@ -37,7 +38,7 @@ class Terminal:
         self.quitting = False
         self._say = say
         self._typed: queue.Queue[str] = queue.Queue()
-        self._told: Optional[Verdict] = None
+        self._told: Optional[Tuple[Verdict, bool]] = None
         thread = threading.Thread(target=self._read, args=(lines,), name="terminal", daemon=True)
         thread.start()
 
@@ -59,10 +60,12 @@ class Terminal:
         return None
 
     def on_tick(self, tick: Tick) -> None:
-        """Tell when the state changes, and why."""
-        if tick.verdict != self._told:
-            self._told = tick.verdict
-            self._say(f"{tick.verdict.state.value}: {tick.verdict.sentence}")
+        """Tell when the state changes, or a rule of the road holds the robot, and why."""
+        cap = Cap() if tick.drive is None else tick.drive.cap
+        verdict, held = tick.verdict, cap.most_mps == 0.0
+        if (verdict, held) != self._told:
+            self._told = verdict, held
+            self._say(f"{verdict.state.value}: {cap.reason if held else verdict.sentence}")
 
     def _read(self, lines: Iterable[str]) -> None:
         for line in lines:

@@ -140,10 +140,9 @@ class Crowd:
     def movers(self) -> tuple[Mover, ...]:
         """What cameras must draw, in the order of `shown`."""
         robots = self.ours + self.drivers.poses.shape[1] + self._parked
-        looks = [_robot(_COLOURS[k % len(_COLOURS)]) for k in range(robots)]
-        duck = object_solids(MapObject("duck", "duckie", 0.0, 0.0, 0.0, ducks.HEIGHT_M))
+        looks = [robot_solids(_COLOURS[k % len(_COLOURS)]) for k in range(robots)]
         lights = (lamps(0), lamps(1)) * self.lights.places.shape[1]
-        return (*looks, *(duck,) * self.ducks.poses.shape[1], *lights)
+        return (*looks, *(duck_solids(),) * self.ducks.poses.shape[1], *lights)
 
     def begin(
         self,
@@ -319,6 +318,12 @@ def _most(movers: list[tuple[MapObject, ...]], kind: str) -> int:
     return max(sum(thing.kind == kind for thing in each) for each in movers)
 
 
-def _robot(colour: str) -> Mover:
+def duck_solids() -> Mover:
+    """A duck, as cameras draw it."""
+    return object_solids(MapObject("duck", "duckie", 0.0, 0.0, 0.0, ducks.HEIGHT_M))
+
+
+def robot_solids(colour: str) -> Mover:
+    """Another robot, as cameras draw it."""
     robot = MapObject("robot", "duckiebot", 0.0, 0.0, 0.0, drivers.HEIGHT_M, color=colour)
     return object_solids(robot)

@@ -20,7 +20,7 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import DriveLook, Look
 from sim_pybullet.motors import MotorModel
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Scene
+from sim_pybullet.scene import Mover, Scene
 from sim_pybullet.scenery.objects import build_scene
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
@@ -66,6 +66,7 @@ def beyond_nominal(look: DriveLook) -> DriveLook:
 class VirtualWorld:
     """A town with one robot whose wheels are the rotors of a ``VirtualHat``; its camera, too.
 
+    The camera sees ``movers`` where ``around`` (U, 3) says, NaN where one is not there.
     In lock-step somebody calls ``advance``; otherwise ``follow``, some sixty times a second.
     """
 
@@ -76,13 +77,16 @@ class VirtualWorld:
         hat: VirtualHat,
         clock: Clock,
         rng: np.random.Generator,
+        movers: tuple[Mover, ...] = (),
     ) -> None:
+        self.around = np.full((len(movers), 3), np.nan)
         self.scene: Scene = build_scene(road_map, look, rng)
         self.travelled_m = 0.0
         self._look, self._clock, self._rng = look, clock, rng
         self._tyre_rng = rng.spawn(1)[0]  # so that what the camera draws does not depend on wheels
         self._town = Town([self.scene.solids], 1, drive="wheels", dt_s=PHYSICS_DT_S)
-        self._feed = CameraFeed(RayCamera(ImageSpec(), 1), 1, dt_s=PHYSICS_DT_S)
+        camera = RayCamera(ImageSpec(), 1, movers)
+        self._feed = CameraFeed(camera, 1, dt_s=PHYSICS_DT_S, movers=len(movers))
         self._rolled = RolledWheels(hat, clock)
         self._tyres = MotorModel(1, PHYSICS_DT_S)
         self._stepped_s = clock.now()
@@ -104,7 +108,7 @@ class VirtualWorld:
         self._town.place(0, pose)
         self._rolled.since_last()
         self._tyres.reset(0, beyond_nominal(self._look.drive))
-        self._feed.begin(0, self.scene, self._look, self._town.poses[0])
+        self._feed.begin(0, self.scene, self._look, self._town.poses[0], self.around)
 
     def advance(self, driver: MotorDriver, time_s: float) -> None:
         """Run motors and physics side by side until the clock reads ``time_s`` [s]."""
@@ -129,7 +133,7 @@ class VirtualWorld:
         for _ in range(count):
             before = self._town.poses[0, :2]
             self._town.step(self._tyres.step(rims_mps[None], self._tyre_rng))
-            self._feed.record(self._town.poses)
+            self._feed.record(self._town.poses, self.around[None])
             self.travelled_m += float(np.linalg.norm(self._town.poses[0, :2] - before))
 
     def see(self) -> np.ndarray:

@@ -4,22 +4,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from robot.cli.install import SHIPPED_MODEL
+from robot.inference.policy import SHIPPED_MODELS
 from robot.safety.governors import Rules
 from tests.tools.pursuit import write_pursuit
 from tools.faults.stage import Stage
-from tools.faults.traffic import TRAFFIC
+from tools.faults.traffic import CASES
 from tools.loop.bench import BenchOptions
+
+OF = BenchOptions(Path("none"), among=True, rules=Rules(headway=True))
 
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     folder = tmp_path_factory.mktemp("among")
-    model = write_pursuit(folder / "pursuit.onnx")
-    with Stage(BenchOptions(model, among=True, rules=Rules(headway=True)), folder) as stage:
+    with Stage(replace(OF, model=write_pursuit(folder / "pursuit.onnx")), folder) as stage:
         yield stage
+
+
+@pytest.fixture(scope="module")
+def keeper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """A lane keeper without map and localizer, which only sees, behind a navigator."""
+    folder = tmp_path_factory.mktemp("by-sight")
+    leader, sight = write_pursuit(folder / "pursuit.onnx"), SHIPPED_MODELS / "sight.onnx"
+    options = replace(OF, model=SHIPPED_MODEL, map="loop", sight=sight, leader=leader)
+    with Stage(options, folder) as stage:
+        yield stage
+
+
+def met(stage: Stage, family: str, name: str) -> float:
+    """How far apart the two robots are at the end [m]."""
+    (case,) = [case for case in CASES[family] if case.name == name]
+    outcome = stage.play(family, case)
+    assert outcome.passed, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
+    assert stage.bench.town.second is not None
+    return math.dist(stage.bench.town.pose[:2], stage.bench.town.second.pose[:2])
 
 
 @pytest.mark.parametrize(
@@ -30,8 +54,10 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     ],
 )
 def test_it_stands_before_who_stands_on_its_lane(stage: Stage, name: str) -> None:
-    (case,) = [case for case in TRAFFIC if case.name == name]
-    outcome = stage.play("traffic", case)
-    assert outcome.passed, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
-    assert stage.bench.town.second is not None
-    assert math.dist(stage.bench.town.pose[:2], stage.bench.town.second.pose[:2]) > 0.18
+    assert met(stage, "traffic", name) > 0.18
+
+
+@pytest.mark.parametrize("name", ["duck", pytest.param("other stops", marks=pytest.mark.slow)])
+def test_a_lane_keeper_stands_before_what_it_sees_and_says_so(keeper: Stage, name: str) -> None:
+    assert met(keeper, "by sight", name) > 0.18
+    assert "AUTO: something is" in keeper.bench.processes["robot"].said()

@@ -2,5 +2,5 @@
 
 FAMILIES = (
     *("camera", "pictures", "I2C", "model", "localizer", "programs", "network"),
-    *("strangers", "missions", "ways", "recording", "traffic"),
+    *("strangers", "missions", "ways", "recording", "traffic", "by sight"),
 )

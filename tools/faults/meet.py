@@ -11,7 +11,9 @@ from typing import Any
 import cv2
 from tqdm import tqdm
 
+from robot.cli.install import SHIPPED_MODEL as LANE_KEEPER
 from robot.errors import ConfigError, DuckpilotError, nearest
+from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_writable, write_json
 from robot.safety.governors import Rules
 from robot.typed_config import read_json
@@ -69,9 +71,12 @@ def _play(
         return
     alone = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
     among = replace(alone, among=True, rules=Rules(headway=True))
+    sight = SHIPPED_MODELS / "sight.onnx"
+    keeper = replace(among, map="loop", model=LANE_KEEPER, sight=sight, leader=options.model)
+    benches = {"traffic": among, "by sight": keeper}
     with tqdm(total=len(cases), initial=len(done)) as bar:
-        for bench in (alone, among):
-            rows = [row for row in todo if (row[0] == "traffic") == bench.among]
+        for bench in (alone, among, keeper):
+            rows = [row for row in todo if benches.get(row[0], alone) is bench]
             if rows:
                 _play_on(bench, rows, outcomes, options, bar)
 

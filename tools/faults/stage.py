@@ -20,7 +20,8 @@ from tools.loop.timekeeper import BenchError, Conductor
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena
 GOAL = (1.892, 1.76)  # the end of a lane, to which the way is longest
-AHEAD = START.moved(0.6, 0.0)  # where a second robot begins
+RING = (Pose(0.66, 0.18, 0.0), (3.33, 1.85))  # the same on the loop, for who keeps its lane
+AHEAD_M = 0.6  # of the start a second robot begins
 DRIVE_S = 1.7  # until the fault comes: at full speed
 AFTER_S = 0.8  # looked at after the budget is over
 SILENT_S = 1.5  # the same, where the page must say that the robot is silent
@@ -44,7 +45,7 @@ class Stage:
         self.stand_in: StandIn | None = None
         self.note = ""  # from a case's injection to its check
         self._broken = ExitStack()  # what mends it
-        self.start, self.goal = START, GOAL
+        self.start, self.goal = RING if options.leader else (START, GOAL)
         self.bench.town.world.place(self.start)
 
     def __enter__(self) -> Stage:
@@ -84,32 +85,40 @@ class Stage:
         bench.until(lambda: operator.ask("disarm")[0], SETTLE_S, "the robot to be disarmed")
         self.run(STAND_S)
         bench.town.world.place(self.start)
-        places = [(operator, self.start)]
+        places = [] if bench.options.leader else [(operator, self.start)]
         if bench.town.second is not None:
             bench.second.ask("disarm")
-            bench.town.second.world.place(AHEAD)
-            places.append((bench.second, AHEAD))
+            ahead = self.start.moved(AHEAD_M, 0.0)
+            bench.town.second.world.place(ahead)
+            places.append((bench.second, ahead))
 
         def there() -> bool:
             operator.look()
-            return all(_stands(*each) for each in places)
+            return operator.state == "DISARMED" and all(_stands(*each) for each in places)
 
         bench.until(there, SETTLE_S, "the robot to be ready at the start")
         self.run(BELIEF_S)
         bench.meet()
 
     def drive_off(self) -> None:
-        """On a mission, at full speed."""
-        operator = self.bench.operator
-        if self.bench.options.sight:
-            self.bench.freeze("localizer")
-        for kind, place in (("arm", None), ("mission", self.goal)):
-            accepted, reason = operator.ask(kind, place)
-            if not accepted:
-                raise BenchError(f"expected {kind} to be accepted, got: {reason}")
+        """On a mission, or along its lane, at full speed."""
+        bench, operator = self.bench, self.bench.operator
+        if bench.options.leader:
+            self._expect("arm")
+            bench.type("auto")
+        else:
+            if bench.options.sight:
+                bench.freeze("localizer")
+            self._expect("arm")
+            self._expect("mission", self.goal)
         self.run(DRIVE_S)
         if operator.state != "AUTO":
             raise BenchError(f"expected AUTO, got {operator.state}: {operator.reason}")
+
+    def _expect(self, kind: str, place: tuple[float, float] | None = None) -> None:
+        accepted, reason = self.bench.operator.ask(kind, place)
+        if not accepted:
+            raise BenchError(f"expected {kind} to be accepted, got: {reason}")
 
     def run(self, duration_s: float) -> None:
         """Let time go on, with the page watched as long as it lives."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from robot.geometry import Pose
 from robot.navigation.others import HALF_DUCK_M, HALF_ROBOT_M
 from robot.safety.governors import NOSE_M
 from tools.faults.case import Act, Case
@@ -13,6 +15,9 @@ from tools.loop.timekeeper import BenchError
 DUCK_M = 0.25  # from the nose to a duck's middle
 CLOSES_S = 5.0  # in which the robot has come up to who stands before it, ever slower
 DUCK_S = 1.0
+FORGETS_S = 7.0  # in which a robot is sure that nobody is there any more
+MOVES_S = 0.3
+ELSEWHERE = Pose(1.75, 1.17, 0.0)  # inside the loop
 
 
 def _lead(stage: Stage) -> None:
@@ -21,6 +26,12 @@ def _lead(stage: Stage) -> None:
         accepted, reason = stage.bench.second.ask(kind, goal)
         if not accepted:
             raise BenchError(f"expected {kind} of the second robot to be accepted, got: {reason}")
+
+
+def _alone(stage: Stage) -> None:
+    """The second robot is elsewhere."""
+    assert stage.bench.town.second is not None
+    stage.bench.town.second.world.place(ELSEWHERE)
 
 
 def _no_duck(stage: Stage) -> None:
@@ -41,21 +52,28 @@ def _apart(stage: Stage) -> str:
     return "" if 0.02 < left_m < 0.25 else f"it stands {100.0 * left_m:.0f} cm before it"
 
 
+def _then_goes_on(stage: Stage) -> str:
+    """As `_apart`; then the way is free again, and nobody says so."""
+    problem, town = _apart(stage), stage.bench.town
+    _no_duck(stage)
+    if stage.bench.second.state == "HOLD":
+        _lead(stage)
+    stage.run(FORGETS_S)
+    moves = stage.bench.now_s - town.moved_s < MOVES_S
+    return problem or ("" if moves else "the way is free, and it does not go on")
+
+
 def _cut(stage: Stage, cut: bool = True) -> None:
     stage.bench.networks["monitor2"].cut = cut
 
 
-def _behind(name: str, what: str, inject: Act, threshold_s: float, heal: Act) -> Case:
-    states, says = ("AUTO",), "something is"
-    return Case(name, what, inject, threshold_s, says, states, heal, _lead, check=_apart)
+def _behind(name: str, what: str, inject: Act, threshold_s: float) -> Case:
+    told = "something is", ("AUTO",)
+    return Case(name, what, inject, threshold_s, *told, before=_lead, check=_then_goes_on)
 
 
-TRAFFIC = (
-    _behind("duck", "sits down 25 cm ahead", _duck, DUCK_S, _no_duck),
-    _behind("other stops", "in its lane", lambda s: s.bench.second.ask("stop"), CLOSES_S, _no_duck),
-    _behind(
-        *("other's link dies", "it stops in its lane", _cut, 1.0 + CLOSES_S),
-        lambda stage: _cut(stage, False),
-    ),
-)
-CASES = {"traffic": TRAFFIC}
+DUCK = replace(_behind("duck", "sits down 25 cm ahead", _duck, DUCK_S), heal=_no_duck)
+STOPS = _behind("other stops", "in its lane", lambda s: s.bench.second.ask("stop"), CLOSES_S)
+DIES = _behind("other's link dies", "it stops in its lane", _cut, 1.0 + CLOSES_S)
+DIES = replace(DIES, heal=lambda stage: _cut(stage, False), check=_apart)
+CASES = {"traffic": (DUCK, STOPS, DIES), "by sight": (replace(DUCK, before=_alone), STOPS)}

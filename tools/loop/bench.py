@@ -63,19 +63,21 @@ class BenchOptions:
     page: tuple[str, ...] = ()  # options of the monitor
     rules: Rules = field(default_factory=Rules)
     among: bool = False  # with a second robot, and room for a duck
+    leader: Path | None = None  # the second's model where the first one's keeps its lane, by sight
 
 
 class Process:
-    """One program of the bench; what it says is in ``log``."""
+    """One program of the bench; what it says is in ``log``, and what it hears is ``typed``."""
 
-    def __init__(self, name: str, command: list[str], log: Path) -> None:
+    def __init__(self, name: str, command: list[str], log: Path, typed: bool = False) -> None:
         self.name, self.log = name, log
         with log.open("ab") as output:
             self.child = subprocess.Popen(
                 command,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if typed else subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
+                bufsize=0,
                 env={**os.environ, "PYTHONUNBUFFERED": "1", "OMP_NUM_THREADS": "1"},
             )
 
@@ -199,16 +201,23 @@ class Bench:
         """Start a program, or start it again."""
         python = self.options.robot_python if name == "robot" else sys.executable
         command = [python, *self.time.prefix(name), *self._program(name)]
-        process = Process(name, command, self.folder / f"{name}.log")
+        typed = name == "robot" and self.options.leader is not None
+        process = Process(name, command, self.folder / f"{name}.log", typed)
         self.processes[name] = process
         self.time.joined(name, lambda: process.alive)
         return process
 
-    def start_and_end(self, name: str) -> Process:
+    def type(self, word: str) -> None:
+        """Type a word at the robot's terminal."""
+        terminal = self.processes["robot"].child.stdin
+        assert terminal is not None
+        terminal.write(f"{word}\n".encode())
+        self.time.poked("robot")
+
+    def start_and_end(self, name: str) -> None:
         """Start a program that cannot work, and let it find out."""
         process = self.start(name)
         self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
-        return process
 
     def log_in(self, name: str = "monitor") -> Operator:
         """Open a monitor's page with the token that it printed."""
@@ -234,7 +243,8 @@ class Bench:
             self.operator.look()
             heard = ("operator",) if self.options.sight else ("pose", "operator")
             ages_s = [self.operator.age_s(name) for name in heard]
-            return bool(self.operator.robot.get("pose")) and max(ages_s) < FRESH_S
+            knows = self.options.leader or self.operator.robot.get("pose")
+            return bool(knows) and max(ages_s) < FRESH_S
 
         self.until(met, START_S, "robot, localizer and monitor to hear each other", PAUSE_S)
 
@@ -275,14 +285,15 @@ class Bench:
 
     def use_model(self, model: Path) -> None:
         """The policy that the robot is started with from now on."""
-        self.model = model
         recording = RecordingConfig(str(self.recordings), 0.0) if self.options.record else None
+        sight = str(self.options.sight.resolve()) if self.options.sight else ""
+        leader = self.options.leader
         robots = {
             robot.marker.robot: RobotConfig(
-                str(model.resolve()),
+                str((leader or model if robot is self.town.second else model).resolve()),
                 name=robot.marker.robot,
-                map=self.options.map,
-                sight=str(self.options.sight.resolve()) if self.options.sight else "",
+                map="" if leader and robot is self.town else self.options.map,
+                sight="" if leader and robot is not self.town else sight,
                 camera=CameraConfig("socket", path=str(robot.camera.path), fps=CAMERA_FPS),
                 hat=HatConfig(socket=str(robot.bus_server.path)),
                 rules=self.options.rules,

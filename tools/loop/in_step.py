@@ -16,7 +16,8 @@ import socket
 import sys
 import threading
 import time
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TextIO, cast
 
 from tools.loop import wire_watch
 from tools.loop.shared_time import SharedTime
@@ -54,6 +55,17 @@ def replace_time(stepper: Stepper) -> None:
     _replace_alarms()
     _replace_select(stepper)
     _replace_camera_wait(stepper)
+    sys.stdin = cast(TextIO, _typed(stepper, sys.stdin))
+
+
+def _typed(stepper: Stepper, lines: TextIO) -> Iterator[str]:
+    """What a person types, who is waited for elsewhere."""
+    while True:
+        with stepper.elsewhere():
+            line = lines.readline()
+        if not line:
+            return
+        yield line
 
 
 def _count_threads(stepper: Stepper) -> None:

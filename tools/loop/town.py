@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from robot.lens import Hanging
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.overhead import OverheadCamera, Sheet, board_rgb, known_calibration, robot_sheets
+from sim_pybullet.scene import Mover
+from sim_pybullet.traffic.crowd import duck_solids, robot_solids
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import VirtualI2cBus
 from sim_pybullet.virtual.world import PHYSICS_DT_S, VirtualWorld
@@ -25,10 +28,7 @@ CAMERA_FPS, OVERHEAD_FPS = 15, 10
 
 
 class VirtualRobot:
-    """One robot, with everything that a real one would have around it, but what hangs above.
-
-    Its camera does not see other robots.
-    """
+    """One robot, with everything that a real one would have around it, but what hangs above."""
 
     def __init__(
         self,
@@ -38,12 +38,13 @@ class VirtualRobot:
         time: Timekeeper,
         folder: Path,
         seed: int,
+        movers: tuple[Mover, ...] = (),
     ) -> None:
         clock: Clock = time.clock
         self.marker, self._rng, self._clock = marker, np.random.default_rng(seed), clock
         self.bus = VirtualI2cBus()
         self.hat = VirtualHat(self.bus, clock)
-        self.world = VirtualWorld(road_map, look, self.hat, clock, self._rng)
+        self.world = VirtualWorld(road_map, look, self.hat, clock, self._rng, movers)
         self.moved_s = clock.now()  # when a motor last stepped
         self._fields = self.hat.fields_rad
         name, self._board = marker.robot, board_rgb(marker)
@@ -85,13 +86,15 @@ class VirtualTown(VirtualRobot):
         seed: int,
         among: bool = False,
     ) -> None:
-        super().__init__(Marker(ROBOT), road_map, look, time, folder, seed)
+        movers = (robot_solids("blue"), duck_solids()) if among else ()
+        super().__init__(Marker(ROBOT), road_map, look, time, folder, seed, movers)
         self.second: VirtualRobot | None = None
         self.duck: Pose | None = None  # where it sits, with a board of its own
         markers = [self.marker]
         if among:
             other = Marker(SECOND, front="magenta")
-            self.second = VirtualRobot(other, road_map, look, time, folder, seed + 1)
+            self.second = VirtualRobot(other, road_map, look, time, folder, seed + 1, movers)
+            time.every(PHYSICS_DT_S, self._look_around)
             markers += [other, DUCK]
         size_m = (road_map.width_m, road_map.height_m)
         self._above = OverheadCamera(self.world.scene.ground, _over(*size_m))
@@ -103,6 +106,13 @@ class VirtualTown(VirtualRobot):
         for service in (*self.services, *(self.second.services if self.second else ())):
             time.add_service(service)
         self.overhead_event = time.every(1.0 / OVERHEAD_FPS, self.overhead.moment)
+
+    def _look_around(self) -> None:
+        """Both robots' cameras see the other one, and the duck."""
+        assert self.second is not None
+        duck = self.duck or (math.nan, math.nan, math.nan)
+        self.world.around[:] = self.second.pose, duck
+        self.second.world.around[:] = self.pose, duck
 
     def see_above(self) -> np.ndarray:
         """The overhead camera's picture (720, 1280, 3) of now."""

@@ -3,9 +3,11 @@ from __future__ import annotations
 from typing import List
 
 from robot.cli.drive import Terminal
+from robot.contract import CONTROL_DT_S
 from robot.safety.state_machine import Command, State
 from tests.robot.camera.test_newest import eventually
 from tests.robot.runtime.test_loop import Bench
+from tests.robot.runtime.test_rules import at_line
 
 
 def typed(*lines: str) -> "tuple[Terminal, List[str]]":
@@ -42,6 +44,16 @@ def test_quit_ends_the_program_not_the_safety() -> None:
     assert terminal.quitting
     bench.runtime.run(ending=lambda: terminal.quitting)
     assert bench.state is State.DISARMED
+
+
+def test_what_a_rule_holds_the_robot_for_is_told_once_and_when_it_goes_on() -> None:
+    bench = at_line(0.05)
+    terminal, said = typed()
+    for _ in range(20):
+        terminal.on_tick(bench.runtime.step())
+        bench.clock.now_s += CONTROL_DT_S
+    drives = "AUTO: auto, by a person"
+    assert said == [drives, "AUTO: it stands at a stop line", drives]
 
 
 def test_changes_of_state_are_told_once() -> None:
