@@ -25,7 +25,7 @@ from trainer.twin.camera import PX_PER_RAD, cover_scene
 from trainer.twin.colours import members, seen_from
 from trainer.twin.fit import Twin, fit_twin
 from trainer.twin.motion import NAMES, at_times, reckoned
-from trainer.twin.page import twin_pictures, write_page
+from trainer.twin.page import twin_pictures, write_twin_page
 from trainer.twin.recorded import Recorded, read_drive
 
 MAP = "rings/claw"
@@ -131,7 +131,7 @@ def judge(options: argparse.Namespace, folder: Path) -> list[Errors]:
         told = ", ".join(f"{name} {value:.3g}" for name, value in asdict(found[-1]).items())
         print(f"{k}: {told}", flush=True)
         if options.json:
-            write_page(twin, drive, options.json.parent / f"twin_{k}.html")
+            write_twin_page(twin, drive, options.json.parent / f"twin_{k}.html")
             write_json(options.json, {"errors": [asdict(each) for each in found]})
     return found
 

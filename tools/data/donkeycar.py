@@ -19,6 +19,7 @@ from robot.errors import ConfigError
 from robot.recording.drive_file import picture
 from robot.recording.samples import Sample, read_samples
 from tools.data.drives import appearing, write_drive
+from trainer.experiments.records import tub_records
 
 FIELDS = {
     "cam/image_array": "image_array",
@@ -59,7 +60,7 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
 def from_tub(tub: Path, out: Path) -> list[Path]:
     """Write a tub's drives as recordings; a session or a pause of a second begins the next one.
 
-    Deleted records and those whose picture is absent are left out.
+    Deleted and broken records, and those whose picture is absent, are left out.
     """
     with appearing(out) as folder:
         names = []
@@ -67,7 +68,9 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
             samples = [_sample(tub, record) for record in drive]
             names.append(write_drive(folder, f"{tub.name}-{number:03d}", "donkeycar", samples).name)
         if not names:
-            raise ConfigError(f"{tub}: expected records with pictures, got none")
+            raise ConfigError(
+                f"{tub}: expected a Donkeycar tub of version 2 with pictures, got none"
+            )
     return [out / name for name in names]
 
 
@@ -110,19 +113,11 @@ def _write_lines(path: Path, rows: Sequence[Any]) -> list[int]:
 
 
 def _records(tub: Path) -> Iterator[dict[str, Any]]:
-    try:
-        lines = (tub / "manifest.json").read_text(encoding="utf-8").splitlines()
-        catalogs = dict(json.loads(lines[4]))
-        deleted = set(catalogs.get("deleted_indexes", ()))
-        for name in catalogs["paths"]:
-            path = tub / Path(name).name
-            rows = path.read_text(encoding="utf-8").splitlines() if path.exists() else ()
-            for record in map(json.loads, rows):
-                image = tub / "images" / Path(record["cam/image_array"]).name
-                if record["_index"] not in deleted and image.is_file():
-                    yield {**record, "picture": image, "time_s": record["_timestamp_ms"] / 1e3}
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise ConfigError(f"{tub}: expected a Donkeycar tub of version 2, got: {error}") from error
+    for record, _ in tub_records(tub / "manifest.json"):
+        image = tub / "images" / Path(str(record.get("cam/image_array"))).name
+        time_ms = record.get("_timestamp_ms")
+        if isinstance(time_ms, (int, float)) and image.is_file():
+            yield {**record, "picture": image, "time_s": time_ms / 1e3}
 
 
 def _drives(records: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:

@@ -106,17 +106,25 @@ def _sully_chen(path: Path) -> Iterator[_Row]:
 
 def _tub(path: Path) -> Iterator[_Row | None]:
     """None for a record that is broken."""
-    lines = [line for line in _lines(path) if line.strip("\0 ")]
+    for record, where in tub_records(path):
+        file, angle = record.get("cam/image_array"), record.get("user/angle")
+        known = isinstance(file, str) and angle is not None
+        yield (str(file), angle, where) if known else None
+
+
+def tub_records(manifest: Path) -> Iterator[tuple[dict[str, Any], str]]:
+    """A Donkeycar tub's records but the deleted ones, and where each stands; {} for a broken one.
+
+    ConfigError where the manifest, or a catalog that it names, cannot be read.
+    """
+    lines = [line for line in _lines(manifest) if line.strip("\0 ")]
     last = (_record(lines[-1]) if lines else None) or {}
     for name in last.get("paths", ()):  # more may lie there: given up, or macOS's ._ files
-        catalog = path.with_name(Path(str(name)).name)
+        catalog = manifest.with_name(Path(str(name)).name)
         for number, line in enumerate(_lines(catalog), start=1):
             record = _record(line) or {}
-            if "_index" in record and record["_index"] in last.get("deleted_indexes", ()):
-                continue
-            file, angle = record.get("cam/image_array"), record.get("user/angle")
-            known = isinstance(file, str) and angle is not None
-            yield (str(file), angle, f"{catalog}:{number}") if known else None
+            if "_index" not in record or record["_index"] not in last.get("deleted_indexes", ()):
+                yield record, f"{catalog}:{number}"
 
 
 def _lines(path: Path) -> list[str]:

@@ -24,7 +24,7 @@ def fit_command(
         out: the look, .yaml.
     """
     from trainer.twin.fit import fit_twin, write_twin
-    from trainer.twin.page import write_page
+    from trainer.twin.page import write_twin_page
     from trainer.twin.recorded import read_drive
 
     if not recordings:
@@ -35,7 +35,7 @@ def fit_command(
         twin = fit_twin(drives)
     write_twin(twin, out)
     page = out.with_suffix(".html")
-    write_page(twin, drives[0], page)
+    write_twin_page(twin, drives[0], page)
     for name, (value, sd) in twin.found.items():
         if not isinstance(value, list):
             console.print(f"{name:24} {value:9.4g} ± {2.0 * sd:.2g}", markup=False)
