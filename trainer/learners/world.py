@@ -60,15 +60,10 @@ def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
 
 def seen_by(env: VecEnv, backbone: Seer) -> SeenOtherwise:
     """In place of pictures (H, W, 3), alone or in a dict as ``image``, what a backbone saw."""
-
-    def see(seen: Any, _: int | None) -> Any:
-        image = backbone(parts_of(seen)["image"])
-        return {**seen, "image": image} if isinstance(seen, dict) else image
-
     space: spaces.Space = spaces.Box(-np.inf, np.inf, (backbone.width,), np.float32)
     if isinstance(env.observation_space, spaces.Dict):
         space = spaces.Dict({**env.observation_space.spaces, "image": space})
-    return SeenOtherwise(env, see, space)
+    return SeenOtherwise(env, lambda seen, _: backbone.instead(seen), space)
 
 
 class ScaledReward(VecEnvWrapper):

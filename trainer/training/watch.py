@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -16,6 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from robot.contract import CONTROL_DT_S
 from trainer.config import RunConfig
 from trainer.envs import parts_of
+from trainer.learners.backbone import Seer
 from trainer.learners.episode_count import EpisodeCount, EpisodeEnd
 from trainer.learners.networks import GreedyNetwork
 from trainer.mp4 import enlarged, write_mp4
@@ -53,6 +55,8 @@ class Watch(BaseCallback):
         self._config, self._folder, self.state, self._log = config, folder, state, log
         self._env, self._period_s = env, period_s
         self._crew, self._others_cpu_s = crew, 0.0
+        backbone = config.net.backbone
+        self._seer = Seer(Path(backbone), config.device) if backbone else None
         robots = share_of(config, rank=0).learn.robots
         self._count = EpisodeCount(robots, config.reward_scale)
         self._recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
@@ -125,8 +129,7 @@ class Watch(BaseCallback):
         state, wanted = self.state, self._config.evaluation
         seed = self._config.seed + 1_000_003 + len(state.evaluations) * wanted.episodes
         frames: list[np.ndarray] = []
-        network = GreedyNetwork(self.model.policy)
-        result = drive_greedily(network, self._env, seed, wanted.rounds, frames.append)
+        result = drive_greedily(self._choose, self._env, seed, wanted.rounds, frames.append)
         took, distance_m = time.monotonic() - began, float(result.distance_m.mean())
         state.evaluation_seconds += took
         evaluated = Evaluated(
@@ -147,6 +150,10 @@ class Watch(BaseCallback):
         enough = wanted.stop_after_perfect
         if enough and [e.success_rate for e in state.evaluations[-enough:]] == [1.0] * enough:
             state.stopped_by = "solved"
+
+    def _choose(self, observation: Any) -> np.ndarray:
+        seen = self._seer.instead(observation) if self._seer else observation
+        return GreedyNetwork(self.model.policy).actions(seen)
 
     def _tell(self, e: Evaluated) -> None:
         self.logger.record("evaluation/success", e.success_rate)
@@ -202,7 +209,7 @@ class GreedyResult(NamedTuple):
 
 
 def drive_greedily(
-    network: GreedyNetwork,
+    choose: Callable[[Any], np.ndarray],
     env: VecEnv,
     seed: int,
     rounds: int = 1,
@@ -210,6 +217,7 @@ def drive_greedily(
 ) -> GreedyResult:
     """Reset ``env`` with ``seed`` and drive until every robot has ended so many episodes.
 
+    ``choose`` gives the actions (N,) of what N robots see.
     ``watch`` is shown what the first robot sees, (H, W, 3) uint8, in its first episode.
     """
     env.seed(seed)
@@ -219,7 +227,7 @@ def drive_greedily(
     while min(map(len, ends)) < rounds:
         if watch is not None and not ends[0]:
             watch(parts_of(observation)["image"][0, ..., -3:].copy())
-        observation, reward, done, infos = env.step(network.actions(observation))  # type: ignore[arg-type]
+        observation, reward, done, infos = env.step(choose(observation))
         off_m += [abs(info.get("offset_m", np.nan)) for info in infos]
         for k, *told in count.ended(reward, done, infos):
             if len(ends[k]) < rounds:  # others are waited for

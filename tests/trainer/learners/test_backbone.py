@@ -162,3 +162,10 @@ def test_a_run_takes_the_pictures_of_its_backbone() -> None:
 def test_who_sees_several_pictures_has_none() -> None:
     with pytest.raises(ConfigError, match="expected a task of one picture, got track with 4"):
         TrainOptions(task="track", algo="ppo", backbone=str(SIGHT)).config()
+
+
+def test_seen_instead_leaves_the_path_as_it_is() -> None:
+    seer, images, path = Seer(SIGHT, "cpu"), pictures(2), np.ones((2, 10), np.float32)
+    both = seer.instead({"image": images, "path": path})
+    assert both["path"] is path
+    assert np.array_equal(both["image"], seer.instead(images))

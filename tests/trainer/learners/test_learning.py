@@ -196,7 +196,8 @@ def test_rounds_are_the_first_episodes_of_each_robot(tmp_path: Path) -> None:
     config = toy_config("ppo", 256)
     network = GreedyNetwork(build_model(config, make_toy(config, 8, 0), tmp_path).policy)
     once, thrice = (
-        drive_greedily(network, make_toy(config, 4, 0), seed=5, rounds=rounds) for rounds in (1, 3)
+        drive_greedily(network.actions, make_toy(config, 4, 0), seed=5, rounds=rounds)
+        for rounds in (1, 3)
     )
     assert thrice.rewards.shape == thrice.steps.shape == thrice.success.shape == (3, 4)
     assert np.all(thrice.steps == EPISODE_STEPS)
