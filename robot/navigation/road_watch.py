@@ -24,13 +24,6 @@ CLEAR = 3  # pictures in a row without it, after which it is gone
 FRESH_S = 0.5  # older pictures tell nothing of the road
 
 
-def free_way_seen(seen: Seen) -> RoadAhead:
-    """The free way in the first of some pictures; without a number none is free."""
-    if seen.thing[0] <= THING:
-        return RoadAhead()
-    return RoadAhead(float(seen.figures[0, 4]), float(seen.deviations[0, 4]))
-
-
 class WaySeen:
     """What is in the way counts from the first picture that shows it, and is remembered by the
     wheels' steps until some in a row show nothing: to stand for nothing is no harm."""
@@ -39,8 +32,10 @@ class WaySeen:
         self._seen, self._at_m, self._clear, self._at_s = RoadAhead(), 0.0, 0, -math.inf
 
     def see(self, seen: Seen, driven_m: float, now_s: float) -> None:
-        """A new picture, after so much driven."""
-        way = free_way_seen(seen)
+        """A new picture, after so much driven; without a number the way is not free."""
+        way = RoadAhead()
+        if not seen.thing[0] <= THING:
+            way = RoadAhead(float(seen.figures[0, 4]), float(seen.deviations[0, 4]))
         self._at_s = now_s
         self._clear = self._clear + 1 if way.free_m == math.inf else 0
         if self._clear in (0, CLEAR):

@@ -104,21 +104,16 @@ class Stage:
         """On a mission, or along its lane, at full speed."""
         bench, operator = self.bench, self.bench.operator
         if bench.options.leader:
-            self._expect("arm")
+            expect(operator, "arm")
             bench.type("auto")
         else:
             if bench.options.sight:
                 bench.freeze("localizer")
-            self._expect("arm")
-            self._expect("mission", self.goal)
+            expect(operator, "arm")
+            expect(operator, "mission", self.goal)
         self.run(DRIVE_S)
         if operator.state != "AUTO":
             raise BenchError(f"expected AUTO, got {operator.state}: {operator.reason}")
-
-    def _expect(self, kind: str, place: tuple[float, float] | None = None) -> None:
-        accepted, reason = self.bench.operator.ask(kind, place)
-        if not accepted:
-            raise BenchError(f"expected {kind} to be accepted, got: {reason}")
 
     def run(self, duration_s: float) -> None:
         """Let time go on, with the page watched as long as it lives."""
@@ -221,6 +216,13 @@ class Stage:
             return f"mended and armed again, it does not drive: {error}"
         same = process is self.bench.processes["robot"] and process.alive
         return "" if same else "it had to be started again"
+
+
+def expect(page: Operator, kind: str, place: tuple[float, float] | None = None) -> None:
+    """Ask at a page; BenchError where that is refused."""
+    accepted, reason = page.ask(kind, place)
+    if not accepted:
+        raise BenchError(f"expected {kind} to be accepted, got: {reason}")
 
 
 def _stands(page: Operator, place: Pose) -> bool:
