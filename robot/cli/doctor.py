@@ -27,6 +27,7 @@ from robot.link.sockets import LinkConfig
 from robot.link.telemetry import Reading
 from robot.navigation.road_map import load_map
 from robot.typed_config import load_yaml
+from robot.vision.sight import OnnxSight
 
 OK = "OK"
 WARN = "WARN"  # the robot drives, but a person should know
@@ -210,8 +211,13 @@ def _mount(mount: Mount) -> Finding:
 
 
 def check_policy(config: RobotConfig) -> Finding:
-    """Whether the policy (with its translator) loads and decides fast enough on this computer."""
+    """Whether the policy (with its translator) loads and decides fast enough on this computer.
+
+    And whether sight loads, where there is one.
+    """
     try:
+        if config.sight:
+            OnnxSight(config.sight)
         policy = open_policy(config.model, config.translator)
         timing = time_decisions(policy, DECISIONS)
     except DuckpilotError as error:

@@ -24,6 +24,7 @@ $pip pip # Ubuntu 18.04's is too old to know the wheels of onnxruntime
 $pip --constraint "$checkout/constraints-nano.txt" "$checkout"
 
 cp "$model" "$opt/lane.onnx"
+cp "$files/../models/sight.onnx" "$opt/sight.onnx"
 test -e "$etc/robot.yaml" || cp "$files/robot.yaml" "$etc/robot.yaml"
 cp "$files/99-duckpilot-i2c.rules" "$root/etc/udev/rules.d/"
 udevadm control --reload

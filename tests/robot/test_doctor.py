@@ -169,6 +169,7 @@ SETTINGS: Dict[str, Tuple[Callable[[str], str], str, str, str]] = {
         FAIL,
         "x2.onnx",
     ),
+    "no such sight": (lambda text: text + "sight: x3.onnx\n", "policy", FAIL, "x3.onnx"),
     "no such map": (lambda t: t.replace("town", "twon"), "map", FAIL, "did you mean 'town'"),
     "no such keys": (lambda t: t.replace("keys/robot", "keys/r"), "keys", FAIL, "keygen"),
     "another's keys": (

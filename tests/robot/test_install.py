@@ -14,7 +14,11 @@ import pytest
 
 from robot.cli import main
 from robot.cli.install import ROOT, SCRIPT, make_command
+from robot.config import RobotConfig
 from robot.errors import ConfigError
+from robot.inference.policy import SHIPPED_MODELS
+from robot.safety.governors import Rules
+from robot.typed_config import load_yaml
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
 UNIT = "duckpilot-robot.service"
@@ -92,6 +96,8 @@ def test_files_are_written_and_what_a_person_edited_stays(computer: Computer) ->
     unit = computer.file(f"/etc/systemd/system/{UNIT}")
     rule = computer.file("/etc/udev/rules.d/99-duckpilot-i2c.rules")
     assert computer.file("/opt/duckpilot/lane.onnx").read_bytes() == computer.model.read_bytes()
+    sight = (SHIPPED_MODELS / "sight.onnx").read_bytes()
+    assert computer.file("/opt/duckpilot/sight.onnx").read_bytes() == sight
     for file in (config, unit, rule):
         assert file.read_bytes() == (SCRIPT.parent / file.name).read_bytes()
     config.write_text("model: mine.onnx\n")
@@ -99,6 +105,14 @@ def test_files_are_written_and_what_a_person_edited_stays(computer: Computer) ->
     assert computer.install() == 0, "again"
     assert config.read_text() == "model: mine.onnx\n"
     assert "WatchdogSec" in unit.read_text()
+
+
+def test_what_is_offered_in_the_first_configuration_can_be_taken(tmp_path: Path) -> None:
+    text = (SCRIPT.parent / "robot.yaml").read_text()
+    taken = tmp_path / "robot.yaml"
+    taken.write_text(text.replace("# sight:", "sight:").replace("# rules:", "rules:"))
+    config = load_yaml(RobotConfig, taken)
+    assert (config.sight, config.rules) == ("/opt/duckpilot/sight.onnx", Rules(headway=True))
 
 
 def test_groups_and_user_are_made_where_there_are_none(computer: Computer) -> None:
