@@ -17,6 +17,7 @@ from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.town import Town
+from sim_pybullet.traffic.crowd import duck_solids
 from sim_pybullet.vehicle import WheeledRobots
 from sim_pybullet.virtual.world import RolledWheels, VirtualWorld
 from tests.robot.hat.rig import Rig, make_rig
@@ -79,6 +80,25 @@ def test_the_nominal_look_shows_what_a_bare_camera_sees() -> None:
     camera = RayCamera(ImageSpec(), 1)
     camera.set_robot(0, world.scene, NOMINAL.rig())
     assert np.array_equal(world.see(), camera.render(np.array([world.pose]))[0])
+    world.close()
+
+
+def test_who_is_around_is_seen_where_it_is_and_only_there() -> None:
+    rig = make_rig()
+    rng = np.random.default_rng(3)
+    world = VirtualWorld(LOOP, NOMINAL, rig.hat, rig.clock, rng, (duck_solids(),))
+    world.place(START)
+    alone = world.see()
+    world.around[:] = [START.moved(0.3, 0.0)]
+    world.place(START)
+    camera = RayCamera(ImageSpec(), 1, (duck_solids(),))
+    camera.set_robot(0, world.scene, NOMINAL.rig())
+    expected = camera.render(np.array([START]), None, world.around[None])[0]
+    assert np.array_equal(world.see(), expected)
+    assert not np.array_equal(expected, alone)
+    world.around[:] = math.nan
+    world.place(START)
+    assert np.array_equal(world.see(), alone)
     world.close()
 
 
