@@ -170,9 +170,7 @@ class BatchWorld:
         Raises:
             DuckpilotError: an episode cannot begin there.
         """
-        begun = self._begin(np.arange(self.n_robots), poses)
-        first = self._observe(begun)
-        return first if len(begun) == self.n_robots else _spread(first, begun, self.n_robots)
+        return self._observe(self._begin(np.arange(self.n_robots), poses))
 
     def step(self, actions: np.ndarray) -> BatchStep:
         """Let every robot carry out its action for `robot.contract.CONTROL_DT_S`.

@@ -96,7 +96,6 @@ class LookPool:
 
 KINDS = ("task", "look", "motor", "skip", "noise", "pose")  # of random numbers
 EPISODES_OF_A_WORLD = 4  # on one map: paint is shared, everything else is an episode's own
-_KEPT = 3  # painted worlds of a map: numbers are begun in order, so older ones are done with
 Setting = tuple[int, PaintedWorld, Look]  # a world of the town, as painted, and an episode's Look
 
 
@@ -165,7 +164,7 @@ class DrawnEpisodes:
 
 
 class NumberedEpisodes:
-    """As `DrawnEpisodes`, of these numbers, in this order; each robot has a world for itself.
+    """As `DrawnEpisodes`, one of each number for the robot in its place, with a world for itself.
 
     Consecutive numbers go through the maps in turn; of one map, `EPISODES_OF_A_WORLD` share paint.
     """
@@ -179,36 +178,30 @@ class NumberedEpisodes:
         numbers: Sequence[int],
         group: int = 1,
     ) -> None:
-        if len(numbers) % group:
-            raise ConfigError(
-                f"episodes: expected a multiple of {group}, the robots that share a world, "
-                f"got {len(numbers)}"
-            )
+        if len(numbers) != n:
+            raise ConfigError(f"episodes: expected {n}, one for each robot, got {len(numbers)}")
         self._group = group
-        self._road_maps, self._looks, self._seed = tuple(road_maps), looks, seed
-        self._waiting = iter(numbers)
-        self.numbers = np.full(n, -1)
+        self._road_maps, self._looks, self._begun = tuple(road_maps), looks, False
+        self.numbers = np.array(numbers)
         self.solids: Sequence[Sequence[Solid]] = [()] * n
-        self._rngs = [_streams(0)] * n
+        self.seed(seed)
         self._painted: dict[tuple[int, int], PaintedWorld] = {}
         rng = np.random.default_rng(0)
         standing = [s for place in road_maps for s in place_solids(place, NOMINAL, rng)]
         self.reach_m = 2.0 * max((abs(solid.x_m) for solid in standing), default=0.0)
 
     def seed(self, seed: int) -> None:
-        """For the episodes that have not begun."""
+        """Before the episodes have begun."""
         self._seed = seed
+        self._rngs = [_streams((seed, number)) for number in self.numbers.tolist()]
 
     def begin(self, robots: np.ndarray) -> np.ndarray:
-        """The next numbers, as long as there are any."""
-        self.numbers[robots] = -1
-        idle = (self.numbers < 0).reshape(-1, self._group).all(axis=1)
-        robots = np.flatnonzero(np.repeat(idle, self._group))
-        for robot in robots.tolist():
-            self.numbers[robot] = number = next(self._waiting, -1)
-            if number >= 0:
-                self._rngs[robot] = _streams((self._seed, number))
-        return robots[self.numbers[robots] >= 0]
+        """All at first; whoever wants another has ended."""
+        if self._begun:
+            self.numbers[robots] = -1
+            return robots[:0]
+        self._begun = True
+        return robots
 
     def together(self, step: TaskStep) -> TaskStep:
         """As it is."""
@@ -231,8 +224,6 @@ class NumberedEpisodes:
         if key not in self._painted:
             rng = np.random.default_rng((self._seed, map_index, block))
             self._painted[key] = paint_world(self._road_maps[map_index], self._looks, rng)
-            for old in [k for k in self._painted if k[0] == map_index][:-_KEPT]:
-                del self._painted[old]
         painted = self._painted[key]
         return first, painted, painted.episode_look(self.own("look", robot))
 

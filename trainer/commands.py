@@ -73,7 +73,7 @@ def evaluate_command(
     if drives and json is None:
         raise ConfigError("drives: expected --json FILE, beside which they are kept, got none")
     options.check()
-    return EvaluateJob(json, options, drives).run(Console(soft_wrap=True))
+    return EvaluateJob(json, options, drives, many).run(Console(soft_wrap=True))
 
 
 def export_command(

@@ -7,13 +7,17 @@ are imported, so the environment must tell them.
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
+from threading import Thread
 from typing import Any, NamedTuple
 
 from robot.command_line import one_line
@@ -21,7 +25,8 @@ from robot.errors import ConfigError
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 ANSWER_S = 15.0  # that a cluster may take to answer
-_LEAVE_S = 5.0  # that a process gets to leave in order
+_LEAVE_S = 5.0  # that processes get to leave in order
+_LOOK_S = 0.1  # between two looks whether any have ended
 _TRY = "import sys, ray; ray.init(sys.argv[1], log_to_driver=False, logging_level='ERROR')"
 
 
@@ -44,12 +49,19 @@ class LocalProcesses:
         self.cores = len(os.sched_getaffinity(0))
         self._started: list[BaseProcess] = []
 
+    def number(self, asked: int | None) -> int:
+        """As many as are asked for, else one for each core; ConfigError below 1."""
+        count = self.cores if asked is None else asked
+        if count < 1:
+            raise ConfigError(f"workers: expected 1 or more, got {count}")
+        return count
+
     def start(self, do: Callable[..., object], *orders: Any) -> BaseProcess:
         """One more, that does so and exits with what it returns."""
         from torch import multiprocessing
 
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["trainer.training.crew"])
+        context.set_forkserver_preload(["trainer.training.crew", "trainer.judging.challenge"])
         before = dict(os.environ)
         os.environ.update(ONE_THREAD)  # this process keeps what it has
         try:
@@ -69,16 +81,13 @@ class LocalProcesses:
             return None
         return Ended(code, f"killed by {signal.Signals(-code).name}" if code < 0 else "")
 
-    def stop(self) -> None:
-        """Ask all to leave."""
+    def close(self, within_s: float = _LEAVE_S) -> None:
+        """Ask all to leave, and end who has not left within this time."""
+        until = time.monotonic() + within_s
         for process in self._started:
             process.terminate()
-
-    def close(self) -> None:
-        """End them all."""
-        self.stop()
         for process in self._started:
-            process.join(_LEAVE_S)
+            process.join(max(0.0, until - time.monotonic()))
             process.kill()
             process.join()
         self._started = []
@@ -115,19 +124,46 @@ class RayProcesses:
         except self._ray.exceptions.RayError as error:
             return Ended(1, str(error).strip().splitlines()[-1])
 
-    def stop(self) -> None:
-        """Ask all to leave."""
-        for reference in self._started:
-            self._ray.cancel(reference)
-
-    def close(self) -> None:
-        """End them all; the cluster goes on."""
+    def close(self, within_s: float = 0.0) -> None:
+        """See `LocalProcesses`; the cluster goes on."""
+        if within_s and self._started:
+            for reference in self._started:
+                self._ray.cancel(reference)
+            self._ray.wait(self._started, num_returns=len(self._started), timeout=within_s)
         for reference in self._started:
             self._ray.cancel(reference, force=True)
         self._started = []
 
 
 Processes = LocalProcesses | RayProcesses
+
+
+def at_once(
+    processes: Processes, most: int, do: Callable[..., object], orders: Iterable[tuple[Any, ...]]
+) -> Iterator[tuple[tuple[Any, ...], Ended]]:
+    """Carry out all orders, so many at a time; each, and how it ended, as it does."""
+    waiting, going = deque(orders), list[tuple[Any, tuple[Any, ...]]]()
+    while waiting or going:
+        while waiting and len(going) < most:
+            order = waiting.popleft()
+            going.append((processes.start(do, *order), order))
+        for each in list(going):
+            if ended := processes.ended(each[0]):
+                going.remove(each)
+                yield each[1], ended
+        time.sleep(_LOOK_S)
+
+
+def stop_with_parent() -> None:
+    """End this process, as if asked to leave, when the one that started it has gone."""
+    Thread(target=_wait_for_parent, daemon=True).start()
+
+
+def _wait_for_parent() -> None:
+    parent = multiprocessing.parent_process()  # none of a Ray worker
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def connect(address: str) -> Any:

@@ -9,7 +9,7 @@ from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.manoeuvres import Manoeuvres, manoeuvres
 
-ROBOTS = 4
+ROBOTS = 32
 
 
 def test_the_arena_has_the_papers_32_paths():
@@ -45,7 +45,7 @@ def test_beside_a_manoeuvre_a_path_goes_straight_where_it_can():
 
 def test_the_expert_drives_each_of_them_once():
     task = Manoeuvres([load_map("arena")], ROBOTS)
-    world = BatchWorld(task, [NOMINAL], seed=0, numbers=range(32))
+    world = BatchWorld(task, [NOMINAL], seed=0, numbers=range(ROBOTS))
     world.reset()
     driven: dict[int, float] = {}
     while world.active.any():

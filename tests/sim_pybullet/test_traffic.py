@@ -217,7 +217,9 @@ def test_who_shares_a_world_is_seen_by_the_other() -> None:
 
 def test_who_has_ended_stands_where_it_is_until_the_others_have() -> None:
     task = Traffic([load_map("loop")], 2, Scenario(robots_pcs=("a", "b")))
-    world = world_of(task, range(4))
+    with pytest.raises(ConfigError, match="episodes: expected 2, one for each robot, got 4"):
+        world_of(task, range(4))
+    world = world_of(task, range(2))
     world.reset()
     straight_off = np.array([2, STOP])
     for _ in range(100):

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
-from robot.navigation.road_map import RoadMap
+from robot.errors import ConfigError
+from robot.navigation.road_map import RoadMap, load_map
+from robot.vision.sight import OnnxSight
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.episodes import Looks
+from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.tasks.traffic import EPISODE_S, Traffic
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
 from trainer.judging import rides
-from trainer.judging.drivers import Driver
-from trainer.judging.evaluate import ROBOTS
+from trainer.judging.drivers import Driver, Expert, Pilot
+from trainer.judging.evaluate import open_policy
+from trainer.judging.films import Worst
+from trainer.judging.governed import Governed
 from trainer.judging.olympics import SURVIVED, Episode, LaneRules, longest_wait_s
 from trainer.judging.rides import Film
+from trainer.judging.sighted import Sighted
+from trainer.sight.cli import SHIPPED
 
+BARE = "bare"
 _FIRST_WORLD = 1_000_000_009  # seed of all worlds
 
 
@@ -39,14 +49,13 @@ def drive(
 ) -> Iterator[tuple[Episode, Film]]:
     """One episode of so many seconds for each seed, of all robots of ours that share a world.
 
-    They come as each ends, with ``films`` of what the robot saw at its end: frames (H, W, 3) uint8
-    RGB. Consecutive seeds take the maps
-    in turn. MapError for a map without room for the challenge.
+    All begin at once. They come as each ends, with ``films`` of what the robot saw at its end:
+    frames (H, W, 3) uint8 RGB. Consecutive seeds take the maps in turn. MapError for a map
+    without room for the challenge.
     """
     group = robots_of(challenge)
-    robots = group * min(max(ROBOTS // group, 1), len(seeds))
     spec = find_task("traffic_junctions" if driver.guided else "traffic")
-    task = spec.build(road_maps, robots, Choices(scenario=challenge))
+    task = spec.build(road_maps, group * len(seeds), Choices(scenario=challenge))
     assert isinstance(task, Traffic)
     task.frames, task.episode_s = driver.frames, seconds
     numbers = [group * seed + k for seed in seeds for k in range(group)]
@@ -72,3 +81,59 @@ def drive(
             figures,
         )
         yield episode, tuple(ride.frames)
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A driver in a challenge, see `trainer.judging.blocks.Order`."""
+
+    name: str  # of the driver: a policy's file, expert or stand, or `BARE`
+    model: str  # the policy that is bare
+    challenge: str
+    maps: tuple[str, ...]
+    look: str
+    poses: str
+    seconds: float
+    films: bool
+
+    @property
+    def title(self) -> str:
+        """See `trainer.judging.blocks.Order`."""
+        return f"{self.challenge} {Path(self.name).name}"
+
+    @property
+    def files(self) -> list[str]:
+        """See `trainer.judging.blocks.Order`."""
+        return [self.name, self.model, self.look, *self.maps]
+
+    def drive(self, seeds: Sequence[int], worst: Worst) -> list[Episode]:
+        """See `trainer.judging.blocks.Order`."""
+        where, looks = list(map(load_map, self.maps)), load_look_sampler(self.look)
+        found = []
+        asked = self.challenge, where, looks, seeds, self.seconds, self.films
+        for episode, film in drive(self.driver(), *asked):
+            found.append(episode)
+            if self.films:
+                title = f"Episode {episode.seed} on {episode.map} - {episode.end}"
+                worst.add(episode.badness, f"{title} - {episode.tiles:.1f} tiles", film)
+        return sorted(found)
+
+    def driver(self) -> Driver:
+        """Who drives; DuckpilotError unless it can."""
+        if self.poses == "sight" and self.challenge == "lfvi":
+            raise ConfigError(
+                "poses: expected true or arena, got sight, which does not tell who comes from the "
+                "sides"
+            )
+        if self.name in ("expert", "stand"):
+            return Expert() if self.name == "expert" else Driver()
+        bare = self.name == BARE and self.name != self.model
+        path = Path(self.model if bare else self.name)
+        if not path.exists():
+            raise ConfigError(
+                f"{path}: expected a policy, .onnx, expert or stand; there is no file"
+            )
+        policy = open_policy(path)
+        if self.poses == "sight" and not bare:
+            return Sighted(policy, OnnxSight(SHIPPED))
+        return Pilot(policy) if bare else Governed(policy, self.poses)

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress
 
-from robot.errors import ConfigError
 from robot.output import expect_writable
-
-if TYPE_CHECKING:
-    from trainer.judging.drivers import Driver
 
 _RINGS = ("judging/rings",)
 MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
-BARE = "bare"
 
 
 def judge_command(
@@ -29,6 +23,7 @@ def judge_command(
     map: tuple[str, ...] = (),
     poses: Literal["true", "arena", "sight"] = "true",
     seconds: float = 60.0,
+    workers: int | None = None,
     json: Path | None = None,
     out: Path | None = None,
 ) -> int:
@@ -48,6 +43,7 @@ def judge_command(
         poses: what the rules of the road know of everybody: the truth of now; what a localizer
             over the arena tells, late and 3 cm off; or what sight sees of the way ahead.
         seconds: how long an episode is; the Olympics' are a minute.
+        workers: processes, else one for each core; the figures are the same.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
     """
@@ -55,60 +51,35 @@ def judge_command(
     from robot.output import write_json
     from sim_pybullet.randomise import load_look_sampler
     from trainer.division import maps_named
-    from trainer.judging.challenge import drive, robots_of
-    from trainer.judging.films import Worst
-    from trainer.judging.olympics import Verdict, tell, write_worst
+    from trainer.judging.blocks import drive_blocks, kept_beside
+    from trainer.judging.challenge import Contest, robots_of
+    from trainer.judging.olympics import Episode, LaneFigures, Verdict, tell, write_worst
 
     names = [model] if against is None else [model, against]
-    drivers = [_driver(name, model, poses, challenge) for name in names]
+    maps, seeds = maps_named(map or MAPS[challenge]), range(seed, seed + episodes)
+    shared = model, challenge, maps, look, poses, seconds
+    contests = [Contest(n, *shared, films=not k and out is not None) for k, n in enumerate(names)]
+    for contest in contests:
+        contest.driver()
     expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
-    road_maps = [load_map(name) for name in maps_named(map or MAPS[challenge])]
-    looks, seeds = load_look_sampler(look), range(seed, seed + episodes)
-    console, worst, films = Console(soft_wrap=True), Worst(), out is not None
-    verdicts: list[Verdict] = []
-    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
-        for name, driver in zip(names, drivers, strict=True):
-            title, total = f"{challenge} {Path(name).name}", episodes * robots_of(challenge)
-            row, found = bar.add_task(title, total=total), []
-            for episode, film in drive(driver, challenge, road_maps, looks, seeds, seconds, films):
-                bar.advance(row)
-                found.append(episode)
-                if not verdicts:
-                    title = f"Episode {episode.seed} on {episode.map} - {episode.end}"
-                    worst.add(episode.badness, f"{title} - {episode.tiles:.1f} tiles", film)
-            verdicts.append(Verdict(Path(name).name, sorted(found)))
-    tell(console, challenge, verdicts)
-    if json is not None:
-        asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
-        driven = {"poses": poses, "seconds": seconds, "maps": [m.name for m in road_maps]}
-        told = {**asked, **driven, **verdicts[0].plain()}
-        if len(verdicts) > 1:
-            told["against"] = verdicts[0].against(verdicts[1])
-        write_json(json, told)
-    if out is not None:
-        console.print(str(write_worst(out, worst, verdicts[0], challenge)), markup=False)
+    road_maps, console = [load_map(name) for name in maps], Console(soft_wrap=True)
+    load_look_sampler(look)
+    verdicts, worst = [], []
+    with kept_beside(json or (out and out / "judge.html"), console) as folder:
+        for contest in contests:
+            group = robots_of(challenge)
+            rows, films = drive_blocks(contest, seeds, folder, workers, console, group)
+            found = [Episode(*row)._replace(figures=LaneFigures(*row[-1])) for row in rows]
+            verdicts.append(Verdict(Path(contest.name).name, found))
+            worst += films
+        tell(console, challenge, verdicts)
+        if json is not None:
+            asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
+            driven = {"poses": poses, "seconds": seconds, "maps": [m.name for m in road_maps]}
+            told = {**asked, **driven, **verdicts[0].plain()}
+            if len(verdicts) > 1:
+                told["against"] = verdicts[0].against(verdicts[1])
+            write_json(json, told)
+        if out is not None:
+            console.print(str(write_worst(out, worst, verdicts[0], challenge)), markup=False)
     return 0
-
-
-def _driver(name: str, model: str, poses: str, challenge: str) -> Driver:
-    from robot.vision.sight import OnnxSight
-    from trainer.judging.drivers import Driver, Expert, Pilot
-    from trainer.judging.evaluate import open_policy
-    from trainer.judging.governed import Governed
-    from trainer.judging.sighted import Sighted
-    from trainer.sight.cli import SHIPPED
-
-    if poses == "sight" and challenge == "lfvi":
-        raise ConfigError(
-            "poses: expected true or arena, got sight, which does not tell who comes from the sides"
-        )
-    if name in ("expert", "stand"):
-        return Expert() if name == "expert" else Driver()
-    bare = name == BARE and name != model
-    path = Path(model if bare else name)
-    if not path.exists():
-        raise ConfigError(f"{path}: expected a policy, .onnx, expert or stand; there is no file")
-    policy = open_policy(path)
-    if poses == "sight" and not bare:
-        return Sighted(policy, OnnxSight(SHIPPED))
-    return Pilot(policy) if bare else Governed(policy, poses)

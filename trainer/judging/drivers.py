@@ -12,7 +12,7 @@ _SMALL = ImageSpec(40, 30)  # for films: who does not look needs no more
 
 
 class Driver:
-    """Who drives all robots of a world; this one never moves."""
+    """Who drives all robots of a world once, from their start; this one never moves."""
 
     guided = False  # whether it gets a path
     image = _SMALL  # what is drawn for it,

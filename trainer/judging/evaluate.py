@@ -7,7 +7,7 @@ share of episodes that succeeded.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,11 +24,9 @@ from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.spec import Choices, find_task
 from trainer.judging import rides
-from trainer.judging.films import Worst
 from trainer.judging.rides import Drive, Ride
 from trainer.options import EvaluateOptions, task_of
 
-ROBOTS = 20  # at once
 _FIRST_WORLD = 1_000_000_007  # seed of all worlds, away from those that runs are trained with
 
 DrivingPolicy = OnnxPolicy | TranslatingPolicy
@@ -85,36 +83,6 @@ def open_policy(model: Path, task: str = "") -> OnnxPolicy:
     return OnnxPolicy(model, actions=None if trained.wheeled else trained.actions)
 
 
-def evaluate(
-    policy: DrivingPolicy,
-    task: str,
-    road_maps: Sequence[Place],
-    looks: Looks,
-    seeds: Sequence[int],
-    finished: Callable[[Drive], None],
-    zero: str | None = None,
-    worst: Worst | None = None,
-    lane: str | None = None,
-    sources: PoseSources = ALWAYS,
-) -> list[Drive]:
-    """One greedy episode for each seed; ``finished`` hears of each.
-
-    An episode is the same whichever others are driven (`sim_pybullet.episodes.NumberedEpisodes`),
-    to the rounding of a robot's clock. Consecutive seeds take the maps in turn, and on each map
-    both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or
-    nothing. Who failed or left its lane is offered to ``worst``. ConfigError for a path that is not
-    there, or a lane in a task that keeps none.
-    """
-    drives = []
-    ride_all = ridden(policy, task, road_maps, looks, seeds, zero, worst is not None, lane, sources)
-    for drive, ride in ride_all:
-        if worst is not None:
-            _offer(worst, drive, ride)
-        drives.append(drive)
-        finished(drive)
-    return sorted(drives)
-
-
 def ridden(
     policy: DrivingPolicy,
     task: str,
@@ -122,14 +90,18 @@ def ridden(
     looks: Looks,
     seeds: Sequence[int],
     zero: str | None = None,
-    films: bool = False,
     lane: str | None = None,
     sources: PoseSources = ALWAYS,
+    films: bool = False,
 ) -> Iterator[tuple[Drive, Ride]]:
-    """The episodes of `evaluate` as each ends, with what was seen in them where ``films``."""
-    if not len(seeds):
-        return
-    task_of_all = find_task(task).build(road_maps, min(ROBOTS, len(seeds)), Choices(lane))
+    """One greedy episode for each seed, all at once; as each ends, with frames where ``films``.
+
+    An episode is the same whichever others are driven (`sim_pybullet.episodes.NumberedEpisodes`),
+    to the rounding of a robot's place. Consecutive seeds take the maps in turn, and on each map
+    both lanes of a ring, or all its manoeuvres. The policy gets zeros for ``zero``: image, path or
+    nothing. ConfigError for a path that is not there, or a lane in a task that keeps none.
+    """
+    task_of_all = find_task(task).build(road_maps, len(seeds), Choices(lane))
     world = BatchWorld(task_of_all, looks, None, _FIRST_WORLD, numbers=seeds, sources=sources)
     speeds = _own_speeds(policy, world)
 
@@ -202,16 +174,6 @@ def _lane(task: str, lane: str | None, turn: int) -> str | None:
     if not lanes:
         return None
     return lanes[turn % 2] if lane == "both" else lane or lanes[0]
-
-
-def _offer(worst: Worst, drive: Drive, ride: Ride) -> None:
-    """What failed, or left its lane."""
-    failed = not drive.success
-    if failed or ride.farthest_m > ride.half_lane_m:
-        film = tuple(ride.frames) if failed else ride.farthest
-        told = ride.end if failed else "out of its lane for a while"
-        title = f"Episode {drive.seed} on {drive.map} - {told}"
-        worst.add((failed, ride.farthest_m, -drive.seed), title, film)
 
 
 def _own_speeds(policy: DrivingPolicy, world: BatchWorld) -> np.ndarray | None:

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import re
+import shutil
+from collections.abc import Sequence
 from glob import escape
 from pathlib import Path
+from typing import NamedTuple
 
 from robot.contract import CONTROL_DT_S
 from trainer.judging.rides import Film
 from trainer.mp4 import enlarged, write_mp4
 
 WORST = 5  # episodes that are filmed
+
+
+class Filmed(NamedTuple):
+    """An episode with a film."""
+
+    badness: tuple[float, ...]  # larger is worse, and never the same twice
+    title: str
+    path: Path
 
 
 class Worst:
@@ -20,23 +31,34 @@ class Worst:
         self.kept: list[tuple[tuple[float, ...], str, Film]] = []  # by badness, the worst first
 
     def add(self, badness: tuple[float, ...], title: str, film: Film) -> None:
-        """One more; larger is worse, and never the same twice. The best of them is forgotten."""
+        """One more, see `Filmed`. The best of them is forgotten."""
         some = [*self.kept, (badness, title, film)]
         self.kept = sorted(some, key=lambda each: each[0], reverse=True)[:WORST]
 
-    def write(self, out: Path, prefix: str) -> list[tuple[str, Path]]:
-        """Films in a folder in place of older ones, ``PREFIX_1_a_title.mp4`` the worst; `films`."""
-        out.mkdir(parents=True, exist_ok=True)
-        for _, old in films(out, prefix):
-            old.unlink()
-        for rank, (_, title, film) in enumerate(self.kept, start=1):
-            words = re.sub(r"[^\w.-]+", "_", title)
-            write_mp4(out / f"{prefix}_{rank}_{words}.mp4", map(enlarged, film), 1.0 / CONTROL_DT_S)
-        return films(out, prefix)
+    def write(self, stem: Path) -> list[Filmed]:
+        """Films beside each other, the worst first: ``STEM_1.mp4``, ``STEM_2.mp4``."""
+        found = []
+        for rank, (badness, title, film) in enumerate(self.kept, start=1):
+            path = stem.with_name(f"{stem.name}_{rank}.mp4")
+            write_mp4(path, map(enlarged, film), 1.0 / CONTROL_DT_S)
+            found.append(Filmed(badness, title, path))
+        return found
+
+
+def keep_films(found: Sequence[Filmed], out: Path, prefix: str) -> list[tuple[str, Path]]:
+    """Copy the worst to a folder in place of older ones, ``PREFIX_1_a_title.mp4`` the worst."""
+    out.mkdir(parents=True, exist_ok=True)
+    for _, old in films(out, prefix):
+        old.unlink()
+    worst = sorted(found, key=lambda each: each.badness, reverse=True)[:WORST]
+    for rank, each in enumerate(worst, start=1):
+        words = re.sub(r"[^\w.-]+", "_", each.title)
+        shutil.copy(each.path, out / f"{prefix}_{rank}_{words}.mp4")
+    return films(out, prefix)
 
 
 def films(folder: Path, prefix: str) -> list[tuple[str, Path]]:
-    """Titles and files of what `Worst.write` wrote, the worst first."""
+    """Titles and files of what `keep_films` kept, the worst first."""
     found = sorted(folder.glob(f"{escape(prefix)}_[1-9]_*.mp4"))
     return [(path.stem[len(prefix) + 3 :].replace("_", " "), path) for path in found]
 

@@ -32,7 +32,6 @@ from trainer.judging.evaluate import DrivingPolicy
 class Ruled:
     """One robot's memory in an episode."""
 
-    number: int
     pose: Pose  # a decision ago
     rules: tuple[Rule, ...]
     told: WheelSpeeds = STILL
@@ -90,9 +89,8 @@ class Governed(Pilot):
     def __init__(self, policy: DrivingPolicy, poses: str = "true") -> None:
         super().__init__(policy)
         self._look = ARENA_POSE if poses == "arena" else PoseLook()
-        self._robots: dict[int, tuple[Ruled, RoadWatch, Neighbours]] = {}
-        self._views: dict[str, _View] = {}
-        self._above: dict[int, _Above] = {}  # of each group
+        self._robots: list[tuple[Ruled, RoadWatch, Neighbours]] = []
+        self._above: list[_Above] = []  # of each group
         self._turns = 0
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
@@ -105,13 +103,13 @@ class Governed(Pilot):
         poses = world.poses.reshape(-1, ours, 3)
         bodies = task.crowd.bodies(poses, np.zeros((len(poses), ours, 2)))
         red = task.look(world.poses).red
-        self._begin(world, task, bodies.kinds.size)
+        if not self._robots:
+            self._begin(world, task, bodies.kinds.size)
         there = np.zeros((*bodies.xy_m.shape[:2], 3))
         there[..., :2], there[:, :ours, 2] = bodies.xy_m, poses[..., 2]
-        told = [self._above[group].tell(here, now_s) for group, here in enumerate(there)]
+        told = [above.tell(here, now_s) for above, here in zip(self._above, there, strict=True)]
         heard = [self._messages(poses, bodies.kinds, ours, now_s) for poses in told]
-        believed = np.array([self._above[k].believed[:ours] for k in range(len(there))])
-        believed = believed.reshape(-1, 3)
+        believed = np.array([above.believed[:ours] for above in self._above]).reshape(-1, 3)
         arc_m = task.paths.project(believed[:, :2], task.paths.index_at(task.course.arc_m)).arc_m
         ways_m = task.paths.points_at(arc_m[:, None] + AHEAD_M)
         for i in np.flatnonzero(world.active).tolist():
@@ -128,21 +126,16 @@ class Governed(Pilot):
         return shares
 
     def _begin(self, world: BatchWorld, task: Traffic, bodies: int) -> None:
-        """Who begins an episode remembers nothing."""
+        """All begin their only episode."""
+        views = {m.name: _View(m) for m in task.road_maps if isinstance(m, RoadMap)}
         for i, number in enumerate(world.numbers.tolist()):
-            known = self._robots.get(i)
-            if known is not None and number in (-1, known[0].number):
-                continue
-            group, place = divmod(i, task.group)
-            road_map = task.road_maps[world.maps[i]]
-            view = self._views.get(road_map.name) or _View(road_map)
-            self._views[road_map.name] = view
+            view, place = views[task.road_maps[world.maps[i]].name], i % task.group
             others = Neighbours(view, _name(place), self._look.position_m)
             rules = KeepApart(), StopLines(), Lights(), FirstCome()
-            here = Pose(*world.poses[i].tolist())
-            self._robots[i] = Ruled(number, here, rules), RoadWatch(view, others), others
+            robot = Ruled(Pose(*world.poses[i].tolist()), rules)
+            self._robots.append((robot, RoadWatch(view, others), others))
             if place == 0:
-                self._above[group] = _Above(bodies, self._look, number)
+                self._above.append(_Above(bodies, self._look, number))
 
     def _messages(
         self, told: np.ndarray, kinds: np.ndarray, ours: int, now_s: float

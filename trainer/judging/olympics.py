@@ -26,7 +26,7 @@ from rich.table import Table
 from robot.geometry import Pose, wrap_angle
 from robot.navigation.lanes import ORIENTATIONS, Tile
 from robot.navigation.road_map import RoadMap
-from trainer.judging.films import Worst
+from trainer.judging.films import Filmed, keep_films
 from trainer.judging.intervals import Estimate, median, paired, share
 from trainer.report.page import Picture, write_page
 
@@ -304,10 +304,10 @@ def tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
         )
 
 
-def write_worst(out: Path, worst: Worst, verdict: Verdict, challenge: str) -> Path:
-    """Films of the worst of a verdict's episodes, and the page that shows them."""
-    films = [Picture(name, "Its end.", path) for name, path in worst.write(out, "worst")]
+def write_worst(out: Path, films: Sequence[Filmed], verdict: Verdict, challenge: str) -> Path:
+    """The worst of these films of a verdict's episodes, and the page that shows them."""
+    shown = [Picture(name, "Its end.", path) for name, path in keep_films(films, out, "worst")]
     title = f"{verdict.driver}, {challenge}: {len(verdict.episodes)} episodes"
     rows = [(name, *(f"{x:.2f}" for x in each)) for name, each in verdict.figures.items()]
-    write_page("judge.html", out / "judge.html", title=title, rows=rows, films=films)
+    write_page("judge.html", out / "judge.html", title=title, rows=rows, films=shown)
     return out / "judge.html"

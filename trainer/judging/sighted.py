@@ -31,30 +31,24 @@ class Sighted(Pilot):
     def __init__(self, policy: DrivingPolicy, sight: OnnxSight) -> None:
         super().__init__(policy)
         self._sight = sight
-        self._robots: dict[int, Seeing] = {}
+        self._robots: list[Seeing] = []
         self._turns = 0
 
     def choose(self, world: BatchWorld, seen: Observation) -> np.ndarray:
         """See `trainer.judging.drivers.Driver`."""
         shares = super().choose(world, seen)
+        if not self._robots:
+            here = [Pose(*pose) for pose in world.poses.tolist()]
+            self._robots = [Seeing(pose, Rules(headway=True).chain()) for pose in here]
         self._turns += 1
         now_s, driving = self._turns * CONTROL_DT_S, np.flatnonzero(world.active)
         newest = preprocess_batch(seen.image[driving, ..., -3:], self._sight.contract.image)
         what = self._sight(newest)
         for k, i in enumerate(driving.tolist()):
-            robot = self._robot(world, i)
+            robot = self._robots[i]
             robot.moved(Pose(*world.poses[i].tolist()))
             robot.way.see(Seen(*(part[k : k + 1] for part in what)), robot.driven_m, now_s)
             ahead = robot.way.ahead(robot.driven_m, now_s)
             slowed = robot.slow(MAX_WHEEL_MPS * shares[i], now_s, ahead)
             shares[i] = np.array(slowed) / MAX_WHEEL_MPS
         return shares
-
-    def _robot(self, world: BatchWorld, i: int) -> Seeing:
-        """Who begins an episode remembers nothing."""
-        number, known = int(world.numbers[i]), self._robots.get(i)
-        if known is None or number not in (-1, known.number):
-            here = Pose(*world.poses[i].tolist())
-            known = Seeing(number, here, Rules(headway=True).chain())
-            self._robots[i] = known
-        return known

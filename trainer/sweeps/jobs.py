@@ -127,7 +127,8 @@ class EvaluateJob:
 
     json: Path | None
     options: EvaluateOptions
-    drives: bool  # kept beside the JSON file
+    drives: bool  # filmed beside the JSON file
+    alone: WorkerOptions | None = None  # who does it; one process, where it is one of many
 
     @property
     def title(self) -> str:
@@ -150,7 +151,8 @@ class EvaluateJob:
         """Drive, and say how it went."""
         from trainer.judging.judge import judge
 
-        return judge(self.json, self.options, self.drives, console)
+        workers = 1 if self.alone is None else self.alone.workers
+        return judge(self.json, self.options, self.drives, workers, console)
 
 
 def evaluate_jobs(

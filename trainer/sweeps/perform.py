@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
 import socket
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, TypeAlias
 
 from rich.console import Console
 
 from robot.errors import ConfigError, DuckpilotError
-from trainer.processes import Ended
+from trainer.processes import Ended, stop_with_parent
 
 if TYPE_CHECKING:
     from trainer.sweeps.jobs import EvaluateJob, TrainJob
@@ -35,7 +32,7 @@ def perform(job: Job, folder: str) -> int:
     All that is printed goes to the job's log; relative paths begin in ``folder``: ConfigError if
     this machine has none. It stops with a checkpoint when the process that started it has gone.
     """
-    Thread(target=_stop_with_parent, daemon=True).start()
+    stop_with_parent()
     if not Path(folder).is_dir():
         raise ConfigError(
             f"{folder}: expected a folder that all nodes of the cluster share, found none on "
@@ -53,10 +50,3 @@ def perform(job: Job, folder: str) -> int:
         except DuckpilotError as error:
             console.print(str(error), markup=False)
             return 2
-
-
-def _stop_with_parent() -> None:
-    parent = multiprocessing.parent_process()  # none of a Ray worker
-    if parent is not None:
-        parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import os
-import time
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from robot.command_line import INTERRUPTED
-from robot.errors import ConfigError
-from trainer.processes import LocalProcesses, Processes, RayProcesses
+from trainer.processes import LocalProcesses, Processes, RayProcesses, at_once
 from trainer.sweeps.perform import Job, last_words, perform
 
 RETRIES = 5  # of a job whose Ray worker or node died; it goes on from its checkpoint
 STOPPING_S = 60.0  # for runs to write their checkpoints
-_LOOK_S = 0.1  # between two looks whether jobs have ended
 _COLUMNS = (*Progress.get_default_columns(), MofNCompleteColumn())
 
 
@@ -54,7 +49,7 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
 
     DuckpilotError if a job cannot be done at all; then none was begun.
     """
-    waiting: deque[Job] = deque()
+    waiting = list[Job]()
     for job in jobs:
         if job.finished():
             console.print(f"{job.title}: finished before", markup=False)
@@ -62,38 +57,28 @@ def run_sweep(jobs: Sequence[Job], many: WorkerOptions, console: Console) -> int
             waiting.append(job)
     if not waiting:
         return 0
-    count, failures = len(waiting), list[str]()
-    processes, most = _processes(many, count)
-    going: list[tuple[Any, Job]] = []
+    failures = list[str]()
+    processes, most = _processes(many, len(waiting))
+    orders = [(job, os.getcwd()) for job in waiting]
     try:
         with Progress(*_COLUMNS, console=console) as bar:
-            row = bar.add_task("jobs", total=count)
-            while waiting or going:
-                while waiting and len(going) < most:
-                    job = waiting.popleft()
-                    going.append((processes.start(perform, job, os.getcwd()), job))
-                for each in list(going):
-                    if ended := processes.ended(each[0]):
-                        going.remove(each)
-                        bar.advance(row)
-                        said = last_words(each[1], ended)
-                        if ended.status == 0:
-                            console.print(said, markup=False)
-                        else:
-                            failures.append(f"{each[1].title}: failed, {said} (see {each[1].log})")
-                time.sleep(_LOOK_S)
+            row = bar.add_task("jobs", total=len(waiting))
+            for (job, _), ended in at_once(processes, most, perform, orders):
+                bar.advance(row)
+                said = last_words(job, ended)
+                if ended.status == 0:
+                    console.print(said, markup=False)
+                else:
+                    failures.append(f"{job.title}: failed, {said} (see {job.log})")
     except KeyboardInterrupt:
-        processes.stop()
-        until = time.monotonic() + STOPPING_S
-        while time.monotonic() < until and not all(processes.ended(each) for each, _ in going):
-            time.sleep(_LOOK_S)
+        processes.close(STOPPING_S)
         console.print("interrupted; the same command goes on")
         return INTERRUPTED
     finally:
         processes.close()
     for text in failures:
         console.print(text, style="red", markup=False)
-    console.print(f"{count - len(failures)} of {count} done")
+    console.print(f"{len(waiting) - len(failures)} of {len(waiting)} done")
     return 1 if failures else 0
 
 
@@ -102,7 +87,4 @@ def _processes(many: WorkerOptions, jobs: int) -> tuple[Processes, int]:
     if many.ray is not None:
         return RayProcesses(many.ray, RETRIES), jobs
     processes = LocalProcesses()
-    count = processes.cores if many.workers is None else many.workers
-    if count < 1:
-        raise ConfigError(f"workers: expected 1 or more, got {count}")
-    return processes, count
+    return processes, processes.number(many.workers)

@@ -15,7 +15,9 @@ from robot.inference.policy import OnnxPolicy
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import Looks
 from sim_pybullet.tasks.spec import find_task
-from trainer.judging.evaluate import ridden, wilson_low
+from trainer.judging.blocks import ROBOTS
+from trainer.judging.evaluate import ridden
+from trainer.judging.intervals import share
 from trainer.judging.rides import Ride
 from trainer.twin.examples import Examples, told
 
@@ -47,15 +49,17 @@ def prove(
     rings = bool(find_task(task).lanes)
     numbers, lane = range(FIRST, FIRST + drives), "both" if rings else None
     done: list[tuple[bool, Ride]] = []
-    for drive, ride in ridden(policy, task, [road_map], twin, numbers, lane=lane):
-        done.append((drive.success, ride))
-        finished(drive)
+    for some in (numbers[k : k + ROBOTS] for k in range(0, drives, ROBOTS)):
+        for drive, ride in ridden(policy, task, [road_map], twin, some, lane=lane):
+            done.append((drive.success, ride))
+            finished(drive)
     succeeded = sum(success for success, _ in done)
-    low, high = wilson_low(succeeded, drives), 1.0 - wilson_low(drives - succeeded, drives)
+    value, low, high = share(succeeded, drives)
     same, steered = told(policy, held_out) if len(held_out.actions) else (0, 0)
     what = "two-lap drives" if rings else "missions"
-    share = 100.0 * succeeded / drives
-    sentence = f"{share:.0f} % of {drives} {what} in its twin (95 %: {low:.0%} to {high:.0%})"
+    sentence = (
+        f"{100.0 * value:.0f} % of {drives} {what} in its twin (95 %: {low:.0%} to {high:.0%})"
+    )
     fails = where_failed(road_map, done)
     if fails:
         sentence += f"; fails {fails}"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from trainer.cli import main
+from trainer.judging import blocks
 from trainer.judging.challenge import Episode
 from trainer.judging.intervals import median, paired, share
 from trainer.judging.olympics import LaneFigures, Verdict
@@ -79,14 +80,18 @@ def test_who_stands_has_no_collision_and_no_success() -> None:
     assert (found["only_first"], found["only_second"], found["p_value"]) == (6, 0, 0.03125)
 
 
-def test_the_command_says_the_same_again_and_shows_the_worst(tmp_path: Path) -> None:
+def test_the_command_says_the_same_again_and_shows_the_worst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks, "ROBOTS", 1)
     asked = ["judge", "--model", "expert", "--against", "stand", "--episodes", "2"]
     asked += ["--seconds", "3"]
-    files = [tmp_path / f"{k}.json" for k in range(2)]
-    for file in files:
-        out = ["--out", str(tmp_path / "out")] if file is files[0] else []
+    files = [tmp_path / f"{k}.json" for k in (1, 2)]
+    for workers, file in enumerate(files, start=1):
+        out = ["--out", str(tmp_path / "out"), "--workers", str(workers)]
         assert main([*asked, "--map", "loop", "--json", str(file), *out]) == 0
     assert files[0].read_bytes() == files[1].read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["1.json", "2.json", "out"]
     told = json.loads(files[0].read_text())
     assert (told["challenge"], told["episodes"], told["collision_free_rate"]) == ("lf", 2, 1.0)
     assert told["tiles"] > 1.0
@@ -108,6 +113,7 @@ def test_the_command_says_the_same_again_and_shows_the_worst(tmp_path: Path) -> 
         (["--model", "bare"], "bare: expected a policy, .onnx, expert or stand"),
         (["--model", "stand", "--challenge", "lfx"], "lfx"),
         (["--model", "stand", "--episodes", "0"], "episodes: expected"),
+        (["--model", "stand", "--workers", "0"], "workers: expected 1 to"),
     ],
 )
 def test_wrong_words_are_one_line_and_status_2(

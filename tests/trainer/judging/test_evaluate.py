@@ -17,8 +17,8 @@ from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from trainer.cli import main
 from trainer.export import export_network
-from trainer.judging import judge
-from trainer.judging.evaluate import Drive, evaluate, open_policy, summarise, wilson_low
+from trainer.judging import blocks, judge
+from trainer.judging.evaluate import Drive, open_policy, ridden, summarise, wilson_low
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
 from trainer.options import EvaluateOptions
@@ -43,12 +43,16 @@ def navigator(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def evaluate(*asked: Any, **more: Any) -> list[Drive]:
+    return sorted(drive for drive, _ in ridden(*asked, **more))
+
+
 def drive(model: Path, seeds: range) -> list[Drive]:
-    return evaluate(OnnxPolicy(model), "lane", [load_map("loop")], [NOMINAL], seeds, lambda _: None)
+    return evaluate(OnnxPolicy(model), "lane", [load_map("loop")], [NOMINAL], seeds)
 
 
 def assert_same(drives: list[Drive], others: list[Drive]) -> None:
-    """To the rounding of a clock that began at another time."""
+    """To the rounding of another place in the world."""
     for one, other in zip(drives, others, strict=True):
         assert one._replace(metrics=other.metrics, laps=other.laps) == other
         assert one.metrics == pytest.approx(other.metrics, rel=1e-6, abs=1e-9)
@@ -59,9 +63,9 @@ def test_an_episode_is_the_same_alone_and_in_company(model: Path, look: str) -> 
     def keep(seeds: list[int]) -> list[Drive]:
         policy, rings = OnnxPolicy(model), [load_map("loop"), load_map("rings/pretzel")]
         looks = load_look_sampler(look)
-        return evaluate(policy, "lane", rings, looks, seeds, lambda _: None, lane="both")
+        return evaluate(policy, "lane", rings, looks, seeds, lane="both")
 
-    together = keep(list(range(1018, 1043)))  # more than there are robots at once
+    together = keep(list(range(1018, 1043)))
     assert [d.seed for d in together] == list(range(1018, 1043))
     assert_same(keep([1021]), together[3:4])
     assert_same(keep([1041, 1020]), [together[2], together[23]])
@@ -83,9 +87,7 @@ def test_a_policy_drives_by_its_own_table_of_actions(tmp_path: Path) -> None:
     own = replace(contract, actions=(*contract.actions[::-1], (0.0, 0.0)))
     export_network(network, own, tmp_path / "own.onnx")
     usual, other = (
-        evaluate(
-            open_policy(tmp_path / name), "lane", [load_map("loop")], [NOMINAL], range(3), _deaf
-        )
+        evaluate(open_policy(tmp_path / name), "lane", [load_map("loop")], [NOMINAL], range(3))
         for name in ("usual.onnx", "own.onnx")
     )
     assert_same(usual, other)
@@ -99,16 +101,12 @@ class _Reversed(torch.nn.Module):
         return torch.cat((values.flip(1), least), 1)
 
 
-def _deaf(_: Drive) -> None:
-    pass
-
-
 def test_missions_are_the_same_alone_and_by_drifting_poses(navigator: Path) -> None:
     looks = load_look_sampler("randomised", "arena")
 
     def navigate(seeds: range) -> list[Drive]:
         arena = [load_map("arena")]
-        return evaluate(OnnxPolicy(navigator), "navigation", arena, looks, seeds, lambda _: None)
+        return evaluate(OnnxPolicy(navigator), "navigation", arena, looks, seeds)
 
     together = navigate(range(103, 107))
     assert [d.seed for d in together] == [103, 104, 105, 106]
@@ -124,7 +122,7 @@ def test_few_episodes_cost_few_robots_and_few_worlds(
     monkeypatch.setattr(episodes, "paint_world", lambda *a: painted.append(a[0].name) or paint(*a))
     monkeypatch.setattr(OnnxPolicy, "act", lambda *a: seen.append(len(a[1])) or act(*a))
     policy, looks = OnnxPolicy(model), load_look_sampler("randomised")
-    drives = evaluate(policy, "lane", [load_map("loop")], looks, range(1000, 1004), lambda _: None)
+    drives = evaluate(policy, "lane", [load_map("loop")], looks, range(1000, 1004))
     assert painted == ["loop"]
     decisions = sum(round(d.metrics.survival_time_s / 0.1) for d in drives)
     assert sum(seen) == decisions  # nobody looks who has nothing to drive
@@ -133,10 +131,9 @@ def test_few_episodes_cost_few_robots_and_few_worlds(
 def test_looks_vary_from_episode_to_episode_and_worlds_from_group_to_group() -> None:
     """Whoever judges in one look all along, or in the same few, judges that look."""
     loop, looks = load_map("loop"), load_look_sampler("randomised")
-    found = episodes.NumberedEpisodes([loop], looks, 1, 5, range(40, 72))
-    drawn = []
-    while len(found.begin(np.array([0]))):
-        drawn.append(found.setting(0, 0)[2])
+    found = episodes.NumberedEpisodes([loop], looks, 32, 5, range(40, 72))
+    assert len(found.begin(np.arange(32))) == 32
+    drawn = [found.setting(robot, 0)[2] for robot in range(32)]
     for of in (lambda k: k.drive, lambda k: k.sensor, lambda k: k.timing):
         assert len({of(look) for look in drawn}) == 32
     for part in (lambda k: k.ground, lambda k: k.camera, lambda k: k.light):
@@ -153,48 +150,43 @@ def test_all_manoeuvres_are_driven_once_from_any_seed_on(navigator: Path) -> Non
     assert sorted(lengths) == pytest.approx(sorted(m.path.length_m for m in task.manoeuvres))
 
 
-def test_an_evaluation_that_was_cut_off_goes_on(
+def test_an_evaluation_is_the_same_in_processes_and_when_it_was_cut_off(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr(blocks, "ROBOTS", 2)
+
     def command(name: str, *more: str) -> int:
-        asked = ["--model", str(model), "--episodes", "6", "--json", str(tmp_path / name)]
+        asked = ["--model", str(model), "--episodes", "5", "--json", str(tmp_path / name)]
         return main(["evaluate", *asked, *more])
 
-    assert command("whole.json") == 0
-    real = judge.evaluate
+    assert command("whole.json", "--workers", "1") == 0
+    assert command("shared.json", "--workers", "2") == 0
+    real, driven = judge.ridden, list[list[int]]()
 
-    def interrupted(*args: Any, **kwargs: Any) -> list[Drive]:
-        def hear(drive: Drive) -> None:
-            args[5](drive)
-            if len(heard) == 4:
-                raise KeyboardInterrupt
-            heard.append(drive)
+    def interrupted(*asked: Any) -> Any:
+        if len(driven) == 2:
+            raise KeyboardInterrupt
+        driven.append(list(asked[4]))
+        return real(*asked)
 
-        heard: list[Drive] = []
-        return real(*args[:5], hear, *args[6:], **kwargs)
-
-    monkeypatch.setattr(judge, "evaluate", interrupted)
-    assert command("cut.json") == 130
-    assert "5 drives are kept" in capsys.readouterr().out.replace("\n", " ")
+    monkeypatch.setattr(judge, "ridden", interrupted)
+    assert command("cut.json", "--workers", "1") == 130
+    assert "cut.blocks keeps what was driven" in capsys.readouterr().out.replace("\n", "")
     assert not (tmp_path / "cut.json").exists()
-    rows = tmp_path / "cut.rows.jsonl"
-    rows.write_text(rows.read_text() + '{"seed": 10')  # killed in the middle of a line
-    asked: list[list[int]] = []
-    monkeypatch.setattr(judge, "evaluate", lambda *a: asked.append(list(a[4])) or real(*a))
-    assert command("cut.json", "--look", "randomised") == 2
-    assert "delete the file" in capsys.readouterr().err.replace("\n", " ")
-    assert command("cut.json") == 0
-    assert [len(seeds) for seeds in asked] == [1]
-    whole, cut = (json.loads((tmp_path / f"{n}.json").read_text()) for n in ("whole", "cut"))
-    assert cut["failures"] == whole["failures"]
-    assert cut["survival_time_s"] == pytest.approx(whole["survival_time_s"])
-    assert not rows.exists()
+    driven.clear()
+    assert command("cut.json", "--workers", "1") == 0
+    assert driven == [[1004]]
+    whole, *others = (
+        (tmp_path / f"{name}.json").read_bytes() for name in ("whole", "shared", "cut")
+    )
+    assert others == [whole, whole]
+    assert not (tmp_path / "cut.blocks").exists()
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_drives(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(judge, "evaluate", lambda *_: pytest.fail("drove"))
+    monkeypatch.setattr(judge, "ridden", lambda *_: pytest.fail("drove"))
     (tmp_path / "file").write_text("")
     for bad in (tmp_path, tmp_path / "file" / "e.json", model):
         assert main(["evaluate", "--model", str(model), "--json", str(bad)]) == 2
@@ -271,7 +263,6 @@ def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
             arena,
             [NOMINAL],
             range(1),
-            lambda _: None,
             zero,
         )
         assert [d.seed for d in drives] == [0]

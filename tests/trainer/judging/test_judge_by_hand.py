@@ -1,4 +1,4 @@
-"""What an evaluation asks, keeps, is shown, and says, without driving."""
+"""What an evaluation asks, is shown, and says, without driving."""
 
 from __future__ import annotations
 
@@ -20,70 +20,12 @@ from sim_pybullet.batch import DriveMetrics, Observation
 from trainer.judging import evaluate, rides
 from trainer.judging import judge as module
 from trainer.judging.evaluate import Drive, Evaluation, OnMap, _choose, _own_speeds
-from trainer.judging.judge import KeptDrives, _tell, answers
+from trainer.judging.judge import _tell, answers
 from trainer.options import EvaluateOptions
 
 ASKED = EvaluateOptions("m.onnx", "lane", ("loop",), episodes=4, seed=7)
 FIRST = Drive(7, True, DriveMetrics(10.0, 30.0, 0.6, 0.0, 0.02), laps=2.0, map="loop", lane="outer")
 SECOND = Drive(8, False, DriveMetrics(2.0, 8.0, 0.4, 0.5, 0.05), failed=True, collided=True)
-
-
-def asked_of(folder: Path, **changes: Any) -> EvaluateOptions:
-    model = folder / "m.onnx"
-    if not model.exists():
-        model.write_bytes(b"policy")
-    return replace(ASKED, model=str(model), **changes)
-
-
-def test_drives_are_kept_on_disk_as_they_end(tmp_path: Path) -> None:
-    out, asked = tmp_path / "e.json", asked_of(tmp_path)
-    kept = KeptDrives(out, asked)
-    rows = tmp_path / "e.rows.jsonl"
-    kept.add(FIRST)
-    assert len(rows.read_text().splitlines()) == 2
-    kept.add(SECOND)
-    assert kept.told() == f"2 drives are kept in {rows}, the same command goes on"
-    assert rows.read_text().endswith("\n")
-    rows.write_text(rows.read_text() + '{"seed": 10, "su')
-    again = KeptDrives(out, replace(asked, episodes=9, seed=1))
-    assert again.drives == {7: FIRST, 8: SECOND}
-    assert len(rows.read_text().splitlines()) == 3, "without the line that was cut off"
-    again.forget()
-    assert not rows.exists()
-    assert KeptDrives(out, asked).drives == {}
-
-
-@pytest.mark.parametrize(
-    "change", [{"look": "randomised"}, {"map": ("town",)}, {"zero": "image"}, {"lane": "both"}]
-)
-def test_drives_of_something_else_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
-    out, asked = tmp_path / "e.json", asked_of(tmp_path)
-    KeptDrives(out, asked).add(FIRST)
-    with pytest.raises(ConfigError, match="delete the file"):
-        KeptDrives(out, replace(asked, **change))
-
-
-@pytest.mark.parametrize("spoilt", ["model", "translate", "empty"])
-def test_drives_of_another_policy_are_refused(tmp_path: Path, spoilt: str) -> None:
-    translator = tmp_path / "t.onnx"
-    translator.write_bytes(b"translator")
-    out, asked = tmp_path / "e.json", asked_of(tmp_path, translate=str(translator))
-    KeptDrives(out, asked).add(FIRST)
-    if spoilt == "empty":
-        (tmp_path / "e.rows.jsonl").write_text("")
-    else:
-        Path(getattr(asked, spoilt)).write_bytes(b"another")
-    with pytest.raises(ConfigError, match="expected the drives of an evaluation that was cut off"):
-        KeptDrives(out, asked)
-
-
-def test_without_a_file_nothing_is_kept(tmp_path: Path) -> None:
-    kept = KeptDrives(None, asked_of(tmp_path))
-    kept.add(FIRST)
-    assert kept.drives == {7: FIRST}
-    assert kept.told() == "nothing is kept without --json, or with --drives"
-    kept.forget()
-    assert [path.name for path in tmp_path.iterdir()] == ["m.onnx"]
 
 
 def test_the_policys_own_task_and_map_are_the_usual_ones() -> None:
@@ -194,7 +136,7 @@ def test_a_policy_with_a_table_of_its_own_says_speeds() -> None:
         np.testing.assert_allclose(shares, expected)
 
 
-def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
+def test_all_robots_drive_at_once_in_worlds_of_their_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made: list[tuple[int, dict[str, Any]]] = []
@@ -207,21 +149,12 @@ def test_twenty_robots_drive_at_once_in_worlds_of_their_own(
     ridden = [(each, {}, rides.Ride()) for each in (SECOND, FIRST)]
     monkeypatch.setattr(rides, "drive", lambda *_: iter(ridden))
     monkeypatch.setattr(evaluate, "_own_speeds", lambda *_: None)
-    heard: list[Drive] = []
-    for seeds in (range(50), range(3), []):
-        found = evaluate.evaluate(
-            None,
-            "lane",
-            [load_map("loop")],
-            [],
-            seeds,
-            heard.append,
-            lane="both",  # type: ignore[arg-type]
-        )
-        assert [drive.seed for drive in found] == ([7, 8] if seeds else []), "in their order"
+    for seeds in (range(20), range(3)):
+        asked: Any = None, "lane", [load_map("loop")], [], seeds
+        heard = [drive for drive, _ in evaluate.ridden(*asked, lane="both")]
+        assert [(drive.seed, drive.lane) for drive in heard] == [(8, "outer"), (7, "inner")]
     assert [robots for robots, _ in made] == [20, 3]
     assert {told["seed"] for _, told in made} == {1_000_000_007}
-    assert [drive.lane for drive in heard[:2]] == ["outer", "inner"], "8 and 7 take turns"
 
 
 @pytest.mark.parametrize("name", ["model.onnx", ""])
@@ -231,5 +164,5 @@ def test_what_cannot_be_written_is_said_before_the_policy_is_opened(
     model, out = tmp_path / "model.onnx", tmp_path / name
     model.write_bytes(b"no policy at all")
     with pytest.raises(ConfigError, match="expected a file"):
-        module.judge(out, EvaluateOptions(model=model), False, Console())
+        module.judge(out, EvaluateOptions(model=model), False, 1, Console())
     assert model.read_bytes() == b"no policy at all"

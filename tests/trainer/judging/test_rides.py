@@ -1,4 +1,3 @@
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +12,8 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld, DriveMetrics, Observation
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.spec import find_task
-from trainer.judging.evaluate import _offer
-from trainer.judging.films import WORST, Worst, films, films_of
+from trainer.judging.films import WORST, Worst, films, films_of, keep_films
+from trainer.judging.judge import _offer
 from trainer.judging.rides import (
     DONE,
     SETTLED,
@@ -39,10 +38,10 @@ def shown(film: Sequence[np.ndarray]) -> list[int]:
     return [int(frame[0, 0, 0]) for frame in film]
 
 
-def offered(ends: list[tuple[str, float]]) -> Worst:
-    """Of drives that ended so, this far off at their end."""
+def offered(ends: list[tuple[str, float]], first: int, end_before: int) -> Worst:
+    """Of some of the drives that ended so, this far off at their end."""
     worst = Worst()
-    for seed, (end, off_m) in enumerate(ends):
+    for seed, (end, off_m) in list(enumerate(ends))[first:end_before]:
         ride = ridden([0.0] * 29 + [-off_m])
         ride.end = end
         metrics = DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02)
@@ -75,15 +74,20 @@ def test_a_film_ends_with_a_failure_or_where_a_robot_was_farthest_off() -> None:
 
 def test_what_failed_or_left_its_lane_is_filmed_and_films_of_before_go(tmp_path: Path) -> None:
     ends = [(DONE, 0.01), ("left its path", 0.05), (DONE, 0.12), ("collided", 0.0), (DONE, 0.1)]
-    told = offered(ends).write(*films_of(tmp_path / "e.json"))
+    beside = films_of(tmp_path / "e.json")
+    found = [film for k in (0, 3) for film in offered(ends, k, k + 3).write(tmp_path / f"{k}")]
+    told = keep_films(found, *beside)
     assert [title for title, _ in told] == [
         "Episode 1 on arena - left its path",
         "Episode 3 on arena - collided",
         "Episode 2 on arena - out of its lane for a while",
     ]
-    assert sorted(path.name for _, path in told) == sorted(os.listdir(tmp_path))
-    assert not offered(ends[:1]).write(*films_of(tmp_path / "e.json"))
-    assert os.listdir(tmp_path) == []
+    assert sorted(path.name for _, path in told) == sorted(p.name for p in tmp_path.glob("e_*"))
+    assert [path.read_bytes() for _, path in told] == [
+        found[k].path.read_bytes() for k in (0, 2, 1)
+    ]
+    assert keep_films([], *beside) == []
+    assert not list(tmp_path.glob("e_*"))
     assert films(tmp_path, "e_worst") == []
 
 
@@ -110,7 +114,7 @@ def test_why_an_episode_ended(happened: dict[str, Any], end: str) -> None:
 
 def test_rides_are_what_the_robots_did_and_saw() -> None:
     """Robots that spin on the spot: each ends."""
-    robots, asked = 2, [10, 11, 21]
+    robots, asked = 3, [10, 11, 21]
     task = find_task("lane").build([load_map("loop")], robots)
     world = BatchWorld(task, [NOMINAL], seed=3, numbers=asked)
     seen: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {number: [] for number in asked}

@@ -69,7 +69,7 @@ def test_the_judge_decides_as_the_robot_does(monkeypatch: pytest.MonkeyPatch) ->
     assert (0.0, 0.0) in drove
     monkeypatch.setattr(Pilot, "choose", lambda *_: np.full((1, 2), 0.3 / MAX_WHEEL_MPS))
     judged = Sighted(POLICY, FakeSight(iter(script).__next__))  # type: ignore[arg-type]
-    world: Any = SimpleNamespace(active=np.ones(1, bool), numbers=[7], poses=np.zeros((1, 3)))
+    world: Any = SimpleNamespace(active=np.ones(1, bool), poses=np.zeros((1, 3)))
     for wheels in drove:
         seen = Observation(rng.integers(0, 255, (1, *FRAME_SHAPE), np.uint8), None)
         told_mps = MAX_WHEEL_MPS * judged.choose(world, seen)[0]
