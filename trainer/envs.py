@@ -35,7 +35,8 @@ def make_env(
     lane, style = config.lane if spec.lanes else None, config.style if spec.styles else None
     task = spec.build(places, robots, Choices(lane, style, start_spread=config.start_spread))
     looks = spec.looks(config.look, config.pose_error, config.without)
-    pool_size = max(spec.painted // len(task.road_maps), _FEWEST_LOOKS)
+    painted = spec.painted // config.workers  # each process of a run paints its own
+    pool_size = max(painted // len(task.road_maps), _FEWEST_LOOKS)
     translator = open_translator(config.translate, image) if config.translate else None
     return DuckpilotVecEnv(BatchWorld(task, looks, image, seed, pool_size, camera, translator))
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 CASES = {
     f"{task}_{algorithm}_{look}": (task, algorithm, look)
     for task, algorithm in (("lane", "dueling"), ("navigation", "ppo"))
-    for look in ("nominal", "randomised")
+    for look in ("nominal", "randomised", "randomised_seen")  # by sight, in a checkout that can
 }
 STEPS = {  # decisions; the second half of them is measured
     ("fast", "dueling"): 4_096,
@@ -45,7 +45,12 @@ def measured(task: str, algorithm: str, look: str, size: str = "fast") -> RunCon
     """A training with one evaluation, at its end."""
     from trainer.presets import preset
 
-    config = replace(preset(task, algorithm, size), look=look, steps=STEPS[size, algorithm])
+    config = preset(task, algorithm, size)
+    if look.endswith("_seen") and hasattr(config.net, "backbone"):
+        sight = str(Path("robot/models/sight.onnx").resolve())
+        config = replace(config, net=replace(config.net, backbone=sight))
+    look = look.removesuffix("_seen")
+    config = replace(config, look=look, steps=STEPS[size, algorithm])
     evaluation = replace(config.evaluation, episodes=1, rounds=1, every_steps=10 * config.steps)
     return replace(config, evaluation=evaluation)
 

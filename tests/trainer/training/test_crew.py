@@ -17,6 +17,7 @@ from rich.console import Console
 from robot.errors import ConfigError
 from tests.trainer.toy import make_toy, toy_config, train_toy
 from trainer.config import RunConfig
+from trainer.envs import make_env
 from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.processes import Ended, LocalProcesses
@@ -54,6 +55,15 @@ def test_shares_add_up_and_their_random_numbers_differ() -> None:
     assert sum(share.steps for share in shares) >= 1001
     assert len({share.seed for share in shares}) == 4
     assert share_of(replace(config, workers=1), 0) == replace(config, workers=1)
+
+
+def test_each_paints_its_share_of_the_worlds() -> None:
+    config = replace(preset("lane", "ppo", "fast"), look="randomised")
+    painted = [
+        len(make_env(replace(config, workers=workers), 2, 0).world._episodes.solids)
+        for workers in (1, 2, 100)
+    ]
+    assert painted == [48, 24, 4]
 
 
 @pytest.mark.parametrize(("algorithm", "workers"), [("ppo", 0), ("ppo", 3), ("a3c", 2)])
