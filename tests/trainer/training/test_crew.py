@@ -61,9 +61,9 @@ def test_each_paints_its_share_of_the_worlds() -> None:
     config = replace(preset("lane", "ppo", "fast"), look="randomised")
     painted = [
         len(make_env(replace(config, workers=workers), 2, 0).world._episodes.solids)
-        for workers in (1, 2, 100)
+        for workers in (2, 16)
     ]
-    assert painted == [48, 24, 4]
+    assert painted == [24, 4]
 
 
 @pytest.mark.parametrize(("algorithm", "workers"), [("ppo", 0), ("ppo", 3), ("a3c", 2)])
