@@ -57,7 +57,7 @@ class LocalProcesses:
         return count
 
     def start(self, do: Callable[..., object], *orders: Any) -> BaseProcess:
-        """One more, that does so and exits with what it returns."""
+        """One more, that does so and exits with what it returns; or is ended with this process."""
         from torch import multiprocessing
 
         context = multiprocessing.get_context("forkserver")
@@ -154,18 +154,6 @@ def at_once(
         time.sleep(_LOOK_S)
 
 
-def stop_with_parent() -> None:
-    """End this process, as if asked to leave, when the one that started it has gone."""
-    Thread(target=_wait_for_parent, daemon=True).start()
-
-
-def _wait_for_parent() -> None:
-    parent = multiprocessing.parent_process()  # none of a Ray worker
-    if parent is not None:
-        parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)
-
-
 def connect(address: str) -> Any:
     """The module ray, connected; ConfigError if it is not installed, or no cluster answers."""
     try:
@@ -196,5 +184,13 @@ def connect(address: str) -> Any:
 
 
 def _do(do: Callable[..., object], *orders: Any) -> None:
+    Thread(target=_stop_with_parent, daemon=True).start()
     status = do(*orders)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _stop_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os.kill(os.getpid(), signal.SIGTERM)

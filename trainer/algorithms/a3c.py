@@ -183,18 +183,14 @@ class _Others:
 
 
 def _work(orders: _Orders, pipe: Connection) -> None:
-    """The main function of a worker's process: learns until it is killed, or alone."""
+    """The main function of a worker's process: learns until it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the trainer's affair
     config, make_env, shared, number, begun = orders
     torch.set_num_threads(config.threads)
-    trainer = multiprocessing.parent_process()
 
     def tell(ended: list[EpisodeEnd]) -> None:
         if ended:
             pipe.send((ended, time.process_time()))
-
-    def goes_on() -> bool:
-        return trainer is not None and trainer.is_alive()
 
     env = learning_world(config, make_env)
     model = build(Making(config, env, RunFolder(Path()), make_env, Console(quiet=True)))
@@ -202,7 +198,7 @@ def _work(orders: _Orders, pipe: Connection) -> None:
     model.set_logger(Logger(None, []))
     model.num_timesteps = begun + int(shared.steps.sum())
     robots = config.learn.robots
-    heard = Tell(EpisodeCount(robots, config.reward_scale, number * robots), tell, goes_on)
+    heard = Tell(EpisodeCount(robots, config.reward_scale, number * robots), tell)
     steps = max(0, config.steps - model.num_timesteps)
     model.learn(steps, heard, log_interval=None, reset_num_timesteps=False)
     env.close()

@@ -26,7 +26,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from robot.errors import DuckpilotError
 from robot.output import write_text
 from trainer.judging.films import Filmed, Worst
-from trainer.processes import LocalProcesses, at_once, stop_with_parent
+from trainer.processes import LocalProcesses, at_once
 
 ROBOTS = 20  # at once
 _CODE = tuple(Path(__file__).parents[2] / name for name in ("robot", "sim_pybullet", "trainer"))
@@ -125,7 +125,7 @@ def _driven(blocks: Sequence[Block], most: int) -> Iterator[Block]:
 def _perform(block: Block, folder: str) -> None:
     """Drive a block in this process, which is for nothing else."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the affair of who asked
-    stop_with_parent()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # in order
     os.chdir(folder)
     with suppress(DuckpilotError):
         block.write()

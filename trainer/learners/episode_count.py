@@ -45,22 +45,17 @@ class EpisodeCount:
 
 
 class Tell(BaseCallback):
-    """Tells of the episodes of each rollout when it ends; stops when it shall not go on."""
+    """Tells of the episodes of each rollout when it ends."""
 
-    def __init__(
-        self,
-        count: EpisodeCount,
-        tell: Callable[[list[EpisodeEnd]], object],
-        goes_on: Callable[[], bool] = lambda: True,
-    ) -> None:
+    def __init__(self, count: EpisodeCount, tell: Callable[[list[EpisodeEnd]], object]) -> None:
         super().__init__()
-        self._count, self._tell, self._goes_on = count, tell, goes_on
+        self._count, self._tell = count, tell
         self._ended: list[EpisodeEnd] = []
 
     def _on_step(self) -> bool:
         seen = self.locals
         self._ended += self._count.ended(seen["rewards"], seen["dones"], seen["infos"])
-        return self._goes_on()
+        return True
 
     def _on_rollout_end(self) -> None:
         self._tell(self._ended)

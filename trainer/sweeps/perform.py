@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from rich.console import Console
 
 from robot.errors import ConfigError, DuckpilotError
-from trainer.processes import Ended, stop_with_parent
+from trainer.processes import Ended
 
 if TYPE_CHECKING:
     from trainer.sweeps.jobs import EvaluateJob, TrainJob
@@ -30,9 +30,8 @@ def perform(job: Job, folder: str) -> int:
     """Do a job in this process, which it may keep for itself; the exit status.
 
     All that is printed goes to the job's log; relative paths begin in ``folder``: ConfigError if
-    this machine has none. It stops with a checkpoint when the process that started it has gone.
+    this machine has none.
     """
-    stop_with_parent()
     if not Path(folder).is_dir():
         raise ConfigError(
             f"{folder}: expected a folder that all nodes of the cluster share, found none on "

@@ -258,7 +258,7 @@ def test_a_zeroed_input_is_zero_and_the_other_is_not(navigator: Path) -> None:
     arena = [load_map("arena")]
     for zero in (None, "image", "path"):
         drives = evaluate(
-            Watched(),  # type: ignore[arg-type]
+            Watched(),
             "navigation",
             arena,
             [NOMINAL],
