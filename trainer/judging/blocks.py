@@ -13,6 +13,7 @@ import os
 import shutil
 import signal
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -150,7 +151,8 @@ def kept_beside(path: Path | None, console: Console) -> Iterator[Path]:
 
 def digest(order: Order) -> str:
     """Of what is asked, the files that it names, this code, and the libraries."""
-    libraries = sorted((each.name, each.version) for each in distributions())
+    installed = distributions(path=[sysconfig.get_path("purelib")])  # Ray adds others to sys.path
+    libraries = sorted((each.name, each.version) for each in installed)
     found = hashlib.sha256(repr((order, sys.version, libraries)).encode())
     for path in (*_CODE, *map(Path, order.files)):
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:

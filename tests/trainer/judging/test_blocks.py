@@ -155,7 +155,11 @@ def test_blocks_of_something_else_are_not_believed(
     found.append(digest(toy))
     (code / "maps" / "loop.yaml").write_text("tiles: []")
     found.append(digest(toy))
-    monkeypatch.setattr(blocks, "distributions", list)
+    (tmp_path / "ray-2.0.dist-info").mkdir()
+    (tmp_path / "ray-2.0.dist-info" / "METADATA").write_text("Name: ray\nVersion: 2.0\n")
+    monkeypatch.syspath_prepend(tmp_path)  # as Ray does with its own
+    assert digest(toy) == found[-1]
+    monkeypatch.setattr(blocks, "distributions", lambda path: [])
     found.append(digest(toy))
     assert len(set(found)) == len(found)
     (code / "__pycache__").mkdir()
