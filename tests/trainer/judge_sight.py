@@ -19,6 +19,7 @@ from robot.typed_config import to_plain
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import division, maps_named
+from trainer.sight.augment import spoiled
 from trainer.sight.cli import SHIPPED
 from trainer.sight.pictures import (
     CROSSING,
@@ -34,7 +35,6 @@ from trainer.sight.pictures import (
     anywhere,
     drive,
     missions,
-    spoiled,
     traffic,
 )
 

@@ -14,11 +14,21 @@ from robot.output import atomically
 from robot.vision.sight import COLUMNS, OnnxSight, SightContract, as_seen
 from trainer.export import write_onnx
 from trainer.learners.backbone import HALF
-from trainer.sight.pictures import FIGURES, FREE, IMAGE, KIND, LINE, NEW, ROAD, THING, Pictures
+from trainer.sight.pictures import (
+    FIGURES,
+    FREE,
+    IMAGE,
+    KIND,
+    LINE,
+    LINE_FIGURE,
+    NEW,
+    ROAD,
+    THING,
+    Pictures,
+)
 
 CHANNELS = (24, 48, 96)
 _HIDDEN = 192
-_LINE_M = 3  # of the figures
 _SURE, _KINDS = 2 * FIGURES, 2 * FIGURES + 3  # where columns of probabilities begin
 # Middle and spread of the figures, in which the network speaks.
 _MIDDLE = (0.0, 0.0, 0.0, 0.3, 0.3)
@@ -132,7 +142,7 @@ def calibrate(network: SightNetwork, pictures: Pictures) -> None:
     seen = as_seen(network.see(pictures.images))
     ratio = (seen.figures - pictures.labels[:, :FIGURES]) / seen.deviations
     ratio[pictures.labels[:, NEW] <= 0.0] = np.nan
-    for figure, column in ((_LINE_M, LINE), (FREE, THING)):
+    for figure, column in ((LINE_FIGURE, LINE), (FREE, THING)):
         ratio[pictures.labels[:, column] != 1.0, figure] = np.nan
     ratio = np.vstack((ratio, np.ones(FIGURES)))  # what no picture tells stays as it is
     network.scale.copy_(torch.from_numpy(np.sqrt(np.nanmean(ratio**2, axis=0))))

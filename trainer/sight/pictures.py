@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from robot.contract import ImageSpec
@@ -33,7 +32,7 @@ from trainer.sight.bystanders import Bystanders, clear_m, half_m, standing
 IMAGE = ImageSpec(80, 60, 20)
 ROBOTS = 20
 FIGURES = 5  # labels that are measured: those of `robot.vision.sight.FIGURES`
-FREE = FIGURES - 1
+LINE_FIGURE, FREE = FIGURES - 2, FIGURES - 1
 # Columns of the labels beside them; -1 is: nobody can tell, or nobody should be asked.
 LINE, ROAD, THING, KIND, NEW, CROSSING, DRIVEN_M = range(FIGURES, FIGURES + 7)
 _COLUMNS = FIGURES + 7
@@ -80,7 +79,7 @@ def label(view: LaneView, pose: Sequence[float], others: Sequence[Other] = ()) -
         found[FREE] = most_m if most_m < NO_THING_M else np.nan
     near, far = NO_LINE_M
     if near <= road.line_m <= far:
-        found[3] = road.line_m
+        found[LINE_FIGURE] = road.line_m
         found[KIND] = road.kind
         found[LINE] = 1.0 if LINE_M[0] <= road.line_m <= LINE_M[1] else -1.0
     else:
@@ -150,25 +149,6 @@ def anywhere(maps: Sequence[RoadMap], looks: Looks, seed: int) -> Pictures:
         others = standing(world.scene.solids)
         labels += [label(view, pose, others) for pose in poses.tolist()]
     return Pictures(np.concatenate(images), np.stack(labels))
-
-
-def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A picture (H, W, 3) uint8 that shows no road: mirrored, upside down, covered, or noise."""
-    way = int(rng.integers(5))
-    if way == 0:
-        return np.ascontiguousarray(image[:, ::-1])
-    if way == 1:
-        return np.ascontiguousarray(image[::-1])
-    if way == 2:
-        return np.ascontiguousarray(image[::-1, ::-1])
-    if way == 3:  # a hand before the lens: next to nothing of the picture is left
-        blurred = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(12, 30))).astype(np.float32)
-        dark = blurred * rng.uniform(0.02, 0.6) + rng.normal(0, rng.uniform(0, 8), image.shape)
-        return np.clip(dark, 0, 255).astype(np.uint8)
-    grain = rng.normal(rng.uniform(0, 255), rng.uniform(0, 80), image.shape).astype(np.float32)
-    if rng.random() < 0.5:
-        grain = 3.0 * cv2.GaussianBlur(grain, (0, 0), float(rng.uniform(0.5, 4)))
-    return np.clip(grain, 0, 255).astype(np.uint8)
 
 
 def save(pictures: Pictures, path: Path) -> None:

@@ -17,16 +17,13 @@ from robot.vision.sight import SightContract
 from sim_pybullet.randomise import load_look_sampler
 from trainer.division import division, refuse_judging_look, refuse_judging_maps
 from trainer.export import quantise
-from trainer.relit import relit
 from trainer.resumable import Loop, descend, set_rate
 from trainer.run import take_up
+from trainer.sight.augment import drawn
 from trainer.sight.cli import SightRun
 from trainer.sight.network import SightNetwork, calibrate, export_sight
 from trainer.sight.pictures import (
     IMAGE,
-    KIND,
-    LINE,
-    ROAD,
     Pictures,
     anywhere,
     drive,
@@ -34,13 +31,11 @@ from trainer.sight.pictures import (
     load,
     missions,
     save,
-    spoiled,
 )
 
 DECISIONS = 200  # of each file of pictures
 _RATE = 2e-3
 _WARM = 300  # steps over which the rate rises
-_SPOILED = 0.12  # share of a batch
 _CHECKED = 1_000  # pictures that compare ONNX with torch, and calibrate INT8
 
 
@@ -116,17 +111,3 @@ def lesson(
         return f"loss {float(loss.detach()):.3f}"
 
     return step
-
-
-def drawn(pictures: Pictures, count: int, rng: np.random.Generator) -> Pictures:
-    """Images and labels of so many pictures, half of them relit, some spoiled."""
-    chosen = rng.integers(len(pictures.labels), size=count)
-    images, labels = pictures.images[chosen], pictures.labels[chosen].copy()
-    for i, chance in enumerate(rng.random(count).tolist()):
-        if chance < _SPOILED:
-            images[i] = spoiled(images[i], rng)
-            labels[i, :LINE], labels[i, LINE : KIND + 1] = np.nan, -1.0
-            labels[i, ROAD] = 0.0
-        elif chance > 0.5:
-            images[i] = relit(images[i], rng)
-    return Pictures(images, labels)

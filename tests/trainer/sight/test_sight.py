@@ -26,15 +26,13 @@ from trainer.sight.pictures import (
     NEW,
     ROAD,
     ROBOTS,
-    THING,
     Pictures,
     anywhere,
     drive,
     label,
     missions,
-    spoiled,
 )
-from trainer.sight.train import drawn, lesson
+from trainer.sight.train import lesson
 
 TOWN = load_map("town")
 
@@ -88,20 +86,6 @@ def test_who_looks_against_the_traffic_or_stands_beside_the_road_sees_none() -> 
 
 def test_some_pictures_from_anywhere_show_no_road(elsewhere: Pictures) -> None:
     assert (elsewhere.labels[:, ROAD] == 0.0).sum() >= 4
-
-
-def test_a_spoiled_picture_is_another_one(driven: Pictures) -> None:
-    rng = np.random.default_rng(0)
-    assert all((spoiled(image, rng) != image).any() for image in driven.images[:30])
-
-
-def test_spoiled_pictures_of_a_lesson_say_no_road_and_nothing_else(driven: Pictures) -> None:
-    images, labels = drawn(driven, 200, np.random.default_rng(0))
-    none = labels[:, ROAD] == 0.0
-    assert 5 < none.sum() < 60
-    assert np.isnan(labels[none, :FIGURES]).all()
-    assert (labels[none][:, (LINE, THING, KIND)] == -1.0).all()
-    assert images.dtype == np.uint8
 
 
 def test_an_answer_that_nobody_knows_teaches_nothing() -> None:

@@ -1,0 +1,93 @@
+"""What pictures might have looked like: under other lights, over the robot's own front, or spoiled.
+
+Cheap changes of finished pictures; what they show of the road stays the same, or is gone.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from trainer.relit import relit
+from trainer.sight.pictures import FREE, KIND, LINE, LINE_FIGURE, ROAD, Pictures
+
+_SPOILED, _RELIT, _TINGED, _GLINTING, _FRONTED = 0.12, 0.5, 0.15, 0.2, 0.25  # shares of a batch
+_TINGE = 0.1  # what light of another colour leaves of one colour, at least
+_FRONT = 0.25  # of the picture's height that the robot's own front hides at most, in the middle
+_HIDDEN_M = 0.2  # nearer red lines may be behind it
+
+
+def drawn(pictures: Pictures, count: int, rng: np.random.Generator) -> Pictures:
+    """Images and labels of so many pictures, each changed by chance."""
+    chosen = rng.integers(len(pictures.labels), size=count)
+    images, labels = pictures.images[chosen], pictures.labels[chosen].copy()
+    chances = rng.random((count, 5)) < (_RELIT, _TINGED, _GLINTING, _FRONTED, _SPOILED)
+    for i, (light, tinge, glint, front, spoil) in enumerate(chances.tolist()):
+        if light:
+            images[i] = relit(images[i], rng)
+        if glint:
+            images[i] = glinting(images[i], rng)
+        if front:
+            images[i] = fronted(images[i], rng)
+            if labels[i, LINE_FIGURE] < _HIDDEN_M:
+                labels[i, [LINE_FIGURE, LINE]] = np.nan, -1.0
+        if tinge:
+            images[i] = tinged(images[i], rng)
+        if spoil:
+            images[i] = spoiled(images[i], rng)
+            labels[i, : FREE + 1], labels[i, LINE : KIND + 1] = np.nan, -1.0
+            labels[i, ROAD] = 0.0
+    return Pictures(images, labels)
+
+
+def tinged(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Under lamps that lack one colour."""
+    gain = np.ones(3)
+    gain[rng.integers(3)] = rng.uniform(_TINGE, 1.0)
+    return np.asarray((image * gain).astype(np.uint8))
+
+
+def glinting(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Lamps that a smooth floor mirrors: soft spots, mostly upright."""
+    height, width = image.shape[:2]
+    y, x = np.arange(height)[:, None], np.arange(width)
+    light = np.zeros((height, width))
+    for _ in range(int(rng.integers(1, 7))):
+        wide, high = rng.uniform((0.5, 0.5), (3.0, 9.0))
+        aside, down = (x - rng.uniform(0, width)) / wide, (y - rng.uniform(0, height)) / high
+        light += rng.uniform(20.0, 180.0) * np.exp(-0.5 * (aside**2 + down**2))
+    colour = rng.uniform(0.8, 1.0, 3)
+    return np.clip(image + light[..., None] * colour, 0.0, 255.0).astype(np.uint8)
+
+
+def fronted(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The robot's own bumper or hood below, as a low camera sees it; lamps may shine on it."""
+    height, width = image.shape[:2]
+    x = np.linspace(-1.0, 1.0, width) - rng.uniform(-0.2, 0.2)
+    rise = rng.uniform(0.0, _FRONT) + rng.uniform(-0.15, 0.35) * x**2
+    depth = np.arange(height)[:, None] + 0.5 - height * (1.0 - rise)  # rows below its edge
+    shade = rng.uniform(0.0, 255.0) + rng.normal(0.0, 12.0, 3)
+    shade = shade + (rng.uniform(-8.0, 8.0) * depth)[..., None]
+    if rng.random() < 0.4:
+        shade = shade + 120.0 * np.abs(x[:, None]) ** 3 * rng.uniform(0.0, 1.0, 3)
+    part = np.clip(depth + 0.5, 0.0, 1.0)[..., None]
+    return np.clip((1.0 - part) * image + part * shade, 0.0, 255.0).astype(np.uint8)
+
+
+def spoiled(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A picture (H, W, 3) uint8 that shows no road: mirrored, upside down, covered, or noise."""
+    way = int(rng.integers(5))
+    if way == 0:
+        return np.ascontiguousarray(image[:, ::-1])
+    if way == 1:
+        return np.ascontiguousarray(image[::-1])
+    if way == 2:
+        return np.ascontiguousarray(image[::-1, ::-1])
+    if way == 3:  # a hand before the lens: next to nothing of the picture is left
+        blurred = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(12, 30))).astype(np.float32)
+        dark = blurred * rng.uniform(0.02, 0.6) + rng.normal(0, rng.uniform(0, 8), image.shape)
+        return np.clip(dark, 0, 255).astype(np.uint8)
+    grain = rng.normal(rng.uniform(0, 255), rng.uniform(0, 80), image.shape).astype(np.float32)
+    if rng.random() < 0.5:
+        grain = 3.0 * cv2.GaussianBlur(grain, (0, 0), float(rng.uniform(0.5, 4)))
+    return np.clip(grain, 0, 255).astype(np.uint8)
