@@ -18,7 +18,7 @@ CLOCK_ROUNDING_S = 1e-3
 HELD_S = 1.0  # a holder who is silent for longer no longer keeps others from it
 # By then the robot has stopped for want of its holder, and whoever else is there may arm it.
 FORGOTTEN_S = 2.0
-MOVES = ("arm", "mission", "manual")
+MOVES = ("arm", "auto", "mission", "manual")
 RELEASES = ("stop", "disarm")
 
 Sender = Tuple[str, str]  # name of its key, its session

@@ -16,8 +16,8 @@ from robot.link.wire import NAME, TIME_S, Checked, Message, number, one_of, text
 
 ALWAYS_TAKEN = ("beat", "stop", "disarm")
 WITH_MISSION = ("plan", "mission", "place")
-KINDS = (*ALWAYS_TAKEN, "arm", "clear", *WITH_MISSION, "manual")
-MAX_ECHO_AGE_S = 0.7  # an arm, clear, mission or manual command older than this is refused
+KINDS = (*ALWAYS_TAKEN, "arm", "clear", "auto", *WITH_MISSION, "manual")
+MAX_ECHO_AGE_S = 0.7  # any other command that is older than this is refused
 REASON_LIMIT_BYTES = 400
 RIM_MPS = number(-1.0, 1.0)  # the robot's own limits are below
 
@@ -38,10 +38,11 @@ class Command(Message):
     """One request. Kinds:
 
     ``beat`` says that the operator is there; ``stop`` is the emergency stop; ``disarm`` lets the
-    coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``plan`` asks whether the robot
-    would take ``mission``, and changes nothing; ``mission`` drives it; ``place`` says that the
-    robot stands at the start of ``mission`` and looks towards its destination; ``manual`` turns the
-    ``wheels`` (left, right) [m/s] (None: stand) for the robot's ``SafetyLimits.manual_age_s``.
+    coils go; ``clear`` acknowledges a fault; ``arm`` makes ready; ``auto`` lets a robot drive that
+    keeps its lane; ``plan`` asks whether the robot would take ``mission``, and changes nothing;
+    ``mission`` drives it; ``place`` says that the robot stands at the start of ``mission`` and
+    looks towards its destination; ``manual`` turns the ``wheels`` (left, right) [m/s] (None: stand)
+    for the robot's ``SafetyLimits.manual_age_s``.
     """
 
     id: str = field(metadata=NAME)

@@ -46,6 +46,8 @@ class RemoteOperator:
             if command.kind == "plan":
                 return
             navigator.begin(command.id, mission.destination)
+        elif command.kind == "auto" and self._navigator is not None:
+            raise ContractError("auto: expected a mission, as this robot drives to destinations")
         if command.kind == "manual":
             wheels = WheelSpeeds(*(command.wheels or STILL))
         kind = "auto" if command.kind == "mission" else command.kind
@@ -72,6 +74,6 @@ class RemoteOperator:
         if self._navigator is None:
             raise ContractError(
                 "expected a robot that navigates, got one with a lane policy, which knows no "
-                "destination; start it at its own terminal"
+                "destination; arm it, then let it keep its lane"
             )
         return self._navigator

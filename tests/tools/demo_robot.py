@@ -70,6 +70,17 @@ class PurePursuit:
         return np.asarray(-np.abs(CURVATURES - wanted[:, None]))
 
 
+class StraightOn:
+    """A ``Policy`` that keeps a straight lane, and knows no path."""
+
+    contract = PolicyContract("lane", "straight on", ImageSpec())
+
+    def values(self, images: np.ndarray, path: np.ndarray | None = None) -> np.ndarray:
+        """(N, actions)."""
+        assert path is None
+        return np.repeat(-np.abs(CURVATURES)[None], len(images), axis=0)
+
+
 class ExactMotors:
     """``Motors`` whose ``pose`` is where the robot is."""
 
@@ -129,9 +140,11 @@ def on_straight_lane(road_map: RoadMap, share: float) -> Pose:
 
 
 class DemoRobot:
-    """Call ``turn`` ten times a second, from one thread."""
+    """Call ``turn`` ten times a second, from one thread. It may be one that keeps its lane."""
 
-    def __init__(self, road_map: RoadMap, configs: dict[str, LinkConfig]) -> None:
+    def __init__(
+        self, road_map: RoadMap, configs: dict[str, LinkConfig], keeps_lane: bool = False
+    ) -> None:
         self._motors = ExactMotors(on_straight_lane(road_map, 1.0 / 3.0))
         self._rng = np.random.default_rng(0)
         self._links = [configs[name].open() for name in ("robot", "localizer")]
@@ -139,7 +152,10 @@ class DemoRobot:
         self._poses: Publisher[PosesMessage] = Publisher(self._links[1], PosesMessage)
         self._seen: PosesMessage | None = None
         clock = MonotonicClock()
-        navigator = MissionNavigator(road_map, lambda: self._seen, lambda: self._motors.pose, NAME)
+        navigator = None
+        if not keeps_lane:
+            told = (lambda: self._seen), lambda: self._motors.pose
+            navigator = MissionNavigator(road_map, *told, NAME)
         about = Telemetry(NAME, State.DISARMED.value, model="demonstration", map=road_map.name)
         reporter = Reporter(
             Publisher(link, Telemetry).send,
@@ -148,8 +164,9 @@ class DemoRobot:
         )
         self.safety = Safety(clock.now, LIMITS)
         self.runtime = Runtime(
-            *(BlindCamera(), PurePursuit(), self._motors, self.safety, clock),
-            subscribers=(navigator, reporter),
+            *(BlindCamera(), StraightOn() if keeps_lane else PurePursuit()),
+            *(self._motors, self.safety, clock),
+            subscribers=(reporter,) if navigator is None else (navigator, reporter),
             operators=(RemoteOperator(CommandServer(link), navigator),),
             navigator=navigator,
         )
@@ -179,10 +196,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--base-port", type=int, default=LinkConfig.base_port)
     parser.add_argument("--keys", type=Path, required=True, help="as keygen made them")
     parser.add_argument("--map", default="town")
+    parser.add_argument("--keeps-lane", action="store_true", help="has no navigator")
     parser.add_argument("--parent", type=int, default=os.getppid(), help="ends with this process")
     arguments = parser.parse_args(argv)
     folders = {name: arguments.keys / name for name in ("robot", "localizer")}
-    robot = DemoRobot(load_map(arguments.map), configs_of(folders, arguments.base_port))
+    configs = configs_of(folders, arguments.base_port)
+    robot = DemoRobot(load_map(arguments.map), configs, arguments.keeps_lane)
     rate = RateKeeper(CONTROL_DT_S, MonotonicClock())
     with contextlib.closing(robot), contextlib.suppress(KeyboardInterrupt):
         while os.getppid() == arguments.parent:

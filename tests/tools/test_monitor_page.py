@@ -25,19 +25,20 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this ma
 STATE = "document.querySelector('#state').textContent"
 HEARD = "document.querySelectorAll('#inputs [data-level=ok]').length === 3"
 ALARM = "document.querySelector('#alarm')"
+KEEP = "document.querySelector('#auto')"
 
 
 class Programs:
     """A monitor and a demonstration robot, each a process of its own."""
 
-    def __init__(self, folder: Path, road_map: str) -> None:
+    def __init__(self, folder: Path, road_map: str, *more: str) -> None:
         base_port = free_base_port()
         config = folder / "link.yaml"
         keys = str(keygen(folder / "keys")["monitor"])
         config.write_text(json.dumps({"keys": keys, "base_port": base_port}))
         self.map = road_map
         robot = ["--keys", str(folder / "keys"), "--base-port", str(base_port), "--map", road_map]
-        self.robot = self._start("tests.tools.demo_robot", *robot)
+        self.robot = self._start("tests.tools.demo_robot", *robot, *more)
         page = ["--port", str(free_base_port()), "--map", road_map, "--drives", str(folder / "d")]
         self.monitor = self._start("tools.monitor", "--link", str(config), *page)
         assert self.monitor.stdout is not None
@@ -57,7 +58,7 @@ class Programs:
 
 @pytest.fixture
 def programs(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Programs]:
-    programs = Programs(tmp_path, getattr(request, "param", "loop"))
+    programs = Programs(tmp_path, *getattr(request, "param", "loop").split())
     yield programs
     programs.close()
 
@@ -69,7 +70,7 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
         yield browser
 
 
-def opened(browser: Browser, programs: Programs) -> None:
+def opened(browser: Browser, programs: Programs, heard: str = HEARD) -> None:
     for _ in range(50):
         browser.open(programs.address)
         try:
@@ -78,7 +79,7 @@ def opened(browser: Browser, programs: Programs) -> None:
         except AssertionError:  # the server is not up yet
             time.sleep(0.1)
     browser.until(f"{STATE} === 'DISARMED'")
-    browser.until(HEARD)
+    browser.until(heard)
 
 
 def on_screen(browser: Browser, name: str, x_m: float, y_m: float) -> tuple[float, float]:
@@ -106,6 +107,7 @@ def text(browser: Browser, selector: str) -> str:
 
 def test_a_person_drives_stops_and_sees_silence(browser: Browser, programs: Programs) -> None:
     opened(browser, programs)
+    assert browser.evaluate(f"{KEEP}.hidden"), "who navigates wants a mission"
     road_map = load_map("loop")
     start = on_straight_lane(road_map, 1.0 / 3.0)
 
@@ -400,6 +402,23 @@ def test_the_page_fits_its_window(browser: Browser, programs: Programs) -> None:
                 "return [b.top, b.bottom]; })()"
             )
             assert 0 <= top < bottom <= height, "the stop button is always in sight"
+
+
+@pytest.mark.parametrize("programs", ["loop --keeps-lane"], indirect=True)
+def test_a_robot_that_keeps_its_lane_is_armed_and_let_go(
+    browser: Browser, programs: Programs
+) -> None:
+    opened(browser, programs, HEARD.replace("3", "2"))
+    assert not browser.evaluate(f"{KEEP}.hidden")
+    assert browser.evaluate(f"{KEEP}.disabled"), "it is not armed"
+    browser.click_on("#arm")
+    browser.until(f"!{KEEP}.disabled")
+    browser.click_on("#auto")
+    browser.until(f"{STATE} === 'AUTO'")
+    assert "keeps its lane" in text(browser, "#mission-text")
+    browser.click_on("#stop")
+    browser.until(f"{STATE} === 'HOLD'")
+    browser.until(f"{KEEP}.disabled")
 
 
 def test_a_policy_with_its_own_actions_is_shown_in_rows(

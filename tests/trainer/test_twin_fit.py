@@ -17,7 +17,7 @@ from trainer.twin.camera import NAMES as NAMES_SEEN
 from trainer.twin.camera import USUAL, Fitted, rival_of
 from trainer.twin.fit import fit_twin, write_twin
 from trainer.twin.motion import NAMES, fit_motion, from_above, reckoned
-from trainer.twin.recorded import read_drive
+from trainer.twin.recorded import UnfitError, read_drive, read_drives
 
 OWN = replace(
     NOMINAL,
@@ -73,10 +73,25 @@ def test_a_recording_has_what_a_fit_needs(recording: Path) -> None:
     assert np.median(delays_s) == pytest.approx(0.1)
 
 
-def test_a_recording_without_poses_is_refused(tmp_path: Path) -> None:
-    short = record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path / "short.mcap")
-    with pytest.raises(ConfigError, match="20 s and more of driving"):
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_drive(NOMINAL, "rings/claw", 2.0, 1, tmp_path_factory.mktemp("twin") / "s.mcap")
+
+
+def test_a_short_recording_is_refused(short: Path) -> None:
+    with pytest.raises(UnfitError, match="20 s and more of driving"):
         read_drive(short)
+
+
+def test_short_recordings_among_others_are_left_out_and_told(recording: Path, short: Path) -> None:
+    told: list[str] = []
+    (drive,) = read_drives([short, recording, short], told.append)
+    assert drive.seconds > 39.0
+    assert len(told) == 2
+    assert all(line.startswith(f"left out: {short}: expected 20 s") for line in told)
+    for paths in ([short], []):
+        with pytest.raises(ConfigError, match="expected a recording of 20 s"):
+            read_drives(paths, told.append)
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ class CommandBody(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    kind: Literal["arm", "disarm", "stop", "clear", "mission", "place"]
+    kind: Literal["arm", "auto", "disarm", "stop", "clear", "mission", "place"]
     destination: tuple[float, float] | None = None
     start: tuple[float, float] | None = None
     arm: bool = False

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-from robot.errors import ConfigError
+if TYPE_CHECKING:
+    from trainer.twin.recorded import Recorded
 
 
 def fit_command(
@@ -23,14 +26,21 @@ def fit_command(
         recordings: MCAP files of drives on one map, best with overhead poses.
         out: the look, .yaml.
     """
+    console = Console(soft_wrap=True, highlight=False)
+    _fit(_drives(recordings, console), out, console)
+    return 0
+
+
+def _drives(recordings: Sequence[Path], console: Console) -> list[Recorded]:
+    from trainer.twin.recorded import read_drives
+
+    return read_drives(recordings, lambda line: console.print(line, markup=False))
+
+
+def _fit(drives: Sequence[Recorded], out: Path, console: Console) -> None:
     from trainer.twin.fit import fit_twin, write_twin
     from trainer.twin.page import write_twin_page
-    from trainer.twin.recorded import read_drive
 
-    if not recordings:
-        raise ConfigError("fit: expected one recording or more, got none")
-    console = Console(soft_wrap=True, highlight=False)
-    drives = [read_drive(path) for path in recordings]
     with console.status("fitting"):
         twin = fit_twin(drives)
     write_twin(twin, out)
@@ -42,7 +52,6 @@ def fit_command(
     for line in twin.unseen:
         console.print(line, markup=False)
     console.print(f"{out}; {page}", markup=False)
-    return 0
 
 
 def teach_command(
@@ -72,15 +81,14 @@ def teach_command(
     from trainer.export import export_network
     from trainer.twin.examples import examples_of
     from trainer.twin.proof import prove
-    from trainer.twin.recorded import read_drive
     from trainer.twin.teach import TeachConfig, base_file, load_base, pose_error, teach
 
     torch.set_num_threads(1)
     console = Console(soft_wrap=True, highlight=False)
     path = base_file(base)
     network, contract = load_base(path)
-    fit_command(recordings, out / "twin.yaml")
-    seen = [read_drive(path) for path in recordings]
+    seen = _drives(recordings, console)
+    _fit(seen, out / "twin.yaml", console)
     looks, road_map = load_look_sampler(out / "twin.yaml", pose_error(contract)), seen[0].road_map
     person = examples_of(seen, contract, held_out=False)
     options = TeachConfig(steps)

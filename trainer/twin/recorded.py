@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,8 +54,29 @@ class Recorded:
         return len(self.commands) * PHYSICS_DT_S
 
 
+class UnfitError(ConfigError):
+    """A recording that tells too little."""
+
+
+def read_drives(paths: Sequence[Path], tell: Callable[[str], object]) -> list[Recorded]:
+    """Those that tell enough; of the others it is told why not.
+
+    Raises:
+        ConfigError: none is left, or one is no recording.
+    """
+    drives = []
+    for path in paths:
+        try:
+            drives.append(read_drive(path))
+        except UnfitError as error:
+            tell(f"left out: {error}")
+    if not drives:
+        raise ConfigError(f"expected a recording of {LEAST_S:g} s and more on a map, got none")
+    return drives
+
+
 def read_drive(path: Path) -> Recorded:
-    """ConfigError: no recording, too short a drive, or one without a map or any pose."""
+    """UnfitError: too short, without a map or any pose; ConfigError: no recording."""
     turns: list[Turn] = []
     frames: dict[int, Any] = {}
     overhead: list[list[float]] = []
@@ -72,7 +93,7 @@ def read_drive(path: Path) -> Recorded:
     map_name = read_about(path).get("map", "")
     seconds = turns[-1].time_s - turns[0].time_s if turns else 0.0
     if seconds < LEAST_S or not map_name or not (overhead or fused):
-        raise ConfigError(
+        raise UnfitError(
             f"{path}: expected {LEAST_S:g} s and more of driving on a map, with poses, got "
             f"{seconds:.0f} s, map {map_name or 'none'}, {len(overhead) + len(fused)} poses"
         )

@@ -14,7 +14,7 @@ from tests.robot.link.fakes import FakeClock, FakeLink, FakePart
 
 zmq = pytest.importorskip("zmq")
 
-MOVES = ("arm", "clear", "plan", "mission", "place", "manual")
+MOVES = ("arm", "auto", "clear", "plan", "mission", "place", "manual")
 
 TO = Mission((1.0, 2.0), (0.0, 0.0))
 
@@ -209,7 +209,7 @@ def test_a_refusal_is_told_in_four_hundred_bytes_and_never_without_words() -> No
 def test_who_armed_has_the_helm_for_a_second() -> None:
     ear = Ear()
     assert ear.take("arm").accepted
-    for kind in ("arm", "mission", "manual"):
+    for kind in ("arm", "auto", "mission", "manual"):
         assert "another operator" in ear.take(kind, user="tablet").reason
     for kind in ("plan", "clear", "stop"):
         assert ear.take(kind, user="tablet").accepted

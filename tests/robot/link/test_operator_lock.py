@@ -41,7 +41,7 @@ def test_two_never_move_it_within_a_second_without_a_stop(events: list) -> None:
             assert sender != mover
             continue
         helm.done(sender, kind, now_s)
-        if kind in ("arm", "mission", "manual"):
+        if kind in ("arm", "auto", "mission", "manual"):
             assert sender == mover or now_s - moved_s > HELD_S
             mover, moved_s = sender, now_s
         elif kind in ("stop", "disarm"):

@@ -60,14 +60,26 @@ def test_every_kind_of_the_link_is_a_request() -> None:
     server, asked, world = FakeServer(), Asked(), seeing()
     operator = RemoteOperator(server, world.navigator)
     for kind in KINDS:
-        if kind != "beat":
+        if kind not in ("beat", "auto"):
             start = world.pose[:2] if kind == "place" else None
             mission = Mission(GOAL, start) if kind in ("plan", "mission", "place") else None
             server.waiting.append(command(kind, mission))
     operator.serve(asked)
-    assert server.refusals == [""] * (len(KINDS) - 1)
+    assert server.refusals == [""] * (len(KINDS) - 2)
     assert {request for request, _ in asked.requests} == set(Request)
     assert operator.age_s() == 0.25
+
+
+def test_who_keeps_its_lane_is_let_go_and_who_navigates_wants_a_mission() -> None:
+    server, asked = FakeServer(), Asked()
+    server.waiting = [command("auto")]
+    RemoteOperator(server, None).serve(asked)
+    assert asked.requests == [(Request.AUTO, None)]
+    server.waiting = [command("auto")]
+    RemoteOperator(server, driving().navigator).serve(asked)
+    assert len(asked.requests) == 1
+    assert server.refusals[0] == ""
+    assert "expected a mission" in server.refusals[1]
 
 
 def test_a_manual_command_turns_its_wheels() -> None:

@@ -213,7 +213,7 @@ addEventListener("keydown", (event) => {
 addEventListener("keyup", (event) => {
   if (event.code === "Space") event.preventDefault(); // no click on the focused button
 }, { capture: true });
-for (const kind of ["arm", "disarm", "clear"]) {
+for (const kind of ["arm", "auto", "disarm", "clear"]) {
   $(kind).addEventListener("click", () => command(kind));
 }
 $("go").addEventListener("click", go);

@@ -43,6 +43,8 @@ export function showState(state, lost) {
   $("arm").disabled = silent || !["DISARMED", "HOLD"].includes(robot?.state);
   $("disarm").disabled = silent || !robot || ["DISARMED", "FAULT"].includes(robot.state);
   $("clear").disabled = silent || robot?.state !== "FAULT";
+  $("auto").hidden = !robot || navigates(robot);
+  $("auto").disabled = silent || !["READY", "MANUAL"].includes(robot?.state);
 }
 
 function alarmText(state, lost) {
@@ -53,8 +55,17 @@ function alarmText(state, lost) {
     + `last heard in ${state.robot.state}.`;
 }
 
+// A robot that keeps its lane needs no pose.
+function navigates(robot) {
+  return robot.inputs.some(({ name }) => name === "pose");
+}
+
 export function showMission(robot) {
   const mission = robot?.mission;
+  if (robot && !mission && !navigates(robot)) {
+    setText($("mission-text"), "This robot keeps its lane; it drives to no destination.");
+    $("hint").hidden = true;
+  }
   setText($("mission-phase"), mission ? mission.phase : "none");
   $("mission-bar").style.width = `${100 * (mission?.progress ?? 0)}%`;
   if (!mission) return;
