@@ -34,16 +34,20 @@ def commands(seconds: float, rng: np.random.Generator) -> np.ndarray:
     return np.repeat(jerks, round(0.5 / PHYSICS_DT_S), axis=0)
 
 
-def test_the_motors_of_a_known_drive_are_found() -> None:
+@pytest.mark.parametrize("lasting_s", [(40.0,), (22.0, 31.0)])
+def test_the_motors_of_known_drives_are_found(lasting_s: tuple[float, ...]) -> None:
     rng = np.random.default_rng(0)
-    driven = commands(40.0, rng)
     true = np.array((0.95, 0.02, 1.05, 0.12, 0.1, 0.1, 0.0, 0.0, 0.0))
-    track = reckoned(driven, true[None])[0]
-    times_s = np.arange(10, 390) * 0.1
-    grid_s = np.arange(len(track)) * PHYSICS_DT_S + true[5]
-    told = [np.interp(times_s, grid_s, part) for part in track.T]
-    noisy = np.column_stack((times_s, *told)) + rng.normal(0.0, (0, 0.01, 0.01, 0.03), (380, 4))
-    found = fit_motion([from_above(driven, noisy)], eye=False)
+    drives = []
+    for seconds in lasting_s:
+        driven = commands(seconds, rng)
+        track = reckoned(driven, true[None])[0]
+        times_s = np.arange(10, round(10 * seconds) - 10) * 0.1
+        grid_s = np.arange(len(track)) * PHYSICS_DT_S + true[5]
+        told = [np.interp(times_s, grid_s, part) for part in track.T]
+        noise = rng.normal(0.0, (0, 0.01, 0.01, 0.03), (len(times_s), 4))
+        drives.append(from_above(driven, np.column_stack((times_s, *told)) + noise))
+    found = fit_motion(drives, eye=False)
     off = dict(zip(NAMES, np.abs(found.values - true), strict=False))
     assert off["gain"] < 0.01
     assert off["trim"] < 0.004

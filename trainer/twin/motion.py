@@ -164,8 +164,9 @@ def fit_motion(drives: Sequence[Told], eye: bool, tries: int = 12) -> Motion:
 
 def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
     """(P, R) residuals of P guesses (P, 9), in standard deviations; the beliefs come last."""
-    rows = []
+    each = []
     for drive in drives:
+        rows = []
         for track, guess in zip(reckoned(drive.commands, values), values, strict=True):
             at = at_times(track, drive.times_s, guess[5])
             ours = eye_of(at, guess[len(NAMES) :])
@@ -176,7 +177,7 @@ def _left_over(drives: Sequence[Told], values: np.ndarray) -> np.ndarray:
                 missed[:, 2] = wrap_angle(missed[:, 2])
                 off.append((roots @ missed[..., None]).ravel())
             rows.append(np.concatenate([np.zeros(0), *off]))
-    each = np.array(rows).reshape(len(drives), len(values), -1)
+        each.append(np.array(rows))
     return np.concatenate((*each, (values - USUAL) / SPREAD), axis=1)
 
 
