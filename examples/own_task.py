@@ -10,8 +10,6 @@ may as well choose its paths (`Task._mission`), its ends (`step`), its vehicle, 
 policies are shown a path. See `sim_pybullet/tasks/`, where the project's own lie.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

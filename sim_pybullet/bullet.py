@@ -3,8 +3,6 @@
 Lengths in metres, angles in radians, in the client's own frame; z is up.
 """
 
-from __future__ import annotations
-
 import os
 import weakref
 from functools import partial

@@ -1,7 +1,5 @@
 """The semantic classes of every segmentation picture, named once."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

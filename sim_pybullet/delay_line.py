@@ -1,7 +1,5 @@
 """``DelayLine``: numbers of N robots that are read some time after they were written."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

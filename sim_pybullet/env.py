@@ -1,7 +1,5 @@
 """One robot, or N, as environments of Gymnasium."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Literal
 

@@ -9,8 +9,6 @@ Robots that share a world, a group, begin their episodes together. In a training
 together as well; in an evaluation who has ended stays where it is until the others have.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast

@@ -4,8 +4,6 @@ Colours are (r, g, b) in 0..255. A Look is read from and written to YAML; random
 (`sim_pybullet.randomise`) samples Looks and nothing else does.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints

@@ -5,8 +5,6 @@ gain, trim and noise of the wheels come on top. Without these it is gym-duckieto
 DB18 (u' = -5u + 1.5(R + L), w' = -4w + 15(R - L), in Euler steps of 1/30 s), step for step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import CONTROL_DT_S, DRIVE

@@ -3,8 +3,6 @@
 Each pixel's ray meets the floor, or a sheet above it, at a known point: no mesh, no PyBullet.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

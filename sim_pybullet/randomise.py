@@ -11,8 +11,6 @@ A file has the shape of a Look; each leaf is a value or one of ::
 Absent leaves are nominal. Every leaf can so be switched off by deleting its line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``Scene``: what there is to see, independent of who looks; both cameras draw the same Scene."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

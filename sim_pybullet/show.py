@@ -1,7 +1,5 @@
 """What robots see on a map or track in draws of a look; ``examples/05_own_look.py`` shows it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import ImageSpec

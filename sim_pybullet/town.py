@@ -1,7 +1,5 @@
 """``Town``: the bodies of N robots and of what stands around them, in one PyBullet client."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

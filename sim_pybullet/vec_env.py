@@ -1,7 +1,5 @@
 """``DuckpilotVecEnv``: N robots as a vector environment of stable-baselines3."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

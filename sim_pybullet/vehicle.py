@@ -1,7 +1,5 @@
 """``Vehicle``: what carries out the actions of a task, N at once; the project's robot is one."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

@@ -4,8 +4,6 @@ Exit status 0: every action came out as it was. 1: some did not; they are listed
 there is nothing to decide again, and why.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A film of a drive: what the robot sees and looks at, where it is, and what it makes of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

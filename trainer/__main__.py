@@ -1,7 +1,5 @@
 """``python -m trainer COMMAND``."""
 
-from __future__ import annotations
-
 import sys
 
 from trainer.cli import main

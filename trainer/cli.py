@@ -3,8 +3,6 @@
 A command is imported when it is asked for: to read what there is takes no torch.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools

@@ -1,7 +1,5 @@
 """The commands that make and judge policies, each imported with what it needs when it runs."""
 
-from __future__ import annotations
-
 import os
 import sys
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """What a run is: frozen dataclasses. `trainer.presets` fills them in."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeVar

@@ -5,8 +5,6 @@ ever chosen by it: whoever would train or choose there is refused. A map is know
 by its name: a copy of a judging map, turned or mirrored or with other tiles, is that map.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The environment of a run, as stable-baselines3 sees it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """From torch to an ONNX file that a Jetson Nano loads: opset 17, IR 9, the contract inside."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

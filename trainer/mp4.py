@@ -1,7 +1,5 @@
 """Pictures as a video that every browser plays."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Generator, Iterable
 from pathlib import Path

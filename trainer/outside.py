@@ -7,8 +7,6 @@ chooses the nearest of a table: the robot's policies choose.
 Only for files that you trust: a stable-baselines3 zip can run any code when it is opened.
 """
 
-from __future__ import annotations
-
 import importlib
 import itertools
 import sys

@@ -5,8 +5,6 @@ shape for two CPU cores, ``debug`` takes seconds and learns nothing. What a task
 changes stands in its own file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from typing import Any, TypeVar

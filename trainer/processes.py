@@ -4,8 +4,6 @@ Libraries that take all cores get in each other's way. numba and OpenMP make the
 are imported, so the environment must tell them.
 """
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os

@@ -4,8 +4,6 @@ Augmentation of what a policy sees while it learns, after Laskin et al. 2020 ("R
 Learning with Augmented Data"). It helps where classes are painted, too (docs/lab-log.md).
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -3,8 +3,6 @@
 What happens in step k depends on the seed and k alone: a resumed run is the same as another.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

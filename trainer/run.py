@@ -1,7 +1,5 @@
 """A run is a folder: every file that a training leaves, each written whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Files that torch writes: a damaged one, or one of something else, is wrong input."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager

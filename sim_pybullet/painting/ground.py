@@ -6,8 +6,6 @@ textures, made even so that lines meet however tiles are turned; stop lines and 
 real mats.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

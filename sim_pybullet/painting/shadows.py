@@ -1,7 +1,5 @@
 """Shadows with edges on the floor: of window bars, furniture and people."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -5,8 +5,6 @@ by strip along curves offset from the lanes, with torn ends and crooked edges; t
 shaped in the frequency domain, with rubber studs, specks and scratches.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

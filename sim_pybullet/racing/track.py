@@ -4,8 +4,6 @@ A ``Track`` is in the metres of a real race track. The simulator builds it at `S
 wide is then as wide as a Duckietown tile, and the robot as large as a car.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

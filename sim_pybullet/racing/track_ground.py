@@ -1,7 +1,5 @@
 """A race track under a ``Look``: road, kerbs, grass and landscape painted, walls as boxes."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """The protocol of the cameras of a batch, and one that draws nothing."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

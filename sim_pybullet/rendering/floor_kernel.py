@@ -1,7 +1,5 @@
 """The compiled loops that draw the floor: filtered texture reads for many robots at once."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ bits 24..31, so that ``(t | t << 32) & LANES`` spreads the colours over a 64-bit
 add up sixteen weighted texels. Each level has a border of one texel of the outside colour.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from weakref import WeakKeyDictionary

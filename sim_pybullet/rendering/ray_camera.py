@@ -1,7 +1,5 @@
 """``RayCamera``: what many robots see, by reading the floor where each pixel's ray meets it."""
 
-from __future__ import annotations
-
 from weakref import WeakKeyDictionary
 
 import numba

@@ -1,7 +1,5 @@
 """Where each pixel of a camera looks, worked out once per rig: rays, floor points, filters, sky."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Compiled geometry of one solid seen along many rays, in the robot's axes from the camera."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The compiled loops that draw solids over the floor, four rays to a pixel."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Solids as rows of numbers, and where in a picture to look for what lies in which direction."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

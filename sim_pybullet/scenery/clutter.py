@@ -1,8 +1,6 @@
 """Boxes and people around the road, so that no policy learns what a room looks like, and things on
 and beside the road, so that none takes them for its lines."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

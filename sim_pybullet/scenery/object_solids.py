@@ -1,7 +1,5 @@
 """What is to be seen of a map's objects."""
 
-from __future__ import annotations
-
 import math
 
 from robot.errors import MapError, nearest

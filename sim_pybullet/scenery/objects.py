@@ -1,7 +1,5 @@
 """What there is to see: a Duckietown map or a race track, painted and built alike under a Look."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,8 +1,6 @@
 """``CameraFeed``: the pictures of N robots as they arrive, late, repeated, through a sensor and a
 translator."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import ImageSpec

@@ -1,7 +1,5 @@
 """``GuidanceFeed``: the path inputs of N robots as they would compute them, from what they know."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Light that goes astray on its way to the sensor: smears, and lamps in the floor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

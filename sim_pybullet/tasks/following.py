@@ -1,7 +1,5 @@
 """Robots on paths: where they are, and the reward of paper A for being there."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """``LaneKeeping``: drive along one lane of a ring of road (paper A, section 3.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """``Manoeuvres``: every bend and every way over a junction, once each (paper A, section 4.4)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """``Navigation``: drive from a place to another by a planned path (paper A, section 3.3)."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -5,8 +5,6 @@ brakes and tyres hold the car back, and tyres cannot turn it more sharply than t
 its speed. All in the metres of the real track; only what ``step`` returns is at the world's scale.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

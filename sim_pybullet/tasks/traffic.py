@@ -1,7 +1,5 @@
 """``Traffic``: drive among ducks that walk and cars with drivers of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How far the ways of road users are free, and what ends them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

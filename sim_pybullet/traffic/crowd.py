@@ -1,7 +1,5 @@
 """``Crowd``: all road users of G worlds, what each robot of ours has ahead, and who has the way."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 from typing import NamedTuple
 

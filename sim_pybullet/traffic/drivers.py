@@ -1,7 +1,5 @@
 """``Drivers``: cars that are not ours, on tours, each with a speed and a temper."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import CONTROL_DT_S

@@ -1,7 +1,5 @@
 """``Ducks``: they stand beside the road, or wait, cross it and come back."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import CONTROL_DT_S

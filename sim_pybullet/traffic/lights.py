@@ -1,7 +1,5 @@
 """``Lights``: every junction with one lets two ways of four go in turn."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``Scenario``: who else is on the road, by the names of duckietown-world's scenario files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -41,7 +39,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         counts_fit = len(self.robots_pcs) > 0 and 0 <= self.walking <= self.nduckies
-        ranges = [getattr(self, f.name) for f in fields(self) if f.type == "Range"]
+        ranges = [getattr(self, f.name) for f in fields(self) if f.type == Range]
         if not counts_fit or any(low > high for low, high in ranges):
             raise ConfigError(
                 "scenario: expected at least one of robots_pcs, no more walking than nduckies, "

@@ -1,7 +1,5 @@
 """Where road users may drive and begin: the tours, junctions and places of a batch's maps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

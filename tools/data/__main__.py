@@ -3,8 +3,6 @@
 Whatever it writes appears whole or not at all; what it reads stays as it is.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

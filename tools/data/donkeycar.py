@@ -4,8 +4,6 @@ https://docs.donkeycar.com/guide/train_autopilot; `donkeycar.parts.datastore_v2`
 An angle of 1 is full right, ours is a hard turn; a throttle of 1 is our speed straight on.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from itertools import groupby

@@ -1,7 +1,5 @@
 """Recordings told, drawn and divided; new ones written from what others recorded."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager

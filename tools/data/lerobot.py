@@ -4,8 +4,6 @@ https://huggingface.co/docs/lerobot/lerobot-dataset-v3. An episode is a stretch 
 episodes lie in one file of data and one video. Actions are wheel speeds (left, right) [m/s].
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from itertools import islice, product

@@ -3,8 +3,6 @@
 In lock-step: times are those of the robot's own clock, without what a slow computer adds.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The motors' bus, the Wi-Fi, for which a proxy of the bench stands, and a full disk."""
 
-from __future__ import annotations
-
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The robot's camera: silent, frozen, slow, garbage; and pictures that are of no use."""
 
-from __future__ import annotations
-
 import itertools
 import resource
 from collections.abc import Callable, Iterator

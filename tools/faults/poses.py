@@ -1,7 +1,5 @@
 """Poses: none, late, in the wrong order, jumping; and poses and wheels that tell two ways."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

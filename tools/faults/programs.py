@@ -1,7 +1,5 @@
 """The policy's file, signals to programs, a second program, and missions that nobody can drive."""
 
-from __future__ import annotations
-
 import math
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """``docs/faults.md``: what the robot did about every fault."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

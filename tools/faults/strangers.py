@@ -1,7 +1,5 @@
 """Who should not be heard, and what should not be said: keys, replays, floods, junk."""
 
-from __future__ import annotations
-
 import contextlib
 import secrets
 import socket

@@ -1,7 +1,5 @@
 """Others on the road: a robot that stops, one that nobody hears any more, a duck."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 To read the command line takes none of what they need.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

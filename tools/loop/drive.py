@@ -1,7 +1,5 @@
 """The whole system drives missions on the bench, as many as were asked for."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import tempfile

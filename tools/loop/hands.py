@@ -1,7 +1,5 @@
 """Who drives by hand at the monitor's page: an expert, and a person who watches the policy."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

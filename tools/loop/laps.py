@@ -3,8 +3,6 @@
 Town, motors, camera and time are virtual; from the frame to the bytes on the bus it is the robot.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

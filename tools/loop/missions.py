@@ -1,7 +1,5 @@
 """Random missions, one after the other, driven as a person at the monitor's page would."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@ Speaks HTTP and WebSocket to the monitor as a browser does. One thread and no ti
 everything that it sends is worked through before time goes on.
 """
 
-from __future__ import annotations
-
 import http.client
 import json
 import math

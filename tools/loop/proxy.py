@@ -1,7 +1,5 @@
 """A network that can be bad: TCP between two ports, delayed, stalling, or cut."""
 
-from __future__ import annotations
-
 import select
 import socket
 import time

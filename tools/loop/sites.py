@@ -1,7 +1,5 @@
 """In which look a mission is driven: one site for some missions, then another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the bench simulates: a robot or two, a duck, and the camera above them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

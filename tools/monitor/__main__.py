@@ -1,7 +1,5 @@
 """``python -m tools.monitor``: the operator's page."""
 
-from __future__ import annotations
-
 import argparse
 import secrets
 import signal

@@ -4,8 +4,6 @@ The Host check keeps out DNS rebinding, the Origin check and SameSite=Strict kee
 sites, the token keeps out everybody else (OWASP cross-site request forgery cheat sheet).
 """
 
-from __future__ import annotations
-
 import contextlib
 import secrets
 import socket

@@ -1,7 +1,5 @@
 """The web side of the monitor: one static page, its data, a WebSocket, and POST for commands."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

@@ -1,7 +1,5 @@
 """``--demo``: the page on the loop bench, in lock-step, as fast as the wall clock where it can."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

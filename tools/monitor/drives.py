@@ -4,8 +4,6 @@ A drive, by the policy or by hand, is an MCAP file with the robot's reports and 
 came here. The robot's own recordings, copied into the folder, are listed, played and marked alike.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 import threading

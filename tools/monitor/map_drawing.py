@@ -1,7 +1,5 @@
 """A road map as what a page draws: lanes, lines between them, floor and objects."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

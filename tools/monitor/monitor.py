@@ -1,7 +1,5 @@
 """The monitor without its page: links to robot and localizer, state, recording, commands."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

@@ -3,8 +3,6 @@
 Pure: messages and a clock in, snapshots for the page out.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass

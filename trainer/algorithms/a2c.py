@@ -1,7 +1,5 @@
 """A2C: advantage actor-critic (Mnih et al. 2016, without the asynchrony), stable-baselines3's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import cast
 

@@ -5,8 +5,6 @@ learned is the expert's choice. That fits stable-baselines3's off-policy loop, w
 the action taken and the action stored.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, cast
 

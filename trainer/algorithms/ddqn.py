@@ -7,8 +7,6 @@ share of what the action is worth less than the best one off its target. With a 
 one wrong action costs next to nothing, so that without it noise chooses.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """PPO: proximal policy optimisation (Schulman et al. 2017), stable-baselines3's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import cast
 

@@ -1,7 +1,5 @@
 """The commands ``experiment …``, and what they can be asked for; imports nothing heavy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated

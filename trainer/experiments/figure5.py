@@ -5,8 +5,6 @@ same look. One learns right there (the paper's "Oracle"), the others on another 
 looks: seen through a translator into the look of the test, in ten looks, or as it is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path

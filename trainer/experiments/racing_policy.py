@@ -1,7 +1,5 @@
 """A trained policy, of whichever task, asked which way it would steer on frames of a real drive."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -9,8 +9,6 @@ Three layouts are known by what lies in the folder::
 Angles are positive to the right in all of them, and here.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Iterator

@@ -5,8 +5,6 @@ through both, with the same number of steps, maps and pose error. All are judged
 training saw: four laps of lane keeping, each of a map's manoeuvres once, and random missions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

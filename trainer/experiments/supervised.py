@@ -1,7 +1,5 @@
 """The supervised network of paper B: the policy's architecture, taught with what a person did."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table 1 of paper B: who foretells what a person did on a recorded drive."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """``judge``: a driver in a challenge of the AI Driving Olympics; imports nothing heavy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

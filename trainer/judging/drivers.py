@@ -1,7 +1,5 @@
 """Who drives the robots of a challenge."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS, ImageSpec

@@ -4,8 +4,6 @@ The figures are those of the AI Driving Olympics (see `sim_pybullet.batch`) besi
 share of episodes that succeeded.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

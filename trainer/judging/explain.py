@@ -7,8 +7,6 @@ itself: how much its values change when a patch of the picture is covered (occlu
 Zeiler and Fergus 2014). Both need only the ONNX file, so every policy that can drive the robot.
 """
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from collections.abc import Iterator, Sequence

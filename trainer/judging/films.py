@@ -1,7 +1,5 @@
 """Films of the episodes that went worst."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """A policy under the rules of the road, which know what overhead poses of everybody tell."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """How sure a figure over episodes is, and whether two drivers differ."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

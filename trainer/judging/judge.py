@@ -1,7 +1,5 @@
 """What ``evaluate`` does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

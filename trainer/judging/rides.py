@@ -1,7 +1,5 @@
 """Robots drive numbered episodes; what each did and saw in its own."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A policy that keeps apart from what its own pictures show, told of nobody."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

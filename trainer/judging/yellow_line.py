@@ -7,8 +7,6 @@ robot that its camera sees, 12 cm ahead of the axle. Traffic keeps right: the li
 robot's left.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

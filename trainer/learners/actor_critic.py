@@ -1,7 +1,5 @@
 """What actor-critics share: their configuration, a falling weight of the entropy, what they log."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 

@@ -5,8 +5,6 @@ teach a policy that has pictures only (Zhang et al. 2021, "End-to-End Urban Driv
 Reinforcement Learning Coach"). Nothing but the task's reward says what is right.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

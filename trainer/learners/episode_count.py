@@ -1,7 +1,5 @@
 """Sums the rewards and decisions of episodes while they go on, and tells of those that ended."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

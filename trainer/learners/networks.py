@@ -6,8 +6,6 @@ environment gives them, (N, H, W, 3) with values 0..255: the transposition and t
 happen in here, so that an exported policy takes raw frames.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From a `RunConfig` to the policy that is trained, and what all algorithms are built with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

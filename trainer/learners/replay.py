@@ -5,8 +5,6 @@ numbers of the pictures, and the pictures stay where they are until a batch asks
 also gives it the dict observations which it does not have.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any, cast

@@ -1,7 +1,5 @@
 """The world of a run, as what learns there sees it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """Learning curves against steps: success, distance from the path, and reward as in paper A."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import nan
 from pathlib import Path

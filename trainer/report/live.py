@@ -1,7 +1,5 @@
 """``report --live``: the report's page, served while its runs go on."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer

@@ -1,7 +1,5 @@
 """The report: runs and their evaluations in PNG pictures and one HTML page that holds them all."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A job in a process of its own, and what it said last."""
 
-from __future__ import annotations
-
 import os
 import socket
 from pathlib import Path

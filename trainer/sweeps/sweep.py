@@ -1,7 +1,5 @@
 """Many trainings or evaluations with one command: seeds, and options crossed with each other."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a run must remember to go on: network, optimiser, counters and the record so far."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any

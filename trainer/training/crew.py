@@ -9,8 +9,6 @@ The process that was asked to train leads. Its followers have nothing that it do
 one is lost, the leader goes on with fresh ones from where its weights are.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 import time

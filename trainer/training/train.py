@@ -1,7 +1,5 @@
 """A training from beginning to end, or from where it was cut off."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """What happens beside the steps of a training: records, evaluations, checkpoints, display."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

@@ -4,8 +4,6 @@ A collection is a folder of 160x120 PNG files: ``image/``, and ``label/`` of the
 value: `sim_pybullet.classes.SemanticClass`).
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """CycleGAN (Zhu et al. 2017): its configuration, one step, what it remembers between steps."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ Two figures, since either alone is easily had: how far its colours are from phot
 much of the painted lines is where it was. Compare figures of the same folders and size only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

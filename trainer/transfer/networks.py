@@ -4,8 +4,6 @@ Inside them pictures are (N, 3, H, W) float32 in [-1, 1]. A translator's own pic
 (N, H, W, 3) uint8 RGB on both sides, see `PictureTranslator`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 

@@ -4,8 +4,6 @@ As a translator its pictures are the classes that it sees, painted: what a polic
 them drives on is the same in simulation and in reality. It needs the parser wherever it goes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ another simulated world, which then stands for the real one (paper B, section 3.
 each pixel becomes the nearest class's colour.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

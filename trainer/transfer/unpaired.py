@@ -4,8 +4,6 @@ Pictures come closer to photographs the longer it goes on, and lines fade. So th
 are kept that leave enough of the lines.
 """
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any
