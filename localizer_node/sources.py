@@ -9,8 +9,7 @@ from itertools import count
 from typing import Iterator
 
 from robot.camera.files import play
-from robot.camera.source import Frame, Stream
-from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
+from robot.camera.source import Frame, GstStream, SocketStream, Stream, V4l2Stream, csi_command
 from robot.errors import ContractError, HardwareError
 from robot.lens import Lens
 

@@ -14,7 +14,7 @@ from robot.link.sockets import LinkConfig
 from robot.safety.gates import SafetyLimits
 from robot.safety.governors import Rules
 
-CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.streams.csi_command` sets
+CSI_FPS = 30  # of the IMX219's mode 3, which `robot.camera.source.csi_command` sets
 CAMERAS = ("csi", "v4l2", "socket")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ConfigError, ContractError
 from robot.geometry import Pose
-from robot.inference.translator import Translator
+from robot.inference.policy import Translator
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, Look
@@ -29,7 +29,7 @@ class Observation(NamedTuple):
     """What the policies of M robots get."""
 
     image: np.ndarray  # (M, H, W, 3 F) uint8 RGB, the task's F last frames, the newest last
-    path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.navigation.guidance
+    path: np.ndarray | None  # (M, 10) float32 where the task guides, see robot.navigation.path
 
 
 class Finished(NamedTuple):

@@ -163,7 +163,7 @@ class DriveEnv(gymnasium.Env[Any, Any]):
 
     Observation: the picture, Box (H, W, 3) uint8 RGB; 120 x 160 unless another
     `robot.contract.ImageSpec` is asked for. A task that guides gives a Dict of ``image`` and
-    ``path``, ten angles in [-1, 1] (`robot.navigation.guidance`).
+    ``path``, ten angles in [-1, 1] (`robot.navigation.path`).
 
     ``continuous=True``: Box(-1, 1, (2,)), left and right wheel speed as shares of
     `robot.contract.MAX_WHEEL_MPS`; of a race car, steering and throttle.

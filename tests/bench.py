@@ -106,9 +106,8 @@ def inference_figures(model: Path) -> dict[str, dict[str, float]]:
 def hat_figures() -> dict[str, float]:
     """One atomic update of both motors: on the emulator, and on the wire."""
     from robot.computer.clock import MonotonicClock
-    from robot.hat.bus import bus_time_s
+    from robot.hat.bus import Pca9685, bus_time_s
     from robot.hat.config import HatConfig
-    from robot.hat.pca9685 import Pca9685
     from sim_pybullet.virtual.hat import VirtualHat
     from sim_pybullet.virtual.i2c import VirtualI2cBus
 

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from robot.inference.translator import open_translator
+from robot.inference.policy import open_translator
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.tasks.spec import Choices, find_task

@@ -16,7 +16,7 @@ from torch import nn
 
 from robot.contract import PolicyContract
 from robot.errors import ConfigError, ContractError
-from robot.inference.translator import OnnxTranslator, TranslatorContract
+from robot.inference.policy import OnnxTranslator, TranslatorContract
 from robot.output import write_json
 from robot.vision.sight import SightContract
 from sim_pybullet.tasks.spec import find_task

@@ -153,7 +153,7 @@ def task_of(model: Path) -> str:
 
 def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
     """Whoever sees what a parser sees takes its pictures; others keep the preset's."""
-    from robot.inference.translator import PARSING, OnnxTranslator
+    from robot.inference.policy import PARSING, OnnxTranslator
 
     if translate is None or not Path(translate).exists():  # who makes the world will say so
         return image

@@ -6,8 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any, Callable, Dict, Tuple
 
-from robot.bringup.prompts import Prompts
-from robot.bringup.roller import Roller
+from robot.bringup.roller import Prompts, Roller
 from robot.errors import ConfigError
 from robot.hat.config import HatConfig
 

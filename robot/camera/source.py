@@ -1,16 +1,25 @@
-"""What a camera is to the runtime: somebody who has the newest frame, whatever it comes from."""
+"""A camera is somebody who has the newest frame, whatever stream of pictures it comes from.
+
+Streams are of USB cameras by OpenCV, CSI ones by GStreamer, and virtual ones behind a socket.
+"""
 
 from __future__ import annotations
 
 import logging
-from contextlib import closing
-from typing import Callable, NamedTuple, Optional, Protocol
+import os
+import select
+import struct
+import subprocess
+import tempfile
+from contextlib import ExitStack, closing
+from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
+from robot.computer.local_socket import connect_local, receive_exactly
 from robot.computer.threads import Worker
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX
-from robot.errors import ContractError
+from robot.errors import ContractError, HardwareError
 
 
 class Frame(NamedTuple):
@@ -148,3 +157,190 @@ def _frame_of(picture: np.ndarray) -> np.ndarray:
         return fit_to_frame(picture)
     except Exception as error:  # from NumPy, from OpenCV, or the lack of a shape at all
         raise ContractError(f"odd picture: {error or type(error).__name__}") from error
+
+
+class V4l2Stream:
+    """``/dev/video<device>``. A read waits ten seconds at most (OpenCV's own limit).
+
+    HardwareError: no such device, or it is in use, or may not be opened by this user.
+    """
+
+    def __init__(self, device: int, size_px: Tuple[int, int], fps: int) -> None:
+        import cv2
+
+        self._name = f"/dev/video{device}"
+        self._odd = cv2.error
+        self._capture: Any = cv2.VideoCapture(device, cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise HardwareError(
+                f"{self._name}: expected a camera that opens; check its plug, that no other "
+                "program uses it, and that this user is in the group video"
+            )
+        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size_px[0])
+        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size_px[1])
+        self._capture.set(cv2.CAP_PROP_FPS, fps)
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+
+    def grab(self) -> np.ndarray:
+        """As `robot.camera.source.Stream` says."""
+        try:
+            good, picture = self._capture.read()
+        except self._odd as error:
+            raise ContractError(f"{self._name}: expected a picture, got: {error}") from error
+        if not good or picture is None:
+            raise HardwareError(f"{self._name}: expected a picture, got none; was it unplugged?")
+        if picture.ndim != 3:
+            raise ContractError(f"{self._name}: expected colours, got {picture.shape}")
+        return np.ascontiguousarray(picture[..., ::-1])
+
+    def close(self) -> None:
+        """Let the device go."""
+        self._capture.release()
+
+
+NEXT = b"n"
+HEADER = struct.Struct("!4sHH")  # magic, width, height
+MAGIC = b"RGB8"
+SILENCE_S = 2.0  # without a byte: the other side hangs
+
+
+class SocketStream:
+    """The virtual camera that listens at ``path``; keeps `robot.camera.source.Stream`.
+
+    The reader asks for the next picture with one byte; the camera answers at its own next moment
+    with a header and the pixels, RGB row by row. HardwareError: nobody listens there.
+    """
+
+    def __init__(self, path: str, size_px: Tuple[int, int]) -> None:
+        self._path, self._size_px = path, size_px
+        self._socket = connect_local(path, "a virtual camera", SILENCE_S)
+
+    def grab(self) -> np.ndarray:
+        """As `robot.camera.source.Stream` says."""
+        try:
+            self._socket.sendall(NEXT)
+            return self._take()
+        except OSError as error:
+            what = error.strerror or f"no picture for {SILENCE_S:g} s"
+            raise HardwareError(f"camera {self._path}: expected a picture, got: {what}") from error
+
+    def _take(self) -> np.ndarray:
+        magic, width, height = HEADER.unpack(receive_exactly(self._socket, HEADER.size))
+        wanted = "{} x {} px".format(*self._size_px)
+        told = f"camera {self._path}: expected {wanted}, got {magic!r} {width} x {height}"
+        if magic != MAGIC:
+            raise HardwareError(told)
+        data = receive_exactly(self._socket, 3 * width * height)
+        if (width, height) != self._size_px:
+            raise ContractError(told)
+        return np.frombuffer(data, np.uint8).reshape(height, width, 3)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+
+FIRST_PICTURE_S = 8.0  # nvargus takes seconds to set up a sensor
+END_S = 1.0  # that the child gets to end by itself
+BYTES_PER_PIXEL = 4  # BGRx, the only 8-bit RGB order that nvvidconv writes
+LAST_WORDS_BYTES = 400
+VIDEO_FD = "{video}"  # in a command: the descriptor that the pictures are written to
+
+
+def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> List[str]:
+    """The command for an IMX219 at a CSI port of a Jetson: sensor mode 3, scaled by its hardware.
+
+    ``flip`` is nvvidconv's flip-method, 2 for upside down; ``fps`` up to 30.
+    """
+    source = (
+        f"nvarguscamerasrc sensor-id={sensor} sensor-mode=3 ! "
+        f"video/x-raw(memory:NVMM),width=1640,height=1232,format=NV12,framerate={fps}/1 ! "
+        f"nvvidconv flip-method={flip}"
+    )
+    return gst_command(source.split(), size_px)
+
+
+def gst_command(source: Sequence[str], size_px: Tuple[int, int]) -> List[str]:
+    """``gst-launch-1.0`` from a source to ``GstStream``; one picture waits at most."""
+    caps = f"video/x-raw,format=BGRx,width={size_px[0]},height={size_px[1]}"
+    queue = ["queue", "leaky=downstream", "max-size-buffers=1"]
+    sink = ["fdsink", f"fd={VIDEO_FD}", "sync=false"]
+    return ["gst-launch-1.0", "-q", *source, "!", caps, "!", *queue, "!", *sink]
+
+
+class GstStream:
+    """Pictures from a child process that writes raw BGRx to ``VIDEO_FD``: ``gst-launch-1.0``.
+
+    OpenCV's wheels know no GStreamer, and a Jetson's CSI cameras give colour pictures through
+    nothing else. The pipe is not the child's standard output, where nvarguscamerasrc prints what it
+    does: one such line among the pixels would shift all pictures after it. Without a byte for
+    ``silence_s`` it hangs. HardwareError: the command cannot be started.
+    """
+
+    def __init__(
+        self, command: Sequence[str], size_px: Tuple[int, int], silence_s: float = SILENCE_S
+    ) -> None:
+        self._program = command[0]
+        self._width_px, self._height_px = size_px
+        self._silence_s = silence_s
+        self._wait_s = max(FIRST_PICTURE_S, silence_s)
+        with ExitStack() as stack:
+            self._last_words = stack.enter_context(tempfile.TemporaryFile())
+            self._pipe, video = os.pipe()
+            stack.callback(os.close, self._pipe)
+            try:
+                self._child = self._start(command, video)
+            finally:
+                os.close(video)  # the child's alone: its end must be seen
+            self._given_up = stack.pop_all()
+
+    def _start(self, command: Sequence[str], video: int) -> subprocess.Popen[bytes]:
+        own = any(VIDEO_FD in word for word in command)
+        try:
+            return subprocess.Popen(
+                [word.replace(VIDEO_FD, str(video)) for word in command],
+                stdin=subprocess.DEVNULL,
+                stdout=self._last_words if own else video,
+                stderr=self._last_words,
+                pass_fds=(video,) if own else (),
+                start_new_session=True,  # an interrupt from the keyboard is the robot's to handle
+            )
+        except OSError as error:
+            raise HardwareError(
+                f"{self._program}: expected a program that starts, got: {error.strerror}; "
+                "install gstreamer1.0-tools"
+            ) from error
+
+    def grab(self) -> np.ndarray:
+        """As `robot.camera.source.Stream` says."""
+        size = self._width_px * self._height_px * BYTES_PER_PIXEL
+        data = bytearray()
+        poll = select.poll()  # not select, which knows no descriptor above 1023
+        poll.register(self._pipe, select.POLLIN)
+        while len(data) < size:
+            if not poll.poll(1e3 * self._wait_s):
+                raise HardwareError(f"camera: no picture for {self._wait_s:g} s; {self._said()}")
+            part = os.read(self._pipe, size - len(data))
+            if not part:
+                raise HardwareError(f"camera: {self._program} ended; {self._said()}")
+            data += part
+        self._wait_s = self._silence_s
+        shape = (self._height_px, self._width_px, BYTES_PER_PIXEL)
+        pixels = np.frombuffer(data, np.uint8).reshape(shape)
+        return np.ascontiguousarray(pixels[..., 2::-1])
+
+    def close(self) -> None:
+        """End the child, by force if it must be."""
+        self._child.terminate()
+        try:
+            self._child.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        self._given_up.close()
+
+    def _said(self) -> str:
+        length = self._last_words.seek(0, os.SEEK_END)
+        self._last_words.seek(max(0, length - LAST_WORDS_BYTES))
+        text = self._last_words.read().decode("utf-8", "replace").strip()
+        return f"it said: {text}" if text else "it said nothing"

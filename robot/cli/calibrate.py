@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, ContextManager, List, Tuple
 
 from robot.bringup import chessboard
-from robot.bringup.prompts import Prompts
-from robot.bringup.roller import CountedMotors, Roller
+from robot.bringup.roller import CountedMotors, Prompts, Roller
 from robot.bringup.wheels import GUIDES, Guide, Values
 from robot.camera.files import read_picture
 from robot.command_line import number

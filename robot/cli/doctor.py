@@ -16,15 +16,13 @@ from robot.computer.machine import Machine
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import CONTROL_DT_S
 from robot.errors import ConfigError, DuckpilotError, HardwareError
-from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES
+from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, Pca9685
 from robot.hat.config import HatConfig
-from robot.hat.pca9685 import Pca9685
-from robot.inference.policy import time_decisions
-from robot.inference.translator import open_policy
+from robot.inference.policy import open_policy, time_decisions
 from robot.lens import Mount
 from robot.link.keys import load_keys
+from robot.link.messages import Reading
 from robot.link.sockets import LinkConfig
-from robot.link.telemetry import Reading
 from robot.navigation.road_map import load_map
 from robot.typed_config import load_yaml
 from robot.vision.sight import OnnxSight

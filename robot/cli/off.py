@@ -14,8 +14,7 @@ from typing import List, Optional, Tuple, Union
 
 from robot.computer.clock import Clock, MonotonicClock
 from robot.errors import ConfigError, HardwareError
-from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, open_bus
-from robot.hat.pca9685 import Pca9685
+from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, Pca9685, open_bus
 
 ATTEMPTS = 3
 ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and stops

@@ -11,8 +11,7 @@ import math
 from pathlib import Path
 from typing import ContextManager, Iterator, List, NamedTuple
 
-from robot.bringup.prompts import Prompts
-from robot.bringup.roller import CountedMotors, Roller
+from robot.bringup.roller import CountedMotors, Prompts, Roller
 from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.systemd import interrupt, on_ending
 from robot.config import RobotConfig

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Callable, Dict, Iterator, Optional, Tuple
 
-from robot.link.telemetry import Reading
+from robot.link.messages import Reading
 
 EVERY_S = 1.0
 ZONES = Path("/sys/class/thermal")

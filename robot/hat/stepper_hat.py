@@ -7,10 +7,8 @@ from typing import Dict, Optional, Sequence
 
 from robot.computer.clock import Clock
 from robot.errors import HardwareError
-from robot.hat.bus import I2cBus
-from robot.hat.coils import ring_levels
-from robot.hat.config import HatConfig, MotorConfig
-from robot.hat.pca9685 import Pca9685
+from robot.hat.bus import I2cBus, Pca9685
+from robot.hat.config import HatConfig, MotorConfig, ring_levels
 from robot.hat.stepping import Steps
 
 

@@ -9,8 +9,7 @@ from typing import Dict, List, Optional, Tuple
 
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
-from robot.link.commands import Ack, Command, Mission
-from robot.link.messages import UNSENT
+from robot.link.messages import UNSENT, Ack, Command, Mission
 from robot.link.sockets import DEAF_S, Clock, Link, new_session, receive_now
 
 BEAT_S = 0.1

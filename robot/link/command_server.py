@@ -8,7 +8,7 @@ from collections import OrderedDict
 from typing import Callable, List, Optional, Tuple
 
 from robot.errors import ContractError, DuckpilotError
-from robot.link.commands import ALWAYS_TAKEN, MAX_ECHO_AGE_S, REASON_LIMIT_BYTES, Ack, Command
+from robot.link.messages import ALWAYS_TAKEN, MAX_ECHO_AGE_S, REASON_LIMIT_BYTES, Ack, Command
 from robot.link.sockets import Clock, Link, new_session, receive_now
 from robot.link.wire import tidy_text
 

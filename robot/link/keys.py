@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Callable, Dict, List, Sequence, Tuple, Union
 
 from robot.errors import ConfigError, nearest
-from robot.link.telemetry import Reading
+from robot.link.messages import Reading
 from robot.link.wire import tidy_text
 
 if TYPE_CHECKING:

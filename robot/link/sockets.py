@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, T
 
 from robot.errors import ConfigError, ContractError
 from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys, load_keys
-from robot.link.messages import FrameMessage, PosesMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import FrameMessage, PosesMessage, Telemetry
 
 if TYPE_CHECKING:
     import zmq

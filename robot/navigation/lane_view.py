@@ -13,8 +13,7 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.lanes import Lane, LaneIndex, Tile, border_point
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import Lane, LaneIndex, RoadMap, Tile, border_point
 
 # What a junction offers to who comes to it: nothing is there; all ways; straight on and one side;
 # both sides only.

@@ -16,14 +16,21 @@ import numpy as np
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.link.freshness import PoseGate
-from robot.link.messages import FAR_M, PoseMessage, PosesMessage
-from robot.link.telemetry import TEXT_LIMIT_BYTES, XY, Belief, MissionStatus, thin_path
+from robot.link.messages import (
+    FAR_M,
+    TEXT_LIMIT_BYTES,
+    XY,
+    Belief,
+    MissionStatus,
+    PoseMessage,
+    PosesMessage,
+    thin_path,
+)
 from robot.link.wire import tidy_text
 from robot.navigation.fusion import FusionConfig, PoseFusion
-from robot.navigation.guidance import path_input
 from robot.navigation.lane_view import LaneView
-from robot.navigation.others import AHEAD_M
-from robot.navigation.path import Path, PathPosition
+from robot.navigation.neighbours import AHEAD_M
+from robot.navigation.path import Path, PathPosition, path_input
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch

@@ -1,4 +1,4 @@
-"""``Neighbours``: what overhead poses of everybody tell one robot, as its `RoadAhead`.
+"""What overhead poses of everybody tell one robot: its `RoadAhead`, and who is at its junctions.
 
 All robots of an arena hear the same poses, so they agree on who came first to a junction, by the
 localizer's clock, without a word between them.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
-from typing import Deque, Dict, Iterator, Optional, Sequence, Tuple
+from typing import Deque, Dict, Iterator, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,16 +17,140 @@ from robot.geometry import Pose
 from robot.link.freshness import PoseGate
 from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
-from robot.navigation.others import (
-    HALF_DUCK_M,
-    HALF_ROBOT_M,
-    Crossings,
-    Other,
-    Traveller,
-    free_way,
-)
+from robot.navigation.road_map import ORIENTATIONS, RoadMap, Tile
 from robot.safety.governors import NOSE_M
-from robot.safety.road_ahead import Junction, RoadAhead
+from robot.safety.road_ahead import AtJunction, Junction, RoadAhead
+
+HALF_ROBOT_M, HALF_DUCK_M = 0.09, 0.035
+AHEAD_M = 0.02 * np.arange(61)  # along the lane, from the axle: where it is looked at
+_NEAR_M = 1.6  # farther off nobody is on that way
+_TAIL_M = 0.1  # of a robot, behind its axle
+_HALF_WIDE_M = 0.08
+_RETURN_M = 0.6  # in which a robot that heads elsewhere gets back to the middle of its lane
+_WALKS_S = (0.0, 0.4, 0.8, 1.2)  # who walks counts where it will be, too
+_IN_FRONT_M = 0.03
+_STILL_MPS = 0.05  # poses of who stands move, too
+_AT_LINE_M = 0.12  # so near to the line its nose stands who has arrived
+_OVER_M = 0.02  # so far beyond it is inside
+
+
+class Other(NamedTuple):
+    """Somebody else on the road, from above."""
+
+    x_m: float
+    y_m: float
+    vx_mps: float = 0.0
+    vy_mps: float = 0.0
+    half_m: float = HALF_ROBOT_M  # from its middle to its edge
+    walks: bool = False  # it crosses lanes; robots keep to theirs
+
+
+def free_way(
+    lane_m: np.ndarray, pose: Pose, others: Sequence[Other], sigma_m: float = 0.0
+) -> RoadAhead:
+    """What is left of the way along a lane, whose points (61, 2) lie `AHEAD_M` from the robot.
+
+    Who is a little behind the robot's axle by places that err by ``sigma_m`` may be before it.
+    """
+    seen = np.array(others, dtype=float).reshape(-1, 6)
+    seen = seen[np.hypot(seen[:, 0] - pose.x_m, seen[:, 1] - pose.y_m) < _NEAR_M]
+    if not len(seen):
+        return RoadAhead()
+    way_m = _way_back(lane_m, pose)
+    moving = (np.hypot(seen[:, 2], seen[:, 3]) > _STILL_MPS) & (seen[:, 5] > 0.0)
+    nearest = RoadAhead()
+    for after_s in _WALKS_S:
+        here = seen if after_s == 0.0 else seen[moving]
+        at_m = here[:, :2] + after_s * here[:, 2:4]
+        apart_m = np.linalg.norm(at_m[:, None] - way_m, axis=-1)  # (O, 61)
+        near = apart_m < _HALF_WIDE_M + here[:, 4:5]
+        first, where = near.argmax(axis=1), apart_m.argmin(axis=1)
+        # In a bend it comes near to things long before it would be abreast of them.
+        most_m = np.minimum(AHEAD_M[first] + _HALF_WIDE_M, AHEAD_M[where] - here[:, 4]) - NOSE_M
+        on_it = near.any(axis=1) & (pose.to_robot(at_m)[:, 0] > _IN_FRONT_M - 2.0 * sigma_m)
+        for k in np.flatnonzero(on_it & (most_m < nearest.free_m)).tolist():
+            if most_m[k] < nearest.free_m:
+                step = np.diff(way_m[min(where[k], 59) :][:2], axis=0)[0]
+                along = float(here[k, 2:4] @ step) / max(float(np.hypot(*step)), 1e-9)
+                nearest = RoadAhead(float(most_m[k]), coming_mps=-along)
+    return nearest
+
+
+def _way_back(lane_m: np.ndarray, pose: Pose) -> np.ndarray:
+    """(61, 2) how the robot goes on: along its lane, and within `_RETURN_M` to the middle of it."""
+    steps = np.diff(lane_m, axis=0)
+    along = steps / np.maximum(np.hypot(steps[:, :1], steps[:, 1:]), 1e-9)
+    along = np.concatenate((along, along[-1:]))
+    left = np.stack((-along[:, 1], along[:, 0]), axis=1)
+    ahead = np.array((math.cos(pose.heading_rad), math.sin(pose.heading_rad)))
+    aside_m = left[0] @ (np.array(pose[:2]) - lane_m[0]) + AHEAD_M * (left[0] @ ahead)
+    return lane_m + (aside_m * np.maximum(1.0 - AHEAD_M / _RETURN_M, 0.0))[:, None] * left
+
+
+class Traveller(NamedTuple):
+    """A robot, as it is seen."""
+
+    pose: Pose
+    speed_mps: float
+    line_m: Optional[float] = None  # from its nose to the next red line
+
+
+class Crossings:
+    """Who stands at the junctions of a map since when, and who is inside."""
+
+    def __init__(self, road_map: RoadMap) -> None:
+        self._map = road_map
+        self._known: Dict[str, Tuple[Tile, AtJunction]] = {}
+
+    def update(self, now_s: float, robots: Mapping[str, Traveller]) -> Dict[str, Junction]:
+        """By name, the junctions of those who stand at one or are inside."""
+        found = {}
+        for name, robot in robots.items():
+            at = self._at(now_s, name, robot)
+            if at is not None:
+                found[name] = at
+        self._known = found
+        return {
+            name: Junction(own, tuple(o for n, (t, o) in found.items() if t == tile and n != name))
+            for name, (tile, own) in found.items()
+        }
+
+    def _at(self, now_s: float, name: str, robot: Traveller) -> Optional[Tuple[Tile, AtJunction]]:
+        before = self._known.get(name)
+        inside = self.inside(robot.pose)
+        if inside is not None:
+            same = before is not None and before[0] == inside
+            known = before[1] if same and before else AtJunction(_arm(robot.pose), now_s, name)
+            return inside, replace(known, inside=True)
+        if robot.line_m is None or not robot.line_m <= _AT_LINE_M:
+            return None
+        if before is None and robot.speed_mps > _STILL_MPS:
+            return None
+        tile = self._beyond(robot.pose)
+        if tile is None:
+            return None
+        since_s = before[1].arrived_s if before is not None else now_s
+        return tile, AtJunction(_arm(robot.pose), since_s, name)
+
+    def inside(self, pose: Pose) -> Optional[Tile]:
+        """The junction that any part of a robot is in."""
+        parts = np.array(((NOSE_M - _OVER_M, 0.0), (0.0, 0.0), (-_TAIL_M, 0.0)))
+        for x_m, y_m in pose.to_world(parts).tolist():
+            tile = self._map.tile_at(x_m, y_m)
+            if tile is not None and tile.is_junction:
+                return tile
+        return None
+
+    def _beyond(self, pose: Pose) -> Optional[Tile]:
+        """The tile that a robot heads for."""
+        here = self._map.tile_at(pose.x_m, pose.y_m)
+        return here and self._map.beyond(here, ORIENTATIONS[(_arm(pose) + 2) % 4])
+
+
+def _arm(pose: Pose) -> int:
+    """The side, of `ORIENTATIONS`, from which a robot with this heading comes into a junction."""
+    return (round(pose.heading_rad / (0.5 * math.pi)) - 1) % 4
+
 
 DUCK = "duck"  # so begin the names of what is small and walks; all others are robots
 SIGMA_M = 0.03  # of overhead poses, standard deviation

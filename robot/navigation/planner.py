@@ -16,10 +16,9 @@ import numpy as np
 
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, wrap_angle
-from robot.navigation.lanes import border_point
 from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import RoadMap, border_point
 
 _OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near too
 _TURNED_RAD = math.radians(6.0)  # likewise along the heading of a robot that stands there

@@ -13,8 +13,7 @@ from typing import Tuple
 import numpy as np
 
 from robot.geometry import bezier_points, wrap_angle
-from robot.navigation.lanes import ORIENTATIONS, Lane, Tile
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import ORIENTATIONS, Lane, RoadMap, Tile
 
 TEXEL_M = 0.01
 MARGIN_M = 0.5  # around the grid

@@ -18,8 +18,7 @@ import numpy as np
 from robot.config import RobotConfig
 from robot.errors import HardwareError
 from robot.geometry import Pose
-from robot.link.messages import PoseMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import PoseMessage, Telemetry
 from robot.link.wire import plain
 from robot.parts import Tick
 from robot.recording import topics

@@ -19,7 +19,7 @@ from typing import Any, Callable, Deque, Optional, Tuple
 
 from robot.computer.threads import Worker
 from robot.config import RecordingConfig
-from robot.link.telemetry import Reading
+from robot.link.messages import Reading
 from robot.parts import Tick
 from robot.recording.drive_file import (
     END,

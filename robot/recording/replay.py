@@ -16,8 +16,7 @@ import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS, PolicyContract, action_name
 from robot.errors import ContractError
-from robot.inference.policy import best_action, values_of
-from robot.inference.translator import open_policy
+from robot.inference.policy import best_action, open_policy, values_of
 from robot.parts import Policy
 from robot.recording.drive_file import MODEL, TRANSLATOR, arithmetic
 from robot.recording.reader import PathLike, read_about, read_attachment, read_turns

@@ -16,8 +16,7 @@ from typing import Any, Dict, NamedTuple, Optional, Tuple, Union
 import numpy as np
 
 from robot.geometry import Pose, WheelSpeeds
-from robot.link.messages import PoseMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import PoseMessage, Telemetry
 from robot.parts import Tick
 from robot.safety.governors import Cap
 from robot.safety.wheel_limits import Drive

@@ -7,21 +7,27 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Callable, ContextManager, Iterator, List, Optional, Tuple
 
-from robot.camera.source import Camera, NewestFrame, Stream
-from robot.camera.streams import GstStream, SocketStream, V4l2Stream, csi_command
+from robot.camera.source import (
+    Camera,
+    GstStream,
+    NewestFrame,
+    SocketStream,
+    Stream,
+    V4l2Stream,
+    csi_command,
+)
 from robot.computer.clock import Clock, MonotonicClock
 from robot.computer.health import Health
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
 from robot.errors import ConfigError
 from robot.hat.thread import MotorThread, motors_on, own_bus
-from robot.inference.translator import open_policy
+from robot.inference.policy import open_policy
 from robot.lens import CameraRig
 from robot.link import sockets
 from robot.link.command_server import CommandServer
-from robot.link.messages import FrameMessage, PosesMessage
+from robot.link.messages import FrameMessage, PosesMessage, Reading, Telemetry
 from robot.link.sockets import Link
-from robot.link.telemetry import Reading, Telemetry
 from robot.navigation.lane_view import LaneView
 from robot.navigation.lane_watch import LaneWatch
 from robot.navigation.navigator import MissionNavigator

@@ -7,7 +7,7 @@ from typing import Optional, Tuple
 
 from robot.errors import ContractError, PlanError
 from robot.geometry import Pose, WheelSpeeds
-from robot.link import commands
+from robot.link import messages
 from robot.link.command_server import CommandServer
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Ask
@@ -32,7 +32,7 @@ class RemoteOperator:
         """Time since the operator's last sign of life [s]; infinite before the first."""
         return self._server.operator_age_s()
 
-    def _obey(self, command: commands.Command, ask: Ask) -> None:
+    def _obey(self, command: messages.Command, ask: Ask) -> None:
         wheels: Optional[WheelSpeeds] = None
         mission = command.mission
         if mission is not None:

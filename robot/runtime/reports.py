@@ -7,8 +7,14 @@ from typing import Callable, Optional, Tuple
 
 import numpy as np
 
-from robot.link.messages import FrameMessage
-from robot.link.telemetry import TEXT_LIMIT_BYTES, InputAge, Reading, Telemetry, told_age
+from robot.link.messages import (
+    TEXT_LIMIT_BYTES,
+    FrameMessage,
+    InputAge,
+    Reading,
+    Telemetry,
+    told_age,
+)
 from robot.link.wire import tidy_text
 from robot.navigation.navigator import MissionNavigator
 from robot.parts import Tick
@@ -66,15 +72,13 @@ class Reporter:
             ("operator", inputs.link_age_s, limits.link_age_s),
         )
         governed = "" if tick.drive is None else tick.drive.cap.reason
-        values = tick.values
-        if values is None or not np.isfinite(values).all():
-            values = np.zeros(0)
+        values = np.zeros(0) if tick.values is None else tick.values
         return replace(
             self._about,
             state=tick.verdict.state.value,
             reason=tidy_text(governed or tick.verdict.sentence, TEXT_LIMIT_BYTES),
             action=self._driven(tick),
-            values=tuple(round(float(value), 4) for value in values),
+            values=tuple(round(v, 4) for v in values.tolist()) if np.isfinite(values).all() else (),
             pose=None if pose is None else (pose.x_m, pose.y_m, pose.heading_rad),
             path=navigator.path_points if navigator else (),
             mission=navigator.status if navigator else None,

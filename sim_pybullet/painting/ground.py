@@ -15,8 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from robot.geometry import bezier_points
-from robot.navigation.lanes import ROAD_SIDES, Tile, tile_lanes
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import ROAD_SIDES, RoadMap, Tile, tile_lanes
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook, Rgb
 from sim_pybullet.painting.shadows import cast_shadows

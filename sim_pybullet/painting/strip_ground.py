@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents
-from robot.navigation.lanes import Lane, Tile
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import Lane, RoadMap, Tile
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook
 from sim_pybullet.painting.shadows import cast_shadows

@@ -5,7 +5,7 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.geometry import wrap_angle
-from robot.inference.translator import Translator
+from robot.inference.policy import Translator
 from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S

@@ -11,9 +11,8 @@ from robot.contract import CONTROL_DT_S
 from robot.geometry import wrap_angle
 from robot.inference.preprocess import preprocess_batch
 from robot.navigation.fusion import FusionConfig, PoseFusion
-from robot.navigation.guidance import path_inputs
 from robot.navigation.lane_view import LaneView
-from robot.navigation.path import PathBatch
+from robot.navigation.path import PathBatch, path_inputs
 from robot.navigation.road_map import RoadMap
 from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import OnnxSight
@@ -136,7 +135,7 @@ class GuidanceFeed:
         return np.where(self._exact[:, None], 0.0, self._fusion.certainty)
 
     def path_inputs(self, paths: PathBatch) -> np.ndarray:
-        """(N, 10) float32, see `robot.navigation.guidance.path_inputs`, on paths of the robots."""
+        """(N, 10) float32, see `robot.navigation.path.path_inputs`, on paths of the robots."""
         at = paths.project(self.poses[:, :2], self._hints)
         self._hints = at.index
         return path_inputs(paths, self.poses, at.arc_m)

@@ -9,11 +9,10 @@ import numpy as np
 
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose
-from robot.navigation.lanes import STEPS
 from robot.navigation.map_objects import MapObject, blocked, footprint, objects_of
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import STEPS, RoadMap
 from sim_pybullet.traffic.scenario import Scenario
 
 TOURS = 16  # of a map

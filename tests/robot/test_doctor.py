@@ -16,7 +16,7 @@ from robot.config import CameraConfig
 from robot.errors import HardwareError
 from robot.hat.bus import I2cBus
 from robot.link.keys import keygen
-from robot.link.telemetry import Reading
+from robot.link.messages import Reading
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from robot.computer.health import Health, memory_free_mb, readings, temperatures_c
-from robot.link.telemetry import Reading
+from robot.link.messages import Reading
 from tests.robot.clocks import FakeClock
 
 

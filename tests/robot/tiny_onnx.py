@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from robot.contract import PATH_POINTS, PolicyContract
-from robot.inference.translator import TranslatorContract
+from robot.inference.policy import TranslatorContract
 
 FIXTURES = Path(__file__).parent / "fixtures"
 COLOUR_WEIGHTS = np.eye(3, 5, dtype=np.float32)

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.lanes import Lane
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import Lane, RoadMap
 from tests.robot.navigation.oracle import reference_lanes
 
 _REFERENCE_BISECTIONS = 8  # gym-duckietown 6.1.34

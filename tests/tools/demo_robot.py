@@ -31,11 +31,10 @@ from robot.errors import ContractError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.command_server import CommandServer
-from robot.link.messages import PosesMessage, Sighting
+from robot.link.messages import PosesMessage, Sighting, Telemetry
 from robot.link.sockets import LinkConfig, Publisher
-from robot.link.telemetry import Telemetry
-from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
 from robot.navigation.navigator import MissionNavigator
+from robot.navigation.path import FIRST_POINT_M, POINT_SPACING_M
 from robot.navigation.road_map import RoadMap, load_map
 from robot.runtime.loop import Runtime
 from robot.runtime.remote import RemoteOperator

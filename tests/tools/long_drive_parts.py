@@ -11,10 +11,8 @@ from robot.contract import DRIVE
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.preprocess import FRAME_SHAPE
 from robot.link.command_client import CommandClient
-from robot.link.commands import Mission
-from robot.link.messages import FrameMessage, PosesMessage, Sighting
+from robot.link.messages import FrameMessage, Mission, PosesMessage, Sighting, Telemetry
 from robot.link.sockets import Clock, LinkConfig, Publisher, Subscriber
-from robot.link.telemetry import Telemetry
 from robot.navigation.road_map import RoadMap, load_map
 from robot.parts import Tick
 

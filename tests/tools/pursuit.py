@@ -22,7 +22,7 @@ from robot.contract import (
     ImageSpec,
     PolicyContract,
 )
-from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M
+from robot.navigation.path import FIRST_POINT_M, POINT_SPACING_M
 
 POINT = 2  # of the path input: 14 cm ahead
 IMAGE = ImageSpec(80, 60, 20)

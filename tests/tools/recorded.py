@@ -8,7 +8,7 @@ import numpy as np
 
 from robot.contract import Stick
 from robot.recording.drive_file import png
-from robot.recording.samples import Sample
+from robot.recording.reader import Sample
 from tools.data.drives import write_drive
 
 WALL_S = 1.7e9

@@ -15,7 +15,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.samples import read_pieces, read_samples
+from robot.recording.reader import read_pieces, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 from tools.data.donkeycar import from_tub, to_tub
@@ -175,7 +175,7 @@ def test_a_conversion_that_is_killed_leaves_nothing_and_the_next_completes_it(
 HUNDRED = """
 import random, sys
 from pathlib import Path
-from robot.recording.samples import Piece, mark
+from robot.recording.reader import Piece, mark
 from tests.robot.recording.killed import kill_at
 from tools.data.donkeycar import to_tub
 folder, rng = Path(sys.argv[1]), random.Random(0)

@@ -10,7 +10,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.samples import read_samples
+from robot.recording.reader import read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 from tools.data.lerobot import from_dataset, to_dataset

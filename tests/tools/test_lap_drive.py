@@ -11,7 +11,7 @@ import torch
 
 from robot.contract import FIVE_ACTIONS, Action, ImageSpec, PolicyContract
 from robot.geometry import Pose
-from robot.inference.translator import TranslatorContract
+from robot.inference.policy import TranslatorContract
 from robot.navigation.road_map import load_map
 from robot.parts import Tick
 from robot.safety.state_machine import State

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot.camera.streams import SocketStream
+from robot.camera.source import SocketStream
 from robot.computer.clock import MonotonicClock
 from robot.contract import Stick
 from robot.errors import ContractError, HardwareError, PlanError

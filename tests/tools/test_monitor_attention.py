@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from robot.link.messages import FrameMessage
+from robot.link.messages import FrameMessage, Telemetry
 from robot.link.sockets import LinkConfig, Publisher
-from robot.link.telemetry import Telemetry
 from tests.robot.link.conftest import until
 from tools.monitor.attention import Attention, AttentionThread, Explained
 from tools.monitor.monitor import Monitor

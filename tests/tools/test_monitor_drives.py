@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from robot.errors import ConfigError
-from robot.link.messages import FrameMessage
-from robot.link.telemetry import MissionStatus, Telemetry
+from robot.link.messages import FrameMessage, MissionStatus, Telemetry
 from robot.recording.drive_file import Heard, picture
-from robot.recording.samples import Piece, read_samples
+from robot.recording.reader import Piece, read_samples
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import Robot, record
 from tools.monitor.drives import (

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from robot.link.commands import Ack
-from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.telemetry import MissionStatus, Telemetry
+from robot.link.messages import Ack, FrameMessage, MissionStatus, PosesMessage, Sighting, Telemetry
 from tools.monitor.state import SILENT_S, MonitorState, Snapshot
 
 

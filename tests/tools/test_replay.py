@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from robot.link.messages import FrameMessage
-from robot.link.telemetry import MissionStatus, Telemetry
+from robot.link.messages import FrameMessage, MissionStatus, Telemetry
 from robot.parts import Tick
 from robot.recording.drive_file import MODEL, DriveFile, DriveLog, Heard
 from robot.recording.topics import TURN

@@ -7,8 +7,7 @@ import pytest
 import yaml
 
 from robot.errors import ConfigError
-from robot.navigation.lanes import ROAD_SIDES
-from robot.navigation.road_map import MAPS_FOLDER, load_map, read_map, shipped_maps
+from robot.navigation.road_map import MAPS_FOLDER, ROAD_SIDES, load_map, read_map, shipped_maps
 from sim_pybullet.randomise import LOOKS_DIR
 from trainer.cli import main
 from trainer.division import division, fingerprint, maps_named, part_of

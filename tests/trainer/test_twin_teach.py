@@ -12,7 +12,7 @@ import torch
 from robot.contract import PolicyContract, Proof
 from robot.errors import ContractError
 from robot.inference.policy import SHIPPED_MODELS, OnnxPolicy
-from robot.navigation.guidance import path_input
+from robot.navigation.path import path_input
 from robot.navigation.road_map import load_map
 from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL

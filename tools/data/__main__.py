@@ -63,7 +63,7 @@ def work(options: argparse.Namespace) -> None:
     if options.command.startswith("from-"):
         _bring_in(options)
     elif options.command == "cut":
-        from robot.recording.samples import cut
+        from robot.recording.reader import cut
 
         expect_writable(options.out, inputs=[options.source])
         print(f"{options.out}: {cut(options.source, options.out, options.keep)} messages")

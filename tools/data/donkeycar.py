@@ -15,7 +15,7 @@ import cv2
 from robot.contract import Stick
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.samples import Sample, read_samples
+from robot.recording.reader import Sample, read_samples
 from tools.data.drives import appearing, write_drive
 from trainer.experiments.records import tub_records
 

@@ -14,8 +14,15 @@ from robot.errors import ConfigError
 from robot.output import expect_folder
 from robot.recording import topics
 from robot.recording.drive_file import SUFFIX, DriveFile
-from robot.recording.reader import read_about
-from robot.recording.samples import DRIVERS, Sample, read_pieces, read_samples, runs, take_overs
+from robot.recording.reader import (
+    DRIVERS,
+    Sample,
+    read_about,
+    read_pieces,
+    read_samples,
+    runs,
+    take_overs,
+)
 from robot.recording.topics import Driven, Turn
 
 STATES = {driver: state for state, driver in DRIVERS.items()}

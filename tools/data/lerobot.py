@@ -15,7 +15,7 @@ import numpy as np
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
 from robot.recording.drive_file import picture, png
-from robot.recording.samples import Sample, read_samples, runs
+from robot.recording.reader import Sample, read_samples, runs
 from tools.data.drives import appearing, write_drive
 from trainer.mp4 import Mp4
 

@@ -10,9 +10,8 @@ from typing import Any
 import zmq
 
 from robot.contract import ACTION_WHEELS
-from robot.link.commands import Command, Mission
 from robot.link.keys import Keys, keygen, load_keys
-from robot.link.messages import UNSENT
+from robot.link.messages import UNSENT, Command, Mission
 from tools.faults.case import cases
 from tools.faults.stage import Stage
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from robot.geometry import Pose
-from robot.navigation.others import HALF_DUCK_M, HALF_ROBOT_M
+from robot.navigation.neighbours import HALF_DUCK_M, HALF_ROBOT_M
 from robot.safety.governors import NOSE_M
 from tools.faults.case import cases
 from tools.faults.hardware import bad

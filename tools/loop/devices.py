@@ -1,4 +1,4 @@
-"""The virtual hardware's side of the sockets of `robot.hat.bus` and `robot.camera.streams`."""
+"""The virtual hardware's side of the sockets of `robot.hat.bus` and `robot.camera.source`."""
 
 import contextlib
 import select
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.camera.streams import HEADER, MAGIC, NEXT
+from robot.camera.source import HEADER, MAGIC, NEXT
 from robot.computer.local_socket import receive_exactly
 from robot.hat.bus import ANSWER, REQUEST, WRITE
 from sim_pybullet.virtual.i2c import VirtualI2cBus

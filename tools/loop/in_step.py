@@ -149,7 +149,7 @@ def _replace_select(stepper: Stepper) -> None:
 
 def _replace_hardware_waits(stepper: Stepper) -> None:
     """A camera's silence is seen by the age of its newest picture."""
-    from robot.camera.streams import SocketStream
+    from robot.camera.source import SocketStream
     from robot.hat import bus
 
     buses: Any = bus

@@ -19,7 +19,7 @@ from robot.geometry import Pose, wrap_angle
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
-from robot.inference.translator import open_policy
+from robot.inference.policy import open_policy
 from robot.navigation.path import Path as LanePath
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import RoadMap, load_map

@@ -9,8 +9,8 @@ import numpy as np
 
 from robot.errors import PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.lanes import Lane
 from robot.navigation.planner import LaneGraph, plan_path
+from robot.navigation.road_map import Lane
 from tools.loop.bench import Bench
 from tools.loop.timekeeper import BenchError
 

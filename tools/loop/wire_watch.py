@@ -90,7 +90,7 @@ def _watch_commands(shared: SharedTime) -> None:
 
     from robot.link.command_client import CommandClient
     from robot.link.command_server import CommandServer
-    from robot.link.commands import Ack, Command
+    from robot.link.messages import Ack, Command
 
     clients: Any = CommandClient
     servers: Any = CommandServer

@@ -20,10 +20,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robot.contract import Stick
 from robot.errors import ConfigError, ContractError
-from robot.link.commands import Mission
+from robot.link.messages import Mission
 from robot.link.wire import plain, tidy_text
 from robot.navigation.road_map import RoadMap
-from robot.recording.samples import Piece
+from robot.recording.reader import Piece
 from tools.monitor.access import AccessGate
 from tools.monitor.drives import list_drives, read_drive, read_marks, read_picture, write_marks
 from tools.monitor.map_drawing import draw_map

@@ -17,8 +17,7 @@ import numpy as np
 from robot.camera.source import fit_to_frame
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
-from robot.link.messages import FrameMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import FrameMessage, Telemetry
 from robot.recording.drive_file import picture
 
 if TYPE_CHECKING:

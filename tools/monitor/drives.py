@@ -18,13 +18,11 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 
 from robot.errors import ConfigError, nearest
-from robot.link.messages import FrameMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import FrameMessage, Telemetry
 from robot.link.wire import plain
 from robot.recording import topics
 from robot.recording.drive_file import ABOUT, END, SUFFIX, DriveFile
-from robot.recording.reader import entries, recover_folder
-from robot.recording.samples import Piece, mark, read_pieces
+from robot.recording.reader import Piece, entries, mark, read_pieces, recover_folder
 
 FLUSH_S = 0.5
 DAMAGES = (OSError, McapError, ValueError, LookupError, TypeError, RecursionError, struct.error)

@@ -4,9 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from robot.navigation.lanes import Lane
 from robot.navigation.map_objects import objects_of
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import Lane, RoadMap
 
 
 def draw_map(road_map: RoadMap) -> dict[str, Any]:

@@ -9,10 +9,8 @@ from pathlib import Path
 
 from robot.contract import Stick
 from robot.link.command_client import CommandClient
-from robot.link.commands import Ack, Mission
-from robot.link.messages import UNSENT, FrameMessage, PosesMessage
+from robot.link.messages import UNSENT, Ack, FrameMessage, Mission, PosesMessage, Telemetry
 from robot.link.sockets import LinkConfig, Subscriber
-from robot.link.telemetry import Telemetry
 from robot.safety.gates import SafetyLimits
 from tools.monitor.attention import AttentionThread, Explained
 from tools.monitor.drives import DriveRecorder

@@ -7,10 +7,16 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robot.link.commands import Ack
 from robot.link.freshness import StreamGate
-from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
-from robot.link.telemetry import InputAge, Telemetry, told_age
+from robot.link.messages import (
+    Ack,
+    FrameMessage,
+    InputAge,
+    PoseMessage,
+    PosesMessage,
+    Telemetry,
+    told_age,
+)
 
 SILENT_S = 1.0
 LIMITS_S = {"telemetry": SILENT_S, "picture": 0.5, "localizer": 0.5, "answers": 1.0}

@@ -108,7 +108,7 @@ def six_models_command(
         options: what is trained, and where it is judged.
         workers: processes at once, or a Ray cluster.
     """
-    from robot.inference.translator import OnnxTranslator
+    from robot.inference.policy import OnnxTranslator
     from trainer.experiments.six_models import drives, models, report, trainings
 
     console = Console(soft_wrap=True)

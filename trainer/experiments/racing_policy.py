@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import ConfigError, ContractError
-from robot.inference.policy import REMEDY, OnnxPolicy, read_contract
+from robot.inference.policy import REMEDY, OnnxPolicy, open_translator, read_contract
 from robot.inference.preprocess import preprocess_batch
-from robot.inference.translator import open_translator
 from sim_pybullet.tasks.spec import find_task
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.experiments.records import FULL_LOCK_DEG, STACK, Turn, turns

@@ -13,9 +13,8 @@ import numpy as np
 
 from robot.contract import MAX_WHEEL_MPS
 from robot.errors import ConfigError
-from robot.inference.policy import TOLERANCE, OnnxPolicy
+from robot.inference.policy import TOLERANCE, OnnxPolicy, TranslatingPolicy
 from robot.inference.preprocess import preprocess_batch
-from robot.inference.translator import TranslatingPolicy
 from sim_pybullet.batch import BatchWorld, Observation
 from sim_pybullet.episodes import Looks
 from sim_pybullet.scenery.objects import Place

@@ -10,8 +10,7 @@ from robot.contract import CONTROL_DT_S, MAX_WHEEL_MPS
 from robot.geometry import Pose, WheelSpeeds, wrap_angle
 from robot.link.messages import PoseMessage
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import DUCK, Neighbours
-from robot.navigation.others import AHEAD_M
+from robot.navigation.neighbours import AHEAD_M, DUCK, Neighbours
 from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch
 from robot.safety.governors import FirstCome, KeepApart, Lights, Road, Rule, StopLines, govern

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robot.errors import ConfigError
-from robot.inference.translator import TranslatingPolicy, open_translator
+from robot.inference.policy import TranslatingPolicy, open_translator
 from robot.navigation.road_map import RoadMap
 from robot.output import expect_writable, write_json
 from robot.typed_config import read_json, to_plain

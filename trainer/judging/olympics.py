@@ -24,8 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robot.geometry import Pose, wrap_angle
-from robot.navigation.lanes import ORIENTATIONS, Tile
-from robot.navigation.road_map import RoadMap
+from robot.navigation.road_map import ORIENTATIONS, RoadMap, Tile
 from trainer.judging.films import Filmed, keep_films
 from trainer.judging.intervals import Estimate, median, paired, share
 from trainer.report.page import Picture, write_page

@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from robot.contract import PATH_POINTS
-from robot.navigation.guidance import path_inputs
+from robot.navigation.path import path_inputs
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.rendering.camera import NoCamera
 from sim_pybullet.vec_env import DuckpilotVecEnv

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from robot.contract import PATH_POINTS
-from robot.navigation.guidance import path_inputs
+from robot.navigation.path import path_inputs
 from sim_pybullet.vec_env import DuckpilotVecEnv
 from trainer.algorithms import EnvMaker
 from trainer.config import RunConfig
@@ -27,7 +27,7 @@ def with_true_path(env: VecEnv) -> SeenOtherwise:
     Unsupervised Auxiliary Tasks"). Reward says little of where on its lane a robot is: a wrong
     decision costs next to nothing. So while it learns, a network also says that path, from the
     layer that its choice is made of, and the picture soon corrects the path that comes of a wrong
-    pose. Nothing of it is in what is exported. See `robot.navigation.guidance`.
+    pose. Nothing of it is in what is exported. See `robot.navigation.path`.
     """
     world, space = cast(DuckpilotVecEnv, env).world, env.observation_space
     parts = space.spaces if isinstance(space, spaces.Dict) else {"image": space}

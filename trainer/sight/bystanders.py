@@ -10,7 +10,7 @@ import numpy as np
 from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
 from robot.navigation.map_objects import MapObject, colours
-from robot.navigation.others import AHEAD_M, HALF_DUCK_M, HALF_ROBOT_M, Other, free_way
+from robot.navigation.neighbours import AHEAD_M, HALF_DUCK_M, HALF_ROBOT_M, Other, free_way
 from robot.navigation.road_map import RoadMap
 from robot.safety.governors import NOSE_M
 from sim_pybullet.scene import Mover, Solid

@@ -16,7 +16,7 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.geometry import Pose
 from robot.navigation.lane_view import LaneView
-from robot.navigation.others import Other
+from robot.navigation.neighbours import Other
 from robot.navigation.road_map import RoadMap
 from robot.output import atomically
 from sim_pybullet.batch import BatchWorld

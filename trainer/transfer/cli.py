@@ -158,7 +158,7 @@ def translate_judge_command(
         real: as of train.
         json: write the figures there.
     """
-    from robot.inference.translator import OnnxTranslator
+    from robot.inference.policy import OnnxTranslator
     from robot.output import write_json
     from trainer.transfer.judge import LANE_OVERLAP, judge
 

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from robot.inference.translator import OnnxTranslator
+from robot.inference.policy import OnnxTranslator
 from trainer.transfer.pictures import Pictures, load_paint, load_pictures
 
 LANE_OVERLAP = 0.85  # of the lines in picture and translation: what a translation must keep

@@ -16,7 +16,7 @@ from torch import nn
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.inference.translator import PARSING, TranslatorContract
+from robot.inference.policy import PARSING, TranslatorContract
 from robot.typed_config import from_plain, to_plain
 from trainer.export import export_translator
 from trainer.relit import relit

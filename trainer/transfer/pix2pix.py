@@ -19,8 +19,8 @@ from torch.nn import functional
 from robot.camera.source import fit_to_frame
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
+from robot.inference.policy import DIRECTIONS, TranslatorContract
 from robot.inference.preprocess import preprocess_batch
-from robot.inference.translator import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
 from trainer.presets import preset
 from trainer.resumable import Loop, descend, set_rate

@@ -13,7 +13,7 @@ import torch
 from rich.console import Console
 from torch import nn
 
-from robot.inference.translator import DIRECTIONS, TranslatorContract
+from robot.inference.policy import DIRECTIONS, TranslatorContract
 from trainer.export import export_translator
 from trainer.resumable import Loop
 from trainer.transfer.cyclegan import Batch, CycleGan, TranslationConfig
@@ -109,7 +109,7 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
 
 
 def onnx_file(out: Path, direction: str) -> Path:
-    """A run's translator in this direction, one of `robot.inference.translator.DIRECTIONS`."""
+    """A run's translator in this direction, one of `robot.inference.policy.DIRECTIONS`."""
     return out / f"{direction.replace('-', '_')}.onnx"
 
 

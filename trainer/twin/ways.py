@@ -9,7 +9,7 @@ import numpy as np
 
 from robot.errors import PlanError
 from robot.geometry import Pose
-from robot.navigation.guidance import path_input
+from robot.navigation.path import path_input
 from robot.navigation.planner import LaneGraph, plan_path
 from trainer.twin.recorded import Recorded
 

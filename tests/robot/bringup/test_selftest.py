@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from robot.bringup.prompts import Prompts
+from robot.bringup.roller import Prompts
 from robot.cli.selftest import MOTIONS, try_motors
 from robot.errors import ConfigError, HardwareError
 from robot.hat.config import HatConfig, MotorConfig

@@ -12,8 +12,7 @@ from typing import List
 import numpy as np
 import pytest
 
-from robot.camera.source import NewestFrame
-from robot.camera.streams import GstStream, csi_command, gst_command
+from robot.camera.source import GstStream, NewestFrame, csi_command, gst_command
 from robot.config import CameraConfig
 from robot.errors import ConfigError, HardwareError
 from tests.robot.camera.test_newest import eventually

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from robot.camera.streams import V4l2Stream
+from robot.camera.source import V4l2Stream
 from robot.errors import HardwareError
 
 

@@ -16,9 +16,8 @@ from robot.camera.source import Camera, Frame
 from robot.computer.clock import MonotonicClock
 from robot.config import RobotConfig
 from robot.geometry import WheelSpeeds
-from robot.hat.bus import open_bus
+from robot.hat.bus import FULL, Pca9685, channel_register, open_bus
 from robot.hat.driver import WAKE_S
-from robot.hat.pca9685 import FULL, Pca9685, channel_register
 from robot.hat.thread import MotorThread, real_motors
 from robot.inference.preprocess import FRAME_SHAPE, check_frame
 from robot.runtime.assemble import open_camera

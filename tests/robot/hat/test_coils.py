@@ -3,7 +3,7 @@ from typing import NamedTuple
 
 import pytest
 
-from robot.hat import coils
+from robot.hat import config as coils
 
 MICROSTEPS = (1, 2, 4, 8, 16)
 # AIN2, BIN1, AIN1, BIN2 of the published half-step table.

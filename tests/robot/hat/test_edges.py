@@ -11,9 +11,16 @@ import pytest
 
 from robot.errors import ConfigError, HardwareError
 from robot.hat import bus as module
-from robot.hat.bus import SmbusBus, bus_read_time_s, bus_time_s, open_bus
+from robot.hat.bus import (
+    Pca9685,
+    SmbusBus,
+    bus_read_time_s,
+    bus_time_s,
+    channel_bytes,
+    channel_register,
+    open_bus,
+)
 from robot.hat.config import HatConfig, MotorConfig
-from robot.hat.pca9685 import Pca9685, channel_bytes, channel_register
 from sim_pybullet.virtual.clock import VirtualClock
 
 SLOW = HatConfig(max_speed_mps=0.1)

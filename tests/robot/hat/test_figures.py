@@ -11,8 +11,8 @@ import pytest
 
 from robot.errors import HardwareError
 from robot.geometry import DifferentialDrive, WheelSpeeds
+from robot.hat.bus import channel_bytes
 from robot.hat.config import HatConfig, MotorConfig
-from robot.hat.pca9685 import channel_bytes
 from robot.hat.stepping import StepPlanner
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat

@@ -6,9 +6,8 @@ from smbus2.smbus2 import I2C_M_RD
 
 from robot.computer.clock import MonotonicClock
 from robot.errors import HardwareError
-from robot.hat.bus import SmbusBus, bus_time_s
+from robot.hat.bus import Pca9685, SmbusBus, bus_time_s, channel_bytes
 from robot.hat.config import HatConfig
-from robot.hat.pca9685 import Pca9685, channel_bytes
 from sim_pybullet.virtual.clock import VirtualClock
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus

@@ -17,12 +17,12 @@ from robot.inference import policy as module
 from robot.inference.network_file import Tensor, expect_tensors, open_network
 from robot.inference.policy import (
     OnnxPolicy,
+    TranslatingPolicy,
     best_action,
     read_contract,
     time_decisions,
     values_of,
 )
-from robot.inference.translator import TranslatingPolicy
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
 SMALL = ImageSpec(16, 12, 4)

@@ -9,10 +9,10 @@ import pytest
 
 from robot.contract import Action, ImageSpec
 from robot.errors import ContractError
-from robot.inference.policy import OnnxPolicy
-from robot.inference.translator import (
+from robot.inference.policy import (
     DIRECTIONS,
     PARSING,
+    OnnxPolicy,
     OnnxTranslator,
     TranslatingPolicy,
     TranslatorContract,

@@ -13,8 +13,8 @@ import pytest
 from robot.errors import PlanError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
-from robot.link.commands import MAX_ECHO_AGE_S, Ack, Command, Mission
 from robot.link.keys import keygen, load_keys
+from robot.link.messages import MAX_ECHO_AGE_S, Ack, Command, Mission
 from robot.link.sockets import Link, LinkConfig
 from tests.robot.link.conftest import until
 

@@ -9,7 +9,7 @@ import pytest
 from robot.errors import ContractError, PlanError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
-from robot.link.commands import Ack, Command, Mission
+from robot.link.messages import Ack, Command, Mission
 from tests.robot.link.fakes import FakeClock, FakeLink, FakePart
 
 zmq = pytest.importorskip("zmq")

@@ -10,9 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ContractError
-from robot.link.commands import Ack, Command, Mission
-from robot.link.messages import FrameMessage, PosesMessage, Sighting
-from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry
+from robot.link.messages import (
+    Ack,
+    Command,
+    FrameMessage,
+    InputAge,
+    Mission,
+    MissionStatus,
+    PosesMessage,
+    Reading,
+    Sighting,
+    Telemetry,
+)
 
 MISSION = MissionStatus("m1", (1.0, 2.0), "driving", 0.5, 1.2, -0.01, "on its way")
 GOOD: Tuple[Any, ...] = (

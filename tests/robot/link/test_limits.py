@@ -11,11 +11,21 @@ import pytest
 
 from robot.errors import ConfigError, ContractError
 from robot.link.command_server import OperatorLock
-from robot.link.commands import Ack, Command, Mission
 from robot.link.keys import AllowList, load_keys
-from robot.link.messages import FrameMessage, PosesMessage, Sighting
+from robot.link.messages import (
+    Ack,
+    Command,
+    FrameMessage,
+    InputAge,
+    Mission,
+    MissionStatus,
+    PosesMessage,
+    Reading,
+    Sighting,
+    Telemetry,
+    thin_path,
+)
 from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber, new_session
-from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry, thin_path
 from robot.link.wire import entries, plain, require_size, tidy_text
 from tests.robot.link.conftest import free_base_port
 from tests.robot.link.fakes import FakeClock, FakeLink

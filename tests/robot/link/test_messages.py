@@ -12,19 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import ContractError
-from robot.link import telemetry as tm
-from robot.link.commands import KINDS, Ack, Command, Mission
+from robot.link import messages as tm
 from robot.link.messages import (
     FAR_M,
+    KINDS,
     MAX_ROBOTS,
+    Ack,
+    Command,
     FrameMessage,
-    PosesMessage,
-    Sighting,
-)
-from robot.link.telemetry import (
     InputAge,
+    Mission,
     MissionStatus,
+    PosesMessage,
     Reading,
+    Sighting,
     Telemetry,
     thin_path,
 )

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.link.command_server import FORGOTTEN_S, HELD_S, OperatorLock
-from robot.link.commands import KINDS
+from robot.link.messages import KINDS
 
 
 def test_the_holder_alone_keeps_the_robot_driving() -> None:

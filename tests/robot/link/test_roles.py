@@ -13,11 +13,9 @@ import pytest
 from robot.errors import ConfigError
 from robot.link.command_client import CommandClient
 from robot.link.command_server import CommandServer
-from robot.link.commands import Command, Mission
 from robot.link.keys import ADMITS, BOUND_BY, Keys, Peer, load_keys
-from robot.link.messages import FrameMessage, PosesMessage, Sighting
+from robot.link.messages import Command, FrameMessage, Mission, PosesMessage, Sighting, Telemetry
 from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber
-from robot.link.telemetry import Telemetry
 from tests.robot.link.conftest import until
 
 zmq = pytest.importorskip("zmq")

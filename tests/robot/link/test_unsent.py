@@ -7,9 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robot.link.commands import Ack, Command
-from robot.link.messages import FrameMessage, PoseMessage, PosesMessage
-from robot.link.telemetry import InputAge, MissionStatus, Reading, Telemetry, thin_path
+from robot.link.messages import (
+    Ack,
+    Command,
+    FrameMessage,
+    InputAge,
+    MissionStatus,
+    PoseMessage,
+    PosesMessage,
+    Reading,
+    Telemetry,
+    thin_path,
+)
 from robot.link.wire import plain
 
 JPEG = b"\xff\xd8\xff\xd9"

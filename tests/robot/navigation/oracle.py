@@ -11,9 +11,8 @@ from typing import Any, List
 import numpy as np
 
 from robot.geometry import Pose
-from robot.navigation.lanes import Tile, tile_lanes
 from robot.navigation.map_objects import MapObject
-from robot.navigation.road_map import RoadMap, load_map
+from robot.navigation.road_map import RoadMap, Tile, load_map, tile_lanes
 
 
 def oracle_maps(data_dir: Path) -> dict[str, Any]:

@@ -9,10 +9,9 @@ import pytest
 
 from robot.errors import PlanError
 from robot.geometry import Pose
-from robot.navigation.lanes import ORIENTATIONS
 from robot.navigation.map_objects import blocked
 from robot.navigation.planner import LaneGraph, plan_route, route_between
-from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
+from robot.navigation.road_map import ORIENTATIONS, RoadMap, load_map, read_map, shipped_maps
 
 TILE_M = 0.585
 

@@ -9,12 +9,17 @@ import pytest
 
 from robot.errors import PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents
-from robot.navigation import guidance, navigator
-from robot.navigation.guidance import path_input
-from robot.navigation.lanes import LaneIndex
-from robot.navigation.path import Path, PathBatch, lane_loop
+from robot.navigation import navigator
+from robot.navigation.path import (
+    FIRST_POINT_M,
+    POINT_SPACING_M,
+    Path,
+    PathBatch,
+    lane_loop,
+    path_input,
+)
 from robot.navigation.planner import LaneGraph, plan_route, route_between
-from robot.navigation.road_map import load_map
+from robot.navigation.road_map import LaneIndex, load_map
 from robot.navigation.road_paint import road_paint
 
 STRAIGHT = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
@@ -29,7 +34,7 @@ def test_when_a_mission_is_given_up() -> None:
 
 
 def test_the_ten_points_begin_six_centimetres_ahead_and_are_four_apart() -> None:
-    assert (guidance.FIRST_POINT_M, guidance.POINT_SPACING_M) == (0.06, 0.04)
+    assert (FIRST_POINT_M, POINT_SPACING_M) == (0.06, 0.04)
     seen = path_input(Path.from_beziers([STRAIGHT]), Pose(1.0, 0.03, 0.1))
     expected = [math.atan2(-0.03, 0.06 + 0.04 * k) - 0.1 for k in range(10)]
     np.testing.assert_allclose(seen, np.clip(np.array(expected) / (math.pi / 4), -1, 1), atol=1e-6)

@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 
 from robot.contract import PATH_ANGLE_LIMIT_RAD, PATH_POINTS
 from robot.geometry import Pose
-from robot.navigation.guidance import FIRST_POINT_M, POINT_SPACING_M, path_input, path_inputs
-from robot.navigation.path import Path, PathBatch, lane_loop
+from robot.navigation.path import (
+    FIRST_POINT_M,
+    POINT_SPACING_M,
+    Path,
+    PathBatch,
+    lane_loop,
+    path_input,
+    path_inputs,
+)
 from robot.navigation.road_map import load_map
 
 LOOP = lane_loop(load_map("loop"))

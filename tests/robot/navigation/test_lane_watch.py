@@ -14,7 +14,7 @@ from robot.contract import CONTROL_DT_S, ImageSpec
 from robot.errors import ContractError
 from robot.geometry import Pose
 from robot.inference.preprocess import FRAME_SHAPE
-from robot.link.telemetry import Telemetry
+from robot.link.messages import Telemetry
 from robot.navigation.lane_watch import LaneWatch
 from robot.runtime.reports import Reporter
 from robot.safety.gates import Reason, SafetyLimits

@@ -11,11 +11,10 @@ from robot.contract import ACTION_TWISTS, CONTROL_DT_S
 from robot.errors import PlanError
 from robot.geometry import Pose, wrap_angle
 from robot.link.messages import PosesMessage, Sighting
-from robot.navigation.guidance import path_input
 from robot.navigation.lane_view import LaneView
 from robot.navigation.navigator import MissionNavigator
 from robot.navigation.neighbours import Neighbours
-from robot.navigation.path import Path
+from robot.navigation.path import Path, path_input
 from robot.navigation.planner import LaneGraph, plan_path, plan_route
 from robot.navigation.road_map import load_map
 from robot.navigation.road_watch import RoadWatch

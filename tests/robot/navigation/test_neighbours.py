@@ -11,8 +11,7 @@ import pytest
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage, Sighting
 from robot.navigation.lane_view import LaneView
-from robot.navigation.neighbours import Neighbours
-from robot.navigation.others import AHEAD_M
+from robot.navigation.neighbours import AHEAD_M, Neighbours
 from robot.navigation.path import Path
 from robot.navigation.planner import LaneGraph, plan_path
 from robot.navigation.road_map import load_map

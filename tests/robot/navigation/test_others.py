@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot.geometry import Pose
-from robot.navigation.others import AHEAD_M, Crossings, Other, Traveller, free_way
+from robot.navigation.neighbours import AHEAD_M, Crossings, Other, Traveller, free_way
 from robot.navigation.road_map import read_map
 
 EAST = np.stack((AHEAD_M, 0.0 * AHEAD_M), axis=1)

@@ -12,8 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot.errors import MapError
-from robot.navigation.lanes import FLOOR_KINDS, ORIENTATIONS, ROAD_SIDES, STEPS, parse_tile
-from robot.navigation.road_map import load_map, read_map, shipped_maps
+from robot.navigation.road_map import (
+    FLOOR_KINDS,
+    ORIENTATIONS,
+    ROAD_SIDES,
+    STEPS,
+    load_map,
+    parse_tile,
+    read_map,
+    shipped_maps,
+)
 from tests.robot.navigation.oracle import oracle_map, oracle_maps, reference_lanes, sim_to_world
 
 OPPOSITE = {"S": "N", "N": "S", "E": "W", "W": "E"}

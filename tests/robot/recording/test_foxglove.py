@@ -12,8 +12,7 @@ from typing import Any, Dict, List
 import pytest
 
 from robot.geometry import Pose
-from robot.link.messages import PoseMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import PoseMessage, Telemetry
 from robot.recording import topics
 from robot.recording.drive_file import UNFINISHED, Heard
 from robot.recording.reader import entries, recover_folder

@@ -9,9 +9,20 @@ import pytest
 from robot.config import RecordingConfig
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
-from robot.recording.reader import entries, read_about, read_attachment, read_frames
+from robot.recording.reader import (
+    Piece,
+    cut,
+    entries,
+    mark,
+    read_about,
+    read_attachment,
+    read_frames,
+    read_pieces,
+    read_samples,
+    runs,
+    take_overs,
+)
 from robot.recording.recorder import Recorder
-from robot.recording.samples import Piece, cut, mark, read_pieces, read_samples, runs, take_overs
 from robot.safety.state_machine import Command
 from tests.robot.recording.drives import WALL_S, Robot
 

@@ -21,10 +21,8 @@ from robot.errors import ConfigError, HardwareError
 from robot.geometry import Pose, WheelSpeeds
 from robot.inference.policy import SHIPPED_MODELS
 from robot.link.command_client import CommandClient
-from robot.link.commands import Ack, Mission
-from robot.link.messages import PosesMessage, Sighting
+from robot.link.messages import Ack, Mission, PosesMessage, Sighting, Telemetry
 from robot.link.sockets import LinkConfig, Publisher, Subscriber
-from robot.link.telemetry import Telemetry
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics

@@ -8,9 +8,7 @@ import pytest
 
 from robot.errors import DuckpilotError
 from robot.geometry import WheelSpeeds
-from robot.link.commands import KINDS, Command, Mission
-from robot.link.messages import FrameMessage
-from robot.link.telemetry import Telemetry
+from robot.link.messages import KINDS, Command, FrameMessage, Mission, Telemetry
 from robot.runtime.remote import RemoteOperator
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits

@@ -9,7 +9,7 @@ import pytest
 from robot.contract import ACTION_WHEELS, Action
 from robot.errors import ContractError
 from robot.geometry import WheelSpeeds
-from robot.link.telemetry import Telemetry
+from robot.link.messages import Telemetry
 from robot.recording.topics import Turn
 from robot.runtime.reports import Reporter
 from robot.safety.gates import SafetyLimits

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot.navigation.guidance import path_inputs
+from robot.navigation.path import path_inputs
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, NOMINAL, DriveLook, Look, PoseLook

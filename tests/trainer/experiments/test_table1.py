@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robot.contract import ImageSpec
-from robot.inference.translator import PARSING, TranslatorContract
+from robot.inference.policy import PARSING, TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from tests.trainer.experiments.test_racing_policy import write_policy
 from trainer.cli import main

@@ -11,10 +11,9 @@ import numpy as np
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, ImageSpec
 from robot.geometry import bezier_points
 from robot.lens import CameraRig
-from robot.navigation.lanes import Lane
 from robot.navigation.path import Path as RoadPath
 from robot.navigation.path import lane_loop
-from robot.navigation.road_map import RoadMap, load_map
+from robot.navigation.road_map import Lane, RoadMap, load_map
 from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look
 from sim_pybullet.rendering.ray_camera import RayCamera

@@ -5,7 +5,7 @@ import pytest
 
 from robot.navigation.lane_view import LaneView
 from robot.navigation.map_objects import MapObject
-from robot.navigation.others import HALF_DUCK_M, HALF_ROBOT_M, Other
+from robot.navigation.neighbours import HALF_DUCK_M, HALF_ROBOT_M, Other
 from robot.navigation.road_map import load_map
 from robot.safety.governors import NOSE_M
 from sim_pybullet.look import NOMINAL

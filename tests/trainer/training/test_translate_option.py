@@ -10,7 +10,7 @@ import torch
 
 from robot.contract import ImageSpec
 from robot.errors import ContractError
-from robot.inference.translator import TranslatorContract
+from robot.inference.policy import TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from trainer.cli import main
 from trainer.envs import make_env

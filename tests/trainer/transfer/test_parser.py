@@ -7,7 +7,7 @@ from rich.console import Console
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
-from robot.inference.translator import PARSING, OnnxTranslator
+from robot.inference.policy import PARSING, OnnxTranslator
 from trainer import resumable
 from trainer.cli import main
 from trainer.transfer.cli import ParseOptions

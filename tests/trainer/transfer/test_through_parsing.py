@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from robot.errors import ConfigError
-from robot.inference.translator import OnnxTranslator
+from robot.inference.policy import OnnxTranslator
 from trainer.cli import main
 from trainer.presets import preset
 from trainer.transfer.cli import ParseOptions, ThroughOptions

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from robot.inference.translator import DIRECTIONS, open_translator
+from robot.inference.policy import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
 from trainer.transfer.judge import bright_lines, overlap
