@@ -1,12 +1,29 @@
 """``Scene``: what there is to see, independent of who looks; both cameras draw the same Scene."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Literal
 
 import numpy as np
 
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook, SkyLook
+
+
+class SemanticClass(IntEnum):
+    """Values of a segmentation picture, uint8."""
+
+    SKY = 0
+    OUTSIDE = 1  # floor, grass and what lies beyond the map
+    ROAD = 2
+    WHITE_LINE = 3
+    YELLOW_LINE = 4
+    RED_LINE = 5
+    OBJECT = 6  # anything solid that is not one of the following
+    SIGN = 7
+    PERSON = 8  # duckies
+    VEHICLE = 9
+    KERB = 10
+    WALL = 11
 
 
 @dataclass(frozen=True, eq=False)

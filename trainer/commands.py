@@ -134,7 +134,7 @@ def report_command(
         raise ConfigError("report: expected one run folder or more, got none")
     console = Console(soft_wrap=True)
     if live:
-        from trainer.report.live import LiveReport
+        from trainer.report.page import LiveReport
 
         with LiveReport(runs, out, port) as server, suppress(KeyboardInterrupt):
             console.print(f"Open {server.address} (Ctrl-C ends it)", markup=False)

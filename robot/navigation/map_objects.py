@@ -52,7 +52,7 @@ class Kind:
     """One kind of object."""
 
     height_m: float  # natural
-    class_name: str = "OBJECT"  # of `sim_pybullet.classes.SemanticClass`
+    class_name: str = "OBJECT"  # of `sim_pybullet.scene.SemanticClass`
     parts: Tuple[Part, ...] = ()
 
 

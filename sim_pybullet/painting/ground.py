@@ -16,11 +16,10 @@ from numba import njit, prange
 
 from robot.geometry import bezier_points
 from robot.navigation.road_map import ROAD_SIDES, RoadMap, Tile, tile_lanes
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook, Rgb
 from sim_pybullet.painting.shadows import cast_shadows
 from sim_pybullet.painting.strip_ground import paint_strips
-from sim_pybullet.scene import Ground
+from sim_pybullet.scene import Ground, SemanticClass
 
 TEXEL_M = 0.0027  # aimed at; a tile is a whole number of texels, a multiple of 8
 NOISE_SIZE_PX = 512  # the surface noise repeats after this many texels (1.4 m)

@@ -13,10 +13,9 @@ import numpy as np
 
 from robot.geometry import bezier_points, bezier_tangents
 from robot.navigation.road_map import Lane, RoadMap, Tile
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook
 from sim_pybullet.painting.shadows import cast_shadows
-from sim_pybullet.scene import Ground
+from sim_pybullet.scene import Ground, SemanticClass
 
 TEXEL_M = 0.003
 _SUBPIXEL_BITS = 4

@@ -6,11 +6,10 @@ from functools import lru_cache
 import numpy as np
 from numba import njit, prange
 
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook, Look
 from sim_pybullet.painting.ground import outside_rgb, paint_left, soft_light, surface_noise
 from sim_pybullet.racing.track import SCALE, SPACING_M, CentreLine, Track, centre_line
-from sim_pybullet.scene import Ground, Solid
+from sim_pybullet.scene import Ground, SemanticClass, Solid
 
 MOST_TEXELS = 6_000_000  # of a track's floor; 9 bytes each when packed
 FINEST_TEXEL_M = 0.0054

@@ -12,9 +12,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numba import njit, prange
 
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.rendering.rays import LEVELS
-from sim_pybullet.scene import Ground
+from sim_pybullet.scene import Ground, SemanticClass
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ import numpy as np
 
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook, SkyLook
-from sim_pybullet.scene import Scene
+from sim_pybullet.scene import Scene, SemanticClass
 
 LEVELS = 8  # of the floor's mip pyramid
 MAX_TAPS = 4  # samples along a pixel's longer axis on the floor

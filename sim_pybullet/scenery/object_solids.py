@@ -4,8 +4,7 @@ import math
 
 from robot.errors import MapError, nearest
 from robot.navigation.map_objects import MapObject, colours, kinds
-from sim_pybullet.classes import SemanticClass
-from sim_pybullet.scene import Solid
+from sim_pybullet.scene import SemanticClass, Solid
 
 
 def object_solids(item: MapObject) -> tuple[Solid, ...]:

@@ -6,9 +6,8 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.geometry import wrap_angle
 from robot.inference.policy import Translator
-from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import CameraLook, Look
-from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
 from sim_pybullet.rendering.camera import BatchCamera
 from sim_pybullet.scene import Scene
 from sim_pybullet.sensing.sensor import Gloss, Sensors

@@ -16,9 +16,8 @@ from robot.navigation.path import PathBatch, path_inputs
 from robot.navigation.road_map import RoadMap
 from robot.navigation.sight_fix import SightFix
 from robot.vision.sight import OnnxSight
-from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import PoseLook
-from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
 
 # When overhead poses come: for so many seconds of so many, from an episode's start on.
 OVERHEAD = {"always": (1.0, 1.0), "1-in-20": (1.0, 20.0), "start": (0.0, 1.0)}

@@ -13,9 +13,8 @@ import numpy as np
 from robot.contract import CONTROL_DT_S, ActionTable, ImageSpec
 from robot.geometry import wrap_angle
 from robot.navigation.path import PathBatch
-from sim_pybullet.delay_line import DelayLine
 from sim_pybullet.look import DriveLook
-from sim_pybullet.motors import PHYSICS_DT_S
+from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
 from sim_pybullet.tasks.spec import (

@@ -6,8 +6,7 @@ import numpy as np
 
 from robot.contract import CONTROL_DT_S
 from robot.navigation.map_objects import MapObject
-from sim_pybullet.classes import SemanticClass
-from sim_pybullet.scene import Mover, Solid
+from sim_pybullet.scene import Mover, SemanticClass, Solid
 
 PERIOD_S = (4.0, 7.0)  # of which each light draws its own; 5 s where nothing is drawn
 _RED, _GREEN, _DARK = (255.0, 60.0, 50.0), (60.0, 255.0, 110.0), (20.0, 20.0, 20.0)

@@ -19,11 +19,10 @@ from robot.contract import ImageSpec
 from robot.geometry import Pose
 from robot.lens import CameraRig
 from sim_pybullet.bullet import Client, pybullet
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.rays import pixel_rays, sky_rgb
 from sim_pybullet.rendering.solid_table import light_row
-from sim_pybullet.scene import Ground, Mover, Scene, Solid
+from sim_pybullet.scene import Ground, Mover, Scene, SemanticClass, Solid
 
 _NEAR_M, _FAR_M = 0.01, 300.0  # what a camera sees
 _BELOW_M = 2e-3  # the floor's picture: what goes on beyond it

@@ -13,10 +13,9 @@ from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens, Mount
 from robot.navigation.map_objects import MapObject, objects_of
 from robot.navigation.road_map import RoadMap, load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Scene
+from sim_pybullet.scene import Scene, SemanticClass
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.scenery.objects import build_scene
 from tests.robot.real_lenses import real_lenses

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_pybullet.delay_line import DelayLine
+from sim_pybullet.motors import DelayLine
 
 
 @given(delays=st.lists(st.floats(0.0, 20.0), min_size=1, max_size=4))

@@ -18,8 +18,7 @@ from robot.recording.drive_file import picture
 from robot.recording.reader import read_pieces, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
-from tools.data.donkeycar import from_tub, to_tub
-from tools.data.drives import appearing, divide, tell
+from tools.data.drives import appearing, divide, from_tub, tell, to_tub
 
 TUB = Path(os.environ.get("DUCKPILOT_DATA", "data")) / "real/donkeycar_boards/tub"
 
@@ -177,7 +176,7 @@ import random, sys
 from pathlib import Path
 from robot.recording.reader import Piece, mark
 from tests.robot.recording.killed import kill_at
-from tools.data.donkeycar import to_tub
+from tools.data.drives import to_tub
 folder, rng = Path(sys.argv[1]), random.Random(0)
 def work(number):
     if number % 2:

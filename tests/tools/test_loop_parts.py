@@ -34,7 +34,7 @@ from tests.sim_pybullet.lane_pose import lane_pose
 from tests.tools.pursuit import write_pursuit
 from tools.loop.bench import Bench, free_ports
 from tools.loop.devices import BusServer, Listener, PictureServer
-from tools.loop.hands import aim
+from tools.loop.drive import aim
 from tools.loop.missions import Driver, distance_m
 from tools.loop.proxy import Proxy
 from tools.loop.shared_time import SharedTime

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from robot.link.messages import Ack, FrameMessage, MissionStatus, PosesMessage, Sighting, Telemetry
-from tools.monitor.state import SILENT_S, MonitorState, Snapshot
+from tools.monitor.monitor import SILENT_S, MonitorState, Snapshot
 
 
 class World:

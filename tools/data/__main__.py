@@ -72,7 +72,7 @@ def work(options: argparse.Namespace) -> None:
 
 
 def _bring_in(options: argparse.Namespace) -> None:
-    from tools.data.donkeycar import from_tub
+    from tools.data.drives import from_tub
     from tools.data.lerobot import from_dataset
 
     read = from_tub if options.command == "from-donkeycar" else from_dataset
@@ -80,7 +80,7 @@ def _bring_in(options: argparse.Namespace) -> None:
 
 
 def _hand_out(options: argparse.Namespace) -> None:
-    from tools.data import donkeycar, drives, lerobot
+    from tools.data import drives, lerobot
 
     found = drives.drives_in(options.source)
     if options.command == "list":
@@ -94,7 +94,7 @@ def _hand_out(options: argparse.Namespace) -> None:
         write_json(options.out, parts)
         print(", ".join(f"{name} {len(paths)} drives" for name, paths in parts.items()))
     elif options.command == "to-donkeycar":
-        print(f"{options.out}: {donkeycar.to_tub(found, options.out)} records")
+        print(f"{options.out}: {drives.to_tub(found, options.out)} records")
     else:
         count = lerobot.to_dataset(found, options.out, options.task)
         print(f"{options.out}: {count} episodes")

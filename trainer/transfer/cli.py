@@ -127,9 +127,8 @@ def translate_train_command(
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
-    from trainer.transfer.cyclegan import TranslationConfig, translation_preset
+    from trainer.transfer.cyclegan import TranslationConfig, train_translation, translation_preset
     from trainer.transfer.pictures import pictures_of
-    from trainer.transfer.unpaired import train_translation
 
     def fresh() -> TranslationConfig:
         if not sim or not real:

@@ -1,7 +1,7 @@
 """Gathering frames from the simulator with their labels.
 
 A collection is a folder of 160x120 PNG files: ``image/``, and ``label/`` of the same names (grey
-value: `sim_pybullet.classes.SemanticClass`).
+value: `sim_pybullet.scene.SemanticClass`).
 """
 
 import shutil

@@ -25,7 +25,7 @@ import numpy as np
 from robot.camera.files import read_picture
 from robot.errors import ConfigError, nearest
 from robot.typed_config import load_yaml
-from sim_pybullet.classes import SemanticClass
+from sim_pybullet.scene import SemanticClass
 from trainer.transfer.cli import Sources, is_collection
 from trainer.transfer.pictures import label_of, pictures_in
 

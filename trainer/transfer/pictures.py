@@ -20,7 +20,7 @@ from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.output import write_png
 from robot.recording.reader import read_frames
-from sim_pybullet.classes import SemanticClass
+from sim_pybullet.scene import SemanticClass
 
 _C = SemanticClass
 PAINTS = (_C.WHITE_LINE, _C.YELLOW_LINE, _C.RED_LINE, _C.ROAD)

@@ -19,11 +19,10 @@ import numpy as np
 from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from robot.navigation.road_map import RoadMap
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import CameraLook, GroundLook, LightLook, Look, SkyLook
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Scene
+from sim_pybullet.scene import Scene, SemanticClass
 
 NAMES = (
     *("height_m", "pitch_rad", "roll_rad", "focal_scale", "distortion_scale"),

@@ -5,10 +5,9 @@ import pytest
 
 from robot.geometry import bezier_points
 from robot.navigation.road_map import load_map, read_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook
 from sim_pybullet.painting.ground import paint_ground
-from sim_pybullet.scene import Ground
+from sim_pybullet.scene import Ground, SemanticClass
 
 PLAIN = GroundLook(grain=0.0, seam_depth=0.0)
 

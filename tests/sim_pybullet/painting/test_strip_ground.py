@@ -8,11 +8,10 @@ import pytest
 from robot.errors import ConfigError
 from robot.geometry import bezier_points
 from robot.navigation.road_map import load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import GroundLook, look_from_plain
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.painting.shadows import cast_shadows
-from sim_pybullet.scene import Ground
+from sim_pybullet.scene import Ground, SemanticClass
 
 LINES = (SemanticClass.WHITE_LINE, SemanticClass.YELLOW_LINE, SemanticClass.RED_LINE)
 STRIPS = GroundLook(painter="strips", wear=0.2, shadows=0.5, patchiness=0.3)

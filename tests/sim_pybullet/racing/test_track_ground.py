@@ -7,13 +7,12 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from robot.contract import CONTROL_DT_S, ImageSpec
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, GroundLook, Look, TrackLook
 from sim_pybullet.racing.track import SCALE, centre_line, load_track
 from sim_pybullet.racing.track_ground import STONE_M, paint_track, track_walls
 from sim_pybullet.randomise import load_look_sampler, load_looks, shipped_looks
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Ground
+from sim_pybullet.scene import Ground, SemanticClass
 from sim_pybullet.scenery.objects import build_scene
 from sim_pybullet.tasks.track_racing import TOP_SPEED_MPS
 from tests.sim_pybullet.pybullet_camera import PyBulletCamera

@@ -8,10 +8,9 @@ from robot.contract import ImageSpec
 from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Lens
 from robot.navigation.road_map import load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, CameraLook, LightLook, Look, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Ground, Scene
+from sim_pybullet.scene import Ground, Scene, SemanticClass
 from sim_pybullet.scenery.objects import build_scene
 
 FULL_LIGHT = LightLook(ambient=1.0, diffuse=0.0)

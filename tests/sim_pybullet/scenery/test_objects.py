@@ -13,10 +13,9 @@ from robot.geometry import Pose
 from robot.lens import DUCKIEBOT_LENS, CameraRig
 from robot.navigation.map_objects import MapObject, kinds, objects_of
 from robot.navigation.road_map import load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Ground, Scene, Solid
+from sim_pybullet.scene import Ground, Scene, SemanticClass, Solid
 from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.scenery.objects import build_scene
 

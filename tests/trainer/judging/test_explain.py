@@ -10,9 +10,9 @@ from robot.contract import PolicyContract
 from robot.errors import ContractError
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scene import SemanticClass
 from sim_pybullet.scenery.objects import build_scene
 from trainer.cli import main
 from trainer.export import export_network

@@ -5,9 +5,9 @@ import pytest
 
 from robot.errors import MapError
 from robot.navigation.road_map import load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.painting.ground import paint_ground
+from sim_pybullet.scene import SemanticClass
 from tests.thorough import count
 from tests.trainer.judging.yellow_truth import measure, yellow_middle
 

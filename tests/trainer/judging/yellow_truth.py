@@ -14,9 +14,9 @@ from robot.lens import CameraRig
 from robot.navigation.path import Path as RoadPath
 from robot.navigation.path import lane_loop
 from robot.navigation.road_map import Lane, RoadMap, load_map
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.look import Look
 from sim_pybullet.rendering.ray_camera import RayCamera
+from sim_pybullet.scene import SemanticClass
 from sim_pybullet.scenery.objects import build_scene
 from trainer.judging.yellow_line import detect_yellow_line, floor_table
 

@@ -10,8 +10,7 @@ import pytest
 
 from robot.errors import ConfigError
 from tests.trainer.report.test_page import judge, make_run
-from trainer.report import live
-from trainer.report.live import LiveReport
+from trainer.report.page import LiveReport
 
 
 @pytest.fixture
@@ -33,7 +32,7 @@ def get(server: LiveReport, path: str) -> str:
 def test_the_page_and_its_stamp_change_when_a_run_has_news(
     server: LiveReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live, "PAUSE_S", 0.0)
+    monkeypatch.setattr("trainer.report.page.PAUSE_S", 0.0)
     stamp, page = get(server, "stamp"), get(server, "")
     assert get(server, "stamp") == stamp
     assert "location.reload" in page

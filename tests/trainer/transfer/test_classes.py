@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_pybullet.classes import SemanticClass
+from sim_pybullet.scene import SemanticClass
 from trainer.transfer.labelled import LABEL_SETS, VOID, LabelSet
 from trainer.transfer.parser import score_classes
 

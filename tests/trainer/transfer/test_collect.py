@@ -9,8 +9,8 @@ from robot.errors import ConfigError
 from robot.navigation.path import PathBatch
 from robot.navigation.road_map import load_map
 from robot.recording.reader import read_frames
-from sim_pybullet.classes import SemanticClass
 from sim_pybullet.racing.track import centre_line, load_track
+from sim_pybullet.scene import SemanticClass
 from trainer.cli import main
 from trainer.transfer.collect import (
     Source,

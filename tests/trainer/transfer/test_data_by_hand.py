@@ -18,10 +18,10 @@ from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
 from trainer.transfer import collect, parser
 from trainer.transfer.cli import ParseOptions, Sources, ThroughOptions
+from trainer.transfer.cyclegan import _shifted, onnx_file
 from trainer.transfer.labelled import ROAD, VOID, Labelled, Photograph, Shape, draw, ends
 from trainer.transfer.parser import Parser, class_weights, draw_batch
 from trainer.transfer.pictures import Pictures, draw_sheet, load_paint, pictures_in, spread
-from trainer.transfer.unpaired import _shifted, onnx_file
 
 
 def test_robots_are_a_little_beside_their_lane_and_a_tenth_of_them_lost(
@@ -216,7 +216,7 @@ def test_pictures_lie_in_one_of_three_places(tmp_path: Path) -> None:
 
 
 def test_paint_is_told_as_shares_by_class(tmp_path: Path) -> None:
-    from sim_pybullet.classes import SemanticClass as Seen
+    from sim_pybullet.scene import SemanticClass as Seen
 
     (tmp_path / "image").mkdir()
     (tmp_path / "label").mkdir()

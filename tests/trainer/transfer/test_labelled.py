@@ -7,7 +7,7 @@ import yaml
 
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
-from sim_pybullet.classes import SemanticClass
+from sim_pybullet.scene import SemanticClass
 from trainer.transfer.cli import Sources
 from trainer.transfer.labelled import (
     CAMVID,

@@ -11,9 +11,9 @@ import torch
 from robot.inference.policy import DIRECTIONS, open_translator
 from trainer.cli import main
 from trainer.presets import preset
+from trainer.transfer.cyclegan import Newest, onnx_file
 from trainer.transfer.judge import bright_lines, overlap
 from trainer.transfer.pictures import load_paint, load_pictures
-from trainer.transfer.unpaired import Newest, onnx_file
 
 FAST = preset("lane", "dueling", "fast").image
 
