@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from localizer_node.calibration import Calibration, Marker
-from localizer_node.tags import draw_tag
+from localizer_node.detect import draw_tag
 from robot.geometry import Pose
 from robot.lens import CameraRig, Hanging, Lens
 from sim_pybullet.look import Rgb

@@ -9,7 +9,7 @@ import numpy as np
 
 from localizer_node.calibrate import KnownPoint
 from localizer_node.calibration import Calibration, Marker
-from localizer_node.tags import draw_tag
+from localizer_node.detect import draw_tag
 from robot.lens import Hanging, Lens
 
 MAP_M = (2.2, 2.64)

@@ -14,7 +14,7 @@ import pytest
 from robot.link import sockets
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber
-from tools.loop import wire_watch
+from tools.loop import in_step
 from tools.loop.shared_time import SharedTime
 
 POSES = PosesMessage((Sighting("robot", 0.0, 0.0, 0.0, 1.0),), 0.0)
@@ -46,9 +46,9 @@ def wire(
         monkeypatch.setattr(kind, name, getattr(kind, name))  # put back afterwards
     for name in ("HEARTBEAT_TIMEOUT_MS", "CONNECT_TIMEOUT_MS", "SEND_QUEUE"):
         monkeypatch.setattr(sockets, name, getattr(sockets, name))
-    wire_watch.let_sockets_wait()
+    in_step.let_sockets_wait()
     shared = SharedTime(tmp_path / "time", create=True)
-    wire_watch._watch_streams(shared)
+    in_step._watch_streams(shared)
     with ExitStack() as stack:
         yield Wire(stack, shared, configs)
 
@@ -96,12 +96,12 @@ def test_a_publisher_that_was_started_anew_is_waited_for_too(wire: Wire) -> None
 
 
 def test_what_is_lost_is_waited_for_once(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wire_watch, "LONGEST_S", 0.01)
+    monkeypatch.setattr(in_step, "LONGEST_S", 0.01)
     link, publisher = wire.publisher()
     with link:
         subscriber = wire.subscriber()
         last = meet(publisher, subscriber)
         wire.shared.publish("pose", publisher.session, last.sequence + 1)
         assert subscriber.receive() is None
-        monkeypatch.setattr(wire_watch, "LONGEST_S", 3600.0)
+        monkeypatch.setattr(in_step, "LONGEST_S", 3600.0)
         assert subscriber.receive() is None

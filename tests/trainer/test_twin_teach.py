@@ -18,7 +18,7 @@ from robot.recording.topics import Turn
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.navigation import RandomRoutes
 from trainer.export import export_network
-from trainer.judging.rides import Ride
+from trainer.judging.evaluate import Ride
 from trainer.twin.examples import Examples, examples_of, foretold, told
 from trainer.twin.proof import where_failed
 from trainer.twin.recorded import Recorded

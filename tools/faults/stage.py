@@ -23,11 +23,11 @@ from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link
 from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.loop.bench import Bench, BenchOptions
+from tools.loop.in_step import let_sockets_wait
 from tools.loop.operator import Operator
 from tools.loop.shared_time import SharedTime
 from tools.loop.timekeeper import BenchError, Conductor
 from tools.loop.town import OVERHEAD_FPS, ROBOT
-from tools.loop.wire_watch import let_sockets_wait
 
 # Of a true pose, the time since the lie began [s], and the true pose of then.
 Lie = Callable[[Pose, float, Pose], Pose]

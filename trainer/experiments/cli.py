@@ -78,8 +78,7 @@ def table1_command(
         steps: updates of each.
     """
     from robot.output import write_json
-    from trainer.experiments.racing_policy import named_policies
-    from trainer.experiments.records import load_drive
+    from trainer.experiments.records import load_drive, named_policies
     from trainer.experiments.table1 import as_table, draw_table, foretell
 
     console = Console(soft_wrap=True)

@@ -37,7 +37,7 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     """The ONNX translator from the training's look into the test's; made where it is missing."""
     from trainer.run import take_up
     from trainer.transfer.cli import ThroughOptions
-    from trainer.transfer.collect import Source, collect
+    from trainer.transfer.pictures import Source, collect
     from trainer.transfer.pix2pix import translate_through
 
     path = out / "translator"

@@ -20,12 +20,12 @@ from torch.nn import functional
 
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
-from trainer.experiments.racing_policy import SteeringPolicy
 from trainer.experiments.records import (
     STACK,
     Drive,
     See,
     Stacks,
+    SteeringPolicy,
     Turn,
     frames_of,
     load_drive,

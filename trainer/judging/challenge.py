@@ -19,13 +19,12 @@ from sim_pybullet.tasks.spec import Choices, find_task
 from sim_pybullet.tasks.traffic import EPISODE_S, Traffic
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
-from trainer.judging import rides
+from trainer.judging import evaluate
 from trainer.judging.drivers import Driver, Expert, Pilot
-from trainer.judging.evaluate import open_policy
+from trainer.judging.evaluate import Film, open_policy
 from trainer.judging.films import Worst
 from trainer.judging.governed import Governed
 from trainer.judging.olympics import SURVIVED, Episode, LaneRules, longest_wait_s
-from trainer.judging.rides import Film
 from trainer.judging.sighted import Sighted
 from trainer.sight.cli import SHIPPED
 
@@ -61,7 +60,7 @@ def drive(
     numbers = [group * seed + k for seed in seeds for k in range(group)]
     world = BatchWorld(task, looks, driver.image, _FIRST_WORLD, numbers=numbers)
     rules = {road_map.name: LaneRules(road_map) for road_map in road_maps}
-    for done, facts, ride in rides.drive(world, lambda seen: driver.choose(world, seen), films):
+    for done, facts, ride in evaluate.drive(world, lambda seen: driver.choose(world, seen), films):
         poses, end = np.array(ride.poses), SURVIVED
         if done.failed:
             hit = int(facts["hit"])

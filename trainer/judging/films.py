@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robot.contract import CONTROL_DT_S
-from trainer.judging.rides import Film
+from trainer.judging.evaluate import Film
 from trainer.mp4 import enlarged, write_mp4
 
 WORST = 5  # episodes that are filmed

@@ -22,12 +22,12 @@ from trainer.judging.evaluate import (
     Drive,
     DrivingPolicy,
     Evaluation,
+    Ride,
     open_policy,
     ridden,
     summarise,
 )
 from trainer.judging.films import Worst, films_of, keep_films
-from trainer.judging.rides import Ride
 from trainer.options import EvaluateOptions
 
 

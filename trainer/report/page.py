@@ -20,9 +20,8 @@ from robot.typed_config import from_plain, read_json
 from sim_pybullet.tasks.spec import TASKS, PaperRow, TaskSpec, find_task, learned_tasks
 from trainer.algorithms import NAMES, find_algorithm
 from trainer.config import RunConfig
-from trainer.judging.evaluate import Evaluation
+from trainer.judging.evaluate import FILM_S, Evaluation
 from trainer.judging.films import films, films_of
-from trainer.judging.rides import FILM_S
 from trainer.options import EvaluateOptions
 from trainer.report.curves import SKILLED, draw_panels
 from trainer.run import Episode, RunFolder

@@ -92,7 +92,7 @@ def collect_command(
         frames: how many.
         seed: of everything random.
     """
-    from trainer.transfer.collect import Source, collect
+    from trainer.transfer.pictures import Source, collect
 
     with Progress(transient=True) as bar:
         row = bar.add_task("frames", total=frames)

@@ -16,9 +16,8 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import Looks
 from sim_pybullet.tasks.spec import find_task
 from trainer.judging.blocks import ROBOTS
-from trainer.judging.evaluate import ridden
+from trainer.judging.evaluate import Ride, ridden
 from trainer.judging.intervals import share
-from trainer.judging.rides import Ride
 from trainer.twin.examples import Examples, told
 
 FIRST = 50_000  # number of the first drive of a proof

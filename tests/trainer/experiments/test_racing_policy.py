@@ -10,8 +10,7 @@ import torch
 from robot.errors import ContractError
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS
 from trainer.cli import main
-from trainer.experiments.racing_policy import SteeringPolicy, named_policies
-from trainer.experiments.records import STACK, Turn
+from trainer.experiments.records import STACK, SteeringPolicy, Turn, named_policies
 
 HEIGHT, WIDTH = 12, 24
 

@@ -17,7 +17,7 @@ from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import DriveMetrics, Observation
-from trainer.judging import evaluate, rides
+from trainer.judging import evaluate
 from trainer.judging import judge as module
 from trainer.judging.evaluate import Drive, Evaluation, OnMap, _choose, _own_speeds
 from trainer.judging.judge import _tell, answers
@@ -146,8 +146,8 @@ def test_all_robots_drive_at_once_in_worlds_of_their_own(
             made.append((task.n_robots, {"seed": seed, **told}))
 
     monkeypatch.setattr(evaluate, "BatchWorld", World)
-    ridden = [(each, {}, rides.Ride()) for each in (SECOND, FIRST)]
-    monkeypatch.setattr(rides, "drive", lambda *_: iter(ridden))
+    ridden = [(each, {}, evaluate.Ride()) for each in (SECOND, FIRST)]
+    monkeypatch.setattr(evaluate, "drive", lambda *_: iter(ridden))
     monkeypatch.setattr(evaluate, "_own_speeds", lambda *_: None)
     for seeds in (range(20), range(3)):
         asked: Any = None, "lane", [load_map("loop")], [], seeds

@@ -12,9 +12,7 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld, DriveMetrics, Observation
 from sim_pybullet.look import NOMINAL
 from sim_pybullet.tasks.spec import find_task
-from trainer.judging.films import WORST, Worst, films, films_of, keep_films
-from trainer.judging.judge import _offer
-from trainer.judging.rides import (
+from trainer.judging.evaluate import (
     DONE,
     SETTLED,
     Drive,
@@ -22,6 +20,8 @@ from trainer.judging.rides import (
     _end,
     drive,
 )
+from trainer.judging.films import WORST, Worst, films, films_of, keep_films
+from trainer.judging.judge import _offer
 
 HALF_LANE_M = 0.111
 

@@ -15,9 +15,8 @@ from robot.typed_config import to_plain
 from tests.trainer.judging.test_rides import offered
 from tests.trainer.test_run import episode
 from trainer.cli import main
-from trainer.judging.evaluate import Evaluation
+from trainer.judging.evaluate import DONE, Evaluation
 from trainer.judging.films import films_of, keep_films
-from trainer.judging.rides import DONE
 from trainer.options import EvaluateOptions
 from trainer.presets import preset
 from trainer.report import page as module

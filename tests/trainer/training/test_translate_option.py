@@ -14,7 +14,7 @@ from robot.inference.policy import TranslatorContract
 from tests.robot.tiny_onnx import write_translator
 from trainer.cli import main
 from trainer.envs import make_env
-from trainer.experiments.racing_policy import named_policies
+from trainer.experiments.records import named_policies
 from trainer.options import TrainOptions
 from trainer.presets import preset
 from trainer.training.train import judged

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from trainer.transfer.collect import Source, collect
+from trainer.transfer.pictures import Source, collect
 
 
 @pytest.fixture(scope="session")

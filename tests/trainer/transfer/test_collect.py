@@ -12,12 +12,13 @@ from robot.recording.reader import read_frames
 from sim_pybullet.racing.track import centre_line, load_track
 from sim_pybullet.scene import SemanticClass
 from trainer.cli import main
-from trainer.transfer.collect import (
+from trainer.transfer.pictures import (
     Source,
     collect,
+    load_paint,
+    load_pictures,
     positions,
 )
-from trainer.transfer.pictures import load_paint, load_pictures
 
 
 def read(path: Path) -> np.ndarray:

@@ -16,7 +16,7 @@ from robot.errors import ContractError, MapError
 from robot.navigation.road_map import load_map, read_map
 from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
-from trainer.transfer import collect, parser
+from trainer.transfer import parser, pictures
 from trainer.transfer.cli import ParseOptions, Sources, ThroughOptions
 from trainer.transfer.cyclegan import _shifted, onnx_file
 from trainer.transfer.labelled import ROAD, VOID, Labelled, Photograph, Shape, draw, ends
@@ -30,8 +30,8 @@ def test_robots_are_a_little_beside_their_lane_and_a_tenth_of_them_lost(
     """All on one place that heads north: beside it is east and west."""
     count = 20_000
     there = np.tile((1.0, 2.0, math.pi / 2.0), (count, 1))
-    monkeypatch.setattr(collect, "lane_poses", lambda *_: there.copy())
-    poses = collect.positions(load_map("loop"), count, np.random.default_rng(0))
+    monkeypatch.setattr(pictures, "lane_poses", lambda *_: there.copy())
+    poses = pictures.positions(load_map("loop"), count, np.random.default_rng(0))
     np.testing.assert_allclose(poses[:, 1], 2.0)
     assert poses[:, 0].mean() == pytest.approx(1.0, abs=1e-3)
     assert poses[:, 0].std() == pytest.approx(0.04, rel=0.03)
@@ -71,12 +71,12 @@ def test_forty_eight_painted_worlds_are_shared_among_the_maps(
         frames[..., 0] = 200
         return frames, np.full((count, 120, 160), 3, np.uint8)
 
-    monkeypatch.setattr(collect, "LookPool", lambda *given: made.append(given[3]))
-    monkeypatch.setattr(collect, "snapshots", snapshots)
+    monkeypatch.setattr(pictures, "LookPool", lambda *given: made.append(given[3]))
+    monkeypatch.setattr(pictures, "snapshots", snapshots)
     told: list[None] = []
     out = tmp_path / "out"
-    source = collect.Source(maps, 70, "nominal", seed=3)
-    collect.collect(out, source, lambda: told.append(None))
+    source = pictures.Source(maps, 70, "nominal", seed=3)
+    pictures.collect(out, source, lambda: told.append(None))
     assert (made, batches, len(told)) == ([size], [32, 32, 6], 70)
     for part in ("image", "label"):
         names = sorted(path.name for path in (out / part).iterdir())
