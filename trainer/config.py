@@ -81,10 +81,6 @@ class RunConfig:
             raise ConfigError(
                 f"workers: expected a number that divides {robots} robots, got {self.workers}"
             )
-        if self.net.backbone and task.frames != 1:
-            raise ConfigError(
-                f"backbone: expected a task of one picture, got {self.task} with {task.frames}"
-            )
         choose("style", self.style, dict.fromkeys(task.styles or ("race",)))
         choose("lane", self.lane, dict.fromkeys(task.lanes or ("outer",)))
         if not (self.seconds is None or self.seconds > 0):

@@ -36,7 +36,13 @@ class _Twice(nn.Module):
 
 
 class Backbone(nn.Sequential):
-    """Frozen layers: (N, 3, H, W) in -1..1 -> (N, width)."""
+    """Frozen layers: (N, H, W, 3 F) of 0..255, each picture of a stack alone -> (N, F width)."""
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        pixels = centred(images).to(next(self.parameters()).dtype)
+        seen = super().forward(pixels.reshape(-1, 3, *pixels.shape[2:]))
+        return seen.reshape(-1, self.width * images.shape[3] // 3)
 
     @property
     def width(self) -> int:
@@ -80,16 +86,15 @@ class Seer:
 
     def __init__(self, path: Path, device: str) -> None:
         self._device = get_device(device)
-        self._kind = torch.bfloat16 if HALF or self._device.type != "cpu" else torch.float32
-        self._network = read_backbone(path).to(self._device, self._kind)
+        kind = torch.bfloat16 if HALF or self._device.type != "cpu" else torch.float32
+        self._network = read_backbone(path).to(self._device, kind)
         self.width = self._network.width
 
     @torch.no_grad()
     def __call__(self, images: np.ndarray) -> np.ndarray:
-        """Pictures (..., H, W, 3) uint8 -> (..., width) float32."""
+        """Stacks of pictures (..., H, W, 3 F) uint8 -> (..., F width) float32."""
         batch = torch.from_numpy(images.reshape(-1, *images.shape[-3:])).to(self._device)
-        seen = self._network(centred(batch).to(self._kind))
-        return seen.float().cpu().numpy().reshape(*images.shape[:-3], -1)
+        return self._network(batch).float().cpu().numpy().reshape(*images.shape[:-3], -1)
 
     def instead(self, observation: Any) -> Any:
         """An observation, pictures or a dict with them as ``image``, with what it sees instead."""

@@ -22,7 +22,7 @@ from torch import nn
 from robot.contract import PATH_POINTS, ActionTable
 from robot.errors import ContractError
 from trainer.config import NetConfig
-from trainer.learners.backbone import centred, read_backbone
+from trainer.learners.backbone import Backbone, centred, read_backbone
 from trainer.learners.world import TRUE_PATH
 
 KERNELS_AND_STRIDES = ((8, 4), (4, 2), (3, 1), (2, 1))  # of as many convolutions as there are
@@ -37,17 +37,17 @@ class DrivingFeatures(BaseFeaturesExtractor):
     """Convolutions and first fully connected layer; with a path, both branches concatenated.
 
     Takes a picture (N, H, W, 3 F) of F stacked frames, or a dict of ``image`` and ``path`` (N, P)
-    in [-1, 1]. In place of the picture it takes what its backbone saw there, (N, width).
+    in [-1, 1]. In place of the picture it takes what its backbone saw there, (N, F width).
     """
 
     def __init__(self, observation_space: spaces.Space, net: NetConfig) -> None:
         image, path_points = observation_shapes(observation_space)
         super().__init__(observation_space, net.image_fc + net.path_fc[1] * bool(path_points))
-        self._centred = net.centred or bool(net.backbone)
+        self._centred = net.centred
         if net.backbone:
             backbone = read_backbone(Path(net.backbone))
             self.convolutions: nn.Sequential = backbone
-            flat = backbone.width
+            flat = backbone.width * image[2] // 3 if image[1:] else image[0]
         else:
             self.convolutions = _convolutions(image[2], net.channels)
             with torch.no_grad():
@@ -68,6 +68,8 @@ class DrivingFeatures(BaseFeaturesExtractor):
     def _look(self, image: torch.Tensor) -> torch.Tensor:
         if image.ndim == 2:
             return self.image_fc(image)
+        if isinstance(self.convolutions, Backbone):
+            return self.image_fc(self.convolutions(image))
         pixels = centred(image) if self._centred else image.float().permute(0, 3, 1, 2) / 255.0
         return self.image_fc(self.convolutions(pixels).flatten(1))
 

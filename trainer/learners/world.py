@@ -57,10 +57,13 @@ def under_other_lights(env: VecEnv, rng: np.random.Generator) -> SeenOtherwise:
 
 
 def seen_by(env: VecEnv, backbone: Seer) -> SeenOtherwise:
-    """In place of pictures (H, W, 3), alone or in a dict as ``image``, what a backbone saw."""
-    space: spaces.Space = spaces.Box(-np.inf, np.inf, (backbone.width,), np.float32)
-    if isinstance(env.observation_space, spaces.Dict):
-        space = spaces.Dict({**env.observation_space.spaces, "image": space})
+    """In place of pictures (H, W, 3 F), alone or in a dict as ``image``, what a backbone saw."""
+    shown = env.observation_space
+    parts: Any = shown.spaces if isinstance(shown, spaces.Dict) else {"image": shown}
+    width = backbone.width * parts["image"].shape[2] // 3
+    space: spaces.Space = spaces.Box(-np.inf, np.inf, (width,), np.float32)
+    if isinstance(shown, spaces.Dict):
+        space = spaces.Dict({**parts, "image": space})
     return SeenOtherwise(env, lambda seen, _: backbone.instead(seen), space)
 
 

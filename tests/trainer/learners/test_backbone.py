@@ -16,12 +16,12 @@ from rich.console import Console
 
 import robot
 from robot.contract import FIVE_ACTIONS, PolicyContract
-from robot.errors import ConfigError, ContractError
+from robot.errors import ContractError
 from robot.inference.policy import OnnxPolicy
 from robot.vision.sight import OnnxSight
 from trainer.envs import make_env
 from trainer.export import check_equal, export_network, noise_seen
-from trainer.learners.backbone import Seer, centred, read_backbone
+from trainer.learners.backbone import Seer, read_backbone
 from trainer.learners.networks import GreedyNetwork, Hedge
 from trainer.learners.policies import build_policy
 from trainer.options import TrainOptions
@@ -55,8 +55,7 @@ def test_it_sees_what_the_last_layer_of_sight_gets() -> None:
     session = InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
     images = pictures(4)
     expected = session.run([head.input[0]], {"image": images})[0]
-    pixels = torch.from_numpy(images).permute(0, 3, 1, 2) / 127.5 - 1.0
-    seen = read_backbone(SIGHT)(pixels).numpy()
+    seen = read_backbone(SIGHT)(torch.from_numpy(images)).numpy()
     assert seen.shape == (4, 192)
     np.testing.assert_allclose(seen, expected, atol=1e-4)
 
@@ -64,7 +63,7 @@ def test_it_sees_what_the_last_layer_of_sight_gets() -> None:
 def test_what_learners_are_shown_is_nearly_that() -> None:
     images = pictures(6)
     seer = Seer(SIGHT, "cpu")
-    exact = read_backbone(SIGHT)(centred(torch.from_numpy(images))).numpy()
+    exact = read_backbone(SIGHT)(torch.from_numpy(images)).numpy()
     seen = seer(images)
     assert (seen.shape, seen.dtype, seer.width) == ((6, 192), np.float32, 192)
     assert np.abs(seen - exact).max() < 0.02 * exact.max()
@@ -75,7 +74,7 @@ def test_what_learners_are_shown_is_nearly_that() -> None:
 
 
 @pytest.mark.parametrize("algorithm", ["dueling", "dagger", "ppo"])
-@pytest.mark.parametrize("task", ["lane", "navigation"])
+@pytest.mark.parametrize("task", ["lane", "navigation", "traffic"])
 def test_runs_learn_from_what_it_saw_and_drive_by_pictures(
     task: str, algorithm: str, tmp_path: Path
 ) -> None:
@@ -159,9 +158,12 @@ def test_a_run_takes_the_pictures_of_its_backbone() -> None:
     assert (config.net.backbone, config.image) == (str(SIGHT), OnnxSight(SIGHT).contract.image)
 
 
-def test_who_sees_several_pictures_has_none() -> None:
-    with pytest.raises(ConfigError, match="expected a task of one picture, got track with 4"):
-        TrainOptions(task="track", algo="ppo", backbone=str(SIGHT)).config()
+def test_of_stacked_pictures_it_sees_one_after_the_other() -> None:
+    backbone, one, other = read_backbone(SIGHT), pictures(4)[:2], pictures(4)[2:]
+    stacks = np.concatenate((one, other), axis=3)
+    apart = [backbone(torch.from_numpy(images)) for images in (one, other)]
+    torch.testing.assert_close(backbone(torch.from_numpy(stacks)), torch.cat(apart, 1))
+    assert Seer(SIGHT, "cpu")(stacks).shape == (2, 2 * 192)
 
 
 def test_seen_instead_leaves_the_path_as_it_is() -> None:
