@@ -1,11 +1,13 @@
 """``Crowd``: all road users of G worlds, what each robot of ours has ahead, and who has the way."""
 
+from contextlib import suppress
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from robot.contract import CONTROL_DT_S
+from robot.errors import MapError
 from robot.geometry import wrap_angle
 from robot.navigation.map_objects import HALF_ROBOT_M, MapObject
 from robot.navigation.path import PathBatch
@@ -92,6 +94,7 @@ class RightOfWay:
 DUCK_M, ROBOT_M = 0.10, 0.15  # centres nearer than that have met (the AI Driving Olympics' rules)
 _TOUCH = 0.9  # of the distance at which two have met: there their bodies do
 _WALKS_S = (0.8, 1.6)  # a walking duck counts where it will be, too
+_TRIES = 20  # to find room for all on a small map
 _COLOURS = ("blue", "red", "green", "white", "orange", "grey")
 
 
@@ -154,6 +157,19 @@ class Crowd:
 
         ``at_m``: where the only one stands already. ``spread``: as of `sim_pybullet.tasks.spec`.
         """
+        for _ in range(_TRIES - 1):
+            with suppress(MapError):  # who came first may have taken all the room
+                return self._place(group, k, rng, spread, at_m)
+        return self._place(group, k, rng, spread, at_m)
+
+    def _place(
+        self,
+        group: int,
+        k: int,
+        rng: np.random.Generator,
+        spread: float,
+        at_m: tuple[float, float] | None,
+    ) -> list[CarStart]:
         layout = Layout(self._streets, k, self._how, rng, at_m)
         ours = [layout.car(spread) for _ in range(self.ours if at_m is None else 0)]
         self._begin_others(group, k, layout, rng)

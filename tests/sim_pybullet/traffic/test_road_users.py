@@ -1,17 +1,18 @@
 """Ducks, drivers, lights and the right of way, each by itself."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from robot.errors import ConfigError
+from robot.errors import ConfigError, MapError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
 from sim_pybullet.rendering.solid_table import mover_rows
 from sim_pybullet.traffic.ahead import AHEAD_M, along, nearest, steps_ahead
-from sim_pybullet.traffic.crowd import Approach, RightOfWay
+from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
 from sim_pybullet.traffic.ducks import Ducks
 from sim_pybullet.traffic.lights import Lights, lamps
@@ -185,3 +186,16 @@ def test_nobody_tours_through_a_barrier() -> None:
     assert len(closed.tours[0]) == 1
     assert not open_.blocked_m[0].size
     assert closed.blocked_m[0].size
+
+
+def test_a_small_ring_has_room_for_all_in_some_order() -> None:
+    crowd = Crowd(Streets([load_map("rings/pretzel")]), load_scenario("mixed"), 1)
+    for seed in range(200):  # cars that came first left no room for the last duck in 44 of these
+        assert len(crowd.begin(0, 0, np.random.default_rng(seed))) == 1
+
+
+def test_a_scenario_without_room_is_refused_at_last() -> None:
+    many = replace(load_scenario("lfp"), nduckies=60)
+    crowd = Crowd(Streets([load_map("loop")]), many, 1)
+    with pytest.raises(MapError, match=r"loop: expected room for the ducks.*ask for fewer"):
+        crowd.begin(0, 0, np.random.default_rng(0))
