@@ -33,8 +33,7 @@ from robot.output import expect_writable, write_json
 from robot.typed_config import load_yaml
 from robot.vision.sight import OnnxSight
 from sim_pybullet.look import NOMINAL
-from trainer.division import PARTS, division
-from trainer.judging.yellow_line import (
+from tests.trainer.judging.yellow_line import (
     DASHES,
     RANGE_M,
     Dash,
@@ -43,6 +42,7 @@ from trainer.judging.yellow_line import (
     fit_line,
     floor_table,
 )
+from trainer.division import PARTS, division
 
 FILE = Path(__file__).with_name("photographs.yaml")
 SEERS = tuple(

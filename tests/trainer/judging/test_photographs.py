@@ -23,8 +23,8 @@ from tests.trainer.judge_photographs import (
     pursuit,
     seers,
 )
+from tests.trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 from trainer.division import division
-from trainer.judging.yellow_line import NOT_FOUND, YellowLine, floor_table
 
 SIZE = (FRAME_WIDTH_PX, FRAME_HEIGHT_PX)
 RIG = NOMINAL.rig()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robot.errors import ContractError
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
-from trainer.judging.yellow_line import DASHES, detect_yellow_line, floor_table
+from tests.trainer.judging.yellow_line import DASHES, detect_yellow_line, floor_table
 
 RIG = CameraRig(DUCKIEBOT_LENS)
 SIZE = (160, 120)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from robot.lens import CameraRig, Lens, Mount
-from trainer.judging import yellow_line
-from trainer.judging.yellow_line import (
+from tests.trainer.judging import yellow_line
+from tests.trainer.judging.yellow_line import (
     Dash,
     FloorTable,
     chain,

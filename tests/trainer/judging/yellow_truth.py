@@ -18,7 +18,7 @@ from sim_pybullet.look import Look
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import SemanticClass
 from sim_pybullet.scenery.objects import build_scene
-from trainer.judging.yellow_line import detect_yellow_line, floor_table
+from tests.trainer.judging.yellow_line import detect_yellow_line, floor_table
 
 SAMPLES = 200  # per tile
 SPACING_M = 0.01
