@@ -1,7 +1,9 @@
 """A run is a folder: every file that a training leaves, each written whole or not at all."""
 
 import csv
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -18,6 +20,25 @@ CONFIG = "config.yaml"  # of every kind of run: what it was begun with
 
 
 Config = TypeVar("Config")
+
+
+@contextmanager
+def appearing(folder: Path) -> Iterator[Path]:
+    """A folder to fill, which gets its name once it is whole; what a kill left is taken away.
+
+    ConfigError where there is something of that name.
+    """
+    if folder.exists():
+        raise ConfigError(f"{folder}: expected a new folder, there is one; choose another name")
+    expect_folder(folder.parent)
+    hidden = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(hidden, ignore_errors=True)
+    hidden.mkdir(parents=True)
+    try:
+        yield hidden
+        hidden.rename(folder)
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
 
 
 def refuse_run(folder: Path) -> None:

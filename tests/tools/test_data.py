@@ -18,7 +18,8 @@ from robot.recording.drive_file import picture
 from robot.recording.reader import read_pieces, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
-from tools.data.drives import appearing, divide, from_tub, tell, to_tub
+from tools.data.drives import divide, from_tub, tell, to_tub
+from trainer.run import appearing
 
 TUB = Path(os.environ.get("DUCKPILOT_DATA", "data")) / "real/donkeycar_boards/tub"
 

@@ -6,9 +6,7 @@ angle of 1 is full right, ours is a hard turn; a throttle of 1 is our speed stra
 """
 
 import json
-import shutil
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +17,6 @@ import numpy as np
 
 from robot.contract import Stick
 from robot.errors import ConfigError
-from robot.output import expect_folder
 from robot.recording import topics
 from robot.recording.drive_file import SUFFIX, DriveFile, picture
 from robot.recording.reader import (
@@ -33,6 +30,7 @@ from robot.recording.reader import (
 )
 from robot.recording.topics import Driven, Turn
 from trainer.experiments.records import tub_records
+from trainer.run import appearing
 
 STATES = {driver: state for state, driver in DRIVERS.items()}
 FLUSH_EVERY = 100  # turns
@@ -111,25 +109,6 @@ def plot(drives: Sequence[Path], out: Path) -> None:
         axes.set(title=path.stem, ylim=(-1.3, 1.3), ylabel="left 1, speed 1")
     rows[-1].set_xlabel("s; line: steering, dots: speed; blue: policy, orange: person")
     figure.savefig(str(out))
-
-
-@contextmanager
-def appearing(folder: Path) -> Iterator[Path]:
-    """A folder to fill, which gets its name once it is whole; what a kill left is taken away.
-
-    ConfigError where there is something of that name.
-    """
-    if folder.exists():
-        raise ConfigError(f"{folder}: expected a new folder, there is one; choose another name")
-    expect_folder(folder.parent)
-    hidden = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(hidden, ignore_errors=True)
-    hidden.mkdir(parents=True)
-    try:
-        yield hidden
-        hidden.rename(folder)
-    finally:
-        shutil.rmtree(hidden, ignore_errors=True)
 
 
 def write_drive(folder: Path, name: str, robot: str, samples: Iterable[Sample]) -> Path:

@@ -16,8 +16,9 @@ from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
 from robot.recording.drive_file import picture, png
 from robot.recording.reader import Sample, read_samples, runs
-from tools.data.drives import appearing, write_drive
+from tools.data.drives import write_drive
 from trainer.mp4 import Mp4
+from trainer.run import appearing
 
 VIDEO = "observation.images.front"
 DATA, EPISODES = (f"{of}/chunk-000/file-000.parquet" for of in ("data", "meta/episodes"))

@@ -7,9 +7,7 @@ files; a label's grey values are `sim_pybullet.scene.SemanticClass`.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -35,6 +33,7 @@ from sim_pybullet.scenery.objects import Place, lane_poses
 from sim_pybullet.sensing.sensor import apply_sensor
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, refuse_judging_maps
+from trainer.run import appearing
 
 _C = SemanticClass
 PAINTS = (_C.WHITE_LINE, _C.YELLOW_LINE, _C.RED_LINE, _C.ROAD)
@@ -150,7 +149,9 @@ def collect(out: Path, source: Source, tick: Callable[[], None]) -> None:
 
     DuckpilotError if ``out`` exists, or a map or look is none to learn from.
     """
-    with _appearing(out, source) as folder:
+    with appearing(out) as folder:
+        text = yaml.safe_dump(to_plain(source), sort_keys=False)
+        (folder / "collection.yaml").write_text(text)
         for number, (frame, label) in enumerate(simulated(source)):
             for part, picture in (("image", frame[..., ::-1]), ("label", label)):
                 (folder / part).mkdir(exist_ok=True)
@@ -204,20 +205,3 @@ def snapshots(
         poses[i] = positions(road_maps[chosen], 1, rng)[0]
         sensors.append(look.sensor)
     return apply_sensor(camera.render(poses), sensors, rng), camera.segment(poses)
-
-
-@contextmanager
-def _appearing(out: Path, source: Source) -> Iterator[Path]:
-    """A folder that takes its name once all is in it."""
-    if out.exists():
-        raise ConfigError(f"{out}: expected no such folder yet, got one; choose another --out")
-    unfinished = out.with_name(f".{out.name}.unfinished")
-    shutil.rmtree(unfinished, ignore_errors=True)
-    try:
-        unfinished.mkdir(parents=True)
-        text = yaml.safe_dump(to_plain(source), sort_keys=False)
-        (unfinished / "collection.yaml").write_text(text)
-        yield unfinished
-        unfinished.rename(out)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)

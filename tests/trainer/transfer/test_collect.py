@@ -72,7 +72,7 @@ def test_wrong_input_is_one_line_and_status_2(
     sim: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["collect", "--out", str(sim)]) == 2
-    assert "expected no such folder yet" in capsys.readouterr().err
+    assert "expected a new folder" in capsys.readouterr().err
     new = str(tmp_path / "new")
     assert main(["collect", "--out", new, "--look", "randomized"]) == 2
     assert "did you mean 'randomised'" in capsys.readouterr().err
@@ -110,7 +110,7 @@ def test_photographs_have_no_labels(real: Path) -> None:
 
 
 def test_what_a_killed_run_left_is_swept_away(tmp_path: Path) -> None:
-    left = tmp_path / ".out.unfinished" / "image"
+    left = tmp_path / ".out.partial" / "image"
     left.mkdir(parents=True)
     (left / "000099.png").write_bytes(b"half a picture")
     words = ["collect", "--out", str(tmp_path / "out"), "--map", "loop", "--look", "nominal"]
