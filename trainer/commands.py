@@ -33,8 +33,8 @@ def train_command(
         out: the run's folder; must not hold a run yet, unless --resume. With --seeds or --matrix
             the folder of all runs; finished ones are skipped, others go on.
         options: how.
-        resume: go on with the run in --out, if there is one, with its own configuration; options
-            that differ from it are refused.
+        resume: go on with the run in --out, if there is one, with its own configuration; give its
+            options again, or none.
         many: several at once.
         given: the names of the options that were given.
     """

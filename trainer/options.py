@@ -5,8 +5,7 @@ To read it, as help does, takes none of what they need: that is imported where i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -159,41 +158,6 @@ def _seen_through(translate: str | None, image: ImageSpec) -> ImageSpec:
         return image
     translator = OnnxTranslator(translate)
     return translator.image if translator.contract.direction == PARSING else image
-
-
-def refuse_others(
-    folder: Path, found: RunConfig, asked: TrainOptions, given: Iterable[str]
-) -> None:
-    """ConfigError if options that a person gave differ from those of a run, limits apart."""
-    from trainer.division import maps_named
-
-    judging = found.evaluation
-    of_run = {each.name: getattr(found, each.name, None) for each in fields(asked)}
-    of_run |= {
-        "algo": found.algorithm,
-        "map": found.maps,
-        "backbone": found.net.backbone or None,
-        "judge_map": judging.maps,
-        "judge_look": judging.look,
-        "judgings": judging.every_share and round(1.0 / judging.every_share),
-        "full": judging.stop_after_perfect == 0,
-    }
-
-    def shown(value: object) -> str:
-        return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-    other = []
-    for name in sorted(of_run.keys() & set(given) - {"steps", "seconds"}):
-        value = getattr(asked, name)
-        value = maps_named(value) if name in ("map", "judge_map") else value
-        if value != of_run[name]:
-            option = name.replace("_", "-")
-            other.append(f"--{option} {shown(value)} (the run: {shown(of_run[name])})")
-    if other:
-        raise ConfigError(
-            f"{folder}: expected the options of the run that goes on, got {', '.join(other)}; "
-            "leave them out, or choose another --out"
-        )
 
 
 def extended(config: RunConfig, steps: int | None, seconds: float | None) -> RunConfig:

@@ -112,10 +112,12 @@ class RunFolder:
         if not self.config.exists():
             return
         found = self.load_config()
-        if found != replace(config, steps=found.steps, seconds=found.seconds):
+        config = replace(config, steps=found.steps, seconds=found.seconds)
+        other = [name for name, value in vars(found).items() if value != getattr(config, name)]
+        if other:
             raise ConfigError(
-                f"{self.path}: expected a run with the options asked for, got another one; "
-                "choose another --out"
+                f"{self.path}: expected a run with the options asked for, got another "
+                f"{', '.join(other)}; ask as {self.config.name} says, or choose another --out"
             )
 
     def go_on(self, config: RunConfig) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,7 +15,7 @@ from robot.errors import ConfigError
 from robot.output import expect_folder
 from robot.typed_config import from_plain, read_json, read_yaml, to_plain
 from trainer.config import RunConfig
-from trainer.options import EvaluateOptions, TrainOptions, extended, refuse_others
+from trainer.options import EvaluateOptions, TrainOptions, extended
 from trainer.run import RunFolder, refuse_run
 from trainer.sweeps.sweep import SweepOptions, WorkerOptions
 
@@ -58,7 +58,8 @@ class TrainJob:
             refuse_run(self.out)
         if folder.config.exists():
             found = folder.load_config()
-            refuse_others(self.out, found, options, self.given)
+            if {each.name for each in fields(options)} & set(self.given) - {"steps", "seconds"}:
+                folder.refuse_another(replace(options.config(), workers=found.workers))
             if self.alone and self.alone.workers not in (None, found.workers):
                 raise ConfigError(
                     f"{self.out}: expected --workers {found.workers}, as the run was begun with, "
