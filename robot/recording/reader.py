@@ -247,16 +247,12 @@ def mark(path: Path, pieces: Sequence[Piece]) -> None:
     copy(path, path, lambda *_: True, {MARKS: {"pieces": plain}})
 
 
-def cut(path: Path, target: Path, wanted: Optional[Tuple[float, float]] = None) -> int:
+def cut(path: Path, target: Path) -> int:
     """Write what is worth keeping as a recording of its own; the number of its messages.
 
-    That is what lies ``wanted`` seconds after the drive's beginning, or what is marked: the good
-    pieces (all, without any), less the bad ones. The source stays as it is.
+    That are the good pieces (all, without any), less the bad ones. The source stays as it is.
     """
-    first = next(entries(path), None)
     pieces = read_pieces(path)
-    if wanted is not None and first is not None:
-        pieces = (Piece(first.time_s + wanted[0], first.time_s + wanted[1], "good"),)
     count = copy(path, target, lambda topic, time_s: kept(pieces, topic, time_s), {})
     if not count:
         target.unlink()

@@ -15,7 +15,7 @@ import pytest
 
 from robot.errors import ConfigError
 from robot.recording.drive_file import picture
-from robot.recording.reader import read_pieces, read_samples
+from robot.recording.reader import Piece, mark, read_pieces, read_samples
 from tests.tools.recorded import recorded
 from tools.data.__main__ import main
 from tools.data.drives import divide, from_tub, tell, to_tub
@@ -143,8 +143,11 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
     assert main(["split", own, "--out", str(tmp_path / "split.json")]) == 0
     one = f"{own}/a.mcap"
-    assert main(["cut", one, "--keep", "1,2", "--out", str(tmp_path / "cut.mcap")]) == 0
+    began_s = next(read_samples(one)).time_s
+    mark(Path(one), [Piece(began_s + 0.95, began_s + 1.95, "good")])
+    assert main(["cut", one, "--out", str(tmp_path / "cut.mcap")]) == 0
     assert len(list(read_samples(tmp_path / "cut.mcap"))) == 10
+    mark(Path(one), [])
     assert main(["to-donkeycar", own, "--out", str(tmp_path / "tub")]) == 0
     assert main(["to-donkeycar", own, "--out", str(tmp_path / "tub")]) == 2
     assert "expected a new folder" in capsys.readouterr().err

@@ -7,7 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from robot.command_line import SEED, OneLineParser, answer, number, pair, spoken
+from robot.command_line import SEED, OneLineParser, answer, number, spoken
 from robot.output import expect_writable, write_json
 
 PROGRAM = "python -m tools.data"
@@ -39,7 +39,6 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     split.add_argument("--seed", type=SEED, default=0)
     split.add_argument("--out", type=Path, required=True, help="JSON: learn and held_out")
     cut = command("cut", "keep what is marked good, drop what is marked bad", many=False)
-    cut.add_argument("--keep", type=pair("3.5,20"), metavar="FROM,TO", help="these seconds instead")
     cut.add_argument("--out", type=Path, required=True, help="the new recording")
     for name, told in TO.items():
         one = command(name, told)
@@ -66,7 +65,7 @@ def work(options: argparse.Namespace) -> None:
         from robot.recording.reader import cut
 
         expect_writable(options.out, inputs=[options.source])
-        print(f"{options.out}: {cut(options.source, options.out, options.keep)} messages")
+        print(f"{options.out}: {cut(options.source, options.out)} messages")
     else:
         _hand_out(options)
 
