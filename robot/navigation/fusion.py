@@ -129,6 +129,11 @@ class PoseFusion:
         return np.asarray((wheels >= self.config.bounds).any(axis=1))
 
     @property
+    def scale_deviations(self) -> np.ndarray:
+        """(N,) standard deviation of how far wheels are from the metres that they promise."""
+        return np.asarray(np.sqrt(self._covariance[:, _FORWARD, _FORWARD]))
+
+    @property
     def certainty(self) -> np.ndarray:
         """(N, 2) within how far of the truth position [m] and heading [rad] are, 95 % sure."""
         turned = 1.96 * np.sqrt(self._covariance[:, 2, 2])  # 95 % of a normal

@@ -36,6 +36,7 @@ from robot.navigation.road_map import RoadMap
 from robot.navigation.road_watch import RoadWatch
 from robot.navigation.sight_fix import SightFix
 from robot.navigation.way_check import WayCheck
+from robot.navigation.way_on import On, WayOn
 from robot.navigation.whereabouts import Whereabouts
 from robot.parts import Guidance, Tick
 from robot.safety.road_ahead import RoadAhead
@@ -54,6 +55,8 @@ MAP_MARGIN_M = 0.3  # a pose may lie so far outside before it is refused
 USUAL_DELAY_S = 0.25  # of overhead poses, from the picture to the robot
 WORD = (0.05, 0.05, math.radians(10.0))  # deviations of a pose that a person tells
 HEARD_S = 1.0  # a source that said nothing for so long holds the belief no more
+# 95 % sure of the place, and the deviation of the wheels' scale, with which missions may begin.
+SURE_M, SURE_RAD, SURE_SCALE = 0.05, 0.3, 0.02
 BOUND_S = 1.0  # with wheels that seem to be off by as much as wheels can be
 JUMPS = 5  # unbelievable poses in a row: the robot was carried, or its map is another
 
@@ -90,6 +93,8 @@ class MissionNavigator:
         self._views = [LaneView(road_map)] if glimpse is not None else []
         self._fix, self._watch = SightFix(self._fusion, self._views), watch
         self._search: Optional[Whereabouts] = None
+        self._on = WayOn(self._graph)
+        self._learned = False  # how its wheels drive, on a drive that ended well
         self._within_s = math.inf  # when the wheels last seemed to be off by less than their bound
         self._odometer, self._driven_m = odometry(), 0.0
         self._jumps = 0
@@ -117,6 +122,7 @@ class MissionNavigator:
         if tile is None or not tile.is_road:
             raise PlanError("expected a place on the road, that is beside it")
         self._fusion.put(np.arange(1), np.array([pose]), WORD)
+        self._learned = False
         self._way.reset()
         self._jumps = 0
 
@@ -134,12 +140,12 @@ class MissionNavigator:
         """Plan from here to ``destination_m`` [m], not the mission under way; errors as ``plan``.
 
         How the robot drives is learned anew: what a fault of the last mission taught ends here.
-        Only a robot with sight that arrived keeps it: it knows the way along by its wheels.
+        Only a robot with sight that arrived, or drove on until it was sure, keeps it: it knows the
+        way along by its wheels.
         """
         path = self.plan(destination_m)
         self._take(path)
-        arrived = self.status is not None and self.status.phase == "arrived"
-        if self._glimpse is None or not arrived:
+        if not self._learned:
             self._fusion.relearn(np.arange(1))
         self._way.reset()
         self._detours = 0
@@ -180,6 +186,9 @@ class MissionNavigator:
         """A mission ends when the policy no longer drives: nobody may resume it unawares."""
         state = tick.verdict.state
         if self._driving and state is not State.AUTO:
+            drove_on = self._path is None and not self.searches
+            arrived = self.status is not None and self.status.phase == "arrived"
+            self._learned = self._glimpse is not None and (arrived or drove_on)
             self.end("stopped", tick.verdict.sentence)
         self._driving = state is State.AUTO
 
@@ -213,7 +222,35 @@ class MissionNavigator:
         if pose is not None and self._path is not None and self.status is not None:
             way = self._follow(guidance, self._path, pose, self.status)
             return way._replace(ahead=self._ahead(now_s, self._path, pose))
-        return guidance
+        on = self._way_on(now_s)
+        return guidance if on is None else self._drive_on(guidance, on, now_s)
+
+    @property
+    def searches(self) -> bool:
+        """Whether it may drive on without a destination, until it knows its place and wheels."""
+        if self._glimpse is None or self._path is not None:
+            return False
+        sure = (SURE_M, SURE_RAD, SURE_SCALE)
+        told = (*self._fusion.certainty[0], self._fusion.scale_deviations[0])
+        return self.pose is None or not all(a <= b for a, b in zip(told, sure))
+
+    def _way_on(self, now_s: float) -> Optional[On]:
+        if not self.searches:
+            return None
+        if self.pose is None:
+            return None if self._search is None else self._search.on(now_s)
+        if not self._driving:
+            self._on.lay(self.pose)  # somebody may carry it
+        return self._on.on(self._fix, now_s)
+
+    def _drive_on(self, guidance: Guidance, on: On, now_s: float) -> Guidance:
+        """Who looks for its place may drive on as a lane keeper does, while it sees a lane."""
+        return guidance._replace(
+            path=path_input(on.path, on.pose, on.at.index),
+            pose_within=(0.0, 0.0) if on.seen else (math.inf, math.inf),
+            off_path=any(self._lost(on.at, on.pose)),
+            ahead=RoadAhead() if self._watch is None else self._watch.look(now_s, self._driven_m),
+        )
 
     def _follow(
         self, guidance: Guidance, path: Path, pose: Pose, status: MissionStatus
@@ -308,10 +345,11 @@ class MissionNavigator:
         if self.pose is not None:
             self._search = None
         elif self._search is None:  # who is told nothing looks for its place, driven by hand
-            self._search = Whereabouts(self._road_map, self._views[0])
+            self._search = Whereabouts(self._graph, self._views[0])
         else:
             for pose, deviations in self._search.see(seen, taken_s):
                 self._fusion.put(np.arange(1), np.array([pose]), deviations)
+                self._fix.took_s[:] = taken_s
         if self._watch is not None:
             self._watch.saw(seen, self._driven_m, taken_s)
 
@@ -319,6 +357,6 @@ class MissionNavigator:
         if self._watch is None:
             return RoadAhead()
         arc_m = path.project(pose.x_m, pose.y_m, self._hint).arc_m
-        within_m = float(self._fusion.certainty[0, 0])
+        place = pose, float(self._fusion.certainty[0, 0])
         way_m = path.batch.points_at(arc_m + AHEAD_M[None])[0]
-        return self._watch.look(now_s, pose, within_m, self._driven_m, way_m)
+        return self._watch.look(now_s, self._driven_m, place, way_m)

@@ -22,6 +22,7 @@ from robot.navigation.road_map import RoadMap, border_point
 
 _OVERLAP_M = 0.01  # lanes this much farther than the nearest one count as near too
 _TURNED_RAD = math.radians(6.0)  # likewise along the heading of a robot that stands there
+_RIGHT_RAD = -0.1  # right rather than left, where neither is straighter
 _SHORTEST = 1e-3  # of a lane: a route to where the robot already stands
 
 
@@ -150,6 +151,25 @@ def plan_path(road: Union[RoadMap, LaneGraph], start: Pose, goal_m: Tuple[float,
     """The path of `plan_route`, and its errors. Give the graph when planning often."""
     graph = road if isinstance(road, LaneGraph) else LaneGraph(road)
     return Path.from_beziers(plan_route(graph, start, goal_m).curves_m)
+
+
+def path_on(graph: LaneGraph, start: Pose, least_m: float) -> Path:
+    """On from the lane under a pose, for so long if the road goes on, as straight as it can.
+
+    PlanError off the road or on a closed lane.
+    """
+    lane, t, _ = _lanes_under(graph, start.x_m, start.y_m, "start", start.heading_rad)[0]
+    curves = [_part(graph.lanes[lane].control_points_m, min(t, 1.0 - _SHORTEST), 1.0)]
+    path = Path.from_beziers(curves)
+    while path.length_m < least_m and graph.edges[graph.lane_nodes[lane][1]]:
+        heading = path.headings_rad[-1]
+        ways = [way for _, way in graph.edges[graph.lane_nodes[lane][1]]]
+        ends = [graph.node_poses[graph.lane_nodes[way][1], 2] for way in ways]
+        turned = np.asarray(wrap_angle(np.array(ends) - heading))
+        lane = ways[int(np.argmin(np.abs(turned - _RIGHT_RAD)))]
+        curves.append(graph.lanes[lane].control_points_m)
+        path = Path.from_beziers(curves)
+    return path
 
 
 def _lanes_under(

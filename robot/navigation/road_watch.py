@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Optional
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -68,17 +68,26 @@ class RoadWatch:
             self._way.see(seen, driven_m, now_s)
 
     def look(
-        self, now_s: float, pose: Pose, within_m: float, driven_m: float, way_m: np.ndarray
+        self,
+        now_s: float,
+        driven_m: float,
+        place: Optional[Tuple[Pose, float]] = None,
+        way_m: Optional[np.ndarray] = None,
     ) -> RoadAhead:
         """What lies before a robot that has driven so far by its wheels' steps.
 
-        It believes to be at ``pose``, within so much by 95 %, on its way (61, 2) of `AHEAD_M`.
+        It believes to be at a ``place``, within so much [m] by 95 %, on its way (61, 2) of
+        `AHEAD_M`; without these nobody is known to be or not to be ahead but by sight.
         """
         ahead_m = self._line_seen_m - driven_m
-        if within_m <= MAP_LINES_M:
-            ahead_m = self.view.line_ahead_m(pose)
+        if place is not None and place[1] <= MAP_LINES_M:
+            ahead_m = self.view.line_ahead_m(place[0])
         line_m = ahead_m - NOSE_M if math.isfinite(ahead_m) else None
-        told = RoadAhead() if self.others is None else self.others.ahead(now_s, pose, way_m)
+        told = RoadAhead()
+        if self.others is not None:
+            told = RoadAhead(free_m=math.nan)
+            if place is not None and way_m is not None:
+                told = self.others.ahead(now_s, place[0], way_m)
         if math.isnan(told.free_m) and line_m is not None and line_m < _NEAR_M:
             told = replace(told, junction=_ANYBODY)  # sight does not tell who comes from the sides
         if self._way is not None:

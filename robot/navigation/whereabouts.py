@@ -3,7 +3,8 @@
 Each hypothesis is a filter of its own (`robot.navigation.fusion`), moved by the wheels' steps and
 corrected by sight; besides, it is weighed by how well the map there explains what is seen: a road,
 its curvature, the red line, and the junction's kind (multiple hypothesis localisation: Jensfelt and
-Kristensen, IEEE Transactions on Robotics and Automation 17, 2001).
+Kristensen, IEEE Transactions on Robotics and Automation 17, 2001). The likeliest may be elsewhere
+on the map, but the road there is as the one that is seen: along that the robot drives on.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ import numpy as np
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
 from robot.navigation.fusion import FusionConfig, PoseFusion
 from robot.navigation.lane_view import LaneAhead, LaneView
-from robot.navigation.road_map import RoadMap
+from robot.navigation.planner import LaneGraph
 from robot.navigation.sight_fix import ROAD, SightFix
+from robot.navigation.way_on import On, WayOn
 from robot.vision.sight import Seen
 
 _APART_M = 0.2  # between hypotheses on a lane, at first
@@ -36,22 +38,25 @@ _TWIN_M, _TWIN_RAD = 0.05, 0.3
 _SURE = 0.995  # share of the weight that is the place
 _DRIVEN_M = 0.5  # before which nobody is asked
 _WITHIN_M = 0.12  # how well the place is known
-
+_JUNCTIONS = 3  # that it crosses by itself, at most,
+_FARTHEST_M = 15.0  # in so much driving
+_NOW = 4.0  # what the newest picture counts, when one is chosen to drive on by
+_BETTER = 4.0  # than the one of before
 
 # The place that is left: pose, and deviations of x [m], y [m] and heading [rad].
 Place = Tuple[Pose, Tuple[float, float, float]]
 
 
 class Whereabouts:
-    """Looks for a robot's place on one map.
+    """Looks for a robot's place on the map of a graph, and meanwhile drives on.
 
     ``places`` fit what was seen; ``junctions`` has the likeliest hypothesis crossed.
     """
 
-    def __init__(self, road_map: RoadMap, view: LaneView) -> None:
+    def __init__(self, graph: LaneGraph, view: LaneView) -> None:
         self._view = view
         found = []
-        for lane in road_map.lanes:  # poses along it
+        for lane in graph.lanes:  # poses along it
             control = lane.control_points_m
             count = max(1, round(float(np.hypot(*(control[3] - control[0]))) / _APART_M))
             t = (np.arange(count) + 0.5) / count
@@ -64,8 +69,11 @@ class Whereabouts:
         self._weights = np.zeros(len(poses))  # logarithms, the greatest 0
         self._alive = np.ones(len(poses), dtype=bool)
         self._turn = self.junctions = 0
-        self._driven_m, self._looked_m, self._crossing = 0.0, 0.0, False
+        self._driven_m, self._looked_m, self._crossing = 0.0, -math.inf, False
         self.places = len(poses)
+        self._told = np.full(len(poses), -math.inf)  # of the newest picture that each looked at
+        self._leader: Optional[int] = None  # as if it were there, it drives on
+        self._way = WayOn(graph)
 
     def move(self, forward_m: float, turn_rad: float, now_s: float) -> None:
         """The wheels' steps that end now; for every tick."""
@@ -77,27 +85,66 @@ class Whereabouts:
     def sentence(self) -> str:
         """How far it has come, for a person."""
         fit = "one place fits" if self.places == 1 else f"{self.places} places fit"
+        by_itself = "" if self._given_up else "let it drive on, "
         return (
-            f"the robot looks for its place, and {fit} what it saw, not surely enough yet; drive "
-            "it by hand through a junction or two, or say on the monitor where it stands"
+            f"the robot looks for its place, and {fit} what it saw, not surely enough yet; "
+            f"{by_itself}drive it by hand through a junction or two, or say on the monitor where "
+            "it stands"
         )
+
+    @property
+    def _given_up(self) -> bool:
+        return self.junctions >= _JUNCTIONS or self._driven_m > _FARTHEST_M
+
+    def on(self, now_s: float) -> Optional[On]:
+        """The way on; None before a picture showed a road, or once it gives up."""
+        if self._leader is None or self._given_up:
+            return None
+        return self._way.on(self._fix, now_s, self._leader)
 
     def see(self, seen: Seen, now_s: float) -> Tuple[Place, ...]:
         """Take what a new picture shows (N = 1); the place, once one is left."""
-        if seen.road[0] <= ROAD or self._driven_m - self._looked_m < _STEP_M:
+        if seen.road[0] <= ROAD:
             return ()
-        group = self._alive & ((np.cumsum(self._alive) - 1) // _AT_ONCE == self._turn)
-        poses, certainty = self._fusion.poses, self._fusion.certainty
-        for i in np.flatnonzero(group).tolist():
-            road = self._view.at(*poses[i].tolist())
-            self._weights[i] += _SHARE * _likely(seen, road, float(certainty[i, 0]) / 2.0)
+        stands = self._driven_m - self._looked_m < _STEP_M
+        turn = self._alive & ((np.cumsum(self._alive) - 1) // _AT_ONCE == self._turn) & (not stands)
+        group = turn.copy()
+        if self._leader is not None:
+            group[self._leader] = True
+        asked = np.flatnonzero(group)
+        self._told[asked] = self._weigh(seen, asked)
+        self._weights[turn] += _SHARE * self._told[turn]
+        if not stands:
+            self._lead()
+            if self._leader is not None:
+                group[self._leader] = True
         each = Seen(*(np.repeat(part, len(group), axis=0) for part in seen))
         self._fix.see(each, group, now_s)
+        if stands:
+            return ()
         self._turn += 1
         if self._turn * _AT_ONCE < self._alive.sum():
             return ()  # not all have looked yet
         self._turn, self._looked_m = 0, self._driven_m
         return self._left()
+
+    def _weigh(self, seen: Seen, asked: np.ndarray) -> np.ndarray:
+        """The logarithm of how likely a picture is for each of these hypotheses."""
+        poses, deviations_m = self._fusion.poses, 0.5 * self._fusion.certainty[:, 0]
+        roads = [self._view.at(*poses[i].tolist()) for i in asked.tolist()]
+        return np.array([_likely(seen, r, float(deviations_m[i])) for r, i in zip(roads, asked)])
+
+    def _lead(self) -> None:
+        """By the one that explains best what is seen now; across a junction as it was begun."""
+        fit = np.where(self._alive, self._weights + _NOW * self._told, -math.inf)
+        if self._leader is not None:
+            road = self._view.at(*self._fusion.poses[self._leader].tolist())
+            if (road is not None and road.in_junction) or fit[self._leader] > fit.max() - _BETTER:
+                return
+        for i in np.argsort(-fit)[: int(np.isfinite(fit).sum())].tolist():
+            if self._way.lay(Pose(*self._fusion.poses[i].tolist())):
+                self._leader = i
+                return
 
     def _left(self) -> Tuple[Place, ...]:
         """The place, if only one is left; gives up what fits far worse, or is there twice."""
@@ -148,12 +195,14 @@ def _likely(seen: Seen, road: Optional[LaneAhead], along_sd_m: float) -> float:
     kinds = np.clip(seen.junction[0], _LEAST, 1.0)
     if nearest <= line_m <= farthest:
         told += math.log(kinds[road.kind])
-    elif line_m > 2.0 * farthest and not road.in_junction:
+    elif line_m > farthest + _APART_M and not road.in_junction:
         told += math.log(kinds[0])
     if math.isfinite(road.curvature_pm):
         slope = road.slope_pm2 * along_sd_m
         variance = _CURVATURE_PM**2 + float(deviations[2]) ** 2 + slope**2
         told -= min(_WORST, 0.5 * float(figures[2] - road.curvature_pm) ** 2 / variance)
+    else:
+        told -= 0.5  # what a figure that is right costs on average
     for figure, expected in ((0, road.offset_m), (1, road.heading_rad)):
         variance = 4.0 * float(deviations[figure]) ** 2 + _FIRST[figure + 1] ** 2
         error = float(figures[figure]) - expected

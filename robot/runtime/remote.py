@@ -46,8 +46,11 @@ class RemoteOperator:
             if command.kind == "plan":
                 return
             navigator.begin(command.id, mission.destination)
-        elif command.kind == "auto" and self._navigator is not None:
-            raise ContractError("auto: expected a mission, as this robot drives to destinations")
+        elif command.kind == "auto" and not (self._navigator is None or self._navigator.searches):
+            raise ContractError(
+                "auto: expected a mission, as this robot drives to destinations; without one it "
+                "drives only while it looks for its place by sight"
+            )
         if command.kind == "manual":
             wheels = WheelSpeeds(*(command.wheels or STILL))
         kind = "auto" if command.kind == "mission" else command.kind

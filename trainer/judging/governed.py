@@ -115,7 +115,7 @@ class Governed(Pilot):
             robot.moved(Pose(*world.poses[i].tolist()))
             neighbours.hear(heard[group], now_s)
             here = Pose(*believed[i].tolist())
-            ahead = watch.look(now_s, here, 0.0, robot.driven_m, ways_m[i])
+            ahead = watch.look(now_s, robot.driven_m, (here, 0.0), ways_m[i])
             light = Light.RED if red[group, place] else Light.NONE
             wanted = MAX_WHEEL_MPS * shares[i]
             slowed = robot.slow(wanted, now_s, replace(ahead, light=light))

@@ -141,7 +141,7 @@ class Car:
 
     def turn(self, now_s: float) -> None:
         way_m = self.path.batch.points_at(self.arc_m + AHEAD_M[None])[0]
-        ahead = self.watch.look(now_s, self.pose, 0.0, self.arc_m, way_m)
+        ahead = self.watch.look(now_s, self.arc_m, (self.pose, 0.0), way_m)
         self.rules, cap = govern(self.rules, Road(now_s, self.arc_m, self.told_mps, ahead))
         self.told_mps = min(0.3, cap.most_mps)
         self.speed_mps += 0.6 * (self.told_mps - self.speed_mps)
@@ -227,7 +227,7 @@ def test_sight_alone_leads_nobody_into_a_junction() -> None:
         way_m = path.batch.points_at(nose_m - NOSE_M + AHEAD_M[None])[0]
         caps = []
         for k in range(60):
-            ahead = watch.look(9.0 + TURN_S * k, pose, 0.0, 1.0, way_m)
+            ahead = watch.look(9.0 + TURN_S * k, 1.0, (pose, 0.0), way_m)
             rules, cap = govern(rules, Road(9.0 + TURN_S * k, 1.0, 0.0, ahead))
             caps.append(cap.most_mps)
         assert (caps[-1] > 0.0) is goes

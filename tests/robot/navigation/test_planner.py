@@ -13,7 +13,7 @@ import pytest
 
 from robot.errors import MapError, PlanError
 from robot.geometry import Pose, bezier_points, bezier_tangents, wrap_angle
-from robot.navigation.planner import LaneGraph, plan_path, plan_route
+from robot.navigation.planner import LaneGraph, path_on, plan_path, plan_route
 from robot.navigation.road_map import RoadMap, load_map, read_map, shipped_maps
 
 SIDES = {(1, 0): "E", (-1, 0): "W", (0, 1): "N", (0, -1): "S"}
@@ -200,3 +200,39 @@ def test_what_cannot_be_planned_says_why() -> None:
         plan_path(dead_end, Pose(1.2, 0.15, 0.0), (0.2, 0.35))
     with pytest.raises(MapError, match="map with road"):
         LaneGraph(read_map({"tiles": [["grass"]], "tile_size": 0.5}, "meadow"))
+
+
+@pytest.mark.parametrize("name", ["loop", "arena", "town"])
+def test_the_way_on_is_long_enough_and_turns_left_only_where_it_must(name: str) -> None:
+    graph = LaneGraph(load_map(name))
+    for lane in graph.lanes:
+        (at,) = bezier_points(lane.control_points_m, np.array([0.3]))
+        (along,) = bezier_tangents(lane.control_points_m, np.array([0.3]))
+        start = Pose(float(at[0]), float(at[1]), math.atan2(along[1], along[0]))
+        way = path_on(graph, start, 1.5)
+        assert way.length_m >= 1.5
+        begin = way.project(start.x_m, start.y_m)
+        assert abs(begin.offset_m) < 0.01
+        assert np.hypot(*np.diff(way.points_m, axis=0).T).max() < 0.03, "it is one line"
+        assert graph.road_map.on_road(*way.points_m.T).all()
+
+
+def test_the_way_on_over_a_junction_is_straight_or_else_to_the_right() -> None:
+    arena = load_map("arena")
+    graph = LaneGraph(arena)
+    turned = set()
+    for number, lane in enumerate(graph.lanes):
+        ways = [way for _, way in graph.edges[graph.lane_nodes[number][1]]]
+        if len(ways) < 2:
+            continue
+        (along,) = bezier_tangents(lane.control_points_m, np.array([1.0]))
+        end = Pose(*lane.control_points_m[3], math.atan2(along[1], along[0])).moved(-0.02, 0.0)
+        way = path_on(graph, end, arena.tile_size_m)
+        turn_deg = math.degrees(float(wrap_angle(way.headings_rad[-1] - end.heading_rad)))
+        turned.add(round(turn_deg / 90.0))
+    assert turned == {0, -1}
+
+
+def test_off_the_road_there_is_no_way_on() -> None:
+    with pytest.raises(PlanError, match="start"):
+        path_on(LaneGraph(load_map("town")), Pose(-3.0, 0.0, 0.0), 1.0)

@@ -56,7 +56,7 @@ def test_sight_tells_without_overhead_poses_and_of_both_the_nearer_counts() -> N
     watch = RoadWatch(view, poses, WaySeen())
 
     def free_m() -> float:
-        return watch.look(1.0, HERE, 0.05, 0.0, WAY).free_m
+        return watch.look(1.0, 0.0, (HERE, 0.05), WAY).free_m
 
     assert math.isnan(free_m()), "neither heard nor seen"
     watch.saw(picture(0.1), 0.0, 1.0)

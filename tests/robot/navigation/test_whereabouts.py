@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 import pytest
@@ -52,19 +52,33 @@ def route(road_map: RoadMap, rng: np.random.Generator) -> Path:
             return path
 
 
-def drive(road_map: RoadMap, seed: int) -> Tuple[Whereabouts, Optional[Place], Pose]:
-    """Along a random way, with wheels 3 % off, until the place is found; where it truly is."""
-    rng, view = np.random.default_rng(seed), LaneView(road_map)
-    path, search = route(road_map, rng), Whereabouts(road_map, view)
+class Step(NamedTuple):
+    """A decision's, which ends at ``pose``."""
+
+    pose: Pose
+    forward_m: float
+    turn_rad: float
+
+
+def steps_along(path: Path) -> List[Step]:
+    """As a robot that keeps to the path makes them."""
     arcs_m = np.arange(0.0, path.length_m, STEP_M)
     x_m, y_m = (np.interp(arcs_m, path.arc_m, path.points_m[:, k]) for k in (0, 1))
     headings = np.interp(arcs_m, path.arc_m, np.unwrap(path.headings_rad))
     poses = np.column_stack((x_m, y_m, headings))
-    steps = between(poses[:-1], poses[1:])
-    for k, step in enumerate(steps):
+    moved = between(poses[:-1], poses[1:])
+    return [
+        Step(Pose(*to), float(by[0]), float(by[2])) for to, by in zip(poses[1:].tolist(), moved)
+    ]
+
+
+def drive(road_map: RoadMap, seed: int) -> Tuple[Whereabouts, Optional[Place], Pose]:
+    """Along a random way, with wheels 3 % off, until the place is found; where it truly is."""
+    rng, view = np.random.default_rng(seed), LaneView(road_map)
+    path, search = route(road_map, rng), Whereabouts(LaneGraph(road_map), view)
+    for k, (truth, forward_m, turn_rad) in enumerate(steps_along(path)):
         now_s = 0.1 * (k + 1)
-        search.move(1.03 * float(step[0]), float(step[2]), now_s)
-        truth = Pose(*poses[k + 1])
+        search.move(1.03 * forward_m, turn_rad, now_s)
         for place in search.see(look(view, truth, rng), now_s):
             return search, place, truth
     return search, None, truth
@@ -93,7 +107,7 @@ def test_places_found_after_at_most_three_junctions_are_right() -> None:  # -rP 
 
 def test_where_every_place_looks_alike_it_never_says_that_it_knows() -> None:
     loop = load_map("loop")
-    view, search = LaneView(loop), Whereabouts(loop, LaneView(loop))
+    view, search = LaneView(loop), Whereabouts(LaneGraph(loop), LaneView(loop))
     rng, lane = np.random.default_rng(1), loop.lanes[0].control_points_m
     pose = Pose(*lane[0], math.atan2(*(lane[1] - lane[0])[::-1]))
     for k in range(1, 40):  # it stands: nothing new is seen
@@ -117,7 +131,7 @@ def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() 
     for _ in range(3):
         world.turn(seen=False)
     with pytest.raises(
-        PlanError, match="places fit what it saw, not surely enough yet; drive it by hand"
+        PlanError, match="places fit what it saw, not surely enough yet; let it drive on, drive it"
     ):
         world.navigator.plan((float(goal[0]), float(goal[1])))
     path = route(TOWN, np.random.default_rng(5))
@@ -130,3 +144,65 @@ def test_a_navigator_that_nothing_tells_its_place_looks_for_it_and_then_plans() 
             break
     assert world.navigator.pose is not None
     assert math.dist(world.navigator.pose[:2], world.pose[:2]) < 0.15
+
+
+def test_meanwhile_the_way_on_lies_as_the_road_that_is_seen() -> None:
+    rng, view = np.random.default_rng(3), LaneView(TOWN)
+    search, path = Whereabouts(LaneGraph(TOWN), view), route(TOWN, rng)
+    assert search.on(0.0) is None, "nothing was seen"
+    good: List[bool] = []
+    for k, step in enumerate(steps_along(path)):
+        now_s, truth = 0.1 * (k + 1), step.pose
+        search.move(step.forward_m, step.turn_rad, now_s)
+        search.see(look(view, truth, rng), now_s)
+        way, road = search.on(now_s), view.at(*truth)
+        if way is None:
+            break  # three junctions
+        assert road is not None
+        if road.in_junction:
+            continue  # two roads cross there
+        turned = wrap_angle(way.pose.heading_rad - way.at.heading_rad) - road.heading_rad
+        good.append(abs(way.at.offset_m - road.offset_m) < 0.06 and abs(turned) < 0.35)
+        later = search.on(now_s + 1.5)
+        assert later is not None
+        assert not later.seen, "old pictures tell nothing"
+    assert len(good) > 50
+    assert np.mean(good[20:]) > 0.9
+
+
+def test_who_crossed_three_junctions_in_vain_gives_up_and_says_so() -> None:
+    rng, view = np.random.default_rng(3), LaneView(TOWN)
+    search = Whereabouts(LaneGraph(TOWN), view)
+    search.move(0.0, 0.0, 0.0)
+    search.see(look(view, Pose(*route(TOWN, rng).pose_at(0.1)), rng), 0.0)
+    assert search.on(0.0) is not None
+    assert "let it drive on" in search.sentence
+    search.junctions = 3
+    assert search.on(0.0) is None
+    assert "let it drive on" not in search.sentence
+    assert "drive it by hand" in search.sentence
+
+
+def test_a_navigator_drives_on_while_it_looks_and_only_then() -> None:
+    world = driving()
+    assert not world.navigator.searches, "without sight"
+    sight = FakeSight(world)
+    glimpse = Glimpse(sight, sight.newest)  # type: ignore[arg-type]
+    told = lambda: None, lambda: world.odometry
+    world.navigator = MissionNavigator(TOWN, *told, "robot", glimpse)
+    for _ in range(3):
+        guidance = world.turn(seen=False)
+    assert world.navigator.searches
+    assert guidance.path is not None
+    assert guidance.pose_within == (0.0, 0.0)
+    world.navigator.put(world.pose)
+    assert world.navigator.searches, "a person's word is not sure enough"
+    assert world.turn(seen=False).path is not None
+    for _ in range(300):
+        assert guidance.path is not None
+        guidance = world.follow(guidance.path, seen=False)
+        if guidance.path is None:
+            break
+    assert not world.navigator.searches, "now it knows its place and its wheels"
+    assert guidance.pose_within is not None
+    assert guidance.pose_within[0] <= 0.05

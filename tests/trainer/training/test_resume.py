@@ -108,5 +108,5 @@ def test_a_run_that_goes_on_for_longer_says_so(tmp_path: Path) -> None:
     longer = replace(config, steps=1200)
     train_toy(longer, tmp_path)
     assert RunFolder(tmp_path).load_config() == longer
-    with pytest.raises(ConfigError, match="another one"):
+    with pytest.raises(ConfigError, match="another seed"):
         train_toy(replace(longer, seed=5), tmp_path)

@@ -43,7 +43,7 @@ export function showState(state, lost) {
   $("arm").disabled = silent || !["DISARMED", "HOLD"].includes(robot?.state);
   $("disarm").disabled = silent || !robot || ["DISARMED", "FAULT"].includes(robot.state);
   $("clear").disabled = silent || robot?.state !== "FAULT";
-  $("auto").hidden = !robot || navigates(robot);
+  $("auto").hidden = !robot || (navigates(robot) && Boolean(robot.pose));
   $("auto").disabled = silent || !["READY", "MANUAL"].includes(robot?.state);
 }
 
