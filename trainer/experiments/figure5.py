@@ -47,7 +47,6 @@ def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     for name, place, look in (frames, ("test_frames", options.test_map, options.test_look)):
         if not (out / name).exists():
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
-            out.mkdir(parents=True, exist_ok=True)
             collect(out / name, Source((place,), options.frames, look))
     wanted = ThroughOptions(
         sim=str(out / "frames"),

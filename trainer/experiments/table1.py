@@ -28,7 +28,6 @@ from trainer.experiments.records import (
     Turn,
     frames_of,
     load_drive,
-    make_stacks,
     named_policies,
     split_by_time,
 )
@@ -47,45 +46,31 @@ MIRRORED = np.array([Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT])
 _AT_ONCE = 256
 
 
-class TurnNetwork(nn.Module):
-    """Convolutions and widths of the policies of the task ``track``: stacks -> logits of `Turn`.
+def turn_network(height: int, width: int) -> nn.Sequential:
+    """Convolutions and widths of the policies of the task ``track``, for pictures of this size.
 
-    Takes (N, H, W, 3 * STACK) uint8.
+    Stacks (N, H, W, 3 * STACK) uint8 -> logits of `Turn`.
     """
-
-    def __init__(self, shape: tuple[int, int, int]) -> None:
-        """``shape``: (H, W, 3) of one picture."""
-        super().__init__()
-        net = preset("track", "ppo", "fast").net
-        height, width, colours = shape
-        stacks = spaces.Box(0, 255, (height, width, colours * STACK), np.uint8)
-        self.convolutions = DrivingFeatures(stacks, net)
-        self.head = nn.Sequential(
-            nn.Dropout(),
-            nn.Linear(net.image_fc, net.head_fc),
-            nn.ReLU(),
-            nn.Dropout(),
-            nn.Linear(net.head_fc, len(Turn)),
-        )
-
-    def forward(self, stacks: torch.Tensor) -> torch.Tensor:
-        """See the class."""
-        return self.head(self.convolutions(stacks))
-
-    def turns(self, stacks: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3 * STACK) uint8 -> (N,) the likeliest turns."""
-        return through(lambda some: self(some).argmax(1), stacks, size=_AT_ONCE)
+    net = preset("track", "ppo", "fast").net
+    return nn.Sequential(
+        DrivingFeatures(spaces.Box(0, 255, (height, width, 3 * STACK), np.uint8), net),
+        nn.Dropout(),
+        nn.Linear(net.image_fc, net.head_fc),
+        nn.ReLU(),
+        nn.Dropout(),
+        nn.Linear(net.head_fc, len(Turn)),
+    )
 
 
 def teach_turns(
     training: Stacks, steps: int, seed: int, checkpoint: Path, console: Console
-) -> TurnNetwork:
+) -> nn.Module:
     """Train on what the person did, from where ``checkpoint`` left off.
 
     Moments are relit, half of them in the mirror with their turns exchanged.
     """
     torch.manual_seed(seed)
-    network = TurnNetwork(training.pictures.shape[1:])
+    network = turn_network(*training.pictures.shape[1:3])
     optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
 
     def loss_of(rng: np.random.Generator) -> torch.Tensor:
@@ -140,11 +125,8 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
     policies, drive = named_policies(options.policy), load_drive(options.data)
     if drive.skipped:
         console.print(f"{options.data}: skipped {drive.skipped} broken records", markup=False)
-    frames, every = frames_of(drive), max(1, round(DECISION_S * options.rate_hz))
-
-    def halves(see: See) -> tuple[Stacks, Stacks]:
-        return split_by_time(make_stacks(drive, frames, see, every))
-
+    every = max(1, round(DECISION_S * options.rate_hz))
+    halves = partial(split_by_time, drive, frames_of(drive), every)
     usual = partial(preprocess_batch, spec=preset("track", "ppo", "fast").image)
     training, test = halves(usual)
     for part, name in ((training, "first 60 %"), (test, "rest")):
@@ -162,7 +144,8 @@ def foretell(out: Path, options: Table1Options, console: Console) -> Table:
             stem = re.sub(r"[^A-Za-z0-9]+", "_", kind)
             kept = out / f"{stem}_{seed}_{options.steps}.pt"
             network = teach_turns(part, options.steps, seed, kept, console)
-            rows.append(compare(kind, seed, rest.turns, network.turns(rest.stacked())))
+            logits = through(network, rest.stacked(), size=_AT_ONCE)
+            rows.append(compare(kind, seed, rest.turns, logits.argmax(1)))
     counts = [np.bincount(part.turns, minlength=len(Turn)) for part in (training, test)]
     shares = [(count / count.sum()).tolist() for count in counts]
     return Table(

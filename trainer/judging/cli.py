@@ -7,11 +7,6 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from robot.output import expect_writable
-
-_RINGS = ("judging/rings",)
-MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
-
 
 @dataclass(frozen=True)
 class JudgeOptions:
@@ -60,12 +55,11 @@ def judge_command(
 
     challenge, seeds = options.challenge, range(options.seed, options.seed + options.episodes)
     names = [name for name in (options.model, options.against) if name is not None]
-    maps = maps_named(options.map or MAPS[challenge])
+    maps = maps_named(options.map or ("town" if challenge == "lfvi" else "judging/rings",))
     asked = replace(options, map=maps, against=None, episodes=0, seed=0)
     contests = [Contest(n, asked, films=not k and out is not None) for k, n in enumerate(names)]
     for contest in contests:
         contest.driver()
-    expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
     road_maps, console = [load_map(name) for name in maps], Console(soft_wrap=True)
     load_look_sampler(options.look)
     verdicts, worst = [], []
@@ -81,6 +75,7 @@ def judge_command(
         if json is not None:
             told: dict[str, Any] = {**vars(options), "maps": [each.name for each in road_maps]}
             told |= verdicts[0].plain()
+            del told["map"]
             if len(verdicts) > 1:
                 told["against"] = verdicts[0].against(verdicts[1])
             write_json(json, told)

@@ -54,20 +54,11 @@ def bootstrap(
     return low, high
 
 
-class Pairing(NamedTuple):
-    """Two drivers on the same episodes; ``p_value`` by McNemar's exact test, both sides."""
-
-    only_first: int  # episodes that the first did and the second failed
-    only_second: int
-    p_value: float
-
-
-def paired(first: Sequence[bool], second: Sequence[bool]) -> Pairing:
-    """Compare two drivers by which episodes they did."""
+def paired(first: Sequence[bool], second: Sequence[bool]) -> dict[str, float]:
+    """Compare two drivers by the episodes that only one of them did: McNemar's exact test."""
     from scipy.stats import binomtest
 
     differ = [a for a, b in zip(first, second, strict=True) if a != b]
-    if not differ:
-        return Pairing(0, 0, 1.0)
-    wins = sum(differ)
-    return Pairing(wins, len(differ) - wins, float(binomtest(wins, len(differ)).pvalue))
+    wins, losses = sum(differ), len(differ) - sum(differ)
+    p_value = float(binomtest(wins, len(differ)).pvalue) if differ else 1.0
+    return {"only_first": wins, "only_second": losses, "p_value": p_value}

@@ -272,7 +272,7 @@ class Verdict:
     def against(self, other: Verdict) -> dict[str, Any]:
         """Both on the same episodes: who succeeded where the other did not."""
         mine, theirs = ([e.success for e in v.episodes] for v in (self, other))
-        return {**other.plain(), **paired(mine, theirs)._asdict()}
+        return {**other.plain(), **paired(mine, theirs)}
 
 
 def tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:

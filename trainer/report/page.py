@@ -69,11 +69,6 @@ class Run:
         return find_task(self.config.task).paper.get(self.config.algorithm, PaperRow())
 
     @property
-    def beside_paper(self) -> bool:
-        """Whether the paper has figures for it."""
-        return any(row != PaperRow() for row in (self.paper, *(j.paper for j in self.judgements)))
-
-    @property
     def steps(self) -> int:
         """Of the training so far."""
         ended = [e.step for e in self.episodes[-1:]]

@@ -86,8 +86,6 @@ def label_of(picture: Path) -> np.ndarray:
 
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
     """All of `pictures_of` some paths, as a policy's; ConfigError where there are none."""
-    if not folders:
-        raise ConfigError("pictures: expected at least one folder, got none")
     found = [[preprocess(fit_to_frame(p), image) for p in pictures_of(path)] for path in folders]
     files = tuple(f for path in folders if path.is_dir() for f in pictures_in(path))
     numbers = np.repeat(range(len(found)), [len(some) for some in found])

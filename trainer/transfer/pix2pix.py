@@ -117,8 +117,7 @@ def teach_pairs(
     The rate is constant for half of the steps and then falls linearly to nothing, as in Isola et
     al. 2017: the last updates would else leave their own texture on even surfaces.
     """
-    names = ("generator", "critic", "of_generator", "of_critic")
-    parts = {name: getattr(model, name) for name in names}
+    parts = {name: part for name, part in vars(model).items() if name != "config"}
     optimisers = (model.of_generator, model.of_critic)
 
     def step(rng: np.random.Generator, k: int) -> str:
