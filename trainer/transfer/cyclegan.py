@@ -182,10 +182,7 @@ class CycleGan:
 
     def step(self, batch: Batch, rng: np.random.Generator, k: int) -> dict[str, float]:
         """Update ``k`` of all four networks; the losses by name, unweighted."""
-        config = self.config
-        begin = config.decay_from * config.steps
-        left = 1.0 - max(0.0, k - begin) / max(1.0, config.steps - begin)
-        set_rate((self.generators, self.critics), config.learning_rate * left)
+        set_rate((self.generators, self.critics), self._rate(k))
         made_real, made_sim, losses = self._generate(batch, k)
         for name, critic, real, made, pool in (
             ("critic_real", self.real_critic, batch.real, made_real, self.real_pool),
@@ -225,6 +222,11 @@ class CycleGan:
     def _average(self, steps: int) -> None:
         for kept, newest in zip(self.kept.parameters(), self._pair.parameters(), strict=True):
             kept.lerp_(newest, 1.0 / min(steps, AVERAGED_STEPS))
+
+    def _rate(self, k: int) -> float:
+        begin = self.config.decay_from * self.config.steps
+        left = 1.0 - max(0.0, k - begin) / max(1.0, self.config.steps - begin)
+        return self.config.learning_rate * left
 
 
 JUDGE_EVERY = 125  # updates
