@@ -198,7 +198,7 @@ def _check(command: str, options: Mapping[str, Any]) -> None:
         files.append(out)
     elif out is not None:
         expect_folder(out)
-    names = ("model", "parser", "images", "source", "contract")
+    names = ("model", "against", "parser", "images", "source", "contract")
     inputs = (every[name] for name in names if every.get(name))
     expect_writable(*files, inputs=[Path(path) for path in inputs])
 

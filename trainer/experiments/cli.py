@@ -47,45 +47,34 @@ class Figure5Options:
     translator_steps: int = 1500  # Updates of each half.
 
 
-# A name and a file each time that the option is given.
-Policies = tyro.conf.UseAppendAction[tuple[str, ...]]
+@dataclass(frozen=True)
+class Table1Options:
+    """Which drive, and who foretells it."""
 
-_SIX = SixModelsOptions()
-_FIGURE5 = Figure5Options()
-_WORKERS = WorkerOptions()
+    data: Path  # A Donkeycar tub, Sully Chen's folder, or pictures with labels.csv.
+    # name=model.onnx: ours=... (trained in translated pictures), b-rl=... (trained in the
+    # simulator's own), or any other name; a name again is another seed.
+    policy: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    rate_hz: float = 20.0  # Pictures of the drive in a second; policies see some 0.1 s apart.
+    seeds: int = 3  # How many supervised networks of each kind.
+    steps: int = 400  # Updates of each.
 
 
-def table1_command(
-    data: Path,
-    out: Path,
-    policy: Policies = (),
-    rate_hz: float = 20.0,
-    seeds: int = 3,
-    steps: int = 400,
-) -> int:
+def table1_command(out: Path, options: Annotated[Table1Options, tyro.conf.arg(name="")]) -> int:
     """Foretell left, straight or right on a person's recorded drive: paper B, Table 1.
 
     The supervised network learns from the first 60 % of the drive; all are tested on what comes
     20 frames later. Called again, it goes on where it was cut off.
 
     Args:
-        data: a Donkeycar tub, Sully Chen's folder, or pictures with labels.csv.
         out: folder for table1.json, table1.png and the networks.
-        policy: name=model.onnx: ours=... (trained in translated pictures), b-rl=... (trained in
-            the simulator's own), or any other name; a name again is another seed.
-        rate_hz: pictures of the drive in a second; policies see some that are 0.1 s apart.
-        seeds: how many supervised networks of each kind.
-        steps: updates of each.
+        options: which drive, and who foretells it.
     """
     from robot.output import write_json
-    from trainer.experiments.records import load_drive, named_policies
     from trainer.experiments.table1 import as_table, draw_table, foretell
 
     console = Console(soft_wrap=True)
-    policies = named_policies(policy)
-    load_drive(data)  # refused before anything is written
-    out.mkdir(parents=True, exist_ok=True)
-    table = foretell(data, out, policies, rate_hz, seeds, steps, console)
+    table = foretell(out, options, console)
     write_json(out / "table1.json", table)
     draw_table(table, out / "table1.png")
     console.print(as_table(table))
@@ -94,8 +83,8 @@ def table1_command(
 
 def six_models_command(
     out: Path,
-    options: Annotated[SixModelsOptions, tyro.conf.arg(name="")] = _SIX,
-    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")] = _WORKERS,
+    options: Annotated[SixModelsOptions, tyro.conf.arg(name="")],
+    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")],
 ) -> int:
     """Compare Dueling DQN and PPO with nothing, randomisation, CycleGAN and both: paper A, 4.4.
 
@@ -125,8 +114,8 @@ def six_models_command(
 
 def figure5_command(
     out: Path,
-    options: Annotated[Figure5Options, tyro.conf.arg(name="")] = _FIGURE5,
-    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")] = _WORKERS,
+    options: Annotated[Figure5Options, tyro.conf.arg(name="")],
+    workers: Annotated[WorkerOptions, tyro.conf.arg(name="")],
 ) -> int:
     """Compare an Oracle, translation through parsing, randomisation and neither: paper B, 3.2.
 

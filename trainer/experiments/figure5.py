@@ -36,20 +36,18 @@ VARIANTS = {  # titles and colours, in the paper's order, the best first
 def translator(out: Path, options: Figure5Options, console: Console) -> Path:
     """The ONNX translator from the training's look into the test's; made where it is missing."""
     from trainer.run import take_up
-    from trainer.transfer.cli import ThroughOptions
-    from trainer.transfer.pictures import Source, collect
+    from trainer.transfer.cli import Source, ThroughOptions
+    from trainer.transfer.pictures import collect
     from trainer.transfer.pix2pix import translate_through
 
     path = out / "translator"
     if (path / "sim_to_real.onnx").exists():
         return path / "sim_to_real.onnx"
-    halves = (options.map, options.look), (options.test_map, options.test_look)
-    for name, (place, look) in zip(("frames", "test_frames"), halves, strict=True):
+    frames = ("frames", options.map, options.look)
+    for name, place, look in (frames, ("test_frames", options.test_map, options.test_look)):
         if not (out / name).exists():
             console.print(f"{out / name}: {options.frames} frames of {place} in {look}")
-            out.mkdir(parents=True, exist_ok=True)
-            source = Source((place,), options.frames, look)
-            collect(out / name, source, lambda: None)
+            collect(out / name, Source((place,), options.frames, look))
     wanted = ThroughOptions(
         sim=str(out / "frames"),
         real=str(out / "test_frames"),

@@ -186,7 +186,7 @@ class Stacks(NamedTuple):
     pictures: np.ndarray  # (M, H, W, 3) uint8 RGB, all pictures of the drive
     last: np.ndarray  # (N,) index of each moment's newest picture
     turns: np.ndarray  # (N,) int64 values of `Turn`: what the person did
-    every: int = 1  # of how many pictures one is in the stack
+    every: int  # of how many pictures one is in the stack
 
     def stacked(self, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
         """(N, H, W, 3 * STACK) uint8 of the chosen moments, the oldest picture first."""
@@ -200,30 +200,22 @@ def frames_of(drive: Drive) -> np.ndarray:
     return np.stack([fit_to_frame(read_picture(file)) for file in drive.files])
 
 
-def make_stacks(drive: Drive, frames: np.ndarray, see: See, every: int = 1) -> Stacks:
-    """All moments of a drive with a stack's pictures before them; ConfigError if there are none."""
-    first = (STACK - 1) * every
-    if len(drive.files) <= first:
-        raise ConfigError(f"drive: expected more than {first} pictures, got {len(drive.files)}")
-    last = np.arange(first, len(drive.files))
-    return Stacks(see(frames), last, turns(drive.steering_deg)[last], every)
-
-
-def split_by_time(stacks: Stacks) -> tuple[Stacks, Stacks]:
+def split_by_time(drive: Drive, frames: np.ndarray, every: int, see: See) -> tuple[Stacks, Stacks]:
     """(training, test): the first 60 % of the drive, and what comes a gap of 20 frames later.
 
-    No picture is in both: a random split would test on the neighbours of what was trained on.
-    ConfigError if nothing would be left to test on.
+    All moments with a stack's pictures before them. No picture is in both: a random split would
+    test on the neighbours of what was trained on. ConfigError if nothing would be left for one.
     """
-    end = round(TRAINING_SHARE * len(stacks.pictures))
-    training = stacks.last < end
-    test = stacks.last - (STACK - 1) * stacks.every >= end + GAP_FRAMES
-    if not training.any() or not test.any():
+    end, before = round(TRAINING_SHARE * len(frames)), (STACK - 1) * every
+    last = np.arange(before, len(frames))
+    training, test = last[last < end], last[last - before >= end + GAP_FRAMES]
+    if not len(training) or not len(test):
         raise ConfigError(
-            f"drive: expected enough pictures to train and to test on, got {len(stacks.pictures)}"
+            f"drive: expected enough pictures to train and to test on, got {len(frames)}"
         )
-    parts = [stacks._replace(last=stacks.last[m], turns=stacks.turns[m]) for m in (training, test)]
-    return parts[0], parts[1]
+    pictures, did = see(frames), turns(drive.steering_deg)
+    first, rest = (Stacks(pictures, some, did[some], every) for some in (training, test))
+    return first, rest
 
 
 _AT_ONCE = 256

@@ -112,10 +112,8 @@ def drives(out: Path, options: SixModelsOptions, among: Sequence[Model]) -> list
 
 def kinds(options: SixModelsOptions) -> list[list[Model]]:
     """The models that differ by their seeds only, together; in the order of the paper's tables."""
-    found: dict[tuple[str, str], list[Model]] = {}
-    for model in models(options):
-        found.setdefault(model[:2], []).append(model)
-    return list(found.values())
+    first = models(replace(options, seeds=1))
+    return [[model._replace(seed=seed) for seed in range(options.seeds)] for model in first]
 
 
 @dataclass(frozen=True)
@@ -166,8 +164,8 @@ def report(out: Path, options: SixModelsOptions) -> str:
         panels.append((f"{title}, transfer by {way}", records))
     draw_panels(panels, out / "six_models.png")
     head, *rows = table_rows(found, episodes)
-    rule = ["---"] * len(head)
-    text = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)) + "\n"
+    every = (head, ["---"] * len(head), *rows)
+    text = "".join(f"| {' | '.join(cells)} |\n" for cells in every)
     write_text(out / "six_models.md", text)
     return text
 

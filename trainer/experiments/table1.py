@@ -4,7 +4,6 @@ The supervised network is of the policy's architecture, taught with what the per
 """
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,18 +19,19 @@ from torch.nn import functional
 
 from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess_batch
+from trainer.experiments.cli import Table1Options
 from trainer.experiments.records import (
     STACK,
     Drive,
     See,
     Stacks,
-    SteeringPolicy,
     Turn,
     frames_of,
     load_drive,
-    make_stacks,
+    named_policies,
     split_by_time,
 )
+from trainer.judging.intervals import bootstrap
 from trainer.learners.networks import DrivingFeatures
 from trainer.presets import preset
 from trainer.relit import relit
@@ -46,72 +46,50 @@ MIRRORED = np.array([Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT])
 _AT_ONCE = 256
 
 
-class TurnNetwork(nn.Module):
-    """Convolutions and widths of the policies of the task ``track``: stacks -> logits of `Turn`.
+def turn_network(height: int, width: int) -> nn.Sequential:
+    """Convolutions and widths of the policies of the task ``track``, for pictures of this size.
 
-    Takes (N, H, W, 3 * STACK) uint8.
+    Stacks (N, H, W, 3 * STACK) uint8 -> logits of `Turn`.
     """
-
-    def __init__(self, shape: tuple[int, int, int]) -> None:
-        """``shape``: (H, W, 3) of one picture."""
-        super().__init__()
-        net = preset("track", "ppo", "fast").net
-        height, width, colours = shape
-        stacks = spaces.Box(0, 255, (height, width, colours * STACK), np.uint8)
-        self.convolutions = DrivingFeatures(stacks, net)
-        self.head = nn.Sequential(
-            nn.Dropout(),
-            nn.Linear(net.image_fc, net.head_fc),
-            nn.ReLU(),
-            nn.Dropout(),
-            nn.Linear(net.head_fc, len(Turn)),
-        )
-
-    def forward(self, stacks: torch.Tensor) -> torch.Tensor:
-        """See the class."""
-        return self.head(self.convolutions(stacks))
-
-    def turns(self, stacks: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3 * STACK) uint8 -> (N,) the likeliest turns."""
-        return through(lambda some: self(some).argmax(1), stacks, size=_AT_ONCE)
+    net = preset("track", "ppo", "fast").net
+    return nn.Sequential(
+        DrivingFeatures(spaces.Box(0, 255, (height, width, 3 * STACK), np.uint8), net),
+        nn.Dropout(),
+        nn.Linear(net.image_fc, net.head_fc),
+        nn.ReLU(),
+        nn.Dropout(),
+        nn.Linear(net.head_fc, len(Turn)),
+    )
 
 
 def teach_turns(
     training: Stacks, steps: int, seed: int, checkpoint: Path, console: Console
-) -> TurnNetwork:
-    """Train on what the person did, from where ``checkpoint`` left off."""
+) -> nn.Module:
+    """Train on what the person did, from where ``checkpoint`` left off.
+
+    Moments are relit, half of them in the mirror with their turns exchanged.
+    """
     torch.manual_seed(seed)
-    network = TurnNetwork(training.pictures.shape[1:])
+    network = turn_network(*training.pictures.shape[1:3])
     optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
 
     def loss_of(rng: np.random.Generator) -> torch.Tensor:
-        stacks, wanted = draw_stacks(training, BATCH, rng)
+        chosen = rng.integers(len(training.last), size=BATCH)
+        stacks, wanted = training.stacked(chosen), training.turns[chosen]
+        for i in range(BATCH):
+            stacks[i] = relit(stacks[i], rng)
+            if rng.random() < 0.5:
+                stacks[i], wanted[i] = stacks[i][:, ::-1].copy(), MIRRORED[wanted[i]]
         return functional.cross_entropy(network(torch.from_numpy(stacks)), torch.from_numpy(wanted))
 
     fit(network, optimiser, loss_of, (checkpoint, steps, seed), checkpoint.stem, console)
     return network
 
 
-def draw_stacks(
-    training: Stacks, count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """``count`` moments, relit, half of them in the mirror with their turns exchanged."""
-    chosen = rng.integers(len(training.last), size=count)
-    stacks, wanted = training.stacked(chosen), training.turns[chosen]
-    for i in range(count):
-        pictures = relit(stacks[i], rng)
-        if rng.random() < 0.5:
-            pictures, wanted[i] = pictures[:, ::-1], MIRRORED[wanted[i]]
-        stacks[i] = pictures
-    return stacks, wanted
-
-
 # Paper B, Table 1, on Sully Chen's frames.
 PAPER = {"ours": 0.4340, "b-rl": 0.2833, "supervised": 0.5360}
-RESAMPLES = 2000
 BLOCK_FRAMES = 20  # neighbours are alike: whole stretches are drawn together
 DECISION_S = 0.1  # between a policy's pictures
-Named = tuple[str, int, SteeringPolicy]
 
 
 @dataclass(frozen=True)
@@ -121,7 +99,7 @@ class Accuracy:
     driver: str
     seed: int
     accuracy: float
-    low: float  # 95 % interval, see `interval`
+    low: float  # 95 % interval: of this drive; another day on another track is another draw
     high: float
     balanced: float  # mean of the recalls of the turns that occur
 
@@ -133,54 +111,46 @@ class Table:
     data: str
     training_frames: int
     test_frames: int
-    training_shares: tuple[float, float, float]  # of left, straight and right
-    shares: tuple[float, float, float]  # likewise, of the test frames
+    training_shares: list[float]  # of left, straight and right
+    shares: list[float]  # likewise, of the test frames
     rows: tuple[Accuracy, ...]
 
 
-def foretell(
-    data: Path,
-    out: Path,
-    policies: Sequence[Named],
-    rate_hz: float,
-    seeds: int,
-    steps: int,
-    console: Console,
-) -> Table:
+def foretell(out: Path, options: Table1Options, console: Console) -> Table:
     """Everyone's accuracy on the test part of a drive; supervised networks are kept in ``out``.
 
-    ConfigError if the drive cannot be read, or is none to learn or to test on.
+    DuckpilotError if the drive cannot be read, or is none to learn or to test on, or a policy is
+    none to ask; then nothing is written.
     """
-    drive = load_drive(data)
+    policies, drive = named_policies(options.policy), load_drive(options.data)
     if drive.skipped:
-        console.print(f"{data}: skipped {drive.skipped} broken records", markup=False)
-    frames, every = frames_of(drive), max(1, round(DECISION_S * rate_hz))
-
-    def halves(see: See) -> tuple[Stacks, Stacks]:
-        return split_by_time(make_stacks(drive, frames, see, every))
-
+        console.print(f"{options.data}: skipped {drive.skipped} broken records", markup=False)
+    every = max(1, round(DECISION_S * options.rate_hz))
+    halves = partial(split_by_time, drive, frames_of(drive), every)
     usual = partial(preprocess_batch, spec=preset("track", "ppo", "fast").image)
     training, test = halves(usual)
     for part, name in ((training, "first 60 %"), (test, "rest")):
         _refuse_one_turn(part, name, drive)
     rows = chance(test.turns, int(np.bincount(training.turns).argmax()))
-    kinds: dict[str, See] = {"supervised": usual}  # and as policies see through translators
-    translators = set[str]()
+    kinds: dict[str, tuple[str, See]] = {"": ("supervised", usual)}  # by translator
     for name, seed, policy in policies:
         seen = halves(policy.see)[1]
         rows.append(compare(name, seed, seen.turns, policy.turns(seen.stacked())))
-        if policy.translator and policy.translator not in translators:
-            translators.add(policy.translator)
-            kinds[f"supervised, as {name} sees"] = policy.see
-    for kind, see in kinds.items():
+        kinds.setdefault(policy.translator, (f"supervised, as {name} sees", policy.see))
+    out.mkdir(parents=True, exist_ok=True)
+    for kind, see in kinds.values():
         part, rest = halves(see)
-        for seed in range(seeds):
+        for seed in range(options.seeds):
             stem = re.sub(r"[^A-Za-z0-9]+", "_", kind)
-            network = teach_turns(part, steps, seed, out / f"{stem}_{seed}_{steps}.pt", console)
-            rows.append(compare(kind, seed, rest.turns, network.turns(rest.stacked())))
-    counts = len(training.last), len(test.last)
-    parts = shares(training.turns), shares(test.turns)
-    return Table(str(data), *counts, *parts, tuple(rows))
+            kept = out / f"{stem}_{seed}_{options.steps}.pt"
+            network = teach_turns(part, options.steps, seed, kept, console)
+            logits = through(network, rest.stacked(), size=_AT_ONCE)
+            rows.append(compare(kind, seed, rest.turns, logits.argmax(1)))
+    counts = [np.bincount(part.turns, minlength=len(Turn)) for part in (training, test)]
+    shares = [(count / count.sum()).tolist() for count in counts]
+    return Table(
+        str(options.data), len(training.last), len(test.last), shares[0], shares[1], tuple(rows)
+    )
 
 
 def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
@@ -196,29 +166,9 @@ def _refuse_one_turn(part: Stacks, name: str, drive: Drive) -> None:
 def compare(driver: str, seed: int, wanted: np.ndarray, guessed: np.ndarray) -> Accuracy:
     """How far guesses (N,) agree with what the person did (N,), values of `Turn`."""
     right = wanted == guessed
-    low, high = interval(right, np.random.default_rng(0))
     recalls = [right[wanted == turn].mean() for turn in np.unique(wanted)]
-    return Accuracy(driver, seed, float(right.mean()), low, high, float(np.mean(recalls)))
-
-
-def shares(turns: np.ndarray) -> tuple[float, float, float]:
-    """Of left, straight and right among (N,) turns."""
-    left, straight, right = (float(np.mean(turns == turn)) for turn in Turn)
-    return left, straight, right
-
-
-def interval(right: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """95 % interval of the mean of (N,) booleans in order of time: circular block bootstrap.
-
-    Politis and Romano 1992. It holds for this drive; another day on another track is another draw.
-    """
-    count = len(right)
-    block = min(BLOCK_FRAMES, count)
-    starts = rng.integers(count, size=(RESAMPLES, -(-count // block)))
-    drawn = (starts[..., None] + np.arange(block)) % count
-    means = right[drawn.reshape(RESAMPLES, -1)[:, :count]].mean(1)
-    low, high = np.quantile(means, (0.025, 0.975))
-    return float(low), float(high)
+    figures = (right.mean(), *bootstrap(right, np.mean, BLOCK_FRAMES), np.mean(recalls))
+    return Accuracy(driver, seed, *map(float, figures))
 
 
 def chance(wanted: np.ndarray, common: int) -> list[Accuracy]:

@@ -26,7 +26,7 @@ from rich.progress import MofNCompleteColumn, Progress
 
 from robot.errors import DuckpilotError
 from robot.output import write_text
-from trainer.judging.films import Filmed, Worst
+from trainer.judging.films import Filmed, Scene, film_worst
 from trainer.processes import LocalProcesses, at_once
 
 ROBOTS = 20  # at once
@@ -38,15 +38,11 @@ class Order(Protocol):
     """What is asked of every episode: a frozen dataclass that other processes can be sent."""
 
     @property
-    def title(self) -> str:
-        """For the progress bar."""
-
-    @property
     def files(self) -> Sequence[str]:
         """What is read; names of what is shipped with the code may be among them."""
 
-    def drive(self, seeds: Sequence[int], worst: Worst) -> list[Any]:
-        """Rows of plain data, always the same for the same seeds; films if they are asked for."""
+    def drive(self, seeds: Sequence[int]) -> Iterator[tuple[Any, Scene | None]]:
+        """Rows of plain data, the same for the same seeds, in any order; what is to be filmed."""
 
 
 class Block(NamedTuple):
@@ -59,10 +55,17 @@ class Block(NamedTuple):
     def write(self) -> None:
         """Drive them."""
         self.file.parent.mkdir(parents=True, exist_ok=True)
-        worst = Worst()
-        rows = self.order.drive(self.seeds, worst)
-        films = [(*each[:2], each.path.name) for each in worst.write(self.file.with_suffix(""))]
-        write_text(self.file, json.dumps({"rows": rows, "films": films}))
+        rows = list[Any]()
+
+        def scenes() -> Iterator[Scene]:
+            for row, scene in self.order.drive(self.seeds):
+                rows.append(row)
+                if scene is not None:
+                    yield scene
+
+        worst = film_worst(scenes(), self.file.with_suffix(""))
+        films = [(*each[:2], each.path.name) for each in worst]
+        write_text(self.file, json.dumps({"rows": sorted(rows), "films": films}))
 
     def read(self) -> tuple[list[Any], list[Filmed]] | None:
         """The rows and films, once they are there whole."""
@@ -75,6 +78,7 @@ class Block(NamedTuple):
 
 def drive_blocks(
     order: Order,
+    title: str,
     seeds: range,
     folder: Path,
     workers: int | None,
@@ -88,10 +92,9 @@ def drive_blocks(
     """
     most, name, size = LocalProcesses().number(workers), digest(order), max(ROBOTS // group, 1)
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
-    files = [folder / f"{name}_{part[0]}_{len(part)}.json" for part in parts]
-    blocks = [Block(order, part, file) for part, file in zip(parts, files, strict=True)]
+    blocks = [Block(order, p, folder / f"{name}_{p[0]}_{len(p)}.json") for p in parts]
     with Progress(*_COLUMNS, console=console) as bar:
-        row = bar.add_task(order.title, total=group * len(seeds))
+        row = bar.add_task(title, total=group * len(seeds))
         for block in _driven(blocks, most):
             bar.advance(row, group * len(block.seeds))
     rows, films = list[Any](), list[Filmed]()

@@ -20,9 +20,10 @@ from sim_pybullet.tasks.traffic import EPISODE_S, Traffic
 from sim_pybullet.traffic.crowd import Body
 from sim_pybullet.traffic.scenario import load_scenario
 from trainer.judging import evaluate
+from trainer.judging.cli import JudgeOptions
 from trainer.judging.drivers import Driver, Expert, Pilot
-from trainer.judging.evaluate import Film, open_policy
-from trainer.judging.films import Worst
+from trainer.judging.evaluate import open_policy
+from trainer.judging.films import Scene
 from trainer.judging.governed import Governed
 from trainer.judging.olympics import SURVIVED, Episode, LaneRules, longest_wait_s
 from trainer.judging.sighted import Sighted
@@ -45,12 +46,11 @@ def drive(
     seeds: Sequence[int],
     seconds: float = EPISODE_S,
     films: bool = True,
-) -> Iterator[tuple[Episode, Film]]:
+) -> Iterator[tuple[Episode, Scene | None]]:
     """One episode of so many seconds for each seed, of all robots of ours that share a world.
 
-    All begin at once. They come as each ends, with ``films`` of what the robot saw at its end:
-    frames (H, W, 3) uint8 RGB. Consecutive seeds take the maps in turn. MapError for a map
-    without room for the challenge.
+    All begin at once. They come as each ends, with ``films`` of what the robot saw at its end.
+    Consecutive seeds take the maps in turn. MapError for a map without room for the challenge.
     """
     group = robots_of(challenge)
     spec = find_task("traffic_junctions" if driver.guided else "traffic")
@@ -79,7 +79,8 @@ def drive(
             figures.driven_lanedir_consec / lanes.tile_size_m,
             figures,
         )
-        yield episode, tuple(ride.frames)
+        title = f"Episode {episode.seed} on {episode.map} - {end} - {episode.tiles:.1f} tiles"
+        yield episode, (episode.badness, title, tuple(ride.frames)) if films else None
 
 
 @dataclass(frozen=True)
@@ -87,52 +88,37 @@ class Contest:
     """A driver in a challenge, see `trainer.judging.blocks.Order`."""
 
     name: str  # of the driver: a policy's file, expert or stand, or `BARE`
-    model: str  # the policy that is bare
-    challenge: str
-    maps: tuple[str, ...]
-    look: str
-    poses: str
-    seconds: float
+    asked: JudgeOptions  # with maps; ``model`` is the policy that is bare
     films: bool
-
-    @property
-    def title(self) -> str:
-        """See `trainer.judging.blocks.Order`."""
-        return f"{self.challenge} {Path(self.name).name}"
 
     @property
     def files(self) -> list[str]:
         """See `trainer.judging.blocks.Order`."""
-        return [self.name, self.model, self.look, *self.maps]
+        return [self.name, self.asked.model, self.asked.look, *self.asked.map]
 
-    def drive(self, seeds: Sequence[int], worst: Worst) -> list[Episode]:
+    def drive(self, seeds: Sequence[int]) -> Iterator[tuple[Episode, Scene | None]]:
         """See `trainer.judging.blocks.Order`."""
-        where, looks = list(map(load_map, self.maps)), load_look_sampler(self.look)
-        found = []
-        asked = self.challenge, where, looks, seeds, self.seconds, self.films
-        for episode, film in drive(self.driver(), *asked):
-            found.append(episode)
-            if self.films:
-                title = f"Episode {episode.seed} on {episode.map} - {episode.end}"
-                worst.add(episode.badness, f"{title} - {episode.tiles:.1f} tiles", film)
-        return sorted(found)
+        asked = self.asked
+        where = asked.challenge, list(map(load_map, asked.map)), load_look_sampler(asked.look)
+        return drive(self.driver(), *where, seeds, asked.seconds, self.films)
 
     def driver(self) -> Driver:
         """Who drives; DuckpilotError unless it can."""
-        if self.poses == "sight" and self.challenge == "lfvi":
+        model, poses = self.asked.model, self.asked.poses
+        if poses == "sight" and self.asked.challenge == "lfvi":
             raise ConfigError(
                 "poses: expected true or arena, got sight, which does not tell who comes from the "
                 "sides"
             )
         if self.name in ("expert", "stand"):
             return Expert() if self.name == "expert" else Driver()
-        bare = self.name == BARE and self.name != self.model
-        path = Path(self.model if bare else self.name)
+        bare = self.name == BARE and self.name != model
+        path = Path(model if bare else self.name)
         if not path.exists():
             raise ConfigError(
                 f"{path}: expected a policy, .onnx, expert or stand; there is no file"
             )
         policy = open_policy(path)
-        if self.poses == "sight" and not bare:
+        if poses == "sight" and not bare:
             return Sighted(policy, OnnxSight(SHIPPED))
-        return Pilot(policy) if bare else Governed(policy, self.poses)
+        return Pilot(policy) if bare else Governed(policy, poses)

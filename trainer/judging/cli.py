@@ -1,26 +1,38 @@
 """``judge``: a driver in a challenge of the AI Driving Olympics; imports nothing heavy."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
+import tyro
 from rich.console import Console
 
-from robot.output import expect_writable
 
-_RINGS = ("judging/rings",)
-MAPS = {"lf": _RINGS, "lfp": _RINGS, "lfv": _RINGS, "lfvi": ("town",)}
+@dataclass(frozen=True)
+class JudgeOptions:
+    """Who drives, where, and how often."""
+
+    # A policy, .onnx, under the rules of the road; or expert, who knows the truth; or stand, who
+    # never moves.
+    model: str
+    # lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours with
+    # junctions.
+    challenge: Literal["lf", "lfp", "lfv", "lfvi"] = "lf"
+    # Another driver, on the same episodes; bare is the policy without rules.
+    against: str | None = None
+    episodes: int = 100  # How many.
+    seed: int = 1000  # Of the first episode; the next ones have the next seeds.
+    look: str = "nominal"  # A YAML file with a look or a distribution of looks, or a shipped name.
+    # Map files, or shipped names or folders; else the rings kept for judging, with junctions town.
+    map: tuple[str, ...] = ()
+    # What the rules of the road know of everybody: the truth of now; what a localizer over the
+    # arena tells, late and 3 cm off; or what sight sees of the way ahead.
+    poses: Literal["true", "arena", "sight"] = "true"
+    seconds: float = 60.0  # How long an episode is; the Olympics' are a minute.
 
 
 def judge_command(
-    model: str,
-    challenge: Literal["lf", "lfp", "lfv", "lfvi"] = "lf",
-    against: str | None = None,
-    episodes: int = 100,
-    seed: int = 1000,
-    look: str = "nominal",
-    map: tuple[str, ...] = (),
-    poses: Literal["true", "arena", "sight"] = "true",
-    seconds: float = 60.0,
+    options: Annotated[JudgeOptions, tyro.conf.arg(name="")],
     workers: int | None = None,
     json: Path | None = None,
     out: Path | None = None,
@@ -28,19 +40,7 @@ def judge_command(
     """Drive a challenge of the AI Driving Olympics, and tell its measures.
 
     Args:
-        model: a policy, .onnx, under the rules of the road; or expert, who knows the truth; or
-            stand, who never moves.
-        challenge: lf, lane following; lfp, among ducks; lfv, among cars; lfvi, eight robots of ours
-            with junctions.
-        against: another driver, on the same episodes; bare is the policy without rules.
-        episodes: how many.
-        seed: of the first episode; the next ones have the next seeds.
-        look: a YAML file with a look or a distribution of looks, or a shipped name.
-        map: map files, or shipped names or folders; else the rings kept for judging, with
-            junctions town.
-        poses: what the rules of the road know of everybody: the truth of now; what a localizer
-            over the arena tells, late and 3 cm off; or what sight sees of the way ahead.
-        seconds: how long an episode is; the Olympics' are a minute.
+        options: who drives, where, and how often.
         workers: processes, else one for each core; the figures are the same.
         json: write the figures there.
         out: a folder for a page with films of the worst episodes.
@@ -53,28 +53,29 @@ def judge_command(
     from trainer.judging.challenge import Contest, robots_of
     from trainer.judging.olympics import Episode, LaneFigures, Verdict, tell, write_worst
 
-    names = [model] if against is None else [model, against]
-    maps, seeds = maps_named(map or MAPS[challenge]), range(seed, seed + episodes)
-    shared = model, challenge, maps, look, poses, seconds
-    contests = [Contest(n, *shared, films=not k and out is not None) for k, n in enumerate(names)]
+    challenge, seeds = options.challenge, range(options.seed, options.seed + options.episodes)
+    names = [name for name in (options.model, options.against) if name is not None]
+    maps = maps_named(options.map or ("town" if challenge == "lfvi" else "judging/rings",))
+    asked = replace(options, map=maps, against=None, episodes=0, seed=0)
+    contests = [Contest(n, asked, films=not k and out is not None) for k, n in enumerate(names)]
     for contest in contests:
         contest.driver()
-    expect_writable(json, inputs=[Path(name) for name in names if Path(name).is_file()])
     road_maps, console = [load_map(name) for name in maps], Console(soft_wrap=True)
-    load_look_sampler(look)
+    load_look_sampler(options.look)
     verdicts, worst = [], []
     with kept_beside(json or (out and out / "judge.html"), console) as folder:
         for contest in contests:
-            group = robots_of(challenge)
-            rows, films = drive_blocks(contest, seeds, folder, workers, console, group)
+            name, group = Path(contest.name).name, robots_of(challenge)
+            how = f"{challenge} {name}", seeds, folder, workers, console, group
+            rows, films = drive_blocks(contest, *how)
             found = [Episode(*row)._replace(figures=LaneFigures(*row[-1])) for row in rows]
-            verdicts.append(Verdict(Path(contest.name).name, found))
+            verdicts.append(Verdict(name, found))
             worst += films
         tell(console, challenge, verdicts)
         if json is not None:
-            asked = {"challenge": challenge, "episodes": episodes, "seed": seed, "look": look}
-            driven = {"poses": poses, "seconds": seconds, "maps": [m.name for m in road_maps]}
-            told = {**asked, **driven, **verdicts[0].plain()}
+            told: dict[str, Any] = {**vars(options), "maps": [each.name for each in road_maps]}
+            told |= verdicts[0].plain()
+            del told["map"]
             if len(verdicts) > 1:
                 told["against"] = verdicts[0].against(verdicts[1])
             write_json(json, told)

@@ -4,7 +4,6 @@ The figures are those of the AI Driving Olympics (see `sim_pybullet.batch`) besi
 share of episodes that succeeded.
 """
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +23,7 @@ from sim_pybullet.scenery.objects import Place
 from sim_pybullet.sensing.guidance_feed import ALWAYS, PoseSources
 from sim_pybullet.tasks.following import MAX_HEADING_ERROR_RAD
 from sim_pybullet.tasks.spec import Choices, find_task
+from trainer.judging.intervals import wilson_low
 from trainer.options import EvaluateOptions, task_of
 
 FILM_S = 10.0  # of what a robot saw is kept
@@ -242,14 +242,6 @@ def summarise(
         mean_speed_mps=sum(m.driven_lane_m for m in metrics) / time_s / scale,
         by_map=_by_map(drives, parts or {}),
     )
-
-
-def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
-    """Lower end of the interval of Wilson 1927 for a share (z = 1.96: 95 %)."""
-    share, n = successes / episodes, episodes
-    centre = share + z * z / (2 * n)
-    spread = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return max(0.0, (centre - spread) / (1 + z * z / n))
 
 
 def _by_map(drives: Sequence[Drive], parts: Mapping[str, str | None]) -> tuple[OnMap, ...]:

@@ -9,8 +9,7 @@ Zeiler and Fergus 2014). Both need only the ONNX file, so every policy that can 
 
 import itertools
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -28,7 +27,7 @@ from robot.inference.policy import read_contract
 from robot.inference.preprocess import preprocess
 from robot.output import write_png
 from trainer.export import export_checkpoint
-from trainer.mp4 import Mp4
+from trainer.mp4 import write_mp4
 from trainer.run import RunFolder
 
 ATTENTION_SHARE = 0.55  # of the overlay's colour that comes from the colour map
@@ -147,37 +146,46 @@ def sheet(shown: Sequence[np.ndarray]) -> np.ndarray:
 def write_explained(policy: Path, source: Path, out: Path) -> int:
     """Write what ``policy`` looks at in each picture of ``source``, and a sheet; how many.
 
-    ``policy`` as of `as_onnx`; ``source``: a picture, a folder of pictures, or a video, which is
-    answered with a video. DuckpilotError if either is none.
+    ``policy`` as of `open_explainer`, ``source`` as of `redraw`; DuckpilotError if either is none.
     """
-    with as_onnx(policy) as path:
-        explainer = Explainer(path)
-    frames = pictures(source)
-    first = next(frames)  # nothing is written where there is none
-    out.mkdir(parents=True, exist_ok=True)
-    video = Mp4(out / f"{source.stem}_explained.mp4", VIDEO_FPS)
-    filmed, kept, count = source.suffix.lower() in VIDEOS, [], 0
-    console = Console(stderr=True)
-    for name, frame in track(itertools.chain([first], frames), "explain", console=console):
+    explainer, kept, numbers = open_explainer(policy), list[np.ndarray](), itertools.count()
+    every = _SHEET_EVERY if source.suffix.lower() in VIDEOS else 1
+
+    def draw(frame: np.ndarray) -> np.ndarray:
         picture = explain(explainer, frame)
-        if not filmed or count % _SHEET_EVERY == 0:
+        if next(numbers) % every == 0:
             kept.append(picture)
-        count += 1
-        if filmed:
-            video.add(picture)
-        else:
-            write_png(out / f"{name}_explained.png", picture)
-    if filmed:
-        video.close()
+        return picture
+
+    count = redraw(source, out, "explained", draw)
     write_png(out / "sheet.png", sheet(kept))
     return count
 
 
-@contextmanager
-def as_onnx(policy: Path) -> Iterator[Path]:
-    """The ONNX file of a policy: itself, that of a run folder, or one made of a checkpoint.
+def redraw(source: Path, out: Path, word: str, draw: Callable[[np.ndarray], np.ndarray]) -> int:
+    """Write what is drawn of each frame (120, 160, 3) of a source, ``NAME_WORD.png``; how many.
 
-    ConfigError for a run folder without a policy, or a file that is no checkpoint.
+    It is a picture, a folder of pictures, or a video, which is answered with a video. ConfigError
+    if it is none; then nothing is written.
+    """
+    frames, count = pictures(source), itertools.count()
+    first = next(frames)
+    out.mkdir(parents=True, exist_ok=True)
+    every = track(itertools.chain([first], frames), word, console=Console(stderr=True))
+    drawn = ((next(count), name, draw(frame)) for name, frame in every)
+    if source.suffix.lower() in VIDEOS:
+        path = out / f"{source.stem}_{word}.mp4"
+        write_mp4(path, (picture for _, _, picture in drawn), VIDEO_FPS)
+    else:
+        for _, name, picture in drawn:
+            write_png(out / f"{name}_{word}.png", picture)
+    return next(count)
+
+
+def open_explainer(policy: Path) -> Explainer:
+    """That of an ONNX file, of the policy of a run folder, or of a checkpoint in one.
+
+    DuckpilotError for a run folder without a policy, or a file that is neither.
     """
     if policy.is_dir():
         folder = RunFolder(policy)
@@ -186,12 +194,11 @@ def as_onnx(policy: Path) -> Iterator[Path]:
             raise ConfigError(f"{policy}: expected a run with a policy, found none")
         policy = found[0]
     if policy.suffix != ".pt":
-        yield policy
-        return
+        return Explainer(policy)
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary) / "policy.onnx"
         export_checkpoint(policy, path)
-        yield path
+        return Explainer(path)
 
 
 def _enlarge(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

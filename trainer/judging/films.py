@@ -2,8 +2,9 @@
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from glob import escape
+from heapq import nlargest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,9 @@ from trainer.judging.evaluate import Film
 from trainer.mp4 import enlarged, write_mp4
 
 WORST = 5  # episodes that are filmed
+
+# An episode as it may be filmed: how bad it was, see `Filmed`, its title, what was seen.
+Scene = tuple[tuple[float, ...], str, Film]
 
 
 class Filmed(NamedTuple):
@@ -22,25 +26,15 @@ class Filmed(NamedTuple):
     path: Path
 
 
-class Worst:
-    """The worst of many episodes, each with a title and a film."""
-
-    def __init__(self) -> None:
-        self.kept: list[tuple[tuple[float, ...], str, Film]] = []  # by badness, the worst first
-
-    def add(self, badness: tuple[float, ...], title: str, film: Film) -> None:
-        """One more, see `Filmed`. The best of them is forgotten."""
-        some = [*self.kept, (badness, title, film)]
-        self.kept = sorted(some, key=lambda each: each[0], reverse=True)[:WORST]
-
-    def write(self, stem: Path) -> list[Filmed]:
-        """Films beside each other, the worst first: ``STEM_1.mp4``, ``STEM_2.mp4``."""
-        found = []
-        for rank, (badness, title, film) in enumerate(self.kept, start=1):
-            path = stem.with_name(f"{stem.name}_{rank}.mp4")
-            write_mp4(path, map(enlarged, film), 1.0 / CONTROL_DT_S)
-            found.append(Filmed(badness, title, path))
-        return found
+def film_worst(scenes: Iterable[Scene], stem: Path) -> list[Filmed]:
+    """Films of the worst, which come first: ``STEM_1.mp4``, ``STEM_2.mp4``; no more are held."""
+    found = []
+    worst = nlargest(WORST, scenes, key=lambda scene: scene[0])
+    for rank, (badness, title, film) in enumerate(worst, start=1):
+        path = stem.with_name(f"{stem.name}_{rank}.mp4")
+        write_mp4(path, map(enlarged, film), 1.0 / CONTROL_DT_S)
+        found.append(Filmed(badness, title, path))
+    return found
 
 
 def keep_films(found: Sequence[Filmed], out: Path, prefix: str) -> list[tuple[str, Path]]:
@@ -48,7 +42,7 @@ def keep_films(found: Sequence[Filmed], out: Path, prefix: str) -> list[tuple[st
     out.mkdir(parents=True, exist_ok=True)
     for _, old in films(out, prefix):
         old.unlink()
-    worst = sorted(found, key=lambda each: each.badness, reverse=True)[:WORST]
+    worst = nlargest(WORST, found, key=lambda each: each.badness)
     for rank, each in enumerate(worst, start=1):
         words = re.sub(r"[^\w.-]+", "_", each.title)
         shutil.copy(each.path, out / f"{prefix}_{rank}_{words}.mp4")

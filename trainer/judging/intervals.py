@@ -1,11 +1,10 @@
 """How sure a figure over episodes is, and whether two drivers differ."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from trainer.judging.evaluate import wilson_low
 
 _DRAWS = 2000
 
@@ -18,6 +17,14 @@ class Estimate(NamedTuple):
     high: float
 
 
+def wilson_low(successes: int, episodes: int, z: float = 1.96) -> float:
+    """Lower end of the interval of Wilson 1927 for a share (z = 1.96: 95 %)."""
+    share, n = successes / episodes, episodes
+    centre = share + z * z / (2 * n)
+    spread = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return max(0.0, (centre - spread) / (1 + z * z / n))
+
+
 def share(successes: int, episodes: int) -> Estimate:
     """Of successes, with Wilson's interval."""
     low, high = wilson_low(successes, episodes), 1.0 - wilson_low(episodes - successes, episodes)
@@ -25,27 +32,33 @@ def share(successes: int, episodes: int) -> Estimate:
 
 
 def median(values: Sequence[float]) -> Estimate:
-    """With the percentile bootstrap's interval (Efron 1979); the same again for the same values."""
+    """With the percentile bootstrap's interval (Efron 1979)."""
     every = np.asarray(values, dtype=float)
-    drawn = np.random.default_rng(0).integers(len(every), size=(_DRAWS, len(every)))
-    low, high = np.quantile(np.median(every[drawn], axis=1), (0.025, 0.975)).tolist()
-    return Estimate(float(np.median(every)), low, high)
+    return Estimate(float(np.median(every)), *bootstrap(every, np.median))
 
 
-class Pairing(NamedTuple):
-    """Two drivers on the same episodes; ``p_value`` by McNemar's exact test, both sides."""
+def bootstrap(
+    values: np.ndarray, statistic: Callable[..., np.ndarray], block: int = 1
+) -> tuple[float, float]:
+    """95 % interval of a statistic of (N,) values; the same again for the same values.
 
-    only_first: int  # episodes that the first did and the second failed
-    only_second: int
-    p_value: float
+    Of values in order of time whose neighbours are alike, whole blocks are drawn together, in a
+    circle (Politis and Romano 1992).
+    """
+    count = len(values)
+    block = min(block, count)
+    starts = np.random.default_rng(0).integers(count, size=(_DRAWS, -(-count // block)))
+    drawn = (starts[..., None] + np.arange(block)) % count
+    found = statistic(values[drawn.reshape(_DRAWS, -1)[:, :count]], axis=1)
+    low, high = np.quantile(found, (0.025, 0.975)).tolist()
+    return low, high
 
 
-def paired(first: Sequence[bool], second: Sequence[bool]) -> Pairing:
-    """Compare two drivers by which episodes they did."""
+def paired(first: Sequence[bool], second: Sequence[bool]) -> dict[str, float]:
+    """Compare two drivers by the episodes that only one of them did: McNemar's exact test."""
     from scipy.stats import binomtest
 
     differ = [a for a, b in zip(first, second, strict=True) if a != b]
-    if not differ:
-        return Pairing(0, 0, 1.0)
-    wins = sum(differ)
-    return Pairing(wins, len(differ) - wins, float(binomtest(wins, len(differ)).pvalue))
+    wins, losses = sum(differ), len(differ) - sum(differ)
+    p_value = float(binomtest(wins, len(differ)).pvalue) if differ else 1.0
+    return {"only_first": wins, "only_second": losses, "p_value": p_value}

@@ -1,6 +1,6 @@
 """What ``evaluate`` does."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from trainer.judging.evaluate import (
     ridden,
     summarise,
 )
-from trainer.judging.films import Worst, films_of, keep_films
+from trainer.judging.films import Scene, films_of, keep_films
 from trainer.options import EvaluateOptions
 
 
@@ -39,30 +39,21 @@ class Missions:
     films: bool  # of those that failed or left their lane
 
     @property
-    def title(self) -> str:
-        """See `trainer.judging.blocks.Order`."""
-        return f"{self.asked.task} {Path(self.asked.model).name}"
-
-    @property
     def files(self) -> list[str]:
         """See `trainer.judging.blocks.Order`."""
         asked = self.asked
         named = (asked.model, asked.translate, asked.sight, asked.look, *asked.map)
         return [name for name in named if name]
 
-    def drive(self, seeds: Sequence[int], worst: Worst) -> list[Drive]:
+    def drive(self, seeds: Sequence[int]) -> Iterator[tuple[Drive, Scene | None]]:
         """See `trainer.judging.blocks.Order`."""
-        asked, found = self.asked, []
-        spec = find_task(asked.task)
+        asked, spec = self.asked, find_task(self.asked.task)
         looks = spec.looks(asked.look, asked.pose_error, asked.without)
         where = asked.task, list(map(spec.load, asked.map)), looks, seeds
         sources = PoseSources(asked.overhead, OnnxSight(asked.sight) if asked.sight else None)
         how = asked.zero, asked.lane, sources, self.films
         for drive, ride in ridden(_open(asked), *where, *how):
-            found.append(drive)
-            if self.films:
-                _offer(worst, drive, ride)
-        return sorted(found)
+            yield drive, _scene(drive, ride) if self.films else None
 
 
 def judge(
@@ -82,8 +73,9 @@ def judge(
     }
     order = Missions(replace(asked, episodes=0, seed=0), films)
     seeds = range(asked.seed, asked.seed + asked.episodes)
+    title = f"{asked.task} {Path(asked.model).name}"
     with kept_beside(out, console) as folder:
-        rows, worst = drive_blocks(order, seeds, folder, workers, console)
+        rows, worst = drive_blocks(order, title, seeds, folder, workers, console)
         drives = [Drive(*row)._replace(metrics=DriveMetrics(*row[2])) for row in rows]
         result = summarise(asked, policy, drives, parts)
         if out is not None:
@@ -113,14 +105,15 @@ def answers(file: Path, options: EvaluateOptions) -> bool:
     return True
 
 
-def _offer(worst: Worst, drive: Drive, ride: Ride) -> None:
+def _scene(drive: Drive, ride: Ride) -> Scene | None:
     """What failed, or left its lane."""
     failed = not drive.success
-    if failed or ride.farthest_m > ride.half_lane_m:
-        film = tuple(ride.frames) if failed else ride.farthest
-        told = ride.end if failed else "out of its lane for a while"
-        title = f"Episode {drive.seed} on {drive.map} - {told}"
-        worst.add((failed, ride.farthest_m, -drive.seed), title, film)
+    if not failed and ride.farthest_m <= ride.half_lane_m:
+        return None
+    film = tuple(ride.frames) if failed else ride.farthest
+    told = ride.end if failed else "out of its lane for a while"
+    title = f"Episode {drive.seed} on {drive.map} - {told}"
+    return (failed, ride.farthest_m, -drive.seed), title, film
 
 
 def _tell(console: Console, result: Evaluation) -> None:

@@ -158,19 +158,16 @@ def _abeam(lane: np.ndarray, point: np.ndarray) -> np.ndarray | None:
 def _courses(tile: Tile) -> tuple[np.ndarray, ...]:
     """The lanes of a tile, each (P, 3) in tiles from its middle: from every side to every other."""
     sides = [ORIENTATIONS.index(side) for side in tile.road_sides]
-    found = []
-    for entry in sides:
-        for quarters in (1, 2, 3):
-            if (entry + quarters) % 4 in sides:
-                found.append(_turned(_course(quarters), entry - _WEST))
-    return tuple(found)
+    ways = ((entry, quarters) for entry in sides for quarters in (1, 2, 3))
+    return tuple(_course(*way) for way in ways if sum(way) % 4 in sides)
 
 
-@cache
-def _course(quarters: int) -> np.ndarray:
+def _course(entry: int, quarters: int) -> np.ndarray:
     through = [(x, y, math.radians(degrees)) for x, y, degrees in _THROUGH[quarters]]
     legs = [_screw(a, b)[:-1] for a, b in itertools.pairwise(through)]
-    return np.concatenate((*legs, [through[-1]]))
+    x, y, heading = np.concatenate((*legs, [through[-1]])).T
+    way, turn = (x + 1j * y) * 1j ** (entry - _WEST), 0.5 * math.pi * ((entry - _WEST) % 4)
+    return np.column_stack((way.real, way.imag, heading + turn))
 
 
 def _screw(a: Sequence[float], b: Sequence[float]) -> np.ndarray:
@@ -184,12 +181,6 @@ def _screw(a: Sequence[float], b: Sequence[float]) -> np.ndarray:
         centre = (last - whole * first) / (1.0 - whole)
         way = centre + np.exp(1j * turn * share) * (first - centre)
     return np.column_stack((way.real, way.imag, a[2] + share * turn))
-
-
-def _turned(course: np.ndarray, quarter_turns: int) -> np.ndarray:
-    x, y, heading = course.T
-    way, turn = (x + 1j * y) * 1j**quarter_turns, 0.5 * math.pi * (quarter_turns % 4)
-    return np.column_stack((way.real, way.imag, heading + turn))
 
 
 class Episode(NamedTuple):
@@ -281,7 +272,7 @@ class Verdict:
     def against(self, other: Verdict) -> dict[str, Any]:
         """Both on the same episodes: who succeeded where the other did not."""
         mine, theirs = ([e.success for e in v.episodes] for v in (self, other))
-        return {**other.plain(), **paired(mine, theirs)._asdict()}
+        return {**other.plain(), **paired(mine, theirs)}
 
 
 def tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
@@ -305,7 +296,7 @@ def tell(console: Console, challenge: str, verdicts: Sequence[Verdict]) -> None:
 
 def write_worst(out: Path, films: Sequence[Filmed], verdict: Verdict, challenge: str) -> Path:
     """The worst of these films of a verdict's episodes, and the page that shows them."""
-    shown = [Picture(name, "Its end.", path) for name, path in keep_films(films, out, "worst")]
+    shown = [Picture(name, path, "Its end.") for name, path in keep_films(films, out, "worst")]
     title = f"{verdict.driver}, {challenge}: {len(verdict.episodes)} episodes"
     rows = [(name, *(f"{x:.2f}" for x in each)) for name, each in verdict.figures.items()]
     write_page("judge.html", out / "judge.html", title=title, rows=rows, films=shown)

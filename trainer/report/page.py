@@ -69,11 +69,6 @@ class Run:
         return find_task(self.config.task).paper.get(self.config.algorithm, PaperRow())
 
     @property
-    def beside_paper(self) -> bool:
-        """Whether the paper has figures for it."""
-        return any(row != PaperRow() for row in (self.paper, *(j.paper for j in self.judgements)))
-
-    @property
     def steps(self) -> int:
         """Of the training so far."""
         ended = [e.step for e in self.episodes[-1:]]
@@ -113,13 +108,9 @@ def read_runs(paths: Iterable[Path], problems: list[str]) -> list[Run]:
         state = read_state(folder.checkpoint) if folder.checkpoint.exists() else TrainState()
         found = (_judgement(file, config, problems) for file in sorted(path.glob("*.json")))
         judgements = tuple(each for each in found if each is not None)
-        runs.append(Run(folder, config, state, tuple(folder.episodes()), judgements))
-
-    def order(run: Run) -> tuple[int, int, int]:
-        config = run.config
-        return tasks.index(config.task), NAMES.index(config.algorithm), config.seed
-
-    return sorted(runs, key=order)
+        place = tasks.index(config.task), NAMES.index(config.algorithm), config.seed
+        runs.append((place, Run(folder, config, state, tuple(folder.episodes()), judgements)))
+    return [run for _, run in sorted(runs, key=lambda each: each[0])]
 
 
 def _judgement(file: Path, config: RunConfig, problems: list[str]) -> Judgement | None:
@@ -159,21 +150,14 @@ def _where(asked: EvaluateOptions, learned: str) -> str:
 
 PAGE = "report.html"
 FILM_BYTES = 16_000_000  # a longer one is named, not put into the page
-CURVES = (
-    "Dots: evaluations of the policy of that moment, filled where no episode failed. Red: mean of "
-    "the last 50 training episodes (pink), which may be shorter and act by chance at times."
-)
-FILMED = (
-    f"{FILM_S:.0f} s at most, up to its end, or to where it was farthest off when it got there."
-)
 
 
 class Picture(NamedTuple):
     """A PNG or an MP4 that is put into the page."""
 
     title: str
-    caption: str
     path: Path
+    caption: str = ""
 
     @property
     def data(self) -> str:
@@ -194,22 +178,11 @@ def write_report(paths: Sequence[Path], out: Path, live: bool = False) -> Path:
         for task in learned_tasks()
         if (some := [run for run in runs if run.config.task == task.name])
     ]
-    pictures = {
-        "films": _films(paths, runs, missing),
-        "curves": [
-            _curves(task, some, out) for task, some in tasks if any(r.episodes for r in some)
-        ],
-        "worst": _worst(runs),
-    }
-    write_page(
-        "page.html",
-        out / PAGE,
-        runs=runs,
-        tasks=tasks,
-        pictures=pictures,
-        missing=missing,
-        live=live,
-    )
+    drawn = [(task, some) for task, some in tasks if any(run.episodes for run in some)]
+    pictures = {"films": _films(paths, runs, missing), "worst": _worst(runs)}
+    pictures["curves"] = [_curves(task, some, out) for task, some in drawn]
+    told = {"runs": runs, "tasks": tasks, "pictures": pictures, "missing": missing}
+    write_page("page.html", out / PAGE, **told, film_s=FILM_S, live=live)
     return out / PAGE
 
 
@@ -235,7 +208,7 @@ def _films(paths: Sequence[Path], runs: Sequence[Run], missing: list[str]) -> li
                 missing.append(f"{file}: too large for this page; open it beside it")
                 continue
             caption = "What one robot saw." if file in latest else ""
-            shown.append(Picture(latest.get(file, file.stem.capitalize()), caption, file))
+            shown.append(Picture(latest.get(file, file.stem.capitalize()), file, caption))
     return shown
 
 
@@ -246,7 +219,7 @@ def _curves(task: TaskSpec, runs: Sequence[Run], out: Path) -> Picture:
     path = out / f"curves_{task.name}.png"
     records = [(run.name, [(run.episodes, run.state.evaluations)]) for run in shown if run.episodes]
     draw_panels(records, path)
-    return Picture(task.title, CURVES, path)
+    return Picture(task.title, path)
 
 
 def _worst(runs: Sequence[Run]) -> list[Picture]:
@@ -254,8 +227,8 @@ def _worst(runs: Sequence[Run]) -> list[Picture]:
     pictures: list[Picture] = []
     for run in runs:
         for each in run.judgements:
-            told = f"{run.name}, {each.where}. {FILMED}"
-            pictures += [Picture(name, told, path) for name, path in films(*films_of(each.path))]
+            told = f"{run.name}, {each.where}."
+            pictures += [Picture(name, path, told) for name, path in films(*films_of(each.path))]
     return pictures
 
 

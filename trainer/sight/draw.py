@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from robot.camera.files import VIDEOS
 from robot.inference.preprocess import preprocess
 from robot.lens import CameraRig
 from robot.navigation.lane_view import KINDS
-from robot.output import write_png
 from robot.vision.sight import OnnxSight, Seen
 from sim_pybullet.look import NOMINAL
-from trainer.judging.explain import VIDEO_FPS, pictures
-from trainer.mp4 import enlarged, write_mp4
+from trainer.judging.explain import redraw
+from trainer.mp4 import enlarged
 
 _AHEAD_M = np.linspace(0.1, 0.55, 16)  # where the lane is drawn, before the axle
 _HALF_LINE_M = 0.1
@@ -26,20 +23,10 @@ _CYAN, _RED, _WHITE = (0, 230, 230), (255, 40, 40), (255, 255, 255)
 
 def write_seen(sight: OnnxSight, source: Path, out: Path) -> int:
     """Draw what is seen in a picture, a folder of pictures, or a film; how many there were."""
-    rig, count = NOMINAL.rig(), itertools.count()
-    frames = pictures(source)
-    first = next(frames)  # nothing is written where there is none
-    out.mkdir(parents=True, exist_ok=True)
-    shown = (
-        (next(count), name, drawn(frame, sight(preprocess(frame, sight.contract.image)[None]), rig))
-        for name, frame in itertools.chain([first], frames)
+    image, rig = sight.contract.image, NOMINAL.rig()
+    return redraw(
+        source, out, "seen", lambda frame: drawn(frame, sight(preprocess(frame, image)[None]), rig)
     )
-    if source.suffix.lower() in VIDEOS:
-        write_mp4(out / f"{source.stem}_seen.mp4", (each for _, _, each in shown), VIDEO_FPS)
-    else:
-        for _, name, picture in shown:
-            write_png(out / f"{name}_seen.png", picture)
-    return next(count)
 
 
 def drawn(frame: np.ndarray, seen: Seen, rig: CameraRig) -> np.ndarray:

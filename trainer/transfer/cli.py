@@ -5,21 +5,25 @@ Imports nothing heavy: ``--help`` needs these.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
 
 from robot.errors import ConfigError
 
-if TYPE_CHECKING:
-    from trainer.transfer.labelled import Split
-    from trainer.transfer.parser import Parser
+
+@dataclass(frozen=True)
+class Source:
+    """Which frames are gathered; ``collection.yaml``."""
+
+    # Map or track files, or names of shipped ones; not both kinds.
+    maps: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop", "town")
+    frames: int = 2000  # How many.
+    look: str = "randomised"  # A look or a distribution of looks, a file or a shipped name.
+    seed: int = 0  # Of everything random.
 
 
 @dataclass(frozen=True)
@@ -73,31 +77,17 @@ def is_collection(folder: Path) -> bool:
     return (folder / "collection.yaml").exists()
 
 
-_TRAIN = ParseOptions()
-
-
-def collect_command(
-    out: Path,
-    map_names: Annotated[tuple[str, ...], tyro.conf.arg(name="map")] = ("loop", "town"),
-    look: str = "randomised",
-    frames: int = 2000,
-    seed: int = 0,
-) -> int:
+def collect_command(out: Path, source: Annotated[Source, tyro.conf.arg(name="")]) -> int:
     """Gather frames with their labels from the simulator.
 
     Args:
         out: a folder that does not exist yet; gets image/ and label/.
-        map_names: map or track files, or names of shipped ones; not both kinds.
-        look: a look or a distribution of looks, a file or a shipped name.
-        frames: how many.
-        seed: of everything random.
+        source: which.
     """
-    from trainer.transfer.pictures import Source, collect
+    from trainer.transfer.pictures import collect
 
-    with Progress(transient=True) as bar:
-        row = bar.add_task("frames", total=frames)
-        collect(out, Source(map_names, frames, look, seed), lambda: bar.advance(row))
-    _say(f"{out}: {frames} frames")
+    collect(out, source)
+    _say(f"{out}: {source.frames} frames")
     return 0
 
 
@@ -173,9 +163,7 @@ def translate_judge_command(
 
 
 def parse_train_command(
-    out: Path,
-    options: Annotated[ParseOptions, tyro.conf.arg(name="")] = _TRAIN,
-    resume: bool = False,
+    out: Path, options: Annotated[ParseOptions, tyro.conf.arg(name="")], resume: bool = False
 ) -> int:
     """Teach SegNet to label frames; leaves parser.pt, scores.json and sheet.png of held-out frames.
 
@@ -185,26 +173,14 @@ def parse_train_command(
         resume: go on with the run in --out, if there is one, with its own configuration.
     """
     from trainer.run import take_up
-    from trainer.transfer.labelled import LABEL_SETS, load_sources
-    from trainer.transfer.parser import save_parser, teach
-    from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
+    from trainer.transfer.labelled import load_sources
+    from trainer.transfer.parser import train_parser
 
     def fresh() -> ParseOptions:
-        # refused before anything is written
-        load_sources(options.sources, LABEL_SETS[options.labels], options.size)
+        load_sources(options)  # refused before anything is written
         return options
 
-    run, console = take_up(ParseOptions, out, resume, fresh), Console()
-    splits = load_sources(run.sources, LABEL_SETS[run.labels], run.size)
-    parser = teach(run, [split.training for split in splits], out / "checkpoint.pt", console)
-    save_parser(parser, out / "parser.pt")
-    held_out, paint = splits[-1].held_out, parser.labels.paint
-    count = len(held_out.names)
-    shown = held_out.pick(spread(count, min(SHEET_ROWS, count)))
-    found = paint(parser.parse(shown.frames))
-    columns = {"frame": shown.frames, "classes found": found, "true classes": paint(shown.truth)}
-    draw_sheet(out / "sheet.png", columns)
-    _report(parser, splits, out / "scores.json", console)
+    train_parser(out, take_up(ParseOptions, out, resume, fresh), Console())
     return 0
 
 
@@ -238,27 +214,6 @@ def parse_translate_command(
     run = take_up(ThroughOptions, out, resume, lambda: options)
     _say(translate_through(out, run, Console()))
     return 0
-
-
-def _report(parser: Parser, splits: Sequence[Split], json: Path | None, console: Console) -> None:
-    from robot.output import write_json
-    from trainer.transfer.parser import score_classes
-
-    scores = []
-    for split in splits:
-        found = parser.parse(split.held_out.frames)
-        score = score_classes(split.held_out.truth, found, parser.labels, split.name)
-        scores.append(score)
-        title = (
-            f"{score.source}: mean IoU {score.mean_iou:.1%}, pixels {score.pixel_accuracy:.1%} "
-            f"({score.frames} held-out frames)"
-        )
-        table = Table("class", "share of pixels", "accuracy", "IoU", title=title)
-        for row in score.classes:
-            table.add_row(row.name, *(f"{x:.1%}" for x in (row.pixels, row.accuracy, row.iou)))
-        console.print(table)
-    if json is not None:
-        write_json(json, scores)
 
 
 def _say(line: object) -> None:

@@ -103,7 +103,10 @@ def structure(translation: torch.Tensor, paint: torch.Tensor) -> torch.Tensor:
     yellowness = (0.5 * (red + green) - blue)[:, None]
     white, yellow, _, road = (part[:, None] for part in paint.unbind(1))
     unlike = _unlike(brightness, white + 0.8 * yellow) + _unlike(yellowness, yellow)
-    return unlike + _contrast(brightness, road)
+    bare = (_pooled(road) > 0.99).float()
+    variance = (_pooled(brightness**2) - _pooled(brightness) ** 2).clamp_min(0.0)
+    excess = functional.relu(torch.sqrt(variance + _FLOOR) - _FLAT)
+    return unlike + (bare * excess).sum() / bare.sum().clamp_min(1.0)
 
 
 def _unlike(seen: torch.Tensor, template: torch.Tensor) -> torch.Tensor:
@@ -116,18 +119,23 @@ def _unlike(seen: torch.Tensor, template: torch.Tensor) -> torch.Tensor:
     return (weight * (1.0 - likeness)).sum() / weight.sum().clamp_min(1.0)
 
 
-def _contrast(brightness: torch.Tensor, road: torch.Tensor) -> torch.Tensor:
-    bare = (_pooled(road) > 0.99).float()
-    variance = (_pooled(brightness**2) - _pooled(brightness) ** 2).clamp_min(0.0)
-    excess = functional.relu(torch.sqrt(variance + _FLOOR) - _FLAT)
-    return (bare * excess).sum() / bare.sum().clamp_min(1.0)
-
-
 def _pooled(values: torch.Tensor) -> torch.Tensor:
     return functional.avg_pool2d(values, WINDOW_PX, 1)
 
 
-class ImagePool:
+class Memory:
+    """What a training goes on with beside its weights: the attributes, plain data and tensors."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All of them."""
+        return dict(vars(self))
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
+        """Take them up again."""
+        vars(self).update(state_dict)
+
+
+class ImagePool(Memory):
     """Earlier translations that a critic sees again, lest it forgets them."""
 
     def __init__(self, size: int) -> None:
@@ -145,14 +153,6 @@ class ImagePool:
                 self.pictures[k], picture = picture, self.pictures[k].to(made.device)
             given.append(picture)
         return torch.stack(given)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The pictures."""
-        return {"pictures": self.pictures}
-
-    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
-        """Likewise."""
-        self.pictures = list(state_dict["pictures"])
 
 
 class CycleGan:
@@ -214,18 +214,14 @@ class CycleGan:
             network, same = (self.to_real, batch.real) if k % 2 else (self.to_sim, batch.sim)
             losses["identity"] = 2.0 * functional.l1_loss(network(same), same)
             total = total + config.identity * losses["identity"]
-        if config.structure:
-            total = total + config.structure * losses["structure"]
-        descend(self.generators, total)
+        descend(self.generators, total + config.structure * losses["structure"])
         self._judges.requires_grad_(True)
         return made_real.detach(), made_sim.detach(), losses
 
     @torch.no_grad()
     def _average(self, steps: int) -> None:
-        share = 1.0 / min(steps, AVERAGED_STEPS)
-        with_newest = zip(self.kept.parameters(), self._pair.parameters(), strict=True)
-        for kept, newest in with_newest:
-            kept.lerp_(newest, share)
+        for kept, newest in zip(self.kept.parameters(), self._pair.parameters(), strict=True):
+            kept.lerp_(newest, 1.0 / min(steps, AVERAGED_STEPS))
 
     def _rate(self, k: int) -> float:
         begin = self.config.decay_from * self.config.steps
@@ -248,13 +244,13 @@ class UnpairedPictures:
             for folders in (config.sim, config.real)
         )
         self._paint, self._device = load_paint(self.sim, config.image), device
-        some = slice(None, None, JUDGED_EVERY)
-        self._judged = self.sim.part(some), self._paint[some]
 
     def lanes_kept(self, translator: PictureTranslator) -> float:
         """As of `trainer.transfer.judge.lanes_kept`, of some of the pictures."""
-        pictures, paint = self._judged
-        return lanes_kept(pictures, paint, through(translator, pictures.images, self._device))
+        pictures, folder, paint = (
+            part[::JUDGED_EVERY] for part in (self.sim.images, self.sim.folder, self._paint)
+        )
+        return lanes_kept(pictures, folder, paint, through(translator, pictures, self._device))
 
     def draw(self, count: int, rng: np.random.Generator) -> Batch:
         """So many of each."""
@@ -265,7 +261,7 @@ class UnpairedPictures:
         return Batch(as_floats(first), as_floats(second), paint.float() / 255.0)
 
 
-class Newest:
+class Newest(Memory):
     """The newest generators of a training that keep enough of the lines; else those of the most."""
 
     def __init__(self) -> None:
@@ -277,14 +273,6 @@ class Newest:
         if lanes >= min(_DUE, self.lanes):
             self.lanes, self.steps = lanes, steps
             self.weights = copy.deepcopy(generators.state_dict())
-
-    def state_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return dict(vars(self))
-
-    def load_state_dict(self, state_dict: dict[str, Any], /) -> None:
-        """Take it up again."""
-        vars(self).update(state_dict)
 
 
 def train_translation(out: Path, config: TranslationConfig, console: Console) -> Path:
@@ -308,10 +296,9 @@ def train_translation(out: Path, config: TranslationConfig, console: Console) ->
     Loop(out / "checkpoint.pt", parts, config.steps, config.seed).run(step, "CycleGAN", console)
     model.kept.load_state_dict(newest.weights)
     generators = [PictureTranslator(each) for each in model.kept]
+    of_run = config.image, out.resolve().name, newest.steps
     for direction, generator in zip(DIRECTIONS, generators, strict=True):
-        contract = TranslatorContract(
-            "cyclegan", direction, config.image, out.resolve().name, newest.steps
-        )
+        contract = TranslatorContract("cyclegan", direction, *of_run)
         export_translator(generator, contract, onnx_file(out, direction))
     given = pictures.sim.images[:: -(-len(pictures.sim.images) // SHEET_ROWS)]
     made = through(generators[0], given)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from robot.inference.policy import OnnxTranslator
-from trainer.transfer.pictures import Pictures, load_paint, load_pictures
+from trainer.transfer.pictures import load_paint, load_pictures
 
 LANE_OVERLAP = 0.85  # of the lines in picture and translation: what a translation must keep
 _SHARES = np.linspace(0.0, 1.0, 101)
@@ -26,7 +26,8 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
     ``sim`` are collections from the simulator, best none that it was trained with.
     """
     simulated, photographs = (load_pictures(paths, translator.image) for paths in (sim, real))
-    made, shown = translator(simulated.images), photographs.images
+    made, shown, folder = translator(simulated.images), photographs.images, simulated.folder
+    paint = load_paint(simulated, translator.image)
     return {
         "translator": str(translator.path),
         "pictures": len(simulated.images),
@@ -34,22 +35,20 @@ def judge(translator: OnnxTranslator, sim: Sequence[Path], real: Sequence[Path])
         "colours_before": colour_distance(simulated.images, shown),
         "colours_after": colour_distance(made, shown),
         "colours_apart": colour_distance(shown[::2], shown[1::2]),  # photographs from each other
-        "lanes_kept": lanes_kept(simulated, load_paint(simulated, translator.image), made),
+        "lanes_kept": lanes_kept(simulated.images, folder, paint, made),
     }
 
 
-def lanes_kept(pictures: Pictures, paint: np.ndarray, made: np.ndarray) -> float:
-    """How much of the lines of simulated pictures is where it was, by `load_paint`.
+def lanes_kept(
+    pictures: np.ndarray, folder: np.ndarray, paint: np.ndarray, made: np.ndarray
+) -> float:
+    """How much of the lines of simulated pictures (N, H, W, 3) uint8 is where it was.
 
-    ``made`` of them is (N, H, W, 3) uint8. In the collection where it is least; `LANE_OVERLAP` is
-    due.
+    ``folder`` (N,) says where they come from, ``paint`` is as of `load_paint`, ``made`` of them
+    like them. In the collection where it is least; `LANE_OVERLAP` is due.
     """
-    kept = []
-    for number in np.unique(pictures.folder):
-        mine = pictures.folder == number
-        both = (bright_lines(some[mine], paint[mine]) for some in (made, pictures.images))
-        kept.append(overlap(*both))
-    return min(kept)
+    lines = [bright_lines(some, paint) for some in (made, pictures)]
+    return min(overlap(*(some[folder == number] for some in lines)) for number in np.unique(folder))
 
 
 def colour_distance(some: np.ndarray, others: np.ndarray) -> float:

@@ -26,7 +26,7 @@ from robot.camera.files import read_picture
 from robot.errors import ConfigError, nearest
 from robot.typed_config import load_yaml
 from sim_pybullet.scene import SemanticClass
-from trainer.transfer.cli import Sources, is_collection
+from trainer.transfer.cli import ParseOptions, is_collection
 from trainer.transfer.pictures import label_of, pictures_in
 
 VOID = 255  # a pixel that nobody labelled: neither trained on nor counted
@@ -139,15 +139,13 @@ class Annotations:
 class Labelled(NamedTuple):
     """Frames and what is to be seen in them."""
 
-    labels: LabelSet
-    names: tuple[str, ...]
+    names: np.ndarray  # (N,) of the pictures' files
     frames: np.ndarray  # (N, H, W, 3) uint8 RGB
-    truth: np.ndarray  # (N, H, W) uint8, values of the label set or VOID
+    truth: np.ndarray  # (N, H, W) uint8, values of a label set or VOID
 
     def pick(self, chosen: np.ndarray) -> Labelled:
         """Some of them, by (N,) bool or by indices."""
-        names = tuple(np.array(self.names, object)[chosen])
-        return Labelled(self.labels, names, self.frames[chosen], self.truth[chosen])
+        return Labelled(*(part[chosen] for part in self))
 
 
 class Split(NamedTuple):
@@ -158,21 +156,22 @@ class Split(NamedTuple):
     held_out: Labelled
 
 
-def load_sources(sources: Sources, labels: LabelSet, size: tuple[int, int]) -> list[Split]:
-    """The training and held-out frames (height, width) of each source, annotated ones last.
+def load_sources(options: ParseOptions) -> list[Split]:
+    """The training and held-out frames of each source, annotated ones last.
 
     The last quarter of every sequence of pairs is held out. ConfigError if there is no source.
     """
-    found = []
+    found, sources, labels = [], options.sources, LABEL_SETS[options.labels]
     for folder in sources.pairs:
-        pairs = load_pairs(Path(folder), labels, size)
-        found.append((folder, pairs, ends(pairs.names, HELD_OUT_SHARE)))
+        pairs = load_pairs(Path(folder), labels, options.size)
+        found.append((folder, pairs, ends(pairs.names.tolist(), HELD_OUT_SHARE)))
     if sources.annotations:
         if not sources.photos or labels is not ROAD:
             raise ConfigError("annotations: expected --photos, and --labels road")
         drawn = load_annotations(sources.annotations)
         held = np.array([each.held_out for each in drawn.photographs])
-        found.append((sources.annotations, load_drawn(drawn, Path(sources.photos), size), held))
+        pictures = load_drawn(drawn, Path(sources.photos), options.size)
+        found.append((sources.annotations, pictures, held))
     if not found:
         raise ConfigError("parse: expected --pairs or --annotations with --photos, got none")
     return [Split(name, data.pick(~held), data.pick(held)) for name, data, held in found]
@@ -210,7 +209,7 @@ def load_pairs(folder: Path, labels: LabelSet, size: tuple[int, int]) -> Labelle
         values = cv2.resize(label_of(file), size[::-1], interpolation=cv2.INTER_NEAREST)
         values = np.where(values < classes, values, VOID).astype(np.uint8)
         truth.append(labels.from_simulator(values) if simulated else values)
-    return Labelled(labels, tuple(file.stem for file in files), frames, np.stack(truth))
+    return Labelled(np.array([file.stem for file in files]), frames, np.stack(truth))
 
 
 def load_annotations(source: str) -> Annotations:
@@ -237,7 +236,7 @@ def load_drawn(annotations: Annotations, photographs: Path, size: tuple[int, int
             )
     frames = np.stack([_read(paths[each.file], size) for each in drawn])
     truth = np.stack([draw(each, annotations.size, size) for each in drawn])
-    return Labelled(ROAD, tuple(each.file for each in drawn), frames, truth)
+    return Labelled(np.array([each.file for each in drawn]), frames, truth)
 
 
 def draw(photograph: Photograph, drawn_in: tuple[int, int], size: tuple[int, int]) -> np.ndarray:

@@ -103,15 +103,14 @@ class UNet(nn.Module):
         for layer in self.up:
             skip = skips.pop()
             x = torch.cat((resized(layer(x), skip.shape[2:]), skip), 1)
-        made: torch.Tensor = self.last(x)
-        return made
+        return self.last(x)
 
 
 class Changing(nn.Module):
     """Adds to a picture what the inner network says.
 
-    That network's last layer starts at zero (`_zero`), so the whole starts as the identity: nothing
-    has to be learned to keep a line where it is.
+    Where that network's last layer starts at zero, the whole starts as the identity: nothing has to
+    be learned to keep a line where it is.
     """
 
     def __init__(self, inner: nn.Module) -> None:
@@ -150,7 +149,10 @@ def narrow_unet(width: int, blocks: int) -> nn.Module:
     deep = nn.Sequential(*(_Residual(4 * w) for _ in range(blocks)))
     up = [_same(4 * w, 2 * w), _same(4 * w, w)]
     up.append(nn.Sequential(nn.ReLU(), nn.Conv2d(2 * w, w // 2, 3, 1, 1)))
-    return Changing(UNet(down, deep, up, _zero(nn.Conv2d(w // 2 + 3, 3, 3, 1, 1))))
+    last = nn.Conv2d(w // 2 + 3, 3, 3, 1, 1)
+    for parameter in last.parameters():
+        nn.init.zeros_(parameter)
+    return Changing(UNet(down, deep, up, last))
 
 
 def pix2pix_unet(size: tuple[int, int] | None, channels: int, halvings: int) -> nn.Module:
@@ -203,15 +205,12 @@ class SegNet(nn.Module):
 
     def __init__(self, classes: int, channels: Sequence[int], convolutions: Sequence[int]) -> None:
         super().__init__()
-        encoder, decoder = [], []
-        below = 3
+        self.encoder, self.decoder, below = nn.ModuleList(), nn.ModuleList(), 3
         for width, count in zip(channels, convolutions, strict=True):
-            encoder.append(_stage(below, width, width, count))
+            self.encoder.append(_stage(below, width, width, count))
             # the first stage's decoder leaves its width: the classes come after it
-            decoder.append(_stage(width, width, width if below == 3 else below, count))
+            self.decoder.insert(0, _stage(width, width, width if below == 3 else below, count))
             below = width
-        self.encoder = nn.ModuleList(encoder)
-        self.decoder = nn.ModuleList(reversed(decoder))
         self.pool = nn.MaxPool2d(2, return_indices=True)
         self.classify = nn.Conv2d(channels[0], classes, 3, padding="same")
 
@@ -220,15 +219,12 @@ class SegNet(nn.Module):
         x = as_floats(pictures)
         pooled: list[tuple[torch.Tensor, torch.Size]] = []
         for stage in self.encoder:
-            x = stage(x)
-            size = x.shape
-            x, indices = self.pool(x)
-            pooled.append((indices, size))
+            whole = stage(x)
+            x, indices = self.pool(whole)
+            pooled.append((indices, whole.shape))
         for stage in self.decoder:
-            indices, size = pooled.pop()
-            x = stage(unpooled(x, indices, size))
-        logits: torch.Tensor = self.classify(x)
-        return logits
+            x = stage(unpooled(x, *pooled.pop()))
+        return self.classify(x)
 
 
 def unpooled(x: torch.Tensor, indices: torch.Tensor, size: torch.Size) -> torch.Tensor:
@@ -260,12 +256,6 @@ class _Residual(nn.Module):
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         return features + self.inner(features)
-
-
-def _zero(layer: nn.Conv2d) -> nn.Conv2d:
-    for parameter in layer.parameters():
-        nn.init.zeros_(parameter)
-    return layer
 
 
 def _stage(inputs: int, width: int, outputs: int, count: int) -> nn.Sequential:

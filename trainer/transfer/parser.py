@@ -12,23 +12,27 @@ import cv2
 import numpy as np
 import torch
 from rich.console import Console
+from rich.table import Table
 from torch import nn
 
 from robot.contract import ImageSpec
 from robot.errors import ConfigError
 from robot.inference.policy import PARSING, TranslatorContract
+from robot.output import write_json
 from robot.typed_config import from_plain, to_plain
 from trainer.export import export_translator
 from trainer.relit import relit
 from trainer.resumable import fit
 from trainer.torch_file import load_torch, reading, save_torch
 from trainer.transfer.cli import ParseOptions
-from trainer.transfer.labelled import LABEL_SETS, VOID, Labelled, LabelSet
+from trainer.transfer.labelled import LABEL_SETS, VOID, Labelled, LabelSet, load_sources
 from trainer.transfer.networks import SEGNETS, SegNet, painted, through
+from trainer.transfer.pictures import SHEET_ROWS, draw_sheet, spread
 
 _WHAT = "a parser, parser.pt of python -m trainer parse train"
 LEARNING_RATE = 2e-3  # falls to zero along a cosine
 CROPS = (0.6, 1.0)  # share of the frame's height and width
+MOST_WEIGHT = 3.16  # of a class
 
 
 class Parser(nn.Module):
@@ -39,20 +43,14 @@ class Parser(nn.Module):
     def __init__(self, options: ParseOptions) -> None:
         super().__init__()
         self.options, self.labels = options, LABEL_SETS[options.labels]
+        self.image = ImageSpec(options.size[1], options.size[0])  # what it sees
         self.network = SegNet(len(self.labels.classes), *SEGNETS[options.net])
         self.register_buffer("colours", torch.tensor(self.labels.colours, dtype=torch.float32))
 
-    @property
-    def image(self) -> ImageSpec:
-        """What it sees."""
-        height, width = self.options.size
-        return ImageSpec(width, height)
-
     def parse(self, frames: np.ndarray) -> np.ndarray:
         """(N, H, W, 3) uint8 RGB of the size it was taught with -> (N, H, W) uint8 labels."""
-        expected = (*self.options.size, 3)
-        if frames.shape[1:] != expected or frames.dtype != np.uint8:
-            raise ConfigError(f"parser: expected frames (N, {expected}) uint8, got {frames.shape}")
+        if frames.shape[1:] != self.image.shape:
+            raise ConfigError(f"parser: expected frames {self.image.shape}, got {frames.shape[1:]}")
         return through(lambda some: self.network(some).argmax(1).byte(), frames, size=16)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
@@ -67,6 +65,34 @@ class Parser(nn.Module):
         export_translator(self, contract, path)
 
 
+def train_parser(out: Path, run: ParseOptions, console: Console) -> None:
+    """Do what is left of a run in the folder ``out``, and tell how well held-out frames are parsed.
+
+    ConfigError if there is nothing to learn from.
+    """
+    splits = load_sources(run)
+    parser = teach(run, [split.training for split in splits], out / "checkpoint.pt", console)
+    save_parser(parser, out / "parser.pt")
+    held_out, paint, scores = splits[-1].held_out, parser.labels.paint, []
+    count = len(held_out.names)
+    shown = held_out.pick(spread(count, min(SHEET_ROWS, count)))
+    found = paint(parser.parse(shown.frames))
+    columns = {"frame": shown.frames, "classes found": found, "true classes": paint(shown.truth)}
+    draw_sheet(out / "sheet.png", columns)
+    for name, _, test in splits:
+        score = score_classes(test.truth, parser.parse(test.frames), parser.labels, name)
+        title = (
+            f"{name}: mean IoU {score.mean_iou:.1%}, pixels {score.pixel_accuracy:.1%} "
+            f"({score.frames} held-out frames)"
+        )
+        table = Table("class", "share of pixels", "accuracy", "IoU", title=title)
+        for row in score.classes:
+            table.add_row(row.name, *(f"{x:.1%}" for x in (row.pixels, row.accuracy, row.iou)))
+        console.print(table)
+        scores.append(score)
+    write_json(out / "scores.json", scores)
+
+
 def teach(
     options: ParseOptions, sources: Sequence[Labelled], checkpoint: Path, console: Console
 ) -> Parser:
@@ -74,7 +100,7 @@ def teach(
     torch.manual_seed(options.seed)
     parser = Parser(options)
     optimiser = torch.optim.Adam(parser.network.parameters(), LEARNING_RATE)
-    weights = torch.from_numpy(class_weights(sources))
+    weights = torch.from_numpy(class_weights(sources, len(parser.labels.classes)))
     cross_entropy = nn.CrossEntropyLoss(weights, ignore_index=VOID)
 
     def loss_of(rng: np.random.Generator) -> torch.Tensor:
@@ -87,14 +113,13 @@ def teach(
     return parser
 
 
-def class_weights(sources: Sequence[Labelled], strongest: float = 3.16) -> np.ndarray:
+def class_weights(sources: Sequence[Labelled], classes: int) -> np.ndarray:
     """(C,) float32: the fourth root of median-frequency balancing.
 
     SegNet balances fully (Eigen and Fergus 2015), which buys the rare classes' accuracy with
     everyone's intersection over union: lines come out too wide. With none the rarest classes are
     lost. Absent classes have weight 1.
     """
-    classes = len(sources[0].labels.classes)
     shares = np.zeros(classes)
     for source in sources:
         counts = np.bincount(source.truth[source.truth != VOID], minlength=classes)
@@ -102,7 +127,7 @@ def class_weights(sources: Sequence[Labelled], strongest: float = 3.16) -> np.nd
     occurs = shares > 0
     weights = np.ones(classes)
     weights[occurs] = (np.median(shares[occurs]) / shares[occurs]) ** 0.25
-    return np.minimum(weights, strongest).astype(np.float32)
+    return np.minimum(weights, MOST_WEIGHT).astype(np.float32)
 
 
 def draw_batch(

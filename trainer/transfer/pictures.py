@@ -7,14 +7,14 @@ files; a label's grey values are `sim_pybullet.scene.SemanticClass`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import yaml
+from rich.progress import track
 
 from robot.camera.files import picture_files, play, read_picture
 from robot.camera.source import fit_to_frame
@@ -34,6 +34,7 @@ from sim_pybullet.sensing.sensor import apply_sensor
 from sim_pybullet.tasks.spec import find_task
 from trainer.division import maps_named, refuse_judging_maps
 from trainer.run import appearing
+from trainer.transfer.cli import Source
 
 _C = SemanticClass
 PAINTS = (_C.WHITE_LINE, _C.YELLOW_LINE, _C.RED_LINE, _C.ROAD)
@@ -53,10 +54,6 @@ class Pictures(NamedTuple):
         chosen = rng.integers(self.folder.max() + 1, size=count)
         members = [np.flatnonzero(self.folder == k) for k in range(self.folder.max() + 1)]
         return np.array([rng.choice(members[k]) for k in chosen])
-
-    def part(self, chosen: slice) -> Pictures:
-        """Some of them."""
-        return Pictures(self.images[chosen], self.folder[chosen], self.files[chosen])
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -89,8 +86,6 @@ def label_of(picture: Path) -> np.ndarray:
 
 def load_pictures(folders: Sequence[Path], image: ImageSpec) -> Pictures:
     """All of `pictures_of` some paths, as a policy's; ConfigError where there are none."""
-    if not folders:
-        raise ConfigError("pictures: expected at least one folder, got none")
     found = [[preprocess(fit_to_frame(p), image) for p in pictures_of(path)] for path in folders]
     files = tuple(f for path in folders if path.is_dir() for f in pictures_in(path))
     numbers = np.repeat(range(len(found)), [len(some) for some in found])
@@ -116,15 +111,13 @@ def spread(many: int, count: int) -> np.ndarray:
 
 def draw_sheet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """Write a PNG file of titled columns, each pictures (N, H, W, 3) uint8 RGB of one size."""
-    write_png(path, np.hstack([_column(name, shown) for name, shown in columns.items()]))
-
-
-def _column(name: str, pictures: np.ndarray) -> np.ndarray:
-    title = np.full((16, pictures.shape[2] * _ENLARGED + _GAP, 3), 255, np.uint8)
-    cv2.putText(title, name, (2, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
-    large = pictures.repeat(_ENLARGED, 1).repeat(_ENLARGED, 2)
-    around = ((0, 0), (0, _GAP), (0, _GAP), (0, 0))
-    return np.vstack([title, *np.pad(large, around, constant_values=255)])
+    made, around = [], ((0, 0), (0, _GAP), (0, _GAP), (0, 0))
+    for name, pictures in columns.items():
+        title = np.full((16, pictures.shape[2] * _ENLARGED + _GAP, 3), 255, np.uint8)
+        cv2.putText(title, name, (2, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
+        large = pictures.repeat(_ENLARGED, 1).repeat(_ENLARGED, 2)
+        made.append(np.vstack([title, *np.pad(large, around, constant_values=255)]))
+    write_png(path, np.hstack(made))
 
 
 _BATCH = 32
@@ -134,30 +127,19 @@ _HEADING_RAD = 0.25
 _ASTRAY = 0.1  # share of frames with any heading: robots that have lost their lane see these
 
 
-@dataclass(frozen=True)
-class Source:
-    """``collection.yaml``."""
-
-    maps: tuple[str, ...]
-    frames: int
-    look: str
-    seed: int = 0
-
-
-def collect(out: Path, source: Source, tick: Callable[[], None]) -> None:
-    """Gather frames in a folder that appears when all are there, ``tick`` by one.
+def collect(out: Path, source: Source) -> None:
+    """Gather frames in a folder that appears when all are there.
 
     DuckpilotError if ``out`` exists, or a map or look is none to learn from.
     """
     with appearing(out) as folder:
-        text = yaml.safe_dump(to_plain(source), sort_keys=False)
-        (folder / "collection.yaml").write_text(text)
-        for number, (frame, label) in enumerate(simulated(source)):
+        (folder / "collection.yaml").write_text(yaml.safe_dump(to_plain(source), sort_keys=False))
+        frames = track(simulated(source), "frames", source.frames, transient=True)
+        for number, (frame, label) in enumerate(frames):
             for part, picture in (("image", frame[..., ::-1]), ("label", label)):
                 (folder / part).mkdir(exist_ok=True)
                 if not cv2.imwrite(str(folder / part / f"{number:06d}.png"), picture):
                     raise OSError(f"{folder}: cannot be written")
-            tick()
 
 
 def simulated(source: Source) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -53,9 +53,10 @@ class Pix2PixConfig:
     l1: float = 100.0
 
 
-PAPER = Pix2PixConfig()
-SMALL = Pix2PixConfig(None, 16, 3, 2, batch=8, learning_rate=1e-3)
-PIX2PIX = {"paper": PAPER, "small": SMALL}
+PIX2PIX = {
+    "paper": Pix2PixConfig(),
+    "small": Pix2PixConfig(None, 16, 3, 2, batch=8, learning_rate=1e-3),
+}
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,7 @@ class Pix2Pix:
         """Logits (N, 1, h, w) that patches of a translation belong to the picture given."""
         size = self.config.size or given.shape[2:]
         pair = [resized(each, size, "bilinear") for each in (given, translation)]
-        logits: torch.Tensor = self.critic(torch.cat(pair, 1))
-        return logits
+        return self.critic(torch.cat(pair, 1))
 
     def step(self, given: torch.Tensor, wanted: torch.Tensor) -> float:
         """Teach both on pairs (N, 3, H, W); the L1 distance that was left, in [-1, 1]."""
@@ -117,8 +117,7 @@ def teach_pairs(
     The rate is constant for half of the steps and then falls linearly to nothing, as in Isola et
     al. 2017: the last updates would else leave their own texture on even surfaces.
     """
-    names = ("generator", "critic", "of_generator", "of_critic")
-    parts = {name: getattr(model, name) for name in names}
+    parts = {name: part for name, part in vars(model).items() if name != "config"}
     optimisers = (model.of_generator, model.of_critic)
 
     def step(rng: np.random.Generator, k: int) -> str:

@@ -19,7 +19,6 @@ from trainer.experiments.records import (
     Turn,
     frames_of,
     load_drive,
-    make_stacks,
     split_by_time,
     turns,
 )
@@ -142,18 +141,19 @@ def test_training_and_test_share_no_picture(tmp_path: Path) -> None:
     write_pictures(tmp_path, [f"{k:03d}.jpg" for k in range(100)])
     drive = Drive(tuple(sorted(tmp_path.glob("*.jpg"))), np.linspace(-20, 20, 100))
     frames, see = frames_of(drive), partial(preprocess_batch, spec=IMAGE)
-    stacks = make_stacks(drive, frames, see)
-    assert stacks.stacked().shape == (97, 20, 40, 3 * STACK)
-    assert (np.diff(stacks.stacked()[5, 0, 0, ::3].astype(int)) >= 0).all()
-    training, test = split_by_time(stacks)
+    training, test = split_by_time(drive, frames, 1, see)
+    assert training.stacked().shape == (57, 20, 40, 3 * STACK)
+    assert test.stacked().shape == (17, 20, 40, 3 * STACK)
+    assert (np.diff(training.stacked()[5, 0, 0, ::3].astype(int)) >= 0).all()
     assert training.last.max() + 20 < test.last.min() - (STACK - 1) + 1
-    apart = make_stacks(drive, frames, see, 2)
+    apart, test = split_by_time(drive, frames, 2, see)
     assert np.array_equal(apart.stacked([0])[0, ..., ::3][..., -1], apart.pictures[6, ..., 0])
     assert np.array_equal(apart.stacked([0])[0, ..., 0], apart.pictures[0, ..., 0])
-    training, test = split_by_time(apart)
-    assert training.last.max() + 20 < test.last.min() - 2 * (STACK - 1) + 1
-    with pytest.raises(ConfigError, match="expected enough pictures"):
-        split_by_time(stacks._replace(pictures=stacks.pictures[:20], last=stacks.last[:17]))
+    assert apart.last.max() + 20 < test.last.min() - 2 * (STACK - 1) + 1
+    assert (apart.turns == turns(drive.steering_deg)[apart.last]).all()
+    for count in (3, 20):
+        with pytest.raises(ConfigError, match=f"expected enough pictures.* got {count}"):
+            split_by_time(drive, frames[:count], 1, see)
 
 
 @pytest.mark.parametrize("kind", ["grey", "wide", "large"])
@@ -162,6 +162,6 @@ def test_pictures_of_other_sizes_and_grey_ones_are_taken(tmp_path: Path, kind: s
     for k in range(5):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.full(shape, 40 * k, np.uint8))
     drive = Drive(tuple(sorted(tmp_path.glob("*.png"))), np.zeros(5))
-    stacks = make_stacks(drive, frames_of(drive), partial(preprocess_batch, spec=IMAGE))
-    assert stacks.pictures.shape == (5, *IMAGE.shape)
-    assert (stacks.pictures[3] == 120).all()
+    pictures = preprocess_batch(frames_of(drive), IMAGE)
+    assert pictures.shape == (5, *IMAGE.shape)
+    assert (pictures[3] == 120).all()

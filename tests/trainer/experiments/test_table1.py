@@ -11,7 +11,8 @@ from tests.robot.tiny_onnx import write_translator
 from tests.trainer.experiments.test_racing_policy import write_policy
 from trainer.cli import main
 from trainer.experiments.records import Turn
-from trainer.experiments.table1 import chance, compare, interval
+from trainer.experiments.table1 import BLOCK_FRAMES, chance, compare
+from trainer.judging.intervals import bootstrap
 
 
 def write_drive(folder: Path, count: int) -> None:
@@ -69,8 +70,7 @@ def test_who_sees_through_something_has_supervised_networks_that_see_likewise(
 def test_the_interval_widens_where_mistakes_come_in_stretches() -> None:
     scattered = np.arange(400) % 2 == 0
     stretched = (np.arange(400) // 40) % 2 == 0
-    rng = np.random.default_rng(0)
-    narrow, wide = interval(scattered, rng), interval(stretched, rng)
+    narrow, wide = (bootstrap(each, np.mean, BLOCK_FRAMES) for each in (scattered, stretched))
     assert wide[1] - wide[0] > 3 * (narrow[1] - narrow[0])
     assert narrow[0] <= 0.5 <= narrow[1]
     assert wide[0] <= 0.5 <= wide[1]

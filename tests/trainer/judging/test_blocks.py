@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from rich.console import Console
 from robot.errors import ConfigError
 from trainer.judging import blocks
 from trainer.judging.blocks import digest, drive_blocks, kept_beside
-from trainer.judging.films import Worst
+from trainer.judging.films import Scene
 
 SEEDS = range(10, 15)
 BLOCKS = ([10, 11], [12, 13], [14])
@@ -32,20 +32,19 @@ class Toy:
     notes: Path
     grief: str = ""
     films: bool = False
-    title = "toy"
 
     @property
     def files(self) -> list[str]:
         return ["loop", str(self.notes / "model")]
 
-    def drive(self, seeds: Sequence[int], worst: Worst) -> list[Any]:
+    def drive(self, seeds: Sequence[int]) -> Iterator[tuple[Any, Scene | None]]:
         with (self.notes / f"{seeds[0]}").open("a") as file:
             file.write(f"{os.getpid()}\n")
         if seeds[0] == 14:
             self._come_to_grief()
-        for seed in seeds if self.films else ():
-            worst.add((seed % 10,), f"{seed}", [np.full((8, 8, 3), seed, np.uint8)])
-        return [(seed, 1.0 / seed, float("nan"), True, None) for seed in seeds]
+        for seed in reversed(seeds):
+            scene = (seed % 10,), f"{seed}", [np.full((8, 8, 3), seed, np.uint8)]
+            yield (seed, 1.0 / seed, float("nan"), True, None), scene if self.films else None
 
     def _come_to_grief(self) -> None:
         if self.grief == "refused":
@@ -65,7 +64,7 @@ def driven(notes: Path) -> dict[int, list[int]]:
 def drive(toy: Toy, workers: int, beside: Path | None) -> str:
     console = Console(quiet=True)
     with kept_beside(beside, console) as folder:
-        return repr(drive_blocks(toy, SEEDS, folder, workers, console)[0])
+        return repr(drive_blocks(toy, "toy", SEEDS, folder, workers, console)[0])
 
 
 @pytest.fixture(autouse=True)
@@ -168,7 +167,7 @@ def test_blocks_of_something_else_are_not_believed(
 
 
 def test_films_are_kept_with_their_blocks(notes: Path, tmp_path: Path) -> None:
-    asked = Toy(notes, films=True), SEEDS, tmp_path, 1, Console(quiet=True)
+    asked = Toy(notes, films=True), "toy", SEEDS, tmp_path, 1, Console(quiet=True)
     films = sorted(drive_blocks(*asked)[1], reverse=True)
     assert [film.title for film in films[:3]] == ["14", "13", "12"]
     assert len({film.path.read_bytes() for film in films}) > 1

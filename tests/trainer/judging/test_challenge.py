@@ -39,7 +39,11 @@ def test_a_median_lies_in_its_interval_which_holds_the_truth_nine_times_of_ten()
 def test_mcnemars_exact_test_by_hand(only_first: int, only_second: int, p_value: float) -> None:
     first = [True] * 7 + [True] * only_first + [False] * only_second
     second = [True] * 7 + [False] * only_first + [True] * only_second
-    assert tuple(paired(first, second)) == (only_first, only_second, pytest.approx(p_value))
+    assert tuple(paired(first, second).values()) == (
+        only_first,
+        only_second,
+        pytest.approx(p_value),
+    )
 
 
 def episode(seed: int, end: str, tiles: float, at_fault: bool = False, runs: int = 0) -> Episode:

@@ -18,7 +18,8 @@ from sim_pybullet.tasks.manoeuvres import Manoeuvres
 from trainer.cli import main
 from trainer.export import export_network
 from trainer.judging import blocks, judge
-from trainer.judging.evaluate import Drive, open_policy, ridden, summarise, wilson_low
+from trainer.judging.evaluate import Drive, open_policy, ridden, summarise
+from trainer.judging.intervals import wilson_low
 from trainer.learners.networks import GreedyNetwork
 from trainer.learners.policies import build_policy
 from trainer.options import EvaluateOptions

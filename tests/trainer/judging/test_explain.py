@@ -18,9 +18,9 @@ from trainer.cli import main
 from trainer.export import export_network
 from trainer.judging.explain import (
     Explainer,
-    as_onnx,
     explain,
     fuse,
+    open_explainer,
     overlay,
     pictures,
     sheet,
@@ -218,8 +218,8 @@ def test_a_checkpoint_looks_where_its_export_looks(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 256, (2, *config.image.shape), dtype=np.uint8)
     expected = Explainer(tmp_path / "model.onnx").attention(images)
     for source in (run.best, run.path / "last.pt", run.path):
-        with as_onnx(source) as path:
-            np.testing.assert_allclose(Explainer(path).attention(images), expected, atol=1e-5)
+        found = open_explainer(source).attention(images)
+        np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_wrong_sources_are_status_2(model: Path, folder: Path, tmp_path: Path) -> None:

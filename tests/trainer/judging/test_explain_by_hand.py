@@ -212,7 +212,7 @@ def test_every_tenth_picture_of_a_film_is_kept_for_the_sheet(
     monkeypatch.setattr(module, "Explainer", lambda _: None)
     monkeypatch.setattr(module, "pictures", lambda _: iter(frames))
     monkeypatch.setattr(module, "explain", lambda _, frame: frame)
-    monkeypatch.setattr(module, "Mp4", Film)
+    monkeypatch.setattr("trainer.mp4.Mp4", Film)
     monkeypatch.setattr(module, "write_png", lambda path, _: written["pictures"].append(path.name))
     monkeypatch.setattr(module, "sheet", lambda shown: written.update(kept=shown))
     source = tmp_path / ("drive.mp4" if filmed else "pictures")

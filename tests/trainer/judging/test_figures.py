@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from sim_pybullet.batch import DriveMetrics
-from trainer.judging.evaluate import Drive, summarise, wilson_low
+from trainer.judging.evaluate import Drive, summarise
+from trainer.judging.intervals import wilson_low
 from trainer.options import EvaluateOptions
 
 DRIVES = [

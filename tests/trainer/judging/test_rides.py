@@ -1,4 +1,4 @@
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,8 +20,8 @@ from trainer.judging.evaluate import (
     _end,
     drive,
 )
-from trainer.judging.films import WORST, Worst, films, films_of, keep_films
-from trainer.judging.judge import _offer
+from trainer.judging.films import WORST, Scene, film_worst, films, films_of, keep_films
+from trainer.judging.judge import _scene
 
 HALF_LANE_M = 0.111
 
@@ -38,24 +38,33 @@ def shown(film: Sequence[np.ndarray]) -> list[int]:
     return [int(frame[0, 0, 0]) for frame in film]
 
 
-def offered(ends: list[tuple[str, float]], first: int, end_before: int) -> Worst:
+def offered(ends: list[tuple[str, float]], first: int, end_before: int) -> list[Scene]:
     """Of some of the drives that ended so, this far off at their end."""
-    worst = Worst()
+    scenes = []
     for seed, (end, off_m) in list(enumerate(ends))[first:end_before]:
         ride = ridden([0.0] * 29 + [-off_m])
         ride.end = end
         metrics = DriveMetrics(1.0, 3.0, 0.1, 0.0, 0.02)
-        _offer(worst, Drive(seed, end == DONE, metrics, map="arena"), ride)
-    return worst
+        scenes.append(_scene(Drive(seed, end == DONE, metrics, map="arena"), ride))
+    return [scene for scene in scenes if scene is not None]
 
 
 @given(st.lists(st.integers(-9, 9), min_size=1, max_size=40, unique=True))
 def test_the_worst_are_kept_with_what_was_seen(badness: list[int]) -> None:
-    worst = Worst()
-    for k in badness:
-        worst.add((k > 0, k), f"episode {k}", [np.full((1, 1, 3), k + 9, np.uint8)])
-    kept = [(of[1], what, shown(film)[0] - 9) for of, what, film in worst.kept]
-    assert kept == [(k, f"episode {k}", k) for k in sorted(badness, reverse=True)[:WORST]]
+    written: list[tuple[str, int]] = []
+
+    def write(path: Path, frames: Iterable[np.ndarray], _: float) -> None:
+        written.append((path.name, shown(list(frames))[0] - 9))
+
+    scenes = [((k > 0, k), f"episode {k}", [np.full((2, 2, 3), k + 9, np.uint8)]) for k in badness]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("trainer.judging.films.write_mp4", write)
+        found = film_worst(scenes, Path("folder/e"))
+    worst = sorted(badness, reverse=True)[:WORST]
+    assert [(each.badness, each.title) for each in found] == [
+        ((k > 0, k), f"episode {k}") for k in worst
+    ]
+    assert written == [(f"e_{rank}.mp4", k) for rank, k in enumerate(worst, start=1)]
 
 
 def test_how_a_robot_was_put_down_is_no_deviation() -> None:
@@ -75,7 +84,9 @@ def test_a_film_ends_with_a_failure_or_where_a_robot_was_farthest_off() -> None:
 def test_what_failed_or_left_its_lane_is_filmed_and_films_of_before_go(tmp_path: Path) -> None:
     ends = [(DONE, 0.01), ("left its path", 0.05), (DONE, 0.12), ("collided", 0.0), (DONE, 0.1)]
     beside = films_of(tmp_path / "e.json")
-    found = [film for k in (0, 3) for film in offered(ends, k, k + 3).write(tmp_path / f"{k}")]
+    found = [
+        film for k in (0, 3) for film in film_worst(offered(ends, k, k + 3), tmp_path / f"{k}")
+    ]
     told = keep_films(found, *beside)
     assert [title for title, _ in told] == [
         "Episode 1 on arena - left its path",

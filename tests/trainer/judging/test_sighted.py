@@ -21,7 +21,7 @@ from tests.robot.navigation.test_lane_watch import FakeSight, OnTheLane
 from tests.robot.navigation.test_way_seen import picture
 from tests.trainer.judging.test_governed import Heedless
 from trainer.judging.challenge import Episode, drive
-from trainer.judging.cli import judge_command
+from trainer.judging.cli import JudgeOptions, judge_command
 from trainer.judging.drivers import Driver, Pilot
 from trainer.judging.sighted import Sighted
 from trainer.sight.cli import SHIPPED
@@ -79,4 +79,4 @@ def test_the_judge_decides_as_the_robot_does(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_at_junctions_sight_is_not_enough(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="does not tell who comes from the sides"):
-        judge_command(str(tmp_path / "any.onnx"), "lfvi", poses="sight")
+        judge_command(JudgeOptions(str(tmp_path / "any.onnx"), "lfvi", poses="sight"))

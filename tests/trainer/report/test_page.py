@@ -16,7 +16,7 @@ from tests.trainer.judging.test_rides import offered
 from tests.trainer.test_run import episode
 from trainer.cli import main
 from trainer.judging.evaluate import DONE, Evaluation
-from trainer.judging.films import films_of, keep_films
+from trainer.judging.films import film_worst, films_of, keep_films
 from trainer.options import EvaluateOptions
 from trainer.presets import preset
 from trainer.report import page as module
@@ -65,7 +65,7 @@ def test_what_there_is_not_is_not_shown(tmp_path: Path) -> None:
 def test_the_page_holds_every_picture_and_asks_for_nothing_else(tmp_path: Path) -> None:
     folder = make_run(tmp_path / "a", "dueling", task="navigation")
     path = judge(folder, failures=(8,))
-    films = offered([(DONE, 0.01), ("collided", 0.2)], 0, 2).write(tmp_path / "kept")
+    films = film_worst(offered([(DONE, 0.01), ("collided", 0.2)], 0, 2), tmp_path / "kept")
     ((_, film),) = keep_films(films, *films_of(path))
     folder.film.write_bytes(b"a film")
     (tmp_path / "drive.mp4").write_bytes(b"another")

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from trainer.transfer.pictures import Source, collect
+from trainer.transfer.cli import Source
+from trainer.transfer.pictures import collect
 
 
 @pytest.fixture(scope="session")
 def sim(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("sim") / "frames"
-    source = Source(("loop",), 6, "nominal", seed=3)
-    collect(out, source, lambda: None)
+    collect(out, Source(("loop",), 6, "nominal", seed=3))
     return out
 
 

@@ -1,3 +1,4 @@
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -12,8 +13,9 @@ from robot.recording.reader import read_frames
 from sim_pybullet.racing.track import centre_line, load_track
 from sim_pybullet.scene import SemanticClass
 from trainer.cli import main
+from trainer.transfer import pictures
+from trainer.transfer.cli import Source
 from trainer.transfer.pictures import (
-    Source,
     collect,
     load_paint,
     load_pictures,
@@ -41,8 +43,7 @@ def test_frames_and_labels_belong_together(sim: Path) -> None:
 
 
 def test_a_seed_gives_the_same_frames(sim: Path, tmp_path: Path) -> None:
-    source = Source(("loop",), 6, "nominal", seed=3)
-    collect(tmp_path / "a", source, lambda: None)
+    collect(tmp_path / "a", Source(("loop",), 6, "nominal", seed=3))
     for part in ("image", "label"):
         ours, again = (read(folder / part / "000004.png") for folder in (sim, tmp_path / "a"))
         np.testing.assert_array_equal(ours, again)
@@ -58,13 +59,14 @@ def test_frames_of_a_track_show_its_road_from_everywhere_along_it() -> None:
     assert counts.min() > 8
 
 
-def test_a_failure_leaves_no_folder(tmp_path: Path) -> None:
-    def stop() -> None:
+def test_a_failure_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(_: Source) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        yield np.zeros((120, 160, 3), np.uint8), np.zeros((120, 160), np.uint8)
         raise KeyboardInterrupt
 
-    source = Source(("loop",), 40, "nominal")
+    monkeypatch.setattr(pictures, "simulated", stopped)
     with pytest.raises(KeyboardInterrupt):
-        collect(tmp_path / "out", source, stop)
+        collect(tmp_path / "out", Source(("loop",), 40, "nominal"))
     assert not list(tmp_path.iterdir())
 
 

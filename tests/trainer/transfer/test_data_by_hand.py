@@ -17,9 +17,9 @@ from robot.navigation.road_map import load_map, read_map
 from sim_pybullet.scenery.objects import lane_poses
 from trainer.export import check_translator
 from trainer.transfer import parser, pictures
-from trainer.transfer.cli import ParseOptions, Sources, ThroughOptions
+from trainer.transfer.cli import ParseOptions, Source, Sources, ThroughOptions
 from trainer.transfer.cyclegan import _shifted, onnx_file
-from trainer.transfer.labelled import ROAD, VOID, Labelled, Photograph, Shape, draw, ends
+from trainer.transfer.labelled import VOID, Labelled, Photograph, Shape, draw, ends
 from trainer.transfer.parser import Parser, class_weights, draw_batch
 from trainer.transfer.pictures import Pictures, draw_sheet, load_paint, pictures_in, spread
 
@@ -73,11 +73,9 @@ def test_forty_eight_painted_worlds_are_shared_among_the_maps(
 
     monkeypatch.setattr(pictures, "LookPool", lambda *given: made.append(given[3]))
     monkeypatch.setattr(pictures, "snapshots", snapshots)
-    told: list[None] = []
     out = tmp_path / "out"
-    source = pictures.Source(maps, 70, "nominal", seed=3)
-    pictures.collect(out, source, lambda: told.append(None))
-    assert (made, batches, len(told)) == ([size], [32, 32, 6], 70)
+    pictures.collect(out, Source(maps, 70, "nominal", seed=3))
+    assert (made, batches) == ([size], [32, 32, 6])
     for part in ("image", "label"):
         names = sorted(path.name for path in (out / part).iterdir())
         assert names == [f"{k:06d}.png" for k in range(70)]
@@ -110,20 +108,23 @@ def test_photographs_move_by_a_twentieth_of_their_width_at_most() -> None:
     assert small == {3, 4, 5}, "by one pixel at least"
 
 
-def test_rare_classes_weigh_more_by_a_root_and_not_without_limit() -> None:
+def test_rare_classes_weigh_more_by_a_root_and_not_without_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def source(counts: dict[int, int]) -> Labelled:
         values = np.repeat(list(counts), list(counts.values())).astype(np.uint8)
-        return Labelled(ROAD, ("a",), np.zeros((1, 1, len(values), 3)), values[None, None])
+        return Labelled(np.array(["a"]), np.zeros((1, 1, len(values), 3)), values[None, None])
 
     one, other = source({0: 80, 1: 16, 2: 4, VOID: 900}), source({0: 8, 1: 2, 3: 10})
     shares = np.array([0.8 + 0.4, 0.16 + 0.1, 0.04, 0.5])
     expected = (np.median(shares) / shares) ** 0.25
-    weights = class_weights([one, other])
+    weights = class_weights([one, other], 6)
     assert weights.dtype == np.float32
     assert weights == pytest.approx([*expected, 1.0, 1.0])
-    assert class_weights([one, other], 1.05).max() == pytest.approx(1.05)
-    rare = class_weights([source({0: 100_000, 1: 100_000, 2: 1})])
-    assert rare[2] == pytest.approx(3.16)
+    rare = source({0: 100_000, 1: 100_000, 2: 1})
+    assert class_weights([rare], 6)[2] == pytest.approx(3.16)
+    monkeypatch.setattr(parser, "MOST_WEIGHT", 1.05)
+    assert class_weights([one, other], 6).max() == pytest.approx(1.05)
 
 
 def test_frames_are_cut_to_six_tenths_and_more_and_mirrored_half_of_the_time(
@@ -132,9 +133,13 @@ def test_frames_are_cut_to_six_tenths_and_more_and_mirrored_half_of_the_time(
     monkeypatch.setattr(parser, "relit", lambda frame, _: frame)
     rows, columns = np.mgrid[0:60, 0:100].astype(np.float32)
     frame = np.stack((rows, columns, 0 * rows), axis=-1).astype(np.uint8)
-    one = Labelled(ROAD, ("a",), frame[None], np.full((1, 60, 100), 1, np.uint8))
-    two = Labelled(
-        ROAD, ("b",) * 9, np.repeat(frame[None], 9, 0), np.full((9, 60, 100), 2, np.uint8)
+    one, two = (
+        Labelled(
+            np.array(["a"] * many),
+            np.repeat(frame[None], many, 0),
+            np.full((many, 60, 100), label, np.uint8),
+        )
+        for many, label in ((1, 1), (9, 2))
     )
     frames, truth = draw_batch([one, two], 400, np.random.default_rng(0))
     assert frames.shape == (400, 60, 100, 3)

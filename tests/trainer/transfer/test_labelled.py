@@ -8,7 +8,7 @@ import yaml
 from robot.errors import ConfigError
 from robot.typed_config import to_plain
 from sim_pybullet.scene import SemanticClass
-from trainer.transfer.cli import Sources
+from trainer.transfer.cli import ParseOptions, Sources
 from trainer.transfer.labelled import (
     CAMVID,
     ROAD,
@@ -43,8 +43,10 @@ def test_camvid_void_is_void_and_the_end_of_each_sequence_is_held_out(tmp_path: 
     data = load_pairs(tmp_path, CAMVID, SIZE)
     assert (data.truth[:4] == 3).all()
     assert (data.truth[4:] == VOID).all()
-    ((_, training, held_out),) = load_sources(Sources((str(tmp_path),)), CAMVID, SIZE)
-    assert held_out.names == ("a_003", "b_006", "b_007")
+    ((_, training, held_out),) = load_sources(
+        ParseOptions(Sources((str(tmp_path),)), "camvid", size=SIZE)
+    )
+    assert held_out.names.tolist() == ["a_003", "b_006", "b_007"]
     assert set(training.names) | set(held_out.names) == set(data.names)
     assert not set(training.names) & set(held_out.names)
 
@@ -100,8 +102,8 @@ def test_annotations_find_their_photographs(tmp_path: Path) -> None:
         load_drawn(drawn, tmp_path, SIZE)
     write_pairs(tmp_path, ["a", "b"], 0)
     asked = Sources((), str(tmp_path / "drawn.yaml"), str(tmp_path / "image"))
-    ((_, training, held_out),) = load_sources(asked, ROAD, SIZE)
-    assert (training.names, held_out.names) == (("a.png",), ("b.png",))
+    ((_, training, held_out),) = load_sources(ParseOptions(asked, size=SIZE))
+    assert (training.names.tolist(), held_out.names.tolist()) == (["a.png"], ["b.png"])
     assert set(np.unique(training.truth)) == {CLASS["road"], VOID}
 
 

@@ -32,7 +32,7 @@ def stripes(count: int) -> Labelled:
         column = 4 + (5 * i) % (WIDTH - 8)
         frames[i, :, column : column + 4] = 230
         truth[i, :, column : column + 4] = 2
-    return Labelled(ROAD, tuple(f"s_{i}" for i in range(count)), frames, truth)
+    return Labelled(np.array([f"s_{i}" for i in range(count)]), frames, truth)
 
 
 @pytest.mark.parametrize("size", [(24, 32), (15, 21), (120, 160)])
@@ -74,7 +74,7 @@ def test_rare_classes_count_more_in_the_loss_and_absent_ones_as_usual() -> None:
     some = stripes(4)
     some.truth[:, 0, 0] = 5
     shares = {k: np.mean(some.truth == k) for k in (1, 2, 5)}
-    weights = class_weights([some])
+    weights = class_weights([some], 6)
     assert weights[1] < weights[2] < weights[5] <= 3.16
     assert weights[2] / weights[1] == pytest.approx((shares[1] / shares[2]) ** 0.25)
     assert weights[[0, 3, 4]].tolist() == [1.0, 1.0, 1.0]

@@ -14,9 +14,7 @@ from trainer.transfer.labelled import ROAD
 from trainer.transfer.networks import SEGNETS, as_bytes, as_floats
 from trainer.transfer.parser import Parser, save_parser
 from trainer.transfer.pix2pix import (
-    PAPER,
     PIX2PIX,
-    SMALL,
     Pairs,
     Pix2Pix,
     Pix2PixConfig,
@@ -30,6 +28,7 @@ def generator(config: Pix2PixConfig) -> torch.nn.Module:
     return Pix2Pix(config, 0).generator
 
 
+PAPER, SMALL = PIX2PIX["paper"], PIX2PIX["small"]
 TINY = Pix2PixConfig((16, 32), 8, 2, 2, batch=4, learning_rate=1e-3)
 
 
