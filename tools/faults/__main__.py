@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from robot.command_line import SEED, OneLineParser, answer, spoken
-from tools.faults import FAMILIES
+from tools.faults.case import FAMILIES
 
 PROGRAM = "python -m tools.faults"
 

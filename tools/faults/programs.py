@@ -10,13 +10,11 @@ from pathlib import Path
 
 from robot.geometry import Pose
 from robot.recording.reader import read_turns
-from tools.faults.case import cases, ends, pauses, sets
 from tools.faults.hardware import coils_off
 from tools.faults.stage import Stage
 
 LOSS_S = 1.0
 PATIENCE_S = 60.0  # real time that a command may take
-__all__ = ["CASES", "ends", "pauses", "sets"]
 
 
 def _made(how: str, folder: Path, good: Path) -> Path:
@@ -144,6 +142,3 @@ def turned(stage: Stage, by_rad: float) -> None:
     """Somebody turns it."""
     pose = stage.bench.town.pose
     stage.bench.town.world.place(pose._replace(heading_rad=pose.heading_rad + by_rad))
-
-
-CASES = cases(__name__, "model", "programs", "missions")

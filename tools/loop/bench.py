@@ -174,9 +174,9 @@ class Bench:
         if name in cameras:  # nobody would read its pictures
             cameras[name].silent = frozen
 
-    def end(self, name: str, how: int = signal.SIGKILL) -> None:
+    def end(self, name: str, how: str = "SIGKILL") -> None:
         """End a program by a signal; it may take its time."""
-        self.processes[name].child.send_signal(how)
+        self.processes[name].child.send_signal(signal.Signals[how])
         self._ending.add(name)
 
     def stop(self, name: str) -> None:
