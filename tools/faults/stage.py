@@ -25,7 +25,7 @@ from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.in_step import let_sockets_wait
 from tools.loop.operator import Operator
-from tools.loop.shared_time import SharedTime
+from tools.loop.shared_time import SharedTime, message_number
 from tools.loop.timekeeper import BenchError, Conductor
 from tools.loop.town import OVERHEAD_FPS, ROBOT
 
@@ -87,7 +87,7 @@ class StandIn:
         while self._waiting and self._waiting[0][0] <= bench_s:
             sent = self._waiting.popleft()[1]
             self._send(sent.to_bytes())
-            self._shared.publish(sent.KIND, sent.session, sent.sequence)
+            self._shared.set(sent.KIND, message_number(sent.session, sent.sequence))
 
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena

@@ -23,7 +23,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
-from tools.loop.shared_time import SharedTime, session_number
+from tools.loop.shared_time import SharedTime, message_number
 from tools.loop.stepper import PipeWaiter, Stepper, Waiter
 
 LONGEST_S = 0.25  # real time that one message may take
@@ -75,20 +75,19 @@ def _watch_streams(shared: SharedTime) -> None:
 
     def told_send(publisher: Any, message: Any) -> Any:
         sent = send(publisher, message)
-        shared.publish(sent.KIND, sent.session, sent.sequence)
+        shared.set(sent.KIND, message_number(sent.session, sent.sequence))
         return sent
 
     def patient_receive(subscriber: Any) -> Any:
-        due = shared.published(subscriber._kind.KIND)
+        due = shared.get(subscriber._kind.KIND)
         newest: Any = None
 
         def there() -> bool:
             nonlocal newest
             got = receive(subscriber)
             if got is not None:
-                newest, subscriber.last = got, (session_number(got.session), got.sequence)
-            session, sequence = subscriber.last or due
-            return bool(session == due[0] and sequence >= due[1])
+                newest, subscriber.last = got, message_number(got.session, got.sequence)
+            return (subscriber.last or due) == due
 
         if not _look_until(there, shared):
             subscriber.last = due  # lost: do not wait for it again

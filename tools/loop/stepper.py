@@ -17,7 +17,7 @@ from contextlib import contextmanager
 
 from tools.loop.shared_time import SharedTime
 
-IDLE = struct.Struct("!cd")  # b"i", until when [s]
+IDLE = struct.Struct("!d")  # until when [s]
 GO = b"g"
 SOON_S = 1e-9
 LATE_S = 1e-7  # waits end a little late, as anywhere: rounding must not let one end too early
@@ -151,7 +151,7 @@ class Stepper:
             self._wake(first)
         else:
             until_s = math.inf if first is None else first.deadline_s
-            self._connection.sendall(IDLE.pack(b"i", until_s))
+            self._connection.sendall(IDLE.pack(until_s))
 
     def _wake(self, waiter: Waiter) -> None:
         self._waiters.remove(waiter)
