@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from robot.output import write_json
 from robot.safety.state_machine import State
+from robot.typed_config import to_plain
 from tools.faults import __main__ as faults
 from tools.faults import meet
 from tools.faults.case import Outcome
@@ -59,3 +61,9 @@ def test_wrong_input_ends_with_status_2(capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(SystemExit) as refusal:
         loop.main(["--missions", "0", "--model", "m.onnx"])
     assert refusal.value.code == 2
+
+
+def test_outcomes_are_read_again_as_they_were(tmp_path: Path) -> None:
+    every = [STOPPED, ALIKE, DRIVES, FAILED]
+    write_json(tmp_path / "faults.json", {"schema": 1, "outcomes": to_plain(every)})
+    assert meet._done(tmp_path / "faults.json") == every

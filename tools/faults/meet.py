@@ -91,4 +91,4 @@ def _done(path: Path | None) -> list[Outcome]:
     rows = read_json(path).get("outcomes")
     if not isinstance(rows, list):
         raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others")
-    return [from_plain(Outcome, row, str(path)) for row in rows]
+    return [from_plain(Outcome, row, f"{path}: outcomes") for row in rows]

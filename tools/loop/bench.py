@@ -71,6 +71,7 @@ class Process:
 
     def __init__(self, name: str, command: list[str], log: Path, typed: bool = False) -> None:
         self.name, self.log = name, log
+        self.frozen = self.ending = False  # by a signal
         with log.open("ab") as output:
             self.child = subprocess.Popen(
                 command,
@@ -129,8 +130,6 @@ class Bench:
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
         self.recordings = options.recordings or folder / "recordings"
-        self._frozen: set[str] = set()
-        self._ending: set[str] = set()
         self.operator: Operator
         self.second: Operator  # at the page of the second robot
         save_calibration(self.town.calibration, folder / "arena.yaml")
@@ -163,13 +162,14 @@ class Bench:
     @property
     def page_lives(self) -> bool:
         """Whether the monitor's page can be looked at."""
-        return not self.operator.closed and not {"monitor"} & (self._frozen | self._ending)
+        monitor = self.processes["monitor"]
+        return not (self.operator.closed or monitor.frozen or monitor.ending)
 
     def freeze(self, name: str, frozen: bool = True) -> None:
         """Stop a program where it is, or let it go on."""
         self.time.freeze(name, frozen)
         self.processes[name].child.send_signal(signal.SIGSTOP if frozen else signal.SIGCONT)
-        (self._frozen.add if frozen else self._frozen.discard)(name)
+        self.processes[name].frozen = frozen
         cameras = {"robot": self.town.camera, "localizer": self.town.overhead}
         if name in cameras:  # nobody would read its pictures
             cameras[name].silent = frozen
@@ -177,7 +177,7 @@ class Bench:
     def end(self, name: str, how: str = "SIGKILL") -> None:
         """End a program by a signal; it may take its time."""
         self.processes[name].child.send_signal(signal.Signals[how])
-        self._ending.add(name)
+        self.processes[name].ending = True
 
     def stop(self, name: str) -> None:
         """Kill a program, and wait for its end while time goes on."""
@@ -186,8 +186,9 @@ class Bench:
 
     def revive(self) -> None:
         """Let go on what is frozen, start again what has ended, and meet again."""
-        for name in list(self._frozen):
-            self.freeze(name, False)
+        for name, process in self.processes.items():
+            if process.frozen:
+                self.freeze(name, False)
         self._wait_for_ends()
         ended = [name for name, process in self.processes.items() if not process.alive]
         for name in ended:
@@ -271,11 +272,9 @@ class Bench:
         self.town.close()
 
     def _wait_for_ends(self) -> None:
-        def ended() -> bool:
-            return not any(self.processes[name].alive for name in self._ending)
-
-        self.until(ended, END_S, f"{', '.join(self._ending)} to end", PAUSE_S)
-        self._ending.clear()
+        ending = [process for process in self.processes.values() if process.ending]
+        names = ", ".join(process.name for process in ending)
+        self.until(lambda: not any(p.alive for p in ending), END_S, f"{names} to end", PAUSE_S)
 
     def _program(self, name: str) -> list[str]:
         places = {"folder": self.folder, "overhead": self.town.overhead.path, "fps": OVERHEAD_FPS}

@@ -34,21 +34,18 @@ _pause = time.sleep  # the real one: this module is imported before time is repl
 _real = time.perf_counter
 
 
-def install(shared: SharedTime) -> None:
-    """Watch the streams and commands of this process."""
-    let_sockets_wait()
-    _watch_streams(shared)
-    _watch_commands(shared)
+def replace(of: object, **others: Any) -> None:
+    """Put others in the place of what a module or a class has under these names."""
+    for name, other in others.items():
+        setattr(of, name, other)
 
 
 def let_sockets_wait() -> None:
     """ZeroMQ's own patience is by real time, which may be long while ours stands still."""
     from robot.link import sockets
 
-    limits: Any = sockets
-    limits.HEARTBEAT_TIMEOUT_MS = limits.CONNECT_TIMEOUT_MS = PATIENT_MS
-    limits.HANDSHAKE_MS = PATIENT_MS
-    limits.SEND_QUEUE = SEND_QUEUE
+    limits = ("HEARTBEAT_TIMEOUT_MS", "CONNECT_TIMEOUT_MS", "HANDSHAKE_MS")
+    replace(sockets, SEND_QUEUE=SEND_QUEUE, **dict.fromkeys(limits, PATIENT_MS))
 
 
 def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
@@ -63,9 +60,7 @@ def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
 def _watch_streams(shared: SharedTime) -> None:
     from robot.link.sockets import Publisher, Subscriber
 
-    publishers: Any = Publisher
-    subscribers: Any = Subscriber
-    begin, send, receive = subscribers.__init__, publishers.send, subscribers.receive
+    begin, send, receive = Subscriber.__init__, Publisher.send, Subscriber.receive
 
     def begin_by_the_wall(subscriber: Any, *arguments: Any, **named: Any) -> None:
         begin(subscriber, *arguments, **named)
@@ -93,8 +88,8 @@ def _watch_streams(shared: SharedTime) -> None:
             subscriber.last = due  # lost: do not wait for it again
         return newest
 
-    subscribers.__init__ = begin_by_the_wall
-    publishers.send, subscribers.receive = told_send, patient_receive
+    replace(Subscriber, __init__=begin_by_the_wall, receive=patient_receive)
+    replace(Publisher, send=told_send)
 
 
 def _watch_commands(shared: SharedTime) -> None:
@@ -104,10 +99,7 @@ def _watch_commands(shared: SharedTime) -> None:
     from robot.link.command_server import CommandServer
     from robot.link.messages import Ack, Command
 
-    clients: Any = CommandClient
-    servers: Any = CommandServer
-    acks: Any = Ack
-    transmit, send_ack = clients._transmit, acks.to_bytes
+    transmit, send_ack = CommandClient._transmit, Ack.to_bytes
 
     def counted_transmit(client: Any, command: Any) -> None:
         connected = client._socket.getsockopt(zmq.EVENTS) & zmq.POLLOUT
@@ -117,11 +109,12 @@ def _watch_commands(shared: SharedTime) -> None:
 
     def counted_ack(ack: Any) -> bytes:
         shared.add("ack")
-        return bytes(send_ack(ack))
+        return send_ack(ack)
 
-    clients._transmit, acks.to_bytes = counted_transmit, counted_ack
-    servers.serve = _patient(servers.serve, Command, "command", shared)
-    clients._collect = _patient(clients._collect, Ack, "ack", shared)
+    replace(Ack, to_bytes=counted_ack)
+    replace(CommandServer, serve=_patient(CommandServer.serve, Command, "command", shared))
+    collect = _patient(CommandClient._collect, Ack, "ack", shared)
+    replace(CommandClient, _transmit=counted_transmit, _collect=collect)
 
 
 def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
@@ -146,7 +139,7 @@ def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
             heard = shared.get(slot)
         return found
 
-    kind.from_bytes = staticmethod(counted)
+    replace(kind, from_bytes=staticmethod(counted))
     return patient
 
 
@@ -163,7 +156,9 @@ def main() -> None:
     stepper = Stepper(connection, shared)
     replace_time(stepper)
     _replace_decisions(stepper, shared)
-    install(shared)
+    let_sockets_wait()
+    _watch_streams(shared)
+    _watch_commands(shared)
     stepper.start()
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
@@ -171,12 +166,9 @@ def main() -> None:
 
 def replace_time(stepper: Stepper) -> None:
     """Replace clocks and timed waits, and count threads from now on."""
-    clocks: Any = time
-    threads: Any = threading
-    modules: Any = sys.modules
-    clocks.monotonic, clocks.sleep = stepper.now, stepper.sleep
-    threads._time = stepper.now  # what threading imported
-    modules["uvloop"] = None  # its timers are not Python's
+    replace(time, monotonic=stepper.now, sleep=stepper.sleep)
+    replace(threading, _time=stepper.now)  # what threading imported
+    sys.modules.update(uvloop=cast(Any, None))  # its timers are not Python's
     _count_threads(stepper)
     _replace_condition_wait(stepper)
     _replace_alarms()
@@ -213,7 +205,7 @@ def _count_threads(stepper: Stepper) -> None:
         with stepper.elsewhere():
             join(thread, timeout)
 
-    kind.start, kind.join, kind._bootstrap_inner = counted_start, outside_join, counted_life
+    replace(kind, start=counted_start, join=outside_join, _bootstrap_inner=counted_life)
 
 
 def _replace_condition_wait(stepper: Stepper) -> None:
@@ -233,8 +225,7 @@ def _replace_condition_wait(stepper: Stepper) -> None:
             if not released and waiter in condition._waiters:
                 condition._waiters.remove(waiter)
 
-    conditions: Any = threading.Condition
-    conditions.wait = wait
+    replace(threading.Condition, wait=wait)
 
 
 def _replace_alarms() -> None:
@@ -243,11 +234,9 @@ def _replace_alarms() -> None:
 
     def begin(alarm: Any) -> None:
         event = threading.Event()
-        for name in ("is_set", "set", "clear", "wait"):
-            setattr(alarm, name, getattr(event, name))
+        replace(alarm, is_set=event.is_set, set=event.set, clear=event.clear, wait=event.wait)
 
-    alarms: Any = Alarm
-    alarms.__init__ = begin
+    replace(Alarm, __init__=begin)
 
 
 def _replace_select(stepper: Stepper) -> None:
@@ -270,8 +259,7 @@ def _replace_select(stepper: Stepper) -> None:
             waiter.close()
         return original(selector, 0)
 
-    selector_kind: Any = selectors.EpollSelector
-    selector_kind.select = wait
+    replace(selectors.EpollSelector, select=wait)
 
 
 def _replace_hardware_waits(stepper: Stepper) -> None:
@@ -279,25 +267,22 @@ def _replace_hardware_waits(stepper: Stepper) -> None:
     from robot.camera.source import SocketStream
     from robot.hat import bus
 
-    buses: Any = bus
-    streams: Any = SocketStream
-    buses.SILENCE_S = REAL_S
-    take = streams._take
+    take = SocketStream._take
 
     def outside_take(stream: SocketStream) -> Any:
         stream._socket.settimeout(REAL_S)
         with stepper.elsewhere():
             return take(stream)
 
-    streams._take = outside_take
+    replace(SocketStream, _take=outside_take)
+    replace(bus, SILENCE_S=REAL_S)
 
 
 def _replace_decisions(stepper: Stepper, shared: SharedTime) -> None:
     """A decision takes as long as the bench says, for faults, or is none; else it takes no time."""
     from robot.runtime import loop
 
-    loops: Any = loop
-    values_of = loops.values_of
+    values_of = loop.values_of
 
     def faulty_values(*asked: Any) -> Any:
         decision_s = shared.get("slow")
@@ -306,7 +291,7 @@ def _replace_decisions(stepper: Stepper, shared: SharedTime) -> None:
         found = values_of(*asked)
         return found * math.nan if shared.get("nan") and found is not None else found
 
-    loops.values_of = faulty_values
+    replace(loop, values_of=faulty_values)
 
 
 if __name__ == "__main__":

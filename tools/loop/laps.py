@@ -151,30 +151,18 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
             film.turn_to(lap_drive.world.scene.ground)
             stack.callback(film.close)
 
+        ring_m = lap_drive.lane.points_m[[*range(len(lap_drive.lane.points_m)), 0]].tolist()
+
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
             bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
             if film is not None and tick.frame is not None:
-                film.add(_moment(tick, tick.frame.image, pose, record, lap_drive))
+                state, reason = tick.verdict.state.value, tick.verdict.sentence
+                values = [] if tick.values is None else tick.values.tolist()
+                told = (ring_m, values, tick.action, f"lap {record.laps:.2f}")
+                film.add(Moment(tick.frame.image, pose, None, state, reason, *told))
 
         record = lap_drive.drive(options.laps, watch)
     return summary(record, options, site.name)
-
-
-def _moment(
-    tick: Tick, picture: np.ndarray, pose: Pose, record: LapRecord, drive: LapDrive
-) -> Moment:
-    """What a film shows of one turn of the loop."""
-    return Moment(
-        picture,
-        pose,
-        None,  # a lane keeper needs to believe nothing
-        tick.verdict.state.value,
-        tick.verdict.sentence,
-        drive.lane.points_m[[*range(len(drive.lane.points_m)), 0]].tolist(),
-        [] if tick.values is None else tick.values.tolist(),
-        tick.action,
-        f"lap {record.laps:.2f}",
-    )
 
 
 def summary(record: LapRecord, options: argparse.Namespace, site: str) -> dict[str, Any]:
