@@ -20,9 +20,8 @@ FAMILIES = tuple(name for name in TABLE if name not in ("page", "met"))
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
 
 
-def nothing(_: Stage) -> str:
-    """Neither breaks nor mends, nor complains."""
-    return ""
+def nothing(_: Stage) -> None:
+    """Neither breaks nor mends."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Case:
     approach: Act = nothing  # lets it drive on to where the fault comes
     moving: bool = True
     silent: bool = False  # the page must say that the robot is silent
-    check: Callable[[Stage], str] = nothing  # a last look before mending; what is wrong, or ""
+    check: tuple[Act, ...] = ()  # last looks before mending; each tells what is wrong, or ""
     drives_again: bool = False  # mended, and armed by a person, without a new start
 
 
@@ -49,9 +48,8 @@ def case_of(family: str, row: dict[str, Any], known: dict[str, Any]) -> Case:
     (inject,) = row.keys() - {field.name for field in fields(Case)}
     told = {name: value for name, value in row.items() if name != inject}
     told["inject"] = _act(known, inject, row[inject])
-    for name in {"before", "approach", "check"} & row.keys():
-        function, *rest = [row[name]] if isinstance(row[name], str) else row[name]
-        told[name] = _act(known, function, rest)
+    told |= {name: known[row[name]] for name in {"before", "approach"} & row.keys()}
+    told["check"] = tuple(_act(known, *check) for check in row.get("check", {}).items())
     told["states"] = tuple(row.get("states", Case.states))
     return Case(family, **told)
 

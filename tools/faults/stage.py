@@ -230,7 +230,7 @@ class Stage:
         stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else None
         state, reason = self._shown()
         problems = [self._stop_problem(case, stopped_s), _shown_problem(case, state, reason)]
-        problems.append(case.check(self))
+        problems += [check(self) for check in case.check]
         if case.states and "AUTO" not in case.states:
             problems.append(self._resume_problem())
         told = "; ".join(filter(None, problems))
