@@ -280,8 +280,10 @@ class Monitor:
         self._seen_s[page] = time.monotonic()
 
     def page_closed(self, page: object) -> None:
-        """A page is gone."""
+        """A page is gone: whoever drove with it drives no longer."""
         self._seen_s.pop(page, None)
+        if self._hand is not None and self._hand[0] is page:
+            self.drive_by_hand(page, None)
 
     @property
     def watched(self) -> bool:
