@@ -170,7 +170,7 @@ def test_moments_and_counts_are_shared(tmp_path: Path) -> None:
     one.set("now", 12.5)
     one.add("pose")
     one.add("pose")
-    assert (other.now(), other.get("pose"), other.get("ack")) == (12.5, 2.0, 0.0)
+    assert (other.get("now"), other.get("pose"), other.get("ack")) == (12.5, 2.0, 0.0)
 
 
 def test_pure_pursuit_turns_to_where_the_path_goes(tmp_path: Path) -> None:

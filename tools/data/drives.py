@@ -8,7 +8,7 @@ angle of 1 is full right, ours is a hard turn; a throttle of 1 is our speed stra
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from itertools import groupby
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -189,15 +189,14 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
 
     Deleted and broken records, and those whose picture is absent, are left out.
     """
+    records = list(_records(tub))
+    if not records:
+        raise ConfigError(f"{tub}: expected a Donkeycar tub of version 2 with pictures, got none")
     with appearing(out) as folder:
         names = []
-        for number, drive in enumerate(_drives(list(_records(tub)))):
+        for number, drive in enumerate(_drives(records)):
             samples = [_sample(tub, record) for record in drive]
             names.append(write_drive(folder, f"{tub.name}-{number:03d}", "donkeycar", samples).name)
-        if not names:
-            raise ConfigError(
-                f"{tub}: expected a Donkeycar tub of version 2 with pictures, got none"
-            )
     return [out / name for name in names]
 
 
@@ -247,15 +246,13 @@ def _records(tub: Path) -> Iterator[dict[str, Any]]:
             yield {**record, "picture": image, "time_s": time_ms / 1e3}
 
 
-def _drives(records: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
-    number, before = 0, None
-    for record in records:
-        if before is not None:
-            same = record.get("_session_id") == before.get("_session_id")
-            number += not (same and 0.0 <= record["time_s"] - before["time_s"] <= GAP_S)
-        record["drive"], before = number, record
-    for _, drive in groupby(records, lambda record: record["drive"]):
-        yield list(drive)
+def _drives(records: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    begins = [0]
+    for number, (before, record) in enumerate(pairwise(records), 1):
+        same = record.get("_session_id") == before.get("_session_id")
+        if not (same and 0.0 <= record["time_s"] - before["time_s"] <= GAP_S):
+            begins.append(number)
+    return [records[a:b] for a, b in pairwise([*begins, len(records)])]
 
 
 def _sample(tub: Path, record: dict[str, Any]) -> Sample:

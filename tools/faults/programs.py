@@ -2,15 +2,14 @@
 
 import math
 import re
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robot.geometry import Pose
 from robot.recording.reader import read_turns
 from tools.faults.stage import Stage
+from tools.loop.bench import Process
 
 LOSS_S = 1.0
 PATIENCE_S = 60.0  # real time that a command may take
@@ -72,20 +71,14 @@ def beside(stage: Stage, command: str) -> None:
     """
     bench = stage.bench
     words = ["-m", "robot", command, "--config", str(bench.folder / "robot.yaml")]
-    with (bench.folder / "beside.log").open("w+b") as said:
-        program = subprocess.Popen(
-            [bench.options.robot_python, *words],
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-        )
-        deadline_s = time.monotonic() + PATIENCE_S
-        while program.poll() is None and time.monotonic() < deadline_s:
-            bench.time.settle()
-            time.sleep(0.005)
-        program.kill()
-        said.seek(0)
-        stage.note = f"{program.wait()} {said.read().decode('utf-8', 'replace')}"
+    log = bench.folder / f"beside-{command}.log"
+    program = Process("beside", [bench.options.robot_python, *words], log)
+    deadline_s = time.monotonic() + PATIENCE_S
+    while program.alive and time.monotonic() < deadline_s:
+        bench.time.settle()
+        time.sleep(0.005)
+    program.end()
+    stage.note = f"{program.child.returncode} {program.said()}"
 
 
 def noted(stage: Stage, pattern: str) -> str:
@@ -111,11 +104,6 @@ def told_how_far(stage: Stage) -> str:
     found = re.search(r"it is ([0-9.]+) m from there", stage.note)
     near = found is not None and abs(float(found[1]) - away_m) < 0.05
     return "" if near else f"expected to hear of {away_m:.2f} m, got: {stage.note}"
-
-
-def put(stage: Stage, x_m: float, y_m: float) -> None:
-    """Somebody puts the robot down there."""
-    stage.bench.town.world.place(Pose(x_m, y_m, 0.0))
 
 
 def turned(stage: Stage, by_rad: float) -> None:

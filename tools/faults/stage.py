@@ -70,10 +70,8 @@ class StandIn:
     def _tell(self) -> None:
         for data in self.instead:
             self._send(data)
-        if not self.instead:
-            self._tell_pose()
-
-    def _tell_pose(self) -> None:
+        if self.instead:
+            return
         self._sequence += 1
         bench_s = self._bench.now_s
         told = self._lie(self._bench.town.pose, bench_s - self._since_s, self._first)

@@ -8,6 +8,7 @@ import json
 import math
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -301,12 +302,9 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
 
 def arrivals_at(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     """How many missions were driven in each look, and how many of them arrived."""
-    sites: dict[str, dict[str, int]] = {}
-    for one in rows:
-        counts = sites.setdefault(one["site"], {"missions": 0, "arrived": 0})
-        counts["missions"] += 1
-        counts["arrived"] += one["arrived"]
-    return sites
+    driven = Counter(one["site"] for one in rows)
+    arrived = Counter(one["site"] for one in rows if one["arrived"])
+    return {site: {"missions": n, "arrived": arrived[site]} for site, n in driven.items()}
 
 
 def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:

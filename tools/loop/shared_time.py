@@ -39,10 +39,6 @@ class SharedTime:
         """Put a number into a slot; each has one writer."""
         self._numbers[self._places[slot]] = value
 
-    def now(self) -> float:
-        """The time [s]."""
-        return float(self._numbers[0])
-
     def add(self, slot: str) -> None:
         """Count one more."""
         self.set(slot, self.get(slot) + 1.0)

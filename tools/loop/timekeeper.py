@@ -82,11 +82,13 @@ class Timekeeper(Worker):
     def settle(self) -> None:
         """Serve and wait until every process waits; time does not go on by that."""
 
+    def woken(self, name: str) -> None:
+        """A process was sent something that wakes it."""
+
     def poked(self, name: str) -> None:
         """A process was sent something that wakes it: wait until it is done with it."""
-
-    def woken(self, name: str) -> None:
-        """As ``poked``, for hardware that answers a waiting process."""
+        self.woken(name)
+        self.settle()
 
     def run_until(self, time_s: float) -> None:
         """Let everybody live until the clock reads ``time_s`` [s]; what was missed is skipped.
@@ -175,17 +177,11 @@ class Conductor(Timekeeper):
         if name in self._participants:
             self._participants[name].frozen = frozen
 
-    def poked(self, name: str) -> None:
-        """A process was sent something that wakes it: wait until it is done with it."""
+    def woken(self, name: str) -> None:
+        """A process was sent something that wakes it."""
         participant = self._participants.get(name)
         if participant is not None and not participant.frozen:
             participant.idle = False
-        self.settle()
-
-    def woken(self, name: str) -> None:
-        """As ``poked``, for hardware that answers a waiting process."""
-        if name in self._participants:
-            self._participants[name].idle = False
 
     def _awaited_s(self) -> list[float]:
         return [p.until_s for p in self._participants.values() if not p.frozen]

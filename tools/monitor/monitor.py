@@ -111,10 +111,8 @@ class MonitorState:
 
     def note_answer(self, what: str, ack: Ack) -> None:
         """Log what the robot made of a command."""
-        if ack.accepted:
-            self.note("info", what)
-        else:
-            self.note("refused", f"{what}: {ack.reason}")
+        level, why = ("info", "") if ack.accepted else ("refused", f": {ack.reason}")
+        self.note(level, f"{what}{why}")
 
     def log_after(self, number: int) -> tuple[LogEntry, ...]:
         """The lines since that number, oldest first."""
