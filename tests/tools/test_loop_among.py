@@ -11,13 +11,12 @@ import pytest
 
 from robot.cli.install import SHIPPED_MODEL
 from robot.inference.policy import SHIPPED_MODELS
-from robot.safety.governors import Rules
 from tests.tools.pursuit import write_pursuit
 from tools.faults.meet import every_case
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
 
-OF = BenchOptions(Path("none"), among=True, rules=Rules(headway=True))
+OF = BenchOptions(Path("none"), among=True)
 
 
 @pytest.fixture(scope="module")

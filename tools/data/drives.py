@@ -148,12 +148,8 @@ def table(rows: Sequence[Told]) -> str:
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, wide, strict=True)) for r in cells)
 
 
-FIELDS = {
-    "cam/image_array": "image_array",
-    "user/angle": "float",
-    "user/throttle": "float",
-    "user/mode": "str",
-}
+INPUTS = ("cam/image_array", "user/angle", "user/throttle", "user/mode")
+TYPES = ("image_array", "float", "float", "str")  # of these
 MOST = 1000  # records in a catalog
 GAP_S = 1.0  # at most, between two records of a drive
 USER, PILOT = "user", "local"  # modes: a person drives, the policy does
@@ -180,7 +176,7 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
         ids = {"all_full_ids": sessions, "last_id": len(drives) - 1, "last_full_id": sessions[-1]}
         counts = {"current_index": len(records), "max_len": MOST, "deleted_indexes": []}
         about = ({"created_at": created_at, "sessions": ids}, {"paths": names, **counts})
-        _write_lines(folder / "manifest.json", [list(FIELDS), list(FIELDS.values()), {}, *about])
+        _write_lines(folder / "manifest.json", [INPUTS, TYPES, {}, *about])
     return len(records)
 
 

@@ -15,7 +15,6 @@ from robot.cli.install import SHIPPED_MODEL as LANE_KEEPER
 from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_writable, write_json
-from robot.safety.governors import Rules
 from robot.typed_config import from_plain, read_json, to_plain
 from tools.faults import hardware, pictures, poses, programs, strangers, traffic
 from tools.faults.case import FAMILIES, TABLE, Case, Outcome, case_of
@@ -67,7 +66,7 @@ def _play(cases: list[Case], outcomes: list[Outcome], options: argparse.Namespac
     done = {(outcome.family, outcome.name) for outcome in outcomes}
     todo = [case for case in cases if (case.family, case.name) not in done]
     alone = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
-    among = replace(alone, among=True, rules=Rules(headway=True))
+    among = replace(alone, among=True)
     sight = SHIPPED_MODELS / "sight.onnx"
     keeper = replace(among, map="loop", model=LANE_KEEPER, sight=sight, leader=options.model)
     benches = {"traffic": among, "by sight": keeper}

@@ -51,11 +51,7 @@ def rolled(picture: np.ndarray) -> np.ndarray:
 
 
 SPOILS: dict[str, Callable[..., np.ndarray]] = {
-    "covered": covered,
-    "grains": grains,
-    "finger": finger,
-    "warped": warped,
-    "rolled": rolled,
+    **{spoil.__name__: spoil for spoil in (covered, grains, finger, warped, rolled)},
     "mirrored": lambda picture: picture[:, ::-1],
     "upside_down": lambda picture: picture[::-1, ::-1],
     "shifted": lambda picture: np.roll(picture, 40, 1),

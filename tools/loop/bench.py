@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +61,7 @@ class BenchOptions:
     recordings: Path | None = None  # where; else in the bench's folder
     sight: Path | None = None  # by which the robot knows where it is, too
     page: tuple[str, ...] = ()  # options of the monitor
-    rules: Rules = field(default_factory=Rules)
-    among: bool = False  # with a second robot, and room for a duck
+    among: bool = False  # with a second robot and room for a duck: each keeps its distance
     leader: Path | None = None  # the second's model where the first one's keeps its lane, by sight
 
 
@@ -104,9 +103,7 @@ class Process:
 
     def end(self) -> None:
         """By force, whatever it is doing."""
-        if self.alive:
-            self.child.send_signal(signal.SIGCONT)
-            self.child.kill()
+        self.child.kill()
         self.child.wait(END_S)
 
 
@@ -295,7 +292,7 @@ class Bench:
                 sight="" if leader and robot is not self.town else sight,
                 camera=CameraConfig("socket", path=str(robot.camera.path), fps=CAMERA_FPS),
                 hat=HatConfig(socket=str(robot.bus_server.path)),
-                rules=self.options.rules,
+                rules=Rules(headway=self.options.among),
                 link=self.link_configs[robot.marker.robot],
                 recording=recording if robot is self.town else None,
             )
