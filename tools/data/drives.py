@@ -50,11 +50,8 @@ class Told(NamedTuple):
 
 
 def drives_in(places: Sequence[Path]) -> list[Path]:
-    """The recordings named, and those in folders named; ConfigError where there is none."""
+    """The recordings named, and those in folders named."""
     found = [p for place in places for p in (sorted(place.glob(f"*{SUFFIX}")) or [place])]
-    wrong = next((path for path in found if not path.is_file()), None)
-    if wrong is not None:
-        raise ConfigError(f"{wrong}: expected a recording ({SUFFIX}), or a folder of them")
     return list(dict.fromkeys(found))
 
 

@@ -79,11 +79,7 @@ class Driver:
         near = road_map.lane_index.near(x_m, y_m)
         i = int(near.distance_m.argmin())
         at = on_lane(road_map.lanes[i], float(near.t[i]))
-        if not road_map.on_road(x_m, y_m):
-            raise PlanError(
-                f"{road_map.name}: expected a start on the road, got ({x_m:g}, {y_m:g}) m; "
-                f"the nearest lane is at ({at.x_m:.2f}, {at.y_m:.2f}) m"
-            )
+        plan_path(self._graph, at._replace(x_m=x_m, y_m=y_m), (at.x_m, at.y_m))
         return at
 
     def carry(self) -> None:
