@@ -167,10 +167,10 @@ def main() -> None:
 def replace_time(stepper: Stepper) -> None:
     """Replace clocks and timed waits, and count threads from now on."""
     replace(time, monotonic=stepper.now, sleep=stepper.sleep)
-    replace(threading, _time=stepper.now)  # what threading imported
+    # What threading imported, and what its conditions wait for; locks are made by another name.
+    replace(threading, _time=stepper.now, _allocate_lock=lambda: Waiter(stepper))
     sys.modules.update(uvloop=cast(Any, None))  # its timers are not Python's
     _count_threads(stepper)
-    _replace_condition_wait(stepper)
     _replace_alarms()
     _replace_select(stepper)
     _replace_hardware_waits(stepper)
@@ -206,26 +206,6 @@ def _count_threads(stepper: Stepper) -> None:
             join(thread, timeout)
 
     replace(kind, start=counted_start, join=outside_join, _bootstrap_inner=counted_life)
-
-
-def _replace_condition_wait(stepper: Stepper) -> None:
-    def wait(condition: Any, timeout: float | None = None) -> bool:
-        """As `threading.Condition.wait`, which this follows line by line."""
-        if not condition._is_owned():
-            raise RuntimeError("cannot wait on un-acquired lock")
-        waiter = Waiter(stepper, stepper.deadline(timeout))
-        condition._waiters.append(waiter)
-        saved = condition._release_save()
-        released = False
-        try:
-            released = waiter.block()
-            return released
-        finally:
-            condition._acquire_restore(saved)
-            if not released and waiter in condition._waiters:
-                condition._waiters.remove(waiter)
-
-    replace(threading.Condition, wait=wait)
 
 
 def _replace_alarms() -> None:

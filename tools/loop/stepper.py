@@ -26,9 +26,9 @@ LATE_S = 1e-7  # waits end a little late, as anywhere: rounding must not let one
 class Waiter:
     """One thread that waits until ``deadline_s`` [s], or until it is released."""
 
-    def __init__(self, stepper: Stepper, deadline_s: float) -> None:
+    def __init__(self, stepper: Stepper, deadline_s: float = math.inf) -> None:
         self.deadline_s = deadline_s
-        self.timed_out = False
+        self.timed_out = self._taken = False
         self._stepper = stepper
         self._gate = _thread.allocate_lock()
         self._gate.acquire()
@@ -43,8 +43,16 @@ class Waiter:
             raise
         return not self.timed_out
 
+    def acquire(self, blocking: bool = True, timeout_s: float | None = None) -> bool:
+        """As the lock that each wait of a `threading.Condition` takes, and then waits for."""
+        if self._taken:
+            self.deadline_s = self._stepper.deadline(timeout_s if blocking else 0.0)
+            return self.block()
+        self._taken = True
+        return True
+
     def release(self) -> None:
-        """Wake the thread; as a lock's ``release``, which `threading.Condition` calls."""
+        """Wake the thread."""
         self._stepper.wake(self)
 
     def open(self) -> None:
