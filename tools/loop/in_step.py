@@ -166,12 +166,14 @@ def main() -> None:
 
 def replace_time(stepper: Stepper) -> None:
     """Replace clocks and timed waits, and count threads from now on."""
+    from robot.computer import clock
+
     replace(time, monotonic=stepper.now, sleep=stepper.sleep)
     # What threading imported, and what its conditions wait for; locks are made by another name.
     replace(threading, _time=stepper.now, _allocate_lock=lambda: Waiter(stepper))
     sys.modules.update(uvloop=cast(Any, None))  # its timers are not Python's
     _count_threads(stepper)
-    _replace_alarms()
+    replace(clock, Alarm=threading.Event)  # its waits are a condition's; a pipe is not in step
     _replace_select(stepper)
     _replace_hardware_waits(stepper)
     sys.stdin = cast(TextIO, _typed(stepper, sys.stdin))
@@ -206,17 +208,6 @@ def _count_threads(stepper: Stepper) -> None:
             join(thread, timeout)
 
     replace(kind, start=counted_start, join=outside_join, _bootstrap_inner=counted_life)
-
-
-def _replace_alarms() -> None:
-    """An alarm's wait is one of a condition, as above; its pipe would not be in step."""
-    from robot.computer.clock import Alarm
-
-    def begin(alarm: Any) -> None:
-        event = threading.Event()
-        replace(alarm, is_set=event.is_set, set=event.set, clear=event.clear, wait=event.wait)
-
-    replace(Alarm, __init__=begin)
 
 
 def _replace_select(stepper: Stepper) -> None:

@@ -165,8 +165,7 @@ class Conductor(Timekeeper):
         """Wait until it asks for time; BenchError when it ended before."""
         deadline_s = time.monotonic() + PATIENCE_S
         while name not in self._participants:
-            if not process_alive() or time.monotonic() > deadline_s:
-                raise BenchError(f"{name}: expected it to start, it did not; see its log")
+            super().joined(name, lambda: process_alive() and time.monotonic() < deadline_s)
             if select.select([self._listener], [], [], 0.05)[0]:
                 connection = self._listener.accept()[0]
                 told = connection.recv(16, socket.MSG_WAITALL).decode().strip()
