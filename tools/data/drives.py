@@ -130,10 +130,9 @@ def write_drive(folder: Path, name: str, robot: str, samples: Iterable[Sample]) 
 
 
 def _turn(number: int, first: Sample, before: Sample, now: Sample) -> Turn:
-    time_s, wheels = now.time_s - first.time_s, (now.wheels.left_mps, now.wheels.right_mps)
-    was = (before.wheels.left_mps, before.wheels.right_mps)
-    driven = Driven(wheels, was, now.time_s - before.time_s)
-    told = (STATES[now.driver], "person", "recorded by another program", wheels)
+    time_s = now.time_s - first.time_s
+    driven = Driven(now.wheels, before.wheels, now.time_s - before.time_s)
+    told = (STATES[now.driver], "person", "recorded by another program", now.wheels)
     return Turn(number, time_s, 0.0, 0.0, *told, number, time_s, driven=driven)
 
 

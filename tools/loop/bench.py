@@ -212,8 +212,9 @@ class Bench:
         terminal.write(f"{word}\n".encode())
         self.time.poked("robot")
 
-    def start_and_end(self, name: str) -> None:
-        """Start a program that cannot work, and let it find out."""
+    def start_in_vain(self, name: str) -> None:
+        """Kill a program, start it again where it cannot work, and let it find out."""
+        self.stop(name)
         process = self.start(name)
         self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
 
