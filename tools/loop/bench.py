@@ -318,8 +318,7 @@ def connect(
     for of in ("", "2") if "robot2" in keys else ("",):
         robot, monitor, localizer = ports[f"robot{of}"], ports[f"monitor{of}"], ports["localizer"]
         to_monitor = {monitor: localizer}
-        for offset in range(1, len(BOUND_BY)):
-            to_monitor[monitor + offset] = robot + offset
+        to_monitor |= {monitor + i: robot + i for i in range(1, len(BOUND_BY))}
         networks[f"poses{of}"] = Proxy({robot: localizer}, now, rng)
         networks[f"monitor{of}"] = Proxy(to_monitor, now, rng)
     return configs, networks

@@ -13,6 +13,7 @@ last; a receiver looks until it has that, even of a publisher that was started a
 from __future__ import annotations
 
 import math
+import os
 import runpy
 import select
 import selectors
@@ -24,7 +25,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
 from tools.loop.shared_time import SharedTime, message_number
-from tools.loop.stepper import PipeWaiter, Stepper, Waiter
+from tools.loop.stepper import Stepper, Waiter
 
 LONGEST_S = 0.25  # real time that one message may take
 LOOK_S = 1e-4
@@ -218,16 +219,19 @@ def _replace_select(stepper: Stepper) -> None:
         events = original(selector, 0)
         if events or (timeout is not None and timeout <= 0.0):
             return events
-        waiter = PipeWaiter(stepper, stepper.deadline(timeout))
+        waiter = Waiter(stepper, stepper.deadline(timeout))
+        readable_fd, fd = os.pipe()
+        replace(waiter, open=lambda: os.write(fd, b"\0"))
         poll = select.poll()
-        poll.register(waiter.fd, select.POLLIN)
+        poll.register(readable_fd, select.POLLIN)
         poll.register(selector.fileno(), select.POLLIN)
         try:
             stepper.begin_wait(waiter)
             poll.poll()
         finally:
             stepper.give_up(waiter)
-            waiter.close()
+            os.close(readable_fd)
+            os.close(fd)
         return original(selector, 0)
 
     replace(selectors.EpollSelector, select=wait)

@@ -60,23 +60,6 @@ class Waiter:
         self._gate.release()
 
 
-class PipeWaiter(Waiter):
-    """A waiter for a thread that also waits for files: ``fd`` turns readable when it is woken."""
-
-    def __init__(self, stepper: Stepper, deadline_s: float) -> None:
-        super().__init__(stepper, deadline_s)
-        self.fd, self._write_fd = os.pipe()
-
-    def open(self) -> None:
-        """Make ``fd`` readable."""
-        os.write(self._write_fd, b"\0")
-
-    def close(self) -> None:
-        """Give the pipe back."""
-        os.close(self.fd)
-        os.close(self._write_fd)
-
-
 class Stepper:
     """Counts the running threads of this process, and speaks to the conductor."""
 
