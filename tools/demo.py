@@ -19,7 +19,6 @@ from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_folder, write_json
 from robot.typed_config import read_json, read_yaml
 
-TRAIN_SECONDS = 75.0
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -94,9 +93,8 @@ def show(metrics: dict[str, Any], out: Path, console: Console) -> None:
     for name in [*metrics][2:]:
         value = metrics[name]
         told = ", ".join(value) if isinstance(value, list) else value
-        table.add_row(
-            name.replace("_", " "), f"{told:.4g}" if isinstance(told, float) else str(told)
-        )
+        shown = f"{told:.4g}" if isinstance(told, float) else str(told)
+        table.add_row(name.replace("_", " "), shown)
     console.print(table)
     page = (out / "report" / "report.html").resolve()
     console.print(f"Open {page}", markup=False, soft_wrap=True)
@@ -107,9 +105,7 @@ def main(arguments: list[str] | None = None, prog: str = "python -m tools.demo")
     parser = OneLineParser(prog=prog, description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/demo"))
     parser.add_argument("--seed", type=SEED, default=0)
-    parser.add_argument(
-        "--seconds", type=number(1.0, 1e6), default=TRAIN_SECONDS, help="of training"
-    )
+    parser.add_argument("--seconds", type=number(1.0, 1e6), default=75.0, help="of training")
     options = parser.parse_args(arguments)
     return answer("demo", lambda: show_all(options.out, options.seed, options.seconds))
 

@@ -11,13 +11,12 @@ import pytest
 
 from robot.cli.install import SHIPPED_MODEL
 from robot.inference.policy import SHIPPED_MODELS
-from robot.safety.governors import Rules
 from tests.tools.pursuit import write_pursuit
+from tools.faults.meet import every_case
 from tools.faults.stage import Stage
-from tools.faults.traffic import CASES
 from tools.loop.bench import BenchOptions
 
-OF = BenchOptions(Path("none"), among=True, rules=Rules(headway=True))
+OF = BenchOptions(Path("none"), among=True)
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +38,8 @@ def keeper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
 
 def met(stage: Stage, family: str, name: str) -> float:
     """How far apart the two robots are at the end [m]."""
-    (case,) = [case for case in CASES[family] if case.name == name]
-    outcome = stage.play(family, case)
+    (case,) = [case for case in every_case() if (case.family, case.name) == (family, name)]
+    outcome = stage.play(case)
     assert outcome.passed, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
     assert stage.bench.town.second is not None
     return math.dist(stage.bench.town.pose[:2], stage.bench.town.second.pose[:2])

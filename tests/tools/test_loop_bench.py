@@ -57,8 +57,8 @@ FAULTS = [
 
 @pytest.mark.parametrize(("family", "name"), FAULTS)
 def test_a_fault_stops_the_robot_and_nothing_resumes(stage: Stage, family: str, name: str) -> None:
-    (case,) = [case for of, case in every_case() if (of, case.name) == (family, name)]
-    outcome = stage.play(family, case)
+    (case,) = [case for case in every_case() if (case.family, case.name) == (family, name)]
+    outcome = stage.play(case)
     assert outcome.passed, f"{outcome.problem}; shown: {outcome.state}: {outcome.reason}"
 
 

@@ -170,7 +170,7 @@ def test_moments_and_counts_are_shared(tmp_path: Path) -> None:
     one.set("now", 12.5)
     one.add("pose")
     one.add("pose")
-    assert (other.now(), other.get("pose"), other.get("ack")) == (12.5, 2.0, 0.0)
+    assert (other.get("now"), other.get("pose"), other.get("ack")) == (12.5, 2.0, 0.0)
 
 
 def test_pure_pursuit_turns_to_where_the_path_goes(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_start_is_put_on_the_nearest_lane_or_refused(x_m: float, y_m: float) -
     bench = SimpleNamespace(road_map=road_map)
     driver = Driver(cast(Bench, bench), np.random.default_rng(0))
     if not road_map.on_road(x_m, y_m):
-        with pytest.raises(PlanError, match="expected a start on the road"):
+        with pytest.raises(PlanError, match="expected the start on the road"):
             driver.on_lane(x_m, y_m)
         return
     pose = driver.on_lane(x_m, y_m)

@@ -2,7 +2,6 @@
 
 import math
 import re
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -73,7 +72,7 @@ def test_a_mission_an_emergency_stop_and_a_dead_robot(stage: Stage, tmp_path: Pa
         until(stage, browser, f"{STATE} === 'HOLD'", 5.0)
         browser.key("keyUp", " ", "Space")
 
-        bench.end("robot", signal.SIGKILL)
+        bench.end("robot")
         until(stage, browser, f"{ALARM}.includes('silent')", 10.0)
         assert browser.evaluate(STATE) == "SILENT"
         assert browser.problems == []

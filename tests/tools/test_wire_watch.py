@@ -15,7 +15,7 @@ from robot.link import sockets
 from robot.link.messages import PosesMessage, Sighting
 from robot.link.sockets import Link, LinkConfig, Publisher, Subscriber
 from tools.loop import in_step
-from tools.loop.shared_time import SharedTime
+from tools.loop.shared_time import SharedTime, message_number
 
 POSES = PosesMessage((Sighting("robot", 0.0, 0.0, 0.0, 1.0),), 0.0)
 LATE_S = 0.05
@@ -68,7 +68,7 @@ def test_a_message_that_was_sent_is_waited_for(wire: Wire) -> None:
         subscriber = wire.subscriber()
         last = meet(publisher, subscriber)
         # told before it is sent: the way takes a while
-        wire.shared.publish("pose", publisher.session, last.sequence + 1)
+        wire.shared.set("pose", message_number(publisher.session, last.sequence + 1))
         timer = threading.Timer(LATE_S, publisher.send, [POSES])
         timer.start()
         got = subscriber.receive()
@@ -101,7 +101,7 @@ def test_what_is_lost_is_waited_for_once(wire: Wire, monkeypatch: pytest.MonkeyP
     with link:
         subscriber = wire.subscriber()
         last = meet(publisher, subscriber)
-        wire.shared.publish("pose", publisher.session, last.sequence + 1)
+        wire.shared.set("pose", message_number(publisher.session, last.sequence + 1))
         assert subscriber.receive() is None
         monkeypatch.setattr(in_step, "LONGEST_S", 3600.0)
         assert subscriber.receive() is None

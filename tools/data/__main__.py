@@ -11,14 +11,7 @@ from robot.command_line import SEED, OneLineParser, answer, number, spoken
 from robot.output import expect_writable, write_json
 
 PROGRAM = "python -m tools.data"
-TO = {
-    "to-donkeycar": "recordings as a Donkeycar tub (version 2)",
-    "to-lerobot": "recordings as a LeRobot dataset (version 3.0); needs the extra lerobot",
-}
-FROM = {
-    "from-donkeycar": "a Donkeycar tub as recordings",
-    "from-lerobot": "a LeRobot dataset of two wheels as recordings; needs the extra lerobot",
-}
+FOLDER = "a new folder"
 
 
 def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespace:
@@ -26,28 +19,31 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     parser = OneLineParser(prog=prog, description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def command(name: str, told: str, many: bool = True) -> argparse.ArgumentParser:
+    def command(name: str, told: str, out: str, many: bool = True) -> argparse.ArgumentParser:
         one: argparse.ArgumentParser = commands.add_parser(name, help=told, description=told)
         given = "recordings, or folders of them" if many else "what to read"
         one.add_argument("source", type=Path, nargs="+" if many else None, help=given)
+        if out:
+            one.add_argument("--out", type=Path, required=True, help=out)
         return one
 
-    command("list", "what is in recordings: who drove how long, take-overs, marks")
-    command("plot", "steering and speed over time").add_argument("--out", type=Path, required=True)
-    split = command("split", "whole drives to learn from, and others to judge by")
+    command("list", "what is in recordings: who drove how long, take-overs, marks", "")
+    command("plot", "steering and speed over time", "the picture")
+    split = command(
+        "split", "whole drives to learn from, and others to judge by", "JSON: learn and held_out"
+    )
     split.add_argument("--held-out", type=number(0.01, 0.99), default=0.2, help="share to judge by")
     split.add_argument("--seed", type=SEED, default=0)
-    split.add_argument("--out", type=Path, required=True, help="JSON: learn and held_out")
-    cut = command("cut", "keep what is marked good, drop what is marked bad", many=False)
-    cut.add_argument("--out", type=Path, required=True, help="the new recording")
-    for name, told in TO.items():
-        one = command(name, told)
-        one.add_argument("--out", type=Path, required=True, help="a new folder")
-        if name == "to-lerobot":
-            one.add_argument("--task", default="drive along the lane", help="what it is, in words")
-    for name, told in FROM.items():
-        one = command(name, told, many=False)
-        one.add_argument("--out", type=Path, required=True, help="a new folder")
+    command("cut", "keep what is marked good, drop what is marked bad", "the new recording", False)
+    command("to-donkeycar", "recordings as a Donkeycar tub (version 2)", FOLDER)
+    needs = "needs the extra lerobot"
+    dataset = command(
+        "to-lerobot", f"recordings as a LeRobot dataset (version 3.0); {needs}", FOLDER
+    )
+    dataset.add_argument("--task", default="drive along the lane", help="what it is, in words")
+    command("from-donkeycar", "a Donkeycar tub as recordings", FOLDER, False)
+    told = f"a LeRobot dataset of two wheels as recordings; {needs}"
+    command("from-lerobot", told, FOLDER, False)
     return parser.parse_args(arguments)
 
 
@@ -59,36 +55,26 @@ def main(arguments: list[str] | None = None, prog: str = PROGRAM) -> int:
 
 def work(options: argparse.Namespace) -> None:
     """Do what was asked for, and say what came of it."""
-    if options.command.startswith("from-"):
-        _bring_in(options)
-    elif options.command == "cut":
+    if options.command == "cut":
         from robot.recording.reader import cut
 
         expect_writable(options.out, inputs=[options.source])
         print(f"{options.out}: {cut(options.source, options.out)} messages")
-    else:
-        _hand_out(options)
-
-
-def _bring_in(options: argparse.Namespace) -> None:
-    from tools.data.drives import from_tub
-    from tools.data.lerobot import from_dataset
-
-    read = from_tub if options.command == "from-donkeycar" else from_dataset
-    print(f"{options.out}: {len(read(options.source, options.out))} drives")
-
-
-def _hand_out(options: argparse.Namespace) -> None:
+        return
     from tools.data import drives, lerobot
 
+    if options.command.startswith("from-"):
+        read = drives.from_tub if options.command == "from-donkeycar" else lerobot.from_dataset
+        print(f"{options.out}: {len(read(options.source, options.out))} drives")
+        return
     found = drives.drives_in(options.source)
+    if options.command in ("plot", "split"):
+        expect_writable(options.out, inputs=found)
     if options.command == "list":
         print(drives.table([drives.tell(path) for path in found]))
     elif options.command == "plot":
-        expect_writable(options.out, inputs=found)
         drives.plot(found, options.out)
     elif options.command == "split":
-        expect_writable(options.out, inputs=found)
         parts = drives.divide(found, options.held_out, options.seed)
         write_json(options.out, parts)
         print(", ".join(f"{name} {len(paths)} drives" for name, paths in parts.items()))

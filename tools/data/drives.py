@@ -8,7 +8,7 @@ angle of 1 is full right, ours is a hard turn; a throttle of 1 is our speed stra
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from itertools import groupby
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,11 +50,8 @@ class Told(NamedTuple):
 
 
 def drives_in(places: Sequence[Path]) -> list[Path]:
-    """The recordings named, and those in folders named; ConfigError where there is none."""
+    """The recordings named, and those in folders named."""
     found = [p for place in places for p in (sorted(place.glob(f"*{SUFFIX}")) or [place])]
-    wrong = next((path for path in found if not path.is_file()), None)
-    if wrong is not None:
-        raise ConfigError(f"{wrong}: expected a recording ({SUFFIX}), or a folder of them")
     return list(dict.fromkeys(found))
 
 
@@ -133,10 +130,9 @@ def write_drive(folder: Path, name: str, robot: str, samples: Iterable[Sample]) 
 
 
 def _turn(number: int, first: Sample, before: Sample, now: Sample) -> Turn:
-    time_s, wheels = now.time_s - first.time_s, (now.wheels.left_mps, now.wheels.right_mps)
-    was = (before.wheels.left_mps, before.wheels.right_mps)
-    driven = Driven(wheels, was, now.time_s - before.time_s)
-    told = (STATES[now.driver], "person", "recorded by another program", wheels)
+    time_s = now.time_s - first.time_s
+    driven = Driven(now.wheels, before.wheels, now.time_s - before.time_s)
+    told = (STATES[now.driver], "person", "recorded by another program", now.wheels)
     return Turn(number, time_s, 0.0, 0.0, *told, number, time_s, driven=driven)
 
 
@@ -148,12 +144,8 @@ def table(rows: Sequence[Told]) -> str:
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, wide, strict=True)) for r in cells)
 
 
-FIELDS = {
-    "cam/image_array": "image_array",
-    "user/angle": "float",
-    "user/throttle": "float",
-    "user/mode": "str",
-}
+INPUTS = ("cam/image_array", "user/angle", "user/throttle", "user/mode")
+TYPES = ("image_array", "float", "float", "str")  # of these
 MOST = 1000  # records in a catalog
 GAP_S = 1.0  # at most, between two records of a drive
 USER, PILOT = "user", "local"  # modes: a person drives, the policy does
@@ -180,7 +172,7 @@ def to_tub(drives: Sequence[Path], tub: Path) -> int:
         ids = {"all_full_ids": sessions, "last_id": len(drives) - 1, "last_full_id": sessions[-1]}
         counts = {"current_index": len(records), "max_len": MOST, "deleted_indexes": []}
         about = ({"created_at": created_at, "sessions": ids}, {"paths": names, **counts})
-        _write_lines(folder / "manifest.json", [list(FIELDS), list(FIELDS.values()), {}, *about])
+        _write_lines(folder / "manifest.json", [INPUTS, TYPES, {}, *about])
     return len(records)
 
 
@@ -189,15 +181,14 @@ def from_tub(tub: Path, out: Path) -> list[Path]:
 
     Deleted and broken records, and those whose picture is absent, are left out.
     """
+    records = list(_records(tub))
+    if not records:
+        raise ConfigError(f"{tub}: expected a Donkeycar tub of version 2 with pictures, got none")
     with appearing(out) as folder:
         names = []
-        for number, drive in enumerate(_drives(list(_records(tub)))):
+        for number, drive in enumerate(_drives(records)):
             samples = [_sample(tub, record) for record in drive]
             names.append(write_drive(folder, f"{tub.name}-{number:03d}", "donkeycar", samples).name)
-        if not names:
-            raise ConfigError(
-                f"{tub}: expected a Donkeycar tub of version 2 with pictures, got none"
-            )
     return [out / name for name in names]
 
 
@@ -247,15 +238,13 @@ def _records(tub: Path) -> Iterator[dict[str, Any]]:
             yield {**record, "picture": image, "time_s": time_ms / 1e3}
 
 
-def _drives(records: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
-    number, before = 0, None
-    for record in records:
-        if before is not None:
-            same = record.get("_session_id") == before.get("_session_id")
-            number += not (same and 0.0 <= record["time_s"] - before["time_s"] <= GAP_S)
-        record["drive"], before = number, record
-    for _, drive in groupby(records, lambda record: record["drive"]):
-        yield list(drive)
+def _drives(records: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    begins = [0]
+    for number, (before, record) in enumerate(pairwise(records), 1):
+        same = record.get("_session_id") == before.get("_session_id")
+        if not (same and 0.0 <= record["time_s"] - before["time_s"] <= GAP_S):
+            begins.append(number)
+    return [records[a:b] for a, b in pairwise([*begins, len(records)])]
 
 
 def _sample(tub: Path, record: dict[str, Any]) -> Sample:

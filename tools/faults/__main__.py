@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from robot.command_line import SEED, OneLineParser, answer, spoken
-from tools.faults import FAMILIES
+from tools.faults.case import FAMILIES
 
 PROGRAM = "python -m tools.faults"
 
@@ -20,7 +20,7 @@ def parse(arguments: list[str] | None, prog: str = PROGRAM) -> argparse.Namespac
     parser.add_argument(
         "--sight", type=Path, help="ONNX; while it drives, it alone tells the place"
     )
-    parser.add_argument("--family", action="append", choices=list(FAMILIES), help="only these")
+    parser.add_argument("--family", action="append", choices=FAMILIES, help="only these")
     parser.add_argument("--case", action="append", help="only these, by name")
     parser.add_argument("--seed", type=SEED, default=0)
     parser.add_argument("--json", type=Path, help="write the outcomes; goes on from there")

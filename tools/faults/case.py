@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -17,54 +14,50 @@ from robot.typed_config import read_yaml
 if TYPE_CHECKING:
     from tools.faults.stage import Stage
 
-Act = Callable[["Stage"], object]
-FILE = Path(__file__).with_name("cases.yaml")
+Act = Callable[["Stage"], Any]
+TABLE = read_yaml(Path(__file__).with_name("cases.yaml"))
+FAMILIES = tuple(name for name in TABLE if name not in ("page", "met"))
 STOP_BUDGET_S = 0.25  # from the moment that a fault counts as one, until the last step
 
 
-def nothing(_: Stage) -> str:
-    """Neither breaks nor mends, nor complains."""
-    return ""
+def nothing(_: Stage) -> None:
+    """Neither breaks nor mends."""
 
 
 @dataclass(frozen=True)
 class Case:
     """One fault, met while the robot drives a mission (unless ``moving`` is False)."""
 
+    family: str
     name: str  # short, unique in its family
     what: str  # the fault in words
     inject: Act  # breaks something; what it gives may be a context, whose end mends it
     threshold_s: float = 0.0  # age at which it counts; the wheels stop ``STOP_BUDGET_S`` later
     says: str = ""  # what the reason shown must contain, a regular expression
     states: tuple[str, ...] = ("FAULT",)  # to be shown, any of them; none: it must drive on
-    heal: Act = nothing  # mends it, too; nothing may begin to move by that
     before: Act = nothing  # prepares the bench, before the robot drives off
     approach: Act = nothing  # lets it drive on to where the fault comes
     moving: bool = True
     silent: bool = False  # the page must say that the robot is silent
-    check: Callable[[Stage], str] = nothing  # a last look before mending; what is wrong, or ""
+    check: tuple[Act, ...] = ()  # last looks before mending; each tells what is wrong, or ""
     drives_again: bool = False  # mended, and armed by a person, without a new start
 
 
-def cases(module: str, *families: str) -> dict[str, tuple[Case, ...]]:
-    """The rows of some families, whose functions are a module's."""
-    table, known = read_yaml(FILE), vars(sys.modules[module])
-    return {family: tuple(_case(row, known) for row in table[family]) for family in families}
-
-
-def _case(row: dict[str, Any], known: dict[str, Any]) -> Case:
+def case_of(family: str, row: dict[str, Any], known: dict[str, Any]) -> Case:
+    """The case of a row, whose functions are among those ``known`` by name."""
     (inject,) = row.keys() - {field.name for field in fields(Case)}
     told = {name: value for name, value in row.items() if name != inject}
-    told["inject"] = _bound(known[inject], row[inject])
-    for name in {"before", "approach", "check"} & row.keys():
-        function, *rest = [row[name]] if isinstance(row[name], str) else row[name]
-        told[name] = _bound(known[function], rest)
+    told["inject"] = _act(known, inject, row[inject])
+    told |= {name: known[row[name]] for name in {"before", "approach"} & row.keys()}
+    told["check"] = tuple(_act(known, *check) for check in row.get("check", {}).items())
     told["states"] = tuple(row.get("states", Case.states))
-    return Case(**told)
+    return Case(family, **told)
 
 
-def _bound(function: Callable[..., Any], told: Any) -> Callable[[Stage], Any]:
-    """The function of a stage, with what a row tells it besides."""
+def _act(known: dict[str, Any], name: str, told: Any) -> Act:
+    """A function of a stage, or with a dot a method of its parts, with what a row tells besides."""
+    part = lambda stage, *several: attrgetter(name)(stage)(*several)  # noqa: E731
+    function = part if "." in name else known[name]
     if isinstance(told, dict):
         return lambda stage: function(stage, **told)
     several = [] if told is None else told if isinstance(told, list) else [told]
@@ -81,24 +74,14 @@ def sets(stage: Stage, part: str, **values: object) -> Iterator[None]:
     vars(of).update(before)
 
 
-def ends(stage: Stage, program: str, how: str) -> None:
-    """End a program by a signal."""
-    stage.bench.end(program, signal.Signals[how])
-
-
-def pauses(stage: Stage, program: str) -> None:
-    """Stop a program where it is."""
-    stage.bench.freeze(program)
-
-
 @dataclass(frozen=True)
 class Outcome:
-    """What a case came to; times in seconds of the bench's clock, NaN where nothing had to stop."""
+    """What a case came to; times in seconds of the bench's clock, None where none had to stop."""
 
     family: str
     name: str
     what: str
-    stopped_s: float = math.nan  # from the fault to the last step of a motor
+    stopped_s: float | None = None  # from the fault to the last step of a motor
     threshold_s: float = 0.0
     state: str = ""
     reason: str = ""

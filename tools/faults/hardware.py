@@ -1,13 +1,12 @@
-"""The motors' bus, the Wi-Fi, for which a proxy of the bench stands, and a full disk."""
+"""The motors' bus, the Wi-Fi, for which a proxy of the bench stands, and the computer's limits."""
 
 import resource
 from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
+from contextlib import AbstractContextManager, contextmanager
 
 from robot.recording.drive_file import UNFINISHED
 from sim_pybullet.virtual.i2c import BusFault
-from tools.faults.case import cases, sets
+from tools.faults.case import sets
 from tools.faults.stage import Stage
 from tools.loop.timekeeper import BenchError
 
@@ -22,11 +21,6 @@ def faulty(stage: Stage, fault: str, count: int = LASTING) -> Iterator[None]:
     stage.bench.town.bus.mend()
 
 
-def power_cycle(stage: Stage) -> None:
-    """The chip forgets everything."""
-    stage.bench.town.hat.chip.power_cycle()
-
-
 def written(stage: Stage, data: str) -> None:
     """Another program writes this, hexadecimal."""
     stage.bench.town.bus.write(0x6F, bytes.fromhex(data))
@@ -36,8 +30,7 @@ def written(stage: Stage, data: str) -> None:
 def moved_to(stage: Stage, address: int) -> Iterator[None]:
     """The chip answers elsewhere, and the robot is started."""
     with sets(stage, "bench.town.hat.chip", address=address):
-        stage.bench.stop("robot")
-        stage.bench.start_and_end("robot")
+        stage.bench.start_in_vain("robot")
         yield
 
 
@@ -46,24 +39,31 @@ def coils_off(stage: Stage) -> str:
     return "the coils carry current" if stage.bench.town.hat.chip.outputs.any_high else ""
 
 
-def says_where(stage: Stage) -> str:
-    """Whether the robot says where it looked."""
-    said = stage.bench.processes["robot"].said()
-    return "" if "expected a PCA9685 at 0x6F" in said else "its log does not name the address"
+@contextmanager
+def limited(stage: Stage, what: int, most: int) -> Iterator[None]:
+    """The robot's process may have no more than so much of a resource."""
+    robot = stage.bench.processes["robot"]
+    before = resource.prlimit(robot.child.pid, what)
+    resource.prlimit(robot.child.pid, what, (most, before[1]))
+    yield
+    if robot.alive:
+        resource.prlimit(robot.child.pid, what, before)
 
 
 @contextmanager
-def full(stage: Stage) -> Iterator[None]:
+def no_descriptors(stage: Stage) -> Iterator[None]:
+    """The robot may open no file any more, and its camera has hung up."""
+    with limited(stage, resource.RLIMIT_NOFILE, 3):
+        stage.bench.town.camera.hang_up()
+        yield
+
+
+def full(stage: Stage) -> AbstractContextManager[None]:
     """The recording that is being written may grow no more, nor may what is smaller."""
     written = [path.stat().st_size for path in stage.bench.recordings.glob(f"*{UNFINISHED}")]
     if not written:
         raise BenchError("expected the robot to record, found no recording under way")
-    limit = partial(
-        resource.prlimit, stage.bench.processes["robot"].child.pid, resource.RLIMIT_FSIZE
-    )
-    limit((max(written), resource.RLIM_INFINITY))
-    yield
-    limit((resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    return limited(stage, resource.RLIMIT_FSIZE, max(written))
 
 
 def told(stage: Stage) -> str:
@@ -82,6 +82,3 @@ def bad(stage: Stage, network: str, **values: float) -> Iterator[None]:
     vars(stage.bench.networks[network]).update(values)
     yield
     vars(stage.bench.networks[network]).update(cut=False, delay_s=0.0, loss=0.0)
-
-
-CASES = cases(__name__, "I2C", "network", "recording")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import asdict, replace
+from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import cv2
 from tqdm import tqdm
@@ -15,32 +15,31 @@ from robot.cli.install import SHIPPED_MODEL as LANE_KEEPER
 from robot.errors import ConfigError, DuckpilotError, nearest
 from robot.inference.policy import SHIPPED_MODELS
 from robot.output import expect_writable, write_json
-from robot.safety.governors import Rules
-from robot.typed_config import read_json
-from tools.faults import FAMILIES, hardware, pictures, poses, programs, strangers, traffic
-from tools.faults.case import Case, Outcome
+from robot.typed_config import from_plain, read_json, to_plain
+from tools.faults import hardware, pictures, poses, programs, strangers, traffic
+from tools.faults.case import FAMILIES, TABLE, Case, Outcome, case_of
 from tools.faults.report import write_report
 from tools.faults.stage import Stage
 from tools.loop.bench import BenchOptions
 from tools.loop.drive import expect_navigator
 
 
-def every_case() -> list[tuple[str, Case]]:
-    """All cases with their families, in order."""
+def every_case() -> list[Case]:
+    """All cases, in order."""
     modules = (pictures, hardware, poses, programs, strangers, traffic)
-    cases = {family: rows for module in modules for family, rows in module.CASES.items()}
-    return [(family, case) for family in FAMILIES for case in cases[family]]
+    known = {name: value for module in modules for name, value in vars(module).items()}
+    return [case_of(family, row, known) for family in FAMILIES for row in TABLE[family]]
 
 
-def chosen(options: argparse.Namespace) -> list[tuple[str, Case]]:
-    """The cases asked for, with their families. DuckpilotError: no such case."""
+def chosen(options: argparse.Namespace) -> list[Case]:
+    """The cases asked for. DuckpilotError: no such case."""
     families = options.family or list(FAMILIES)
-    every = [row for family in families for row in every_case() if row[0] == family]
-    names = {case.name for _, case in every}
+    every = [case for family in families for case in every_case() if case.family == family]
+    names = {case.name for case in every}
     for wanted in options.case or ():
         if wanted not in names:
             raise DuckpilotError(f"no case {wanted!r}; {nearest(wanted, sorted(names))}")
-    return [row for row in every if not options.case or row[1].name in options.case]
+    return [case for case in every if not options.case or case.name in options.case]
 
 
 def meet(options: argparse.Namespace) -> int:
@@ -53,8 +52,8 @@ def meet(options: argparse.Namespace) -> int:
     _play(cases, outcomes, options)
     if options.report:
         met = {(outcome.family, outcome.name) for outcome in outcomes}
-        unmet = [f"{f} {case.name}" for f, case in every_case() if (f, case.name) not in met]
-        write_report(outcomes, options.report, unmet)
+        named = [(case.family, case.name) for case in every_case()]
+        write_report(outcomes, options.report, [" ".join(n) for n in named if n not in met])
     failed = [outcome for outcome in outcomes if not outcome.passed]
     for outcome in failed:
         print(f"{outcome.family}, {outcome.name}: {outcome.problem}")
@@ -62,49 +61,33 @@ def meet(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _play(
-    cases: list[tuple[str, Case]], outcomes: list[Outcome], options: argparse.Namespace
-) -> None:
-    done = {(o.family, o.name) for o in outcomes}
-    todo = [(family, case) for family, case in cases if (family, case.name) not in done]
-    if not todo:
-        return
+def _play(cases: list[Case], outcomes: list[Outcome], options: argparse.Namespace) -> None:
+    """Those without an outcome yet, on the bench that each family needs."""
+    done = {(outcome.family, outcome.name) for outcome in outcomes}
+    todo = [case for case in cases if (case.family, case.name) not in done]
     alone = BenchOptions(options.model, seed=options.seed, record=True, sight=options.sight)
-    among = replace(alone, among=True, rules=Rules(headway=True))
+    among = replace(alone, among=True)
     sight = SHIPPED_MODELS / "sight.onnx"
     keeper = replace(among, map="loop", model=LANE_KEEPER, sight=sight, leader=options.model)
     benches = {"traffic": among, "by sight": keeper}
-    with tqdm(total=len(cases), initial=len(done)) as bar:
-        for bench in (alone, among, keeper):
-            rows = [row for row in todo if benches.get(row[0], alone) is bench]
-            if rows:
-                _play_on(bench, rows, outcomes, options, bar)
-
-
-def _play_on(
-    bench: BenchOptions,
-    cases: list[tuple[str, Case]],
-    outcomes: list[Outcome],
-    options: argparse.Namespace,
-    bar: tqdm[Any],
-) -> None:
-    with (
-        tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
-        Stage(bench, Path(folder)) as stage,
-    ):
-        for family, case in cases:
-            bar.set_description(f"{family}: {case.name}")
-            outcomes.append(stage.play(family, case))
-            if options.json:
-                rows = [asdict(outcome) for outcome in outcomes]
-                write_json(options.json, {"schema": 1, "outcomes": rows})
-            bar.update()
+    with tqdm(total=len(cases), initial=len(cases) - len(todo)) as bar:
+        for bench, rows in groupby(todo, lambda case: benches.get(case.family, alone)):
+            with (
+                tempfile.TemporaryDirectory(prefix="duckpilot-faults-") as folder,
+                Stage(bench, Path(folder)) as stage,
+            ):
+                for case in rows:
+                    bar.set_description(f"{case.family}: {case.name}")
+                    outcomes.append(stage.play(case))
+                    if options.json:
+                        write_json(options.json, {"schema": 1, "outcomes": to_plain(outcomes)})
+                    bar.update()
 
 
 def _done(path: Path | None) -> list[Outcome]:
     if path is None or not path.exists():
         return []
-    try:
-        return [Outcome(**row) for row in read_json(path)["outcomes"]]
-    except (KeyError, TypeError) as error:
-        raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others") from error
+    rows = read_json(path).get("outcomes")
+    if not isinstance(rows, list):
+        raise ConfigError(f"{path}: expected the outcomes of an earlier run, got others")
+    return [from_plain(Outcome, row, f"{path}: outcomes") for row in rows]

@@ -1,19 +1,17 @@
 """The robot's camera: silent, frozen, slow, garbage; and pictures that are of no use."""
 
 import itertools
-import resource
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 import cv2
 import numpy as np
 
-from tools.faults.case import cases, sets
+from tools.faults.case import sets
 from tools.faults.stage import Stage
 
 RNG = np.random.default_rng(0)
 CAMERA = "bench.town.camera"
-__all__ = ["CASES", "sets"]
 
 
 def noisy(picture: np.ndarray, deviation: float) -> np.ndarray:
@@ -53,11 +51,7 @@ def rolled(picture: np.ndarray) -> np.ndarray:
 
 
 SPOILS: dict[str, Callable[..., np.ndarray]] = {
-    "covered": covered,
-    "grains": grains,
-    "finger": finger,
-    "warped": warped,
-    "rolled": rolled,
+    **{spoil.__name__: spoil for spoil in (covered, grains, finger, warped, rolled)},
     "mirrored": lambda picture: picture[:, ::-1],
     "upside_down": lambda picture: picture[::-1, ::-1],
     "shifted": lambda picture: np.roll(picture, 40, 1),
@@ -80,23 +74,3 @@ def again(stage: Stage, deviation: float) -> AbstractContextManager[None]:
     """The picture of now again and again, through a sensor's noise if there is any."""
     now = stage.bench.town.world.see()
     return sets(stage, CAMERA, spoil=lambda _: noisy(now, deviation) if deviation else now)
-
-
-def rate(stage: Stage, hz: float) -> AbstractContextManager[None]:
-    """So many pictures a second."""
-    return sets(stage, "bench.town.camera_event", period_s=1.0 / hz)
-
-
-@contextmanager
-def no_descriptors(stage: Stage) -> Iterator[None]:
-    """The robot may open no file any more, and its camera has hung up."""
-    robot = stage.bench.processes["robot"]
-    before = resource.prlimit(robot.child.pid, resource.RLIMIT_NOFILE)
-    resource.prlimit(robot.child.pid, resource.RLIMIT_NOFILE, (3, before[1]))
-    stage.bench.town.camera.hang_up()
-    yield
-    if robot.alive:
-        resource.prlimit(robot.child.pid, resource.RLIMIT_NOFILE, before)
-
-
-CASES = cases(__name__, "camera", "pictures")

@@ -2,21 +2,17 @@
 
 import math
 import re
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robot.geometry import Pose
 from robot.recording.reader import read_turns
-from tools.faults.case import cases, ends, pauses, sets
-from tools.faults.hardware import coils_off
 from tools.faults.stage import Stage
+from tools.loop.bench import Process
 
 LOSS_S = 1.0
 PATIENCE_S = 60.0  # real time that a command may take
-__all__ = ["CASES", "ends", "pauses", "sets"]
 
 
 def _made(how: str, folder: Path, good: Path) -> Path:
@@ -34,10 +30,9 @@ def _made(how: str, folder: Path, good: Path) -> Path:
 def started_with(stage: Stage, how: str) -> Iterator[None]:
     """The robot is started with such a file."""
     bench = stage.bench
-    bench.stop("robot")
     try:
         bench.use_model(_made(how, bench.folder, bench.options.model))
-        bench.start_and_end("robot")
+        bench.start_in_vain("robot")
         yield
     finally:
         bench.use_model(bench.options.model)
@@ -59,11 +54,6 @@ def shares(stage: Stage, slot: str, value: float) -> Iterator[None]:
     stage.shared.set(slot, 0.0)
 
 
-def off_and_recorded(stage: Stage) -> str:
-    """Both of it."""
-    return coils_off(stage) or recorded(stage)
-
-
 def recorded(stage: Stage) -> str:
     """Nothing is lost from the recording but its last second."""
     newest = max(stage.bench.recordings.iterdir(), key=lambda path: path.stat().st_mtime)
@@ -80,46 +70,26 @@ def beside(stage: Stage, command: str) -> None:
     """
     bench = stage.bench
     words = ["-m", "robot", command, "--config", str(bench.folder / "robot.yaml")]
-    with (bench.folder / "beside.log").open("w+b") as said:
-        program = subprocess.Popen(
-            [bench.options.robot_python, *words],
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-        )
-        deadline_s = time.monotonic() + PATIENCE_S
-        while program.poll() is None and time.monotonic() < deadline_s:
-            bench.time.settle()
-            time.sleep(0.005)
-        program.kill()
-        said.seek(0)
-        stage.note = f"{program.wait()} {said.read().decode('utf-8', 'replace')}"
+    log = bench.folder / f"beside-{command}.log"
+    program = Process("beside", [bench.options.robot_python, *words], log)
+    deadline_s = time.monotonic() + PATIENCE_S
+    while program.alive and time.monotonic() < deadline_s:
+        bench.time.settle()
+        time.sleep(0.005)
+    program.end()
+    stage.note = f"{program.child.returncode} {program.said()}"
 
 
-def switched_off(stage: Stage) -> str:
-    """Whether the second program did it, and said so."""
-    if not (stage.note.startswith("0 ") and "all outputs off at 0x6F" in stage.note):
-        return f"expected robot off to work, it says: {stage.note}"
-    return coils_off(stage)
-
-
-def second_refused(stage: Stage) -> str:
-    """Whether the second program ended in one line."""
-    status, _, told = stage.note.strip().partition(" ")
-    if status != "1" or len(told.splitlines()) != 1 or "the only program that drives" not in told:
-        return f"expected the second to be refused in one line, it says: {stage.note}"
-    return ""
+def noted(stage: Stage, pattern: str) -> str:
+    """Whether what was answered fits a regular expression."""
+    fits = re.search(pattern, stage.note)
+    return "" if fits else f"expected an answer with {pattern!r}, got: {stage.note}"
 
 
 def sent_to(stage: Stage, x_m: float, y_m: float) -> None:
     """Armed and sent to a place."""
     accepted, reason = stage.bench.operator.ask("mission", (x_m, y_m), arm=True)
     stage.note = "accepted" if accepted else reason
-
-
-def hears_of_the_road(stage: Stage) -> str:
-    """Whether it was refused for that."""
-    return "" if "road" in stage.note else f"expected to hear of the road, got: {stage.note}"
 
 
 def from_elsewhere(stage: Stage) -> None:
@@ -135,15 +105,7 @@ def told_how_far(stage: Stage) -> str:
     return "" if near else f"expected to hear of {away_m:.2f} m, got: {stage.note}"
 
 
-def put(stage: Stage, x_m: float, y_m: float) -> None:
-    """Somebody puts the robot down there."""
-    stage.bench.town.world.place(Pose(x_m, y_m, 0.0))
-
-
 def turned(stage: Stage, by_rad: float) -> None:
     """Somebody turns it."""
     pose = stage.bench.town.pose
     stage.bench.town.world.place(pose._replace(heading_rad=pose.heading_rad + by_rad))
-
-
-CASES = cases(__name__, "model", "programs", "missions")

@@ -1,19 +1,17 @@
 """``docs/faults.md``: what the robot did about every fault."""
 
-import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from robot.output import write_bytes
-from robot.typed_config import read_yaml
-from tools.faults.case import FILE, STOP_BUDGET_S, Outcome
+from tools.faults.case import STOP_BUDGET_S, TABLE, Outcome
 
 
 def write_report(outcomes: list[Outcome], path: Path, unmet: Sequence[str] = ()) -> None:
     """Write the table, whole or not at all; ``unmet`` are faults without an outcome yet."""
     passed = f"{sum(outcome.passed for outcome in outcomes)} of {len(outcomes)}"
-    head = read_yaml(FILE)["page"].rstrip().format(1000.0 * STOP_BUDGET_S)
+    head = TABLE["page"].rstrip().format(1000.0 * STOP_BUDGET_S)
     lines = [f"{head} {passed} passed.\n"]
     if unmet:
         lines.append(f"Not met in this run: {', '.join(unmet)}.\n")
@@ -40,7 +38,7 @@ def _shown(outcome: Outcome) -> str:
 
 def _row(outcome: Outcome, shown: str) -> str:
     limit = stopped = "–"
-    if not math.isnan(outcome.stopped_s):
+    if outcome.stopped_s is not None:
         limit = f"{1000 * outcome.threshold_s:.0f}"
         stopped = f"{1000 * outcome.stopped_s:.0f}"
     fault = ": ".join(filter(None, (outcome.name, outcome.what)))

@@ -25,7 +25,7 @@ from tools.faults.case import STOP_BUDGET_S, Case, Outcome
 from tools.loop.bench import Bench, BenchOptions
 from tools.loop.in_step import let_sockets_wait
 from tools.loop.operator import Operator
-from tools.loop.shared_time import SharedTime
+from tools.loop.shared_time import SharedTime, message_number
 from tools.loop.timekeeper import BenchError, Conductor
 from tools.loop.town import OVERHEAD_FPS, ROBOT
 
@@ -70,10 +70,8 @@ class StandIn:
     def _tell(self) -> None:
         for data in self.instead:
             self._send(data)
-        if not self.instead:
-            self._tell_pose()
-
-    def _tell_pose(self) -> None:
+        if self.instead:
+            return
         self._sequence += 1
         bench_s = self._bench.now_s
         told = self._lie(self._bench.town.pose, bench_s - self._since_s, self._first)
@@ -87,7 +85,7 @@ class StandIn:
         while self._waiting and self._waiting[0][0] <= bench_s:
             sent = self._waiting.popleft()[1]
             self._send(sent.to_bytes())
-            self._shared.publish(sent.KIND, sent.session, sent.sequence)
+            self._shared.set(sent.KIND, message_number(sent.session, sent.sequence))
 
 
 START = Pose(0.132, 2.156, -math.pi / 2.0)  # on the longest straight lane of the arena
@@ -114,7 +112,7 @@ class Stage:
         assert isinstance(self.bench.time, Conductor)  # times of faults are of lock-step
         self.shared = self.bench.time.shared
         self.rng = np.random.default_rng(options.seed)
-        self.stand_in: StandIn | None = None
+        self.stand_in: StandIn
         self.note = ""  # from a case's injection to its check
         self._broken = ExitStack()  # what mends it
         self.start, self.goal = RING if options.leader else (START, GOAL)
@@ -125,12 +123,12 @@ class Stage:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._dismiss_stand_in()
+        self._broken.close()
         self.bench.close()
 
-    def play(self, family: str, case: Case) -> Outcome:
+    def play(self, case: Case) -> Outcome:
         """Meet one fault; whatever goes wrong with that is told in the outcome."""
-        outcome = Outcome(family, case.name, case.what, threshold_s=case.threshold_s)
+        outcome = Outcome(case.family, case.name, case.what, threshold_s=case.threshold_s)
         try:
             self.ready()
             case.before(self)
@@ -142,7 +140,7 @@ class Stage:
                 outcome = replace(outcome, problem=self._again_problem())
         except (BenchError, OSError) as error:
             outcome = replace(outcome, problem=f"the bench: {error}")
-        self.recover(case)
+        self.recover()
         return outcome
 
     def ready(self) -> None:
@@ -204,6 +202,7 @@ class Stage:
         bench = self.bench
         bench.stop("localizer")
         self.stand_in = StandIn(bench, self.shared, keys)
+        self._broken.callback(self.stand_in.close)
         if keys is not None:
             return
 
@@ -214,18 +213,11 @@ class Stage:
         self.run(TAKEOVER_S)
         bench.until(heard, SETTLE_S, "stand-in poses", CONNECT_S)
 
-    def recover(self, case: Case) -> None:
+    def recover(self) -> None:
         """Everything as it was, with whatever programs must be started again."""
         self._broken.close()
-        case.heal(self)
-        self._dismiss_stand_in()
         self.shared.set("lossy", 0.0)
         self.bench.revive()
-
-    def _dismiss_stand_in(self) -> None:
-        if self.stand_in is not None:
-            self.stand_in.close()
-            self.stand_in = None
 
     def _meet(self, case: Case, outcome: Outcome) -> Outcome:
         town, began_s = self.bench.town, self.bench.now_s
@@ -233,12 +225,12 @@ class Stage:
         if isinstance(broken, AbstractContextManager):
             self._broken.enter_context(broken)
         self.run(case.threshold_s + STOP_BUDGET_S + (SILENT_S if case.silent else AFTER_S))
-        stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else math.nan
+        stopped_s = max(town.moved_s - began_s, 0.0) if case.states and case.moving else None
         state, reason = self._shown()
         problems = [self._stop_problem(case, stopped_s), _shown_problem(case, state, reason)]
-        problems.append(case.check(self))
+        problems += [check(self) for check in case.check]
         if case.states and "AUTO" not in case.states:
-            problems.append(self._resume_problem(case))
+            problems.append(self._resume_problem())
         told = "; ".join(filter(None, problems))
         return replace(outcome, stopped_s=stopped_s, state=state, reason=reason, problem=told)
 
@@ -257,21 +249,19 @@ class Stage:
             state, reason = told[1], told[2]
         return state, reason.replace(f"{bench.folder}/", "")
 
-    def _stop_problem(self, case: Case, stopped_s: float) -> str:
-        if not case.moving:
-            return ""
-        if not case.states:
+    def _stop_problem(self, case: Case, stopped_s: float | None) -> str:
+        if case.moving and not case.states:
             moving = self.bench.now_s - self.bench.town.moved_s < 0.3
             return "" if moving else "expected it to drive on, it stands"
-        if stopped_s <= case.threshold_s + STOP_BUDGET_S:
+        if stopped_s is None or stopped_s <= case.threshold_s + STOP_BUDGET_S:
             return ""
         late_ms = 1000.0 * (stopped_s - case.threshold_s)
         return f"the last step came {late_ms:.0f} ms after the threshold"
 
-    def _resume_problem(self, case: Case) -> str:
+    def _resume_problem(self) -> str:
         """Mended, nothing may move, and nobody may be armed."""
         town, before_s = self.bench.town, self.bench.now_s
-        self.recover(case)
+        self.recover()
         self.run(HEALED_S)
         if town.moved_s > before_s:
             return f"a motor stepped {town.moved_s - before_s:.2f} s after mending"

@@ -12,10 +12,7 @@ import zmq
 from robot.contract import ACTION_WHEELS
 from robot.link.keys import Keys, keygen, load_keys
 from robot.link.messages import UNSENT, Command, Mission
-from tools.faults.case import cases
 from tools.faults.stage import Stage
-
-replaced = Stage.replace_localizer
 
 
 def _keys(stage: Stage, whose: str) -> Keys | None:
@@ -98,7 +95,6 @@ def localizer_with_monitors_keys(stage: Stage) -> None:
 
 def instead(stage: Stage, size: int, count: int) -> None:
     """So many pieces of junk of this size, each time in place of poses."""
-    assert stage.stand_in is not None
     stage.stand_in.instead = [bytes(size)] * count
 
 
@@ -118,6 +114,3 @@ def crowd(stage: Stage, callers: int) -> None:
             caller.connect_ex(("127.0.0.1", port))
             if number % 150 == 0:
                 stage.run(0.1)
-
-
-CASES = cases(__name__, "strangers")

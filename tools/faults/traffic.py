@@ -7,14 +7,11 @@ from contextlib import contextmanager
 from robot.geometry import Pose
 from robot.navigation.neighbours import HALF_DUCK_M, HALF_ROBOT_M
 from robot.safety.governors import NOSE_M
-from tools.faults.case import cases
-from tools.faults.hardware import bad
 from tools.faults.stage import Stage, expect
 
 FORGETS_S = 7.0  # in which a robot is sure that nobody is there any more
 MOVES_S = 0.3
 ELSEWHERE = Pose(1.75, 1.17, 0.0)  # inside the loop
-__all__ = ["CASES", "bad"]
 
 
 def lead(stage: Stage) -> None:
@@ -38,11 +35,6 @@ def duck(stage: Stage, ahead_m: float) -> Iterator[None]:
     town.duck = None
 
 
-def stops(stage: Stage) -> None:
-    """A person stops the second robot."""
-    stage.bench.second.ask("stop")
-
-
 def apart(stage: Stage) -> str:
     """What is wrong with the way that is left, from the nose to whom it stands before."""
     town = stage.bench.town
@@ -62,6 +54,3 @@ def goes_on(stage: Stage) -> str:
     if not problem and stage.bench.now_s - town.moved_s > MOVES_S:
         problem = f"the way is free, and it stands, {page.state}: {page.reason}"
     return problem
-
-
-CASES = cases(__name__, "traffic", "by sight")

@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +61,7 @@ class BenchOptions:
     recordings: Path | None = None  # where; else in the bench's folder
     sight: Path | None = None  # by which the robot knows where it is, too
     page: tuple[str, ...] = ()  # options of the monitor
-    rules: Rules = field(default_factory=Rules)
-    among: bool = False  # with a second robot, and room for a duck
+    among: bool = False  # with a second robot and room for a duck: each keeps its distance
     leader: Path | None = None  # the second's model where the first one's keeps its lane, by sight
 
 
@@ -71,6 +70,7 @@ class Process:
 
     def __init__(self, name: str, command: list[str], log: Path, typed: bool = False) -> None:
         self.name, self.log = name, log
+        self.frozen = self.ending = False  # by a signal
         with log.open("ab") as output:
             self.child = subprocess.Popen(
                 command,
@@ -103,9 +103,7 @@ class Process:
 
     def end(self) -> None:
         """By force, whatever it is doing."""
-        if self.alive:
-            self.child.send_signal(signal.SIGCONT)
-            self.child.kill()
+        self.child.kill()
         self.child.wait(END_S)
 
 
@@ -129,8 +127,6 @@ class Bench:
         self.link_configs, self.networks = connect(self.keys, self.time, options.seed)
         self.processes: dict[str, Process] = {}
         self.recordings = options.recordings or folder / "recordings"
-        self._frozen: set[str] = set()
-        self._ending: set[str] = set()
         self.operator: Operator
         self.second: Operator  # at the page of the second robot
         save_calibration(self.town.calibration, folder / "arena.yaml")
@@ -163,21 +159,22 @@ class Bench:
     @property
     def page_lives(self) -> bool:
         """Whether the monitor's page can be looked at."""
-        return not self.operator.closed and not {"monitor"} & (self._frozen | self._ending)
+        monitor = self.processes["monitor"]
+        return not (self.operator.closed or monitor.frozen or monitor.ending)
 
     def freeze(self, name: str, frozen: bool = True) -> None:
         """Stop a program where it is, or let it go on."""
         self.time.freeze(name, frozen)
         self.processes[name].child.send_signal(signal.SIGSTOP if frozen else signal.SIGCONT)
-        (self._frozen.add if frozen else self._frozen.discard)(name)
+        self.processes[name].frozen = frozen
         cameras = {"robot": self.town.camera, "localizer": self.town.overhead}
         if name in cameras:  # nobody would read its pictures
             cameras[name].silent = frozen
 
-    def end(self, name: str, how: int = signal.SIGKILL) -> None:
+    def end(self, name: str, how: str = "SIGKILL") -> None:
         """End a program by a signal; it may take its time."""
-        self.processes[name].child.send_signal(how)
-        self._ending.add(name)
+        self.processes[name].child.send_signal(signal.Signals[how])
+        self.processes[name].ending = True
 
     def stop(self, name: str) -> None:
         """Kill a program, and wait for its end while time goes on."""
@@ -186,8 +183,9 @@ class Bench:
 
     def revive(self) -> None:
         """Let go on what is frozen, start again what has ended, and meet again."""
-        for name in list(self._frozen):
-            self.freeze(name, False)
+        for name, process in self.processes.items():
+            if process.frozen:
+                self.freeze(name, False)
         self._wait_for_ends()
         ended = [name for name, process in self.processes.items() if not process.alive]
         for name in ended:
@@ -214,8 +212,9 @@ class Bench:
         terminal.write(f"{word}\n".encode())
         self.time.poked("robot")
 
-    def start_and_end(self, name: str) -> None:
-        """Start a program that cannot work, and let it find out."""
+    def start_in_vain(self, name: str) -> None:
+        """Kill a program, start it again where it cannot work, and let it find out."""
+        self.stop(name)
         process = self.start(name)
         self.until(lambda: not process.alive, START_S, f"{name} to give up", PAUSE_S)
 
@@ -271,11 +270,9 @@ class Bench:
         self.town.close()
 
     def _wait_for_ends(self) -> None:
-        def ended() -> bool:
-            return not any(self.processes[name].alive for name in self._ending)
-
-        self.until(ended, END_S, f"{', '.join(self._ending)} to end", PAUSE_S)
-        self._ending.clear()
+        ending = [process for process in self.processes.values() if process.ending]
+        names = ", ".join(process.name for process in ending)
+        self.until(lambda: not any(p.alive for p in ending), END_S, f"{names} to end", PAUSE_S)
 
     def _program(self, name: str) -> list[str]:
         places = {"folder": self.folder, "overhead": self.town.overhead.path, "fps": OVERHEAD_FPS}
@@ -296,7 +293,7 @@ class Bench:
                 sight="" if leader and robot is not self.town else sight,
                 camera=CameraConfig("socket", path=str(robot.camera.path), fps=CAMERA_FPS),
                 hat=HatConfig(socket=str(robot.bus_server.path)),
-                rules=self.options.rules,
+                rules=Rules(headway=self.options.among),
                 link=self.link_configs[robot.marker.robot],
                 recording=recording if robot is self.town else None,
             )
@@ -321,8 +318,7 @@ def connect(
     for of in ("", "2") if "robot2" in keys else ("",):
         robot, monitor, localizer = ports[f"robot{of}"], ports[f"monitor{of}"], ports["localizer"]
         to_monitor = {monitor: localizer}
-        for offset in range(1, len(BOUND_BY)):
-            to_monitor[monitor + offset] = robot + offset
+        to_monitor |= {monitor + i: robot + i for i in range(1, len(BOUND_BY))}
         networks[f"poses{of}"] = Proxy({robot: localizer}, now, rng)
         networks[f"monitor{of}"] = Proxy(to_monitor, now, rng)
     return configs, networks

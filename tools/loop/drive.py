@@ -4,9 +4,12 @@ By the policy, by an expert at the monitor's page, or by a person there who watc
 """
 
 import argparse
+import json
 import math
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -121,8 +124,6 @@ class Person(Driver):
 
 
 DRIVERS = {"policy": Driver, "expert": Expert, "person": Person}
-
-
 SCHEMA = 2
 EVERY_S = 0.1  # between two pictures of a film
 
@@ -152,7 +153,7 @@ def run(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     with ExitStack() as stack:
         film = None
         if options.video and len(rows) < options.missions:
-            film = Film(options.video, options.model)
+            film = DriveFilm(options.video, options.model, EVERY_S)
             stack.callback(film.close)
         bar = stack.enter_context(tqdm(total=options.missions, initial=len(rows), desc="missions"))
         while len(rows) < options.missions:
@@ -173,26 +174,22 @@ def expect_navigator(model: Path) -> None:
         )
 
 
-class Film:
-    """A film of one bench after the other, what the page shows and where the robot truly is."""
+def filming(film: DriveFilm, bench: Bench) -> Callable[[], None]:
+    """What takes a picture of a bench when it is time: what the page shows, and the truth."""
+    film.turn_to(bench.town.world.scene.ground)
+    due_s: float | None = None
 
-    def __init__(self, path: Path, model: Path) -> None:
-        self._film = DriveFilm(path, model, EVERY_S)
-        self._bench: Bench | None = None
-        self._due_s = 0.0
-        self.close = self._film.close
-
-    def watch(self, bench: Bench) -> None:
-        """Take a picture of this bench when it is time."""
-        if self._bench is not bench:
-            self._bench, self._due_s = bench, bench.now_s
-            self._film.turn_to(bench.town.world.scene.ground)
-        if bench.now_s < self._due_s or not bench.operator.picture:
+    def watch() -> None:
+        nonlocal due_s
+        due_s = bench.now_s if due_s is None else due_s
+        if bench.now_s < due_s or not bench.operator.picture:
             return
-        self._due_s += EVERY_S
+        due_s += EVERY_S
         if bench.operator.mission.get("phase") != "driving":
-            self._film.map.trail.clear()
-        self._film.add(moment(bench))
+            film.map.trail.clear()
+        film.add(moment(bench))
+
+    return watch
 
 
 def moment(bench: Bench) -> Moment:
@@ -220,7 +217,7 @@ def _drive_at(
     options: argparse.Namespace,
     rows: list[dict[str, Any]],
     folder: Path,
-    film: Film | None,
+    film: DriveFilm | None,
     bar: tqdm,
 ) -> dict[str, Any]:
     """Begin a bench at a site and drive until the robot leaves it; the robot's figures."""
@@ -236,8 +233,8 @@ def _drive_at(
         folder / str(driven),
     )
     rng = np.random.default_rng((options.seed, driven))
-    watch = (lambda: None) if film is None else lambda: film.watch(bench)
-    driver = DRIVERS[options.driver](bench, rng, watch)
+    watching = () if film is None else (filming(film, bench),)
+    driver = DRIVERS[options.driver](bench, rng, *watching)
     start = driver.on_lane(*options.start) if options.start and not driven else driver.anywhere()
     bench.town.world.place(start)
     with bench:
@@ -305,12 +302,9 @@ def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str
 
 def arrivals_at(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     """How many missions were driven in each look, and how many of them arrived."""
-    sites: dict[str, dict[str, int]] = {}
-    for one in rows:
-        counts = sites.setdefault(one["site"], {"missions": 0, "arrived": 0})
-        counts["missions"] += 1
-        counts["arrived"] += one["arrived"]
-    return sites
+    driven = Counter(one["site"] for one in rows)
+    arrived = Counter(one["site"] for one in rows if one["arrived"])
+    return {site: {"missions": n, "arrived": arrived[site]} for site, n in driven.items()}
 
 
 def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
@@ -324,9 +318,6 @@ def rows_so_far(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 def inputs_of(options: argparse.Namespace) -> dict[str, Any]:
     """What the figures depend on."""
-    names = ("map", "look", "seed", "realtime")
-    driver = {"driver": options.driver} if options.driver != "policy" else {}
-    sight = {"sight": str(options.sight)} if options.sight else {}
-    places = {n: list(p) if (p := getattr(options, n)) else None for n in ("start", "goal")}
-    same = {n: getattr(options, n) for n in names}
-    return {"model": str(options.model), **same, **places, **sight, **driver}
+    names = ("model", "map", "look", "seed", "realtime", "start", "goal", "sight", "driver")
+    inputs = {name: getattr(options, name) for name in names}
+    return dict(json.loads(json.dumps(inputs, default=str)))

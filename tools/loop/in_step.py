@@ -13,6 +13,7 @@ last; a receiver looks until it has that, even of a publisher that was started a
 from __future__ import annotations
 
 import math
+import os
 import runpy
 import select
 import selectors
@@ -23,8 +24,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
-from tools.loop.shared_time import SharedTime, session_number
-from tools.loop.stepper import PipeWaiter, Stepper, Waiter
+from tools.loop.shared_time import SharedTime, message_number
+from tools.loop.stepper import Stepper, Waiter
 
 LONGEST_S = 0.25  # real time that one message may take
 LOOK_S = 1e-4
@@ -34,21 +35,18 @@ _pause = time.sleep  # the real one: this module is imported before time is repl
 _real = time.perf_counter
 
 
-def install(shared: SharedTime) -> None:
-    """Watch the streams and commands of this process."""
-    let_sockets_wait()
-    _watch_streams(shared)
-    _watch_commands(shared)
+def replace(of: object, **others: Any) -> None:
+    """Put others in the place of what a module or a class has under these names."""
+    for name, other in others.items():
+        setattr(of, name, other)
 
 
 def let_sockets_wait() -> None:
     """ZeroMQ's own patience is by real time, which may be long while ours stands still."""
     from robot.link import sockets
 
-    limits: Any = sockets
-    limits.HEARTBEAT_TIMEOUT_MS = limits.CONNECT_TIMEOUT_MS = PATIENT_MS
-    limits.HANDSHAKE_MS = PATIENT_MS
-    limits.SEND_QUEUE = SEND_QUEUE
+    limits = ("HEARTBEAT_TIMEOUT_MS", "CONNECT_TIMEOUT_MS", "HANDSHAKE_MS")
+    replace(sockets, SEND_QUEUE=SEND_QUEUE, **dict.fromkeys(limits, PATIENT_MS))
 
 
 def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
@@ -63,9 +61,7 @@ def _look_until(there: Callable[[], bool], shared: SharedTime) -> bool:
 def _watch_streams(shared: SharedTime) -> None:
     from robot.link.sockets import Publisher, Subscriber
 
-    publishers: Any = Publisher
-    subscribers: Any = Subscriber
-    begin, send, receive = subscribers.__init__, publishers.send, subscribers.receive
+    begin, send, receive = Subscriber.__init__, Publisher.send, Subscriber.receive
 
     def begin_by_the_wall(subscriber: Any, *arguments: Any, **named: Any) -> None:
         begin(subscriber, *arguments, **named)
@@ -75,27 +71,26 @@ def _watch_streams(shared: SharedTime) -> None:
 
     def told_send(publisher: Any, message: Any) -> Any:
         sent = send(publisher, message)
-        shared.publish(sent.KIND, sent.session, sent.sequence)
+        shared.set(sent.KIND, message_number(sent.session, sent.sequence))
         return sent
 
     def patient_receive(subscriber: Any) -> Any:
-        due = shared.published(subscriber._kind.KIND)
+        due = shared.get(subscriber._kind.KIND)
         newest: Any = None
 
         def there() -> bool:
             nonlocal newest
             got = receive(subscriber)
             if got is not None:
-                newest, subscriber.last = got, (session_number(got.session), got.sequence)
-            session, sequence = subscriber.last or due
-            return bool(session == due[0] and sequence >= due[1])
+                newest, subscriber.last = got, message_number(got.session, got.sequence)
+            return (subscriber.last or due) == due
 
         if not _look_until(there, shared):
             subscriber.last = due  # lost: do not wait for it again
         return newest
 
-    subscribers.__init__ = begin_by_the_wall
-    publishers.send, subscribers.receive = told_send, patient_receive
+    replace(Subscriber, __init__=begin_by_the_wall, receive=patient_receive)
+    replace(Publisher, send=told_send)
 
 
 def _watch_commands(shared: SharedTime) -> None:
@@ -105,10 +100,7 @@ def _watch_commands(shared: SharedTime) -> None:
     from robot.link.command_server import CommandServer
     from robot.link.messages import Ack, Command
 
-    clients: Any = CommandClient
-    servers: Any = CommandServer
-    acks: Any = Ack
-    transmit, send_ack = clients._transmit, acks.to_bytes
+    transmit, send_ack = CommandClient._transmit, Ack.to_bytes
 
     def counted_transmit(client: Any, command: Any) -> None:
         connected = client._socket.getsockopt(zmq.EVENTS) & zmq.POLLOUT
@@ -118,11 +110,12 @@ def _watch_commands(shared: SharedTime) -> None:
 
     def counted_ack(ack: Any) -> bytes:
         shared.add("ack")
-        return bytes(send_ack(ack))
+        return send_ack(ack)
 
-    clients._transmit, acks.to_bytes = counted_transmit, counted_ack
-    servers.serve = _patient(servers.serve, Command, "command", shared)
-    clients._collect = _patient(clients._collect, Ack, "ack", shared)
+    replace(Ack, to_bytes=counted_ack)
+    replace(CommandServer, serve=_patient(CommandServer.serve, Command, "command", shared))
+    collect = _patient(CommandClient._collect, Ack, "ack", shared)
+    replace(CommandClient, _transmit=counted_transmit, _collect=collect)
 
 
 def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
@@ -147,7 +140,7 @@ def _patient(read: Any, kind: Any, slot: str, shared: SharedTime) -> Any:
             heard = shared.get(slot)
         return found
 
-    kind.from_bytes = staticmethod(counted)
+    replace(kind, from_bytes=staticmethod(counted))
     return patient
 
 
@@ -164,7 +157,9 @@ def main() -> None:
     stepper = Stepper(connection, shared)
     replace_time(stepper)
     _replace_decisions(stepper, shared)
-    install(shared)
+    let_sockets_wait()
+    _watch_streams(shared)
+    _watch_commands(shared)
     stepper.start()
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
@@ -172,15 +167,14 @@ def main() -> None:
 
 def replace_time(stepper: Stepper) -> None:
     """Replace clocks and timed waits, and count threads from now on."""
-    clocks: Any = time
-    threads: Any = threading
-    modules: Any = sys.modules
-    clocks.monotonic, clocks.sleep = stepper.now, stepper.sleep
-    threads._time = stepper.now  # what threading imported
-    modules["uvloop"] = None  # its timers are not Python's
+    from robot.computer import clock
+
+    replace(time, monotonic=stepper.now, sleep=stepper.sleep)
+    # What threading imported, and what its conditions wait for; locks are made by another name.
+    replace(threading, _time=stepper.now, _allocate_lock=lambda: Waiter(stepper))
+    sys.modules.update(uvloop=cast(Any, None))  # its timers are not Python's
     _count_threads(stepper)
-    _replace_condition_wait(stepper)
-    _replace_alarms()
+    replace(clock, Alarm=threading.Event)  # its waits are a condition's; a pipe is not in step
     _replace_select(stepper)
     _replace_hardware_waits(stepper)
     sys.stdin = cast(TextIO, _typed(stepper, sys.stdin))
@@ -214,41 +208,7 @@ def _count_threads(stepper: Stepper) -> None:
         with stepper.elsewhere():
             join(thread, timeout)
 
-    kind.start, kind.join, kind._bootstrap_inner = counted_start, outside_join, counted_life
-
-
-def _replace_condition_wait(stepper: Stepper) -> None:
-    def wait(condition: Any, timeout: float | None = None) -> bool:
-        """As `threading.Condition.wait`, which this follows line by line."""
-        if not condition._is_owned():
-            raise RuntimeError("cannot wait on un-acquired lock")
-        waiter = Waiter(stepper, stepper.deadline(timeout))
-        condition._waiters.append(waiter)
-        saved = condition._release_save()
-        released = False
-        try:
-            released = waiter.block()
-            return released
-        finally:
-            condition._acquire_restore(saved)
-            if not released and waiter in condition._waiters:
-                condition._waiters.remove(waiter)
-
-    conditions: Any = threading.Condition
-    conditions.wait = wait
-
-
-def _replace_alarms() -> None:
-    """An alarm's wait is one of a condition, as above; its pipe would not be in step."""
-    from robot.computer.clock import Alarm
-
-    def begin(alarm: Any) -> None:
-        event = threading.Event()
-        for name in ("is_set", "set", "clear", "wait"):
-            setattr(alarm, name, getattr(event, name))
-
-    alarms: Any = Alarm
-    alarms.__init__ = begin
+    replace(kind, start=counted_start, join=outside_join, _bootstrap_inner=counted_life)
 
 
 def _replace_select(stepper: Stepper) -> None:
@@ -259,20 +219,22 @@ def _replace_select(stepper: Stepper) -> None:
         events = original(selector, 0)
         if events or (timeout is not None and timeout <= 0.0):
             return events
-        waiter = PipeWaiter(stepper, stepper.deadline(timeout))
+        waiter = Waiter(stepper, stepper.deadline(timeout))
+        readable_fd, fd = os.pipe()
+        replace(waiter, open=lambda: os.write(fd, b"\0"))
         poll = select.poll()
-        poll.register(waiter.fd, select.POLLIN)
+        poll.register(readable_fd, select.POLLIN)
         poll.register(selector.fileno(), select.POLLIN)
         try:
             stepper.begin_wait(waiter)
             poll.poll()
         finally:
             stepper.give_up(waiter)
-            waiter.close()
+            os.close(readable_fd)
+            os.close(fd)
         return original(selector, 0)
 
-    selector_kind: Any = selectors.EpollSelector
-    selector_kind.select = wait
+    replace(selectors.EpollSelector, select=wait)
 
 
 def _replace_hardware_waits(stepper: Stepper) -> None:
@@ -280,25 +242,22 @@ def _replace_hardware_waits(stepper: Stepper) -> None:
     from robot.camera.source import SocketStream
     from robot.hat import bus
 
-    buses: Any = bus
-    streams: Any = SocketStream
-    buses.SILENCE_S = REAL_S
-    take = streams._take
+    take = SocketStream._take
 
     def outside_take(stream: SocketStream) -> Any:
         stream._socket.settimeout(REAL_S)
         with stepper.elsewhere():
             return take(stream)
 
-    streams._take = outside_take
+    replace(SocketStream, _take=outside_take)
+    replace(bus, SILENCE_S=REAL_S)
 
 
 def _replace_decisions(stepper: Stepper, shared: SharedTime) -> None:
     """A decision takes as long as the bench says, for faults, or is none; else it takes no time."""
     from robot.runtime import loop
 
-    loops: Any = loop
-    values_of = loops.values_of
+    values_of = loop.values_of
 
     def faulty_values(*asked: Any) -> Any:
         decision_s = shared.get("slow")
@@ -307,7 +266,7 @@ def _replace_decisions(stepper: Stepper, shared: SharedTime) -> None:
         found = values_of(*asked)
         return found * math.nan if shared.get("nan") and found is not None else found
 
-    loops.values_of = faulty_values
+    replace(loop, values_of=faulty_values)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,6 @@ class LapRecord:
     laps: float = 0.0
     seconds: float = 0.0
     left_lane: bool = False
-    collided: bool = False
     state: str = ""
     reason: str = ""
     lost_steps: tuple[int, int] = (0, 0)
@@ -76,9 +75,8 @@ class LapDrive:
             *(self.world, policy, self.driver, Safety(self.clock.now), self.clock),
             eyes=PictureDoubts(),
         )
-        start = Pose(*self.lane.pose_at(rng.uniform(0.0, self.lane.length_m)))
-        self.world.place(start)
-        self.driver.pose = start
+        self.driver.pose = self.lane.pose_at(rng.uniform(0.0, self.lane.length_m))
+        self.world.place(self.driver.pose)
 
     def drive(self, laps: float, watch: Watcher) -> LapRecord:
         """Arm, drive ``laps`` laps or until something stops the robot, and disarm."""
@@ -92,7 +90,7 @@ class LapDrive:
             while record.laps < laps and self.clock.now() < limit_s:
                 verdict = self._turn(record, watch).verdict
                 record.state, record.reason = verdict.state.value, verdict.sentence
-                if not verdict.may_move or record.left_lane or record.collided:
+                if not verdict.may_move or record.left_lane or self.world.collided:
                     break
             record.lost_steps = self.hat.lost_steps
             self.runtime.ask(Command.DISARM)
@@ -112,7 +110,6 @@ class LapDrive:
         record.laps += math.remainder(at.arc_m - before.arc_m, length_m) / length_m
         record.offsets_m.append(at.offset_m)
         record.left_lane = abs(at.offset_m) > self.half_lane_m
-        record.collided = self.world.collided
         believed = self.driver.pose
         turned_rad = float(wrap_angle(believed.heading_rad - pose.heading_rad))
         record.odometry_errors.append((math.dist(believed[:2], pose[:2]), turned_rad))
@@ -124,19 +121,6 @@ def tell(options: argparse.Namespace) -> int:
     """Drive as asked and say how it went; 0 when all laps were driven, 1 otherwise."""
     inputs = [options.model, Path(options.translator) if options.translator else None]
     expect_writable(options.json, options.video, inputs=inputs)
-    figures = drive(options)
-    if options.json:
-        write_json(options.json, figures)
-    print(
-        f"{figures['laps']:.2f} of {options.laps:g} laps in {figures['seconds']:.0f} s, "
-        f"{100 * figures['mean_path_distance_m']:.1f} cm from the lane's middle on average, "
-        f"{figures['state']}: {figures['reason']}"
-    )
-    return 0 if figures["arrived"] else 1
-
-
-def drive(options: argparse.Namespace) -> dict[str, Any]:
-    """Drive as asked; the summary."""
     site = sites_of(options.look, options.seed)(0)
     policy = open_policy(options.model, options.translator)
     lap_drive = LapDrive(load_map(options.map), site.look, policy, options.seed)
@@ -151,30 +135,26 @@ def drive(options: argparse.Namespace) -> dict[str, Any]:
             film.turn_to(lap_drive.world.scene.ground)
             stack.callback(film.close)
 
+        ring_m = lap_drive.lane.points_m[[*range(len(lap_drive.lane.points_m)), 0]].tolist()
+
         def watch(tick: Tick, pose: Pose, record: LapRecord) -> None:
             bar.update(min(max(record.laps, bar.n), options.laps) - bar.n)
             if film is not None and tick.frame is not None:
-                film.add(_moment(tick, tick.frame.image, pose, record, lap_drive))
+                state, reason = tick.verdict.state.value, tick.verdict.sentence
+                values = [] if tick.values is None else tick.values.tolist()
+                told = (ring_m, values, tick.action, f"lap {record.laps:.2f}")
+                film.add(Moment(tick.frame.image, pose, None, state, reason, *told))
 
         record = lap_drive.drive(options.laps, watch)
-    return summary(record, options, site.name)
-
-
-def _moment(
-    tick: Tick, picture: np.ndarray, pose: Pose, record: LapRecord, drive: LapDrive
-) -> Moment:
-    """What a film shows of one turn of the loop."""
-    return Moment(
-        picture,
-        pose,
-        None,  # a lane keeper needs to believe nothing
-        tick.verdict.state.value,
-        tick.verdict.sentence,
-        drive.lane.points_m[[*range(len(drive.lane.points_m)), 0]].tolist(),
-        [] if tick.values is None else tick.values.tolist(),
-        tick.action,
-        f"lap {record.laps:.2f}",
+    figures = summary(record, options, site.name)
+    if options.json:
+        write_json(options.json, figures)
+    print(
+        f"{record.laps:.2f} of {options.laps:g} laps in {record.seconds:.0f} s, "
+        f"{100 * figures['mean_path_distance_m']:.1f} cm from the lane's middle on average, "
+        f"{record.state}: {record.reason}"
     )
+    return 0 if figures["arrived"] else 1
 
 
 def summary(record: LapRecord, options: argparse.Namespace, site: str) -> dict[str, Any]:

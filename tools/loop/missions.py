@@ -22,7 +22,6 @@ STILL_S = 0.5  # without a step: the robot stands
 PAUSE_S = 1.0  # a person looks before they arm again
 RECORDED_S = 4.5  # at rest: the robot has completed its recording
 
-
 Line = Sequence[tuple[float, float]] | np.ndarray
 
 
@@ -65,8 +64,7 @@ class Driver:
     ) -> None:
         self.bench, self._rng, self._watch = bench, rng, watch
         self._graph = LaneGraph(bench.road_map)
-        self._truth_s: list[float] = []
-        self._truth: list[Pose] = []
+        self._truth: list[tuple[float, Pose]] = []  # when [s], and where it was
         self._judged = -1
 
     def anywhere(self) -> Pose:
@@ -81,11 +79,7 @@ class Driver:
         near = road_map.lane_index.near(x_m, y_m)
         i = int(near.distance_m.argmin())
         at = on_lane(road_map.lanes[i], float(near.t[i]))
-        if not road_map.on_road(x_m, y_m):
-            raise PlanError(
-                f"{road_map.name}: expected a start on the road, got ({x_m:g}, {y_m:g}) m; "
-                f"the nearest lane is at ({at.x_m:.2f}, {at.y_m:.2f}) m"
-            )
+        plan_path(self._graph, at._replace(x_m=x_m, y_m=y_m), (at.x_m, at.y_m))
         return at
 
     def carry(self) -> None:
@@ -163,8 +157,7 @@ class Driver:
 
     def _look(self) -> str:
         """A turn of the page; the phase of the mission."""
-        self._truth_s.append(self.bench.now_s)
-        self._truth.append(self.bench.town.pose)
+        self._truth.append((self.bench.now_s, self.bench.town.pose))
         self.bench.operator.turn()
         self._watch()
         return str(self.bench.operator.mission.get("phase", ""))
@@ -178,15 +171,14 @@ class Driver:
         """Compare a new report's pose with where the robot was when it was sent."""
         report = self.bench.operator.robot
         pose, sent_s = report.get("pose"), report.get("t_sent_s", 0.0)
-        index = bisect_left(self._truth_s, sent_s)
+        index = bisect_left(self._truth, (sent_s,))
         if pose is None or report["sequence"] == self._judged or index == len(self._truth):
             return
         self._judged = report["sequence"]
-        before = max(index - 1, 0)
-        earlier, span_s = self._truth[before], self._truth_s[index] - self._truth_s[before]
-        share = (sent_s - self._truth_s[before]) / max(span_s, 1e-9)
-        way = np.subtract(self._truth[index], earlier)
-        x_m, y_m, heading_rad = earlier + share * np.array([*way[:2], wrap_angle(way[2])])
+        (before_s, before), (after_s, after) = self._truth[max(index - 1, 0)], self._truth[index]
+        share = (sent_s - before_s) / max(after_s - before_s, 1e-9)
+        way = np.subtract(after, before)
+        x_m, y_m, heading_rad = before + share * np.array([*way[:2], wrap_angle(way[2])])
         error_rad = float(wrap_angle(pose[2] - heading_rad))
         record.errors.append((math.dist((x_m, y_m), pose[:2]), error_rad))
 

@@ -80,12 +80,13 @@ class Operator:
                 return
             self._protocol.receive_data(data)
             for event in self._protocol.events_received():
-                shown |= self._take(event)
-        answer = b"".join(self._protocol.data_to_send())
+                if isinstance(event, Frame) and event.opcode is Opcode.BINARY:
+                    self.picture = bytes(event.data)
+                elif isinstance(event, Frame) and event.opcode is Opcode.TEXT:
+                    self.snapshot, shown = json.loads(bytes(event.data))["state"], True
         if shown and self.watching:
             self._protocol.send_text(b"seen")
-            answer += b"".join(self._protocol.data_to_send())
-        if answer:
+        if answer := b"".join(self._protocol.data_to_send()):
             self._send(self._socket, answer)
 
     def ask(
@@ -108,16 +109,6 @@ class Operator:
         """Drive by hand, as a gamepad at the page does."""
         self._protocol.send_text(json.dumps({"manual": [round(v, 4) for v in stick]}).encode())
         self._send(self._socket, b"".join(self._protocol.data_to_send()))
-
-    def _take(self, event: Any) -> bool:
-        """Whether it tells of a state."""
-        if not isinstance(event, Frame) or event.opcode not in (Opcode.BINARY, Opcode.TEXT):
-            return False
-        if event.opcode is Opcode.BINARY:
-            self.picture = bytes(event.data)
-            return False
-        self.snapshot = json.loads(bytes(event.data))["state"]
-        return True
 
     def _open_page(self) -> socket.socket:
         uri = f"ws://127.0.0.1:{self._port}/ws"

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 
 from tools.loop.shared_time import SharedTime
 
-IDLE = struct.Struct("!cd")  # b"i", until when [s]
+IDLE = struct.Struct("!d")  # until when [s]
 GO = b"g"
 SOON_S = 1e-9
 LATE_S = 1e-7  # waits end a little late, as anywhere: rounding must not let one end too early
@@ -26,9 +26,9 @@ LATE_S = 1e-7  # waits end a little late, as anywhere: rounding must not let one
 class Waiter:
     """One thread that waits until ``deadline_s`` [s], or until it is released."""
 
-    def __init__(self, stepper: Stepper, deadline_s: float) -> None:
+    def __init__(self, stepper: Stepper, deadline_s: float = math.inf) -> None:
         self.deadline_s = deadline_s
-        self.timed_out = False
+        self.timed_out = self._taken = False
         self._stepper = stepper
         self._gate = _thread.allocate_lock()
         self._gate.acquire()
@@ -43,30 +43,21 @@ class Waiter:
             raise
         return not self.timed_out
 
+    def acquire(self, blocking: bool = True, timeout_s: float | None = None) -> bool:
+        """As the lock that each wait of a `threading.Condition` takes, and then waits for."""
+        if self._taken:
+            self.deadline_s = self._stepper.deadline(timeout_s if blocking else 0.0)
+            return self.block()
+        self._taken = True
+        return True
+
     def release(self) -> None:
-        """Wake the thread; as a lock's ``release``, which `threading.Condition` calls."""
+        """Wake the thread."""
         self._stepper.wake(self)
 
     def open(self) -> None:
         """Let the thread run; called by the stepper."""
         self._gate.release()
-
-
-class PipeWaiter(Waiter):
-    """A waiter for a thread that also waits for files: ``fd`` turns readable when it is woken."""
-
-    def __init__(self, stepper: Stepper, deadline_s: float) -> None:
-        super().__init__(stepper, deadline_s)
-        self.fd, self._write_fd = os.pipe()
-
-    def open(self) -> None:
-        """Make ``fd`` readable."""
-        os.write(self._write_fd, b"\0")
-
-    def close(self) -> None:
-        """Give the pipe back."""
-        os.close(self.fd)
-        os.close(self._write_fd)
 
 
 class Stepper:
@@ -81,7 +72,7 @@ class Stepper:
 
     def now(self) -> float:
         """The conductor's time [s]."""
-        return self._shared.now()
+        return self._shared.get("now")
 
     def start(self) -> None:
         """Listen to the conductor, in a thread that does not count."""
@@ -151,7 +142,7 @@ class Stepper:
             self._wake(first)
         else:
             until_s = math.inf if first is None else first.deadline_s
-            self._connection.sendall(IDLE.pack(b"i", until_s))
+            self._connection.sendall(IDLE.pack(until_s))
 
     def _wake(self, waiter: Waiter) -> None:
         self._waiters.remove(waiter)

@@ -11,7 +11,7 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from robot.computer.clock import Clock, MonotonicClock
@@ -82,11 +82,13 @@ class Timekeeper(Worker):
     def settle(self) -> None:
         """Serve and wait until every process waits; time does not go on by that."""
 
+    def woken(self, name: str) -> None:
+        """A process was sent something that wakes it."""
+
     def poked(self, name: str) -> None:
         """A process was sent something that wakes it: wait until it is done with it."""
-
-    def woken(self, name: str) -> None:
-        """As ``poked``, for hardware that answers a waiting process."""
+        self.woken(name)
+        self.settle()
 
     def run_until(self, time_s: float) -> None:
         """Let everybody live until the clock reads ``time_s`` [s]; what was missed is skipped.
@@ -94,17 +96,28 @@ class Timekeeper(Worker):
         HardwareError: nothing answers any more.
         """
         self.check()
+        self.settle()
         while True:
-            now_s = self.clock.now()
-            for event in list(self._events):
-                if event.due_s <= now_s:
-                    event.due_s = max(event.due_s + event.period_s, now_s)
-                    event.happen()
-            now_s = self.clock.now()
-            if now_s >= time_s:
+            self._go_on_to(min([*(e.due_s for e in self._events), *self._awaited_s(), time_s]))
+            self._happen()
+            if self.clock.now() >= time_s:
                 return
-            next_s = min([e.due_s for e in self._events] + [time_s])
-            time.sleep(max(0.0, next_s - now_s))
+
+    def _awaited_s(self) -> list[float]:
+        """The moments that processes wait for."""
+        return []
+
+    def _go_on_to(self, time_s: float) -> None:
+        self.clock.sleep(time_s - self.clock.now())
+
+    def _happen(self) -> None:
+        """All that is due by now."""
+        now_s = self.clock.now() + 1e-9
+        for event in list(self._events):
+            if event.due_s <= now_s:
+                event.due_s = max(event.due_s + event.period_s, now_s)
+                event.happen()
+                self.settle()
 
     def _work(self) -> None:
         while not self._ending.is_set():
@@ -127,7 +140,6 @@ class Participant:
     until_s: float = 0.0
     idle: bool = False
     frozen: bool = False
-    unread: bytearray = field(default_factory=bytearray)
 
 
 class Conductor(Timekeeper):
@@ -153,8 +165,7 @@ class Conductor(Timekeeper):
         """Wait until it asks for time; BenchError when it ended before."""
         deadline_s = time.monotonic() + PATIENCE_S
         while name not in self._participants:
-            if not process_alive() or time.monotonic() > deadline_s:
-                raise BenchError(f"{name}: expected it to start, it did not; see its log")
+            super().joined(name, lambda: process_alive() and time.monotonic() < deadline_s)
             if select.select([self._listener], [], [], 0.05)[0]:
                 connection = self._listener.accept()[0]
                 told = connection.recv(16, socket.MSG_WAITALL).decode().strip()
@@ -165,31 +176,18 @@ class Conductor(Timekeeper):
         if name in self._participants:
             self._participants[name].frozen = frozen
 
-    def poked(self, name: str) -> None:
-        """A process was sent something that wakes it: wait until it is done with it."""
+    def woken(self, name: str) -> None:
+        """A process was sent something that wakes it."""
         participant = self._participants.get(name)
         if participant is not None and not participant.frozen:
             participant.idle = False
-        self.settle()
 
-    def woken(self, name: str) -> None:
-        """As ``poked``, for hardware that answers a waiting process."""
-        if name in self._participants:
-            self._participants[name].idle = False
+    def _awaited_s(self) -> list[float]:
+        return [p.until_s for p in self._participants.values() if not p.frozen]
 
-    def run_until(self, time_s: float) -> None:
-        """Go on until the clock reads ``time_s`` [s]."""
-        self.settle()
-        while True:
-            moments = [e.due_s for e in self._events]
-            moments += [p.until_s for p in self._participants.values() if not p.frozen]
-            next_s = min([*moments, time_s])
-            self._time.advance_to(next_s)
-            self.shared.set("now", self.clock.now())
-            self._happen()
-            self._let_go()
-            if next_s >= time_s:
-                return
+    def _go_on_to(self, time_s: float) -> None:
+        self._time.advance_to(time_s)
+        self.shared.set("now", self.clock.now())
 
     def settle(self) -> None:
         """Serve and wait until every process waits.
@@ -213,14 +211,8 @@ class Conductor(Timekeeper):
         self._listener.close()
 
     def _happen(self) -> None:
-        now_s = self.clock.now() + 1e-9
-        for event in list(self._events):
-            if event.due_s <= now_s:
-                event.due_s += event.period_s
-                event.happen()
-                self.settle()
-
-    def _let_go(self) -> None:
+        """All that is due by now; then whoever waited for it goes on."""
+        super()._happen()
         for name in self._order:
             participant = self._participants.get(name)
             if participant is None or participant.frozen:
@@ -244,15 +236,12 @@ class Conductor(Timekeeper):
 
     def _hear(self, participant: Participant) -> None:
         try:
-            data = participant.connection.recv(4096)
+            data = participant.connection.recv(IDLE.size, socket.MSG_WAITALL)
         except OSError:
             data = b""
-        if not data:
+        if len(data) < IDLE.size:
             participant.connection.close()
             del self._participants[participant.name]
             return
-        participant.unread += data
-        while len(participant.unread) >= IDLE.size:
-            _, participant.until_s = IDLE.unpack_from(participant.unread)
-            del participant.unread[: IDLE.size]
-            participant.idle = True
+        (participant.until_s,) = IDLE.unpack(data)
+        participant.idle = True

@@ -163,7 +163,7 @@ def _add_control(app: FastAPI, monitor: Monitor) -> None:
             await page.listen()
         finally:
             sending.cancel()
-            page.gone()
+            monitor.page_closed(page)
 
 
 class Page:
@@ -172,7 +172,6 @@ class Page:
     def __init__(self, socket: WebSocket, monitor: Monitor) -> None:
         self._socket = socket
         self._monitor = monitor
-        self._driving = False
         self._refused = False
         self._asked_s = -math.inf
 
@@ -203,12 +202,6 @@ class Page:
             elif text is not None and len(text) <= TEXT_LIMIT:
                 self._drive(text)
 
-    def gone(self) -> None:
-        """The page is gone: whoever drove with it drives no longer."""
-        self._monitor.page_closed(self)
-        if self._driving:
-            self._monitor.drive_by_hand(self, None)
-
     def _drive(self, text: str) -> None:
         try:
             told = json.loads(text)["manual"]
@@ -226,4 +219,3 @@ class Page:
         if not taken and not self._refused:
             self._monitor.state.note("refused", "driving by hand: another page drives")
         self._refused = not taken
-        self._driving = taken and stick is not None

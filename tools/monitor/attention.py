@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 
 from robot.camera.source import fit_to_frame
-from robot.errors import ConfigError
 from robot.inference.preprocess import preprocess
 from robot.link.messages import FrameMessage, Telemetry
 from robot.recording.drive_file import picture
@@ -43,20 +42,11 @@ class Explained(Telemetry):
 
 
 class AttentionThread:
-    """Explains the newest picture when it has done with another.
-
-    ConfigError: the extra ``trainer`` is not installed. ContractError: the model is no policy of
-    ours.
-    """
+    """Explains the newest picture when it has done with another; needs the extra ``trainer``."""
 
     def __init__(self, model: Path) -> None:
-        try:
-            from trainer.judging.explain import Explainer
-        except ImportError as error:
-            raise ConfigError(
-                "--model: expected the extra 'trainer' for the attention overlay, it is not "
-                "installed; pip install 'duckpilot[trainer]', or leave --model out"
-            ) from error
+        from trainer.judging.explain import Explainer
+
         self._explainer = Explainer(model)
         self._working: threading.Thread | None = None
         self.newest: Attention | None = None  # of the last picture; None where it cannot be read

@@ -111,10 +111,8 @@ class MonitorState:
 
     def note_answer(self, what: str, ack: Ack) -> None:
         """Log what the robot made of a command."""
-        if ack.accepted:
-            self.note("info", what)
-        else:
-            self.note("refused", f"{what}: {ack.reason}")
+        level, why = ("info", "") if ack.accepted else ("refused", f": {ack.reason}")
+        self.note(level, f"{what}{why}")
 
     def log_after(self, number: int) -> tuple[LogEntry, ...]:
         """The lines since that number, oldest first."""
@@ -280,8 +278,10 @@ class Monitor:
         self._seen_s[page] = time.monotonic()
 
     def page_closed(self, page: object) -> None:
-        """A page is gone."""
+        """A page is gone: whoever drove with it drives no longer."""
         self._seen_s.pop(page, None)
+        if self._hand is not None and self._hand[0] is page:
+            self.drive_by_hand(page, None)
 
     @property
     def watched(self) -> bool:
