@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import closing
 from pathlib import Path
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -138,19 +138,14 @@ TWIST_RANGE_RAD = (-math.radians(12.0), math.radians(12.0))  # of roll, and yaw 
 PLACE_TOLERANCE_M = 0.05  # of the board
 
 
-class MountFit(NamedTuple):
-    """The mount, and how well the corners fit it."""
+def fit_mount(
+    corners_px: np.ndarray, lens: Lens, near_edge_m: float, before: Mount
+) -> Tuple[Mount, float]:
+    """The mount, by least squares of the reprojection error, and its residual [px].
 
-    mount: Mount
-    residual_px: float
-
-
-def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float) -> MountFit:
-    """All six figures of the mount, by least squares of the reprojection error.
-
-    From corners (28, 2) of `robot.bringup.chessboard.find_board`, and the lens at that picture's
-    size. Pitch, roll and height do not depend on where the board lies; yaw, ``forward_m`` and
-    ``left_m`` are as good as the board's placing. ConfigError: no camera can see the board so.
+    From corners (28, 2) of ``find_board``, and the lens at that picture's size. Pitch, roll and
+    height do not depend on where the board lies; yaw, ``forward_m`` and ``left_m`` are as good as
+    the board's placing. ConfigError: no camera can see the board so, or none that was ``before``.
     """
     points_m = board_points_m(near_edge_m)
     fit = fit_camera(corners_px, points_m[:, :2], lens, Freedom())
@@ -165,17 +160,18 @@ def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float) -> MountFi
         roll_rad=math.atan2(float(matrix[2, 1]), float(matrix[2, 2])),
     )
     misses_px = CameraRig(lens, mount).to_pixels(points_m) - corners_px
-    return MountFit(mount, float(np.sqrt(np.mean(np.sum(misses_px**2, axis=1)))))
-
-
-def check_mount_fit(fit: MountFit, before: Mount, width_px: int) -> None:
-    """ConfigError unless the fit is good and the mount plausible, telling the residual."""
-    mount, most_px = fit.mount, MOST_RESIDUAL_PX * width_px / 640.0
-    if fit.residual_px > most_px:
+    residual_px = float(np.sqrt(np.mean(np.sum(misses_px**2, axis=1))))
+    most_px = MOST_RESIDUAL_PX * lens.width_px / 640.0
+    if residual_px > most_px:
         raise ConfigError(
-            f"camera: the corners miss the fitted board by {fit.residual_px:.2f} px, expected at "
+            f"camera: the corners miss the fitted board by {residual_px:.2f} px, expected at "
             f"most {most_px:.2f}; is the sheet flat, printed at 100 %, and the lens calibrated?"
         )
+    _expect_plausible(mount, before)
+    return mount, residual_px
+
+
+def _expect_plausible(mount: Mount, before: Mount) -> None:
     for what, value, (low, high) in (
         ("height_m", mount.height_m, HEIGHT_RANGE_M),
         ("pitch_rad", mount.pitch_rad, PITCH_RANGE_RAD),

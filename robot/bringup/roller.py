@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, NamedTuple, Protocol
+from typing import NamedTuple
 
 from robot.computer.clock import Clock
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepping import Steps
-from robot.parts import Motors
+from robot.hat.thread import MotorThread
 
 YES, NO = ("y", "yes"), ("n", "no")
 
@@ -21,14 +21,9 @@ class Prompts:
     ConfigError: from the questions, when the input ends.
     """
 
-    def __init__(
-        self, read: Callable[[str], str] = input, show: Callable[..., None] = print
-    ) -> None:
-        self._read, self._show = read, show
-
     def tell(self, line: str) -> None:
         """Show a line."""
-        self._show(line, flush=True)
+        print(line, flush=True)
 
     def agrees(self, question: str) -> bool:
         """A question answered with yes or no."""
@@ -52,7 +47,7 @@ class Prompts:
 
     def _answer(self, prompt: str) -> str:
         try:
-            return self._read(prompt).strip()
+            return input(prompt).strip()
         except EOFError as error:
             raise ConfigError("expected a person who answers, got the end of the input") from error
 
@@ -61,14 +56,6 @@ REFRESH_S = 0.05
 REST_S = 0.4  # standing so long, it has come to rest
 PATIENCE = 3.0  # a roll may take so many times as long as planned, and as many seconds more
 CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
-
-
-class CountedMotors(Motors, Protocol):
-    """Motors that count their steps; `robot.hat.thread.MotorThread` on the robot."""
-
-    @property
-    def counts(self) -> Steps:
-        """Microsteps of each wheel so far."""
 
 
 class Rolled(NamedTuple):
@@ -84,7 +71,7 @@ class Roller:
     The motors are in a ``with`` block of the caller's, so that they are off in the end.
     """
 
-    def __init__(self, motors: CountedMotors, config: HatConfig, clock: Clock) -> None:
+    def __init__(self, motors: MotorThread, config: HatConfig, clock: Clock) -> None:
         self.motors = motors
         self.config = config
         self.clock = clock

@@ -11,15 +11,15 @@ import math
 from pathlib import Path
 from typing import ContextManager, Iterator, List, NamedTuple
 
-from robot.bringup.roller import CountedMotors, Prompts, Roller
+from robot.bringup.roller import Prompts, Roller
 from robot.computer.clock import Clock, MonotonicClock
-from robot.computer.systemd import interrupt, on_ending
+from robot.computer.systemd import on_ending
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepping import BRAKE_S
-from robot.hat.thread import real_motors
+from robot.hat.thread import MotorThread, real_motors
 from robot.typed_config import load_yaml
 
 GENTLE_MPS = 0.08
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it; 1 when a step failed."""
-    on_ending(interrupt)
+    on_ending()
     hat = load_yaml(RobotConfig, options.config).hat
     return try_motors(hat, real_motors(hat), Prompts(), MonotonicClock())
 
@@ -68,7 +68,7 @@ LAST = "coils off"
 
 
 def try_motors(
-    hat: HatConfig, motors: ContextManager[CountedMotors], person: Prompts, clock: Clock
+    hat: HatConfig, motors: ContextManager[MotorThread], person: Prompts, clock: Clock
 ) -> int:
     """Every step with any motors, in order; 0 when all passed, 1 when one failed.
 

@@ -63,17 +63,12 @@ class Heartbeat:
             self._send(f"STATUS={tick.verdict.state.value}: {tick.verdict.sentence}")
 
 
-def on_ending(act: Callable[[], None]) -> None:
+def on_ending(act: Callable[..., object] = signal.default_int_handler) -> None:
     """Let ``act`` happen on systemd's SIGTERM, and on SIGHUP when a terminal goes away.
 
-    By default either kills a program at once, with the coils on. A hang-up that nohup wants ignored
-    stays so.
+    Either would kill a program at once, with the coils on; ``act`` is as Ctrl-C, so that ``with``
+    blocks are left in order. A hang-up that nohup wants ignored stays so.
     """
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: act())
-
-
-def interrupt() -> None:
-    """As Ctrl-C: ``with`` blocks are left in order."""
-    raise KeyboardInterrupt
+            signal.signal(number, act)

@@ -21,8 +21,6 @@ class CommandClient:
     """The operator's side. ``poll`` often: it beats, repeats STOP and collects the answers."""
 
     def __init__(self, link: Link, clock: Clock = time.monotonic) -> None:
-        import zmq
-
         self.session = new_session()
         self.refused = 0
         self._link = link
@@ -33,7 +31,7 @@ class CommandClient:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._pending: Dict[str, Tuple[Command, float]] = {}  # unanswered, and when it was sent
-        self._socket = link.connect(zmq.DEALER, Command.KIND, Command.LIMIT_BYTES)
+        self._socket = link.connect(Command.KIND, Command.LIMIT_BYTES)
 
     def send(
         self, kind: str, mission: Optional[Mission] = None, wheels: Optional[WheelSpeeds] = None

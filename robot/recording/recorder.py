@@ -21,15 +21,7 @@ from robot.computer.threads import Worker
 from robot.config import RecordingConfig
 from robot.link.messages import Reading
 from robot.parts import Tick
-from robot.recording.drive_file import (
-    END,
-    SUFFIX,
-    UNFINISHED,
-    DriveFile,
-    DriveLog,
-    Heard,
-    Subject,
-)
+from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile, DriveLog, Heard, Subject
 from robot.recording.reader import recover_folder
 from robot.safety.state_machine import State
 

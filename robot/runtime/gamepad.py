@@ -10,7 +10,7 @@ import errno
 import math
 import os
 import struct
-from typing import Callable, Dict, Optional
+from typing import Dict, Optional
 
 from robot.contract import Stick
 from robot.parts import Ask
@@ -28,18 +28,10 @@ ASKS = {1: Command.STOP, 3: Command.AUTO, 7: Command.ARM}  # B, Y, start
 
 
 class Gamepad:
-    """An ``Operator`` of the runtime. A pad that is gone counts as a silent person.
+    """An ``Operator`` of the runtime. A pad that is gone counts as a silent person."""
 
-    ``open_file`` and ``read`` are ``os.open`` and ``os.read``.
-    """
-
-    def __init__(
-        self,
-        path: str,
-        open_file: Callable[[str, int], int] = os.open,
-        read: Callable[[int, int], bytes] = os.read,
-    ) -> None:
-        self._path, self._open, self._read = path, open_file, read
+    def __init__(self, path: str) -> None:
+        self._path = path
         self._fd: Optional[int] = None
         self._axes: Dict[int, float] = {}
         self._held = self._drives = False
@@ -79,8 +71,8 @@ class Gamepad:
     def _events(self) -> bytes:
         try:
             if self._fd is None:
-                self._fd = self._open(self._path, os.O_RDONLY | os.O_NONBLOCK)
-            return self._read(self._fd, MOST_EVENTS * EVENT.size)
+                self._fd = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
+            return os.read(self._fd, MOST_EVENTS * EVENT.size)
         except BlockingIOError:
             return b""
         except OSError as error:

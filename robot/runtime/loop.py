@@ -20,15 +20,7 @@ from robot.errors import ContractError, HardwareError
 from robot.geometry import WheelSpeeds
 from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
-from robot.parts import (
-    Guidance,
-    Motors,
-    Navigator,
-    Operator,
-    Policy,
-    Subscriber,
-    Tick,
-)
+from robot.parts import Guidance, Motors, Navigator, Operator, Policy, Subscriber, Tick
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.governors import Cap, Road, Rule, govern
