@@ -20,10 +20,7 @@ CAMERAS = ("csi", "v4l2", "socket")
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """Where frames come from.
-
-    ConfigError: an unknown kind, a socket without a path, or a rate below that of decisions.
-    """
+    """Where frames come from; ConfigError: settings that contradict each other."""
 
     kind: str = "csi"  # one of CAMERAS
     number: int = 0  # of the CSI port, or of /dev/video

@@ -106,10 +106,7 @@ def bezier_points(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def bezier_tangents(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Derivative of the cubic Bezier by t: control points (4, D), (M,) -> (M, D), not unit.
-
-    Control points as of ``bezier_points``.
-    """
+    """Derivative of ``bezier_points`` by t, from the same arguments; not of unit length."""
     t = np.asarray(t, dtype=float)[:, None]
     u = 1.0 - t
     d = np.moveaxis(np.diff(np.asarray(control_points, dtype=float), axis=-2), -2, 0)

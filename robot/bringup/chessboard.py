@@ -64,10 +64,7 @@ def take_picture(camera: CameraConfig) -> np.ndarray:
 
 
 def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
-    """The board's corners in each picture that shows it, and the size of the pictures.
-
-    ConfigError: no pictures, or of several sizes.
-    """
+    """The board's corners in each picture that shows it, and their size; ConfigError: several."""
     boards, sizes = [], set()
     for file in picture_files(folder):
         picture = read_picture(file)
@@ -88,9 +85,8 @@ LEAST_COVERAGE = 0.6  # of the picture's width and height that boards were seen 
 def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple[Lens, float]:
     """The equidistant lens (Kannala and Brandt 2006) that saw the boards, and its residual [px].
 
-    From boards (28, 2) in pictures of this size.
-
-    ConfigError: too few pictures, boards in the middle only, or a bad fit.
+    From boards (28, 2) in pictures of this size. ConfigError: too few, in the middle only, or a
+    bad fit.
     """
     import cv2
 

@@ -16,10 +16,7 @@ YES, NO = ("y", "yes"), ("n", "no")
 
 
 class Prompts:
-    """The person beside the robot, who types; asked again until the answer can be understood.
-
-    ConfigError: from the questions, when the input ends.
-    """
+    """The person beside the robot, asked until an answer is one; ConfigError: the input ended."""
 
     def tell(self, line: str) -> None:
         """Show a line."""

@@ -209,10 +209,7 @@ def _mount(mount: Mount) -> Finding:
 
 
 def check_policy(config: RobotConfig) -> Finding:
-    """Whether the policy (with its translator) loads and decides fast enough on this computer.
-
-    And whether sight loads, where there is one.
-    """
+    """Whether policy, translator and sight load, and decide fast enough on this computer."""
     try:
         if config.sight:
             OnnxSight(config.sight)

@@ -51,10 +51,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
-    """Bus (or the socket of a virtual one) and addresses of a robot's file; else it may be wrong.
-
-    ConfigError: it cannot be read, or says neither.
-    """
+    """Bus (or socket of a virtual one) and addresses of a file that may be wrong: ConfigError."""
     import yaml
 
     wrong = (OSError, ValueError, TypeError, AttributeError, RecursionError, yaml.YAMLError)

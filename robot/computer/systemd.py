@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+from contextlib import suppress
 from typing import Callable, Mapping, Optional
 
 from robot.parts import Tick
@@ -33,10 +34,8 @@ def notify_socket(environment: Mapping[str, str] = os.environ) -> Send:
     channel.setblocking(False)
 
     def send(line: str) -> None:
-        try:
+        with suppress(OSError):
             channel.sendto(line.encode("utf-8"), address)
-        except OSError:
-            return
 
     return send
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 import time
+from contextlib import suppress
 from typing import Dict, List, Optional, Tuple
 
 from robot.errors import ContractError
@@ -92,7 +93,5 @@ class CommandClient:
     def _transmit(self, command: Command) -> None:
         import zmq
 
-        try:
+        with suppress(zmq.Again):  # nobody is connected: poll reports that, and repeats a STOP
             self._socket.send(command.to_bytes(), zmq.NOBLOCK)
-        except zmq.Again:
-            return  # nobody is connected: poll reports the silence, and repeats a STOP

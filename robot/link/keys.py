@@ -13,6 +13,7 @@ import logging
 import os
 import string
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable, Dict, List, Sequence, Tuple, Union
@@ -25,19 +26,9 @@ if TYPE_CHECKING:
     import zmq
 
 ROLES = ("robot", "localizer", "monitor")
-# The streams in the order of their ports, and who may connect to each.
-BOUND_BY: Dict[str, str] = {
-    "pose": "localizer",
-    "telemetry": "robot",
-    "frame": "robot",
-    "command": "robot",
-}
-ADMITS: Dict[str, Tuple[str, ...]] = {
-    "pose": ("robot", "monitor"),
-    "telemetry": ("monitor",),
-    "frame": ("monitor",),
-    "command": ("monitor",),
-}
+# The streams in the order of their ports, and who may connect to each: a monitor to all.
+BOUND_BY = {"pose": "localizer", "telemetry": "robot", "frame": "robot", "command": "robot"}
+ADMITS = {**dict.fromkeys(BOUND_BY, ("monitor",)), "pose": ("robot", "monitor")}
 
 SECRET, PUBLIC, ALLOWED = "secret.key", "public.key", "allowed"
 READ_LIMIT = 1000  # characters: a key has 40
@@ -75,10 +66,7 @@ class Keys:
 
 
 def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict[str, Path]:
-    """Make a key folder per machine under ``directory``, each allowing all the others; the folders.
-
-    ConfigError where one is there already (keys are never overwritten), or cannot be made.
-    """
+    """Make a folder for each machine that allows all the others; ConfigError: one is there."""
     import zmq
 
     folders = {name: Path(directory) / name for name in machines}
@@ -102,10 +90,7 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
 
 
 def load_keys(folder: Union[str, Path]) -> Keys:
-    """The keys of this machine from the folder that ``keygen`` made for it.
-
-    ConfigError: a file is absent, no key, without a role, or the secret can be read by others.
-    """
+    """This machine's keys, as of ``keygen``; ConfigError: absent, none, or others can read them."""
     folder = Path(folder)
     role, secret = _read(folder / SECRET)
     mode = (folder / SECRET).stat().st_mode & 0o777
@@ -177,12 +162,10 @@ class AllowList:
         """Answer those who wait."""
         import zmq
 
-        for _ in range(MAX_ADMISSIONS):
-            try:
+        with suppress(zmq.Again):
+            for _ in range(MAX_ADMISSIONS):
                 request = self.socket.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            self.socket.send_multipart(self._verdict(request))
+                self.socket.send_multipart(self._verdict(request))
 
     def may(self, name: str, stream: str) -> bool:
         """Whether the peer of this name in the allow-list may use a stream."""

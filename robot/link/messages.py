@@ -33,10 +33,7 @@ UNSENT = "unsent"  # the session of a message that no publisher has stamped
 
 @dataclass(frozen=True)
 class Sighting(Checked):
-    """One robot in a picture of the overhead camera: world frame [m], [rad].
-
-    ``heading_rad`` is None when only a position was seen.
-    """
+    """One robot in an overhead picture: world frame [m], [rad]; perhaps without a heading."""
 
     robot: str = field(metadata=NAME)
     x_m: float = field(metadata=number(-FAR_M, FAR_M))
@@ -119,10 +116,7 @@ RIM_MPS = number(-1.0, 1.0)  # the robot's own limits are below
 
 @dataclass(frozen=True)
 class Mission(Checked):
-    """Drive to ``destination`` [m], world frame.
-
-    With ``start`` only when the robot is there: whoever says it has put the robot there.
-    """
+    """Drive to ``destination`` [m], world frame; who tells ``start`` has put the robot there."""
 
     destination: Tuple[float, float] = field(metadata=number(-FAR_M, FAR_M))
     start: Optional[Tuple[float, float]] = field(default=None, metadata=number(-FAR_M, FAR_M))
@@ -270,10 +264,7 @@ class Telemetry(Message):
 
 
 def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
-    """Points (M, 2) [m] of a path, thinned to what telemetry carries, rounded to 1 mm.
-
-    Both ends stay; bends keep more points than straights.
-    """
+    """A path (M, 2) [m], thinned (in bends least) to what telemetry carries, rounded to 1 mm."""
     points = np.asarray(points_m, dtype=float)
     if len(points) > MAX_PATH_POINTS:
         steps = np.diff(points, axis=0)

@@ -38,10 +38,7 @@ class Message(Checked):
     LIMIT_BYTES: ClassVar[int] = 4096
 
     def to_bytes(self) -> bytes:
-        """UTF-8 JSON with the message's name and ``schema``; numbers keep six decimals.
-
-        ContractError beyond ``LIMIT_BYTES``.
-        """
+        """UTF-8 JSON with name and ``schema``, numbers to six decimals; ContractError: too long."""
         fields = {"schema": SCHEMA, "message": self.KIND, **plain(self)}
         text = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         data = text.encode()
@@ -139,9 +136,7 @@ def plain(value: Any) -> Any:
 
 def _parse(name: str, data: bytes) -> Dict[str, Any]:
     try:
-        fields = json.loads(
-            data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=_unique
-        )
+        fields = json.loads(data.decode("utf-8"), object_pairs_hook=_unique)
     except ContractError:
         raise
     except (ValueError, RecursionError) as error:
@@ -149,10 +144,6 @@ def _parse(name: str, data: bytes) -> Dict[str, Any]:
     if not isinstance(fields, dict):
         raise ContractError(f"{name} message: expected an object, got {_short(fields)}")
     return fields
-
-
-def _refuse_constant(constant: str) -> float:
-    raise ContractError(f"message: expected finite numbers, got {constant}")
 
 
 def _unique(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:

@@ -16,7 +16,6 @@ from typing import Callable, Dict, Mapping, NamedTuple, Optional
 import numpy as np
 
 from robot.config import RobotConfig
-from robot.errors import HardwareError
 from robot.geometry import Pose
 from robot.link.messages import PoseMessage, Telemetry
 from robot.link.wire import plain
@@ -203,10 +202,7 @@ def png(image: np.ndarray) -> bytes:
     import cv2
 
     options = [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL]
-    done, data = cv2.imencode(".png", image[..., ::-1], options)
-    if not done:
-        raise HardwareError(f"picture {image.shape}: OpenCV could not write it as PNG")
-    return bytes(data)
+    return bytes(cv2.imencode(".png", image[..., ::-1], options)[1])
 
 
 def picture(data: bytes) -> np.ndarray:

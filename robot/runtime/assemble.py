@@ -115,10 +115,7 @@ def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
 
 
 def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
-    """The configured camera's pictures, one after the other.
-
-    HardwareError where the device does not open.
-    """
+    """The configured camera's pictures, one after the other; HardwareError: it does not open."""
     if config.kind == "v4l2":
         return V4l2Stream(config.number, size_px, config.fps)
     if config.kind == "socket":
@@ -132,10 +129,7 @@ def open_navigator(
     motors: Motors,
     camera: Camera,
 ) -> MissionNavigator:
-    """Plans on the configured map, from overhead poses, the motors' steps, and sight if there is.
-
-    DuckpilotError: the map or the network of sight is wrong.
-    """
+    """Plans on the map, from overhead poses, steps and sight; DuckpilotError: one is wrong."""
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
     road_map = load_map(config.map)
     view = LaneView(road_map)
@@ -146,10 +140,7 @@ def open_navigator(
 
 
 def open_watch(config: RobotConfig, motors: Motors, camera: Camera) -> Optional[LaneWatch]:
-    """Sees what is in the way of a robot that keeps its lane, where it shall keep a headway.
-
-    ConfigError where it has no sight, ContractError for one that is wrong.
-    """
+    """Sees what is in a lane keeper's way, for a headway; DuckpilotError: no sight, or wrong."""
     if not config.rules.headway:
         return None
     if not config.sight:

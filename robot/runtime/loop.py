@@ -123,15 +123,14 @@ class Runtime:
             self._try(Reason.SUBSCRIBER, subscriber.on_tick, tick)
         return tick
 
-    def run(self, turns: Optional[int] = None, ending: Callable[[], bool] = lambda: False) -> None:
-        """Turn every ``CONTROL_DT_S`` until ``ending()``, or for a number of turns.
+    def run(self, ending: Callable[[], bool]) -> None:
+        """Turn every ``CONTROL_DT_S`` until ``ending()``.
 
         However it ends, the motors are released then; a robot without a fault is DISARMED.
         """
         rate = RateKeeper(CONTROL_DT_S, self._clock)
-        last = math.inf if turns is None else self._number + turns
         try:
-            while self._number < last and not ending():
+            while not ending():
                 self.step(rate.wait())
         finally:
             self.ask(Command.DISARM)
