@@ -15,6 +15,7 @@ from typing import List, Optional, Tuple, Union
 from robot.computer.clock import Clock, MonotonicClock
 from robot.errors import ConfigError, HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, Pca9685, open_bus
+from robot.typed_config import read_yaml
 
 ATTEMPTS = 3
 ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and stops
@@ -52,16 +53,13 @@ def run(options: argparse.Namespace) -> None:
 
 def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
     """Bus (or socket of a virtual one) and addresses of a file that may be wrong: ConfigError."""
-    import yaml
-
-    wrong = (OSError, ValueError, TypeError, AttributeError, RecursionError, yaml.YAMLError)
     try:
-        hat = (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("hat") or {}
+        hat = read_yaml(path).get("hat") or {}
         bus = hat.get("socket") or int(hat.get("bus", USUAL_BUSES[0]))
         addresses = [int(str(address), 0) for address in hat.get("addresses", USUAL_ADDRESSES)]
         if not all(0x40 <= address <= 0x77 for address in addresses):
             raise ValueError(f"addresses {addresses}, where 0x40 to 0x77 are a HAT's")
-    except wrong as error:
+    except (ValueError, TypeError, AttributeError) as error:
         told = " ".join(str(error).split())
         raise ConfigError(
             f"{path}: expected a robot's YAML file with its hat, got: {told}"

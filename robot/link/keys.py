@@ -178,10 +178,6 @@ class AllowList:
         level = "warn" if self._refused else "ok"
         return Reading(tidy_text(name, SHOWN_BYTES), self._refused, "", level)
 
-    def close(self) -> None:
-        """Let nobody in any more."""
-        self.socket.close()
-
     def _verdict(self, request: List[bytes]) -> List[bytes]:
         """Version, request id, domain, address, identity, mechanism, key -> the ZAP reply."""
         request_id = request[1] if len(request) > 1 else b""

@@ -136,9 +136,8 @@ class Link:
 
     def close(self) -> None:
         """Close every socket, the allow-list's last."""
-        for socket in self._sockets:
+        for socket in (*self._sockets, self.allow_list.socket):
             socket.close()
-        self.allow_list.close()
         self._context.term()
 
     def __enter__(self) -> Link:

@@ -286,7 +286,7 @@ def test_a_turn_admits_sixteen_who_knock(key_folders: Dict[str, Path]) -> None:
             door.admit()
             assert door.reading().value == answered
         knocks.close()
-        door.close()
+        door.socket.close()
 
 
 def test_the_helm_is_held_for_a_second_and_remembered_for_two() -> None:

@@ -262,7 +262,7 @@ def test_who_knocks_again_and_again_is_told_of_once_in_ten_seconds(
         door._verdict(request)
         assert caplog.text.count("a stranger at 10.0.0.9") == 2
         assert door.reading().value == 101
-        door.close()
+        door.socket.close()
 
 
 @pytest.mark.parametrize(
@@ -285,4 +285,4 @@ def test_whatever_is_asked_at_the_door_is_answered(
     with zmq.Context() as context:
         door = AllowList(context, load_keys(str(key_folders["robot"])))
         assert door._verdict(spoilt)[2] == b"400"
-        door.close()
+        door.socket.close()
