@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Optional
 
 from robot.contract import CONTROL_DT_S
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError, expect_between, nearest
 from robot.hat.config import HatConfig
 from robot.lens import DUCKIEBOT_LENS, Lens, Mount
 from robot.link.sockets import LinkConfig
@@ -35,9 +35,7 @@ class CameraConfig:
             raise ConfigError(f"camera.kind: unknown {self.kind!r}; {nearest(self.kind, CAMERAS)}")
         if (self.kind == "socket") != bool(self.path):
             raise ConfigError("camera.path: expected a path with kind socket, and only with it")
-        slowest = round(1.0 / CONTROL_DT_S)
-        if not slowest <= self.fps <= 120:
-            raise ConfigError(f"camera.fps: expected {slowest} to 120, got {self.fps}")
+        expect_between("camera.fps", self.fps, round(1.0 / CONTROL_DT_S), 120)
         if self.kind == "csi" and self.fps > CSI_FPS:
             raise ConfigError(
                 f"camera.fps: expected at most {CSI_FPS} with a CSI camera, got {self.fps}; its "

@@ -13,6 +13,8 @@ from typing import NamedTuple, Tuple, Union
 import numpy as np
 
 Scalar = Union[float, np.ndarray]
+# Standard deviations that 95 % lie within, on a line and on a disc.
+LINE_95, DISC_95 = 1.960, 2.448
 
 
 def wrap_angle(angle_rad: Scalar) -> Scalar:
@@ -137,10 +139,6 @@ def uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
     x = pose[:, 0] - (c * step[:, 0] - s * step[:, 1])
     y = pose[:, 1] - (s * step[:, 0] + c * step[:, 1])
     return np.stack((x, y, heading), axis=1)
-
-
-# Standard deviations that 95 % lie within, on a line and on a disc.
-LINE_95, DISC_95 = 1.960, 2.448
 
 
 def radius_95(covariance: np.ndarray) -> np.ndarray:

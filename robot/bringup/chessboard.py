@@ -20,6 +20,15 @@ COLUMNS, ROWS = 8, 5  # squares; one even and one odd number, so that it has one
 SQUARE_M = 0.03
 CORNERS = (COLUMNS - 1, ROWS - 1)  # inner ones, across and along
 SHEET = Path(__file__).with_name("target.pdf")  # A4, landscape; the board fits on US Letter too
+SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well
+SETTLING = 15  # pictures until exposure and white balance have settled
+FEWEST_PICTURES = 8
+MOST_RESIDUAL_PX = 1.0  # of a picture 640 pixels wide
+LEAST_COVERAGE = 0.6  # of the picture's width and height that boards were seen in
+PITCH_RANGE_RAD = (math.radians(-5.0), math.radians(60.0))
+HEIGHT_RANGE_M = (0.03, 0.40)
+TWIST_RANGE_RAD = (-math.radians(12.0), math.radians(12.0))  # of roll, and yaw against the board
+PLACE_TOLERANCE_M = 0.05  # of the board
 
 
 def board_points_m(near_edge_m: float) -> np.ndarray:
@@ -51,10 +60,6 @@ def find_board(picture: np.ndarray) -> Optional[np.ndarray]:
     return np.ascontiguousarray(grid).reshape(-1, 2)
 
 
-SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well
-SETTLING = 15  # pictures until exposure and white balance have settled
-
-
 def take_picture(camera: CameraConfig) -> np.ndarray:
     """(480, 640, 3) uint8 RGB of now. HardwareError: the camera does not work."""
     with closing(open_stream(camera, SIZE_PX)) as stream:
@@ -75,11 +80,6 @@ def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
     if len(sizes) > 1:
         raise ConfigError(f"{folder}: expected pictures of one size, got {sorted(sizes)}")
     return boards, sizes.pop()
-
-
-FEWEST_PICTURES = 8
-MOST_RESIDUAL_PX = 1.0  # of a picture 640 pixels wide
-LEAST_COVERAGE = 0.6  # of the picture's width and height that boards were seen in
 
 
 def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple[Lens, float]:
@@ -126,12 +126,6 @@ def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple
     fx, fy, cx, cy = (float(k[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
     bent = tuple(float(v) for v in np.ravel(distortion))
     return Lens("fisheye", width, height, fx, fy, cx, cy, bent), float(residual_px)
-
-
-PITCH_RANGE_RAD = (math.radians(-5.0), math.radians(60.0))
-HEIGHT_RANGE_M = (0.03, 0.40)
-TWIST_RANGE_RAD = (-math.radians(12.0), math.radians(12.0))  # of roll, and yaw against the board
-PLACE_TOLERANCE_M = 0.05  # of the board
 
 
 def fit_mount(

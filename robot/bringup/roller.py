@@ -13,6 +13,10 @@ from robot.hat.stepping import Steps
 from robot.hat.thread import MotorThread
 
 YES, NO = ("y", "yes"), ("n", "no")
+REFRESH_S = 0.05
+REST_S = 0.4  # standing so long, it has come to rest
+PATIENCE = 3.0  # a roll may take so many times as long as planned, and as many seconds more
+CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
 
 
 class Prompts:
@@ -49,12 +53,6 @@ class Prompts:
             raise ConfigError("expected a person who answers, got the end of the input") from error
 
 
-REFRESH_S = 0.05
-REST_S = 0.4  # standing so long, it has come to rest
-PATIENCE = 3.0  # a roll may take so many times as long as planned, and as many seconds more
-CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
-
-
 class Rolled(NamedTuple):
     """How far each wheel went by its steps [m]."""
 
@@ -74,10 +72,7 @@ class Roller:
         self.clock = clock
 
     def roll(self, left_m: float, right_m: float, speed_mps: float) -> Rolled:
-        """Both wheels arrive together; the farther one goes at ``speed_mps`` at most.
-
-        HardwareError: the steps do not come.
-        """
+        """Both arrive together, neither above ``speed_mps``; HardwareError: no steps come."""
         began = self.motors.counts
         longest_m = max(abs(left_m), abs(right_m))
         lead = 0 if abs(left_m) == longest_m else 1

@@ -14,6 +14,10 @@ Values = Dict[Tuple[str, ...], Any]  # as `robot.cli.calibrate.edit_yaml` takes 
 
 SCALE_RANGE = (0.8, 1.25)  # of a length that somebody has measured with a ruler
 MOST_BEND_RAD = math.radians(60.0)  # of a drive that should be straight
+DRIVE_M = 1.5
+SPOT_TURNS = 5
+SPEED_MPS = 0.08
+Guide = Callable[[Roller, Prompts], Values]
 
 
 def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: float) -> Values:
@@ -64,12 +68,6 @@ def _expect_scale(what: str, scale: float, got: str) -> None:
             f"{what}: expected {SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} times the present one, got "
             f"{scale:.3f} ({got}); measure again, or mend hat.steps_per_rev first"
         )
-
-
-DRIVE_M = 1.5
-SPOT_TURNS = 5
-SPEED_MPS = 0.08
-Guide = Callable[[Roller, Prompts], Values]
 
 
 def guide_trim(roller: Roller, person: Prompts) -> Values:

@@ -40,6 +40,8 @@ CHILD = """import sys, time
 began_s = time.perf_counter()
 from robot.cli.bench import tell
 tell(began_s, *sys.argv[1:])"""
+# A stall of the computer must not end a measurement of stalls.
+PATIENT = SafetyLimits(frame_age_s=60.0, loop_age_s=60.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,10 +89,6 @@ def measure(model: Path, seconds: float) -> Dict[str, Dict[str, float]]:
     )
     found: Dict[str, Dict[str, float]] = json.loads(done.stdout)
     return found
-
-
-# A stall of the computer must not end a measurement of stalls.
-PATIENT = SafetyLimits(frame_age_s=60.0, loop_age_s=60.0)
 
 
 class _NoiseCamera:

@@ -25,6 +25,24 @@ from robot.typed_config import load_yaml
 GENTLE_MPS = 0.08
 STOP_TEST_S = 1.5
 SLACK_STEPS = 3.0  # beyond what braking takes, before the stop counts as late
+_FORWARD, _BACK = "turn once, FORWARD, evenly?", "turn once, BACKWARD, evenly?"
+MOTIONS = (  # turns of the left and of the right wheel
+    ("left forward", 1.0, 0.0, f"Did the LEFT wheel alone {_FORWARD}"),
+    ("left backward", -1.0, 0.0, f"Did the LEFT wheel alone {_BACK}"),
+    ("right forward", 0.0, 1.0, f"Did the RIGHT wheel alone {_FORWARD}"),
+    ("right backward", 0.0, -1.0, f"Did the RIGHT wheel alone {_BACK}"),
+    ("both forward", 2.0, 2.0, "Did BOTH wheels turn twice, forward, at one speed?"),
+    ("both apart", -1.0, 1.0, "Did the left wheel turn BACKWARD and the right FORWARD?"),
+)
+MOTION_REMEDY = (
+    "the other wheel moved: exchange hat.left.port and hat.right.port; the wrong way: flip that "
+    "motor's `reversed`; it trembled: a terminal holds wires of both windings; more or less than a "
+    "turn: mend hat.steps_per_rev (docs/wiring.md)"
+)
+STOP_REMEDY = "lower hat.acceleration_mps2 and hat.start_stop_mps; look for a loose wheel"
+HOLD_REMEDY = "raise hat.hold_duty; check the motor supply"
+FREE_REMEDY = "switch the motor supply off at once; the HAT does not obey (docs/wiring.md)"
+LAST = "coils off"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,26 +63,6 @@ class Outcome(NamedTuple):
     name: str
     passed: bool
     remedy: str
-
-
-_FORWARD, _BACK = "turn once, FORWARD, evenly?", "turn once, BACKWARD, evenly?"
-MOTIONS = (  # turns of the left and of the right wheel
-    ("left forward", 1.0, 0.0, f"Did the LEFT wheel alone {_FORWARD}"),
-    ("left backward", -1.0, 0.0, f"Did the LEFT wheel alone {_BACK}"),
-    ("right forward", 0.0, 1.0, f"Did the RIGHT wheel alone {_FORWARD}"),
-    ("right backward", 0.0, -1.0, f"Did the RIGHT wheel alone {_BACK}"),
-    ("both forward", 2.0, 2.0, "Did BOTH wheels turn twice, forward, at one speed?"),
-    ("both apart", -1.0, 1.0, "Did the left wheel turn BACKWARD and the right FORWARD?"),
-)
-MOTION_REMEDY = (
-    "the other wheel moved: exchange hat.left.port and hat.right.port; the wrong way: flip that "
-    "motor's `reversed`; it trembled: a terminal holds wires of both windings; more or less than a "
-    "turn: mend hat.steps_per_rev (docs/wiring.md)"
-)
-STOP_REMEDY = "lower hat.acceleration_mps2 and hat.start_stop_mps; look for a loose wheel"
-HOLD_REMEDY = "raise hat.hold_duty; check the motor supply"
-FREE_REMEDY = "switch the motor supply off at once; the HAT does not obey (docs/wiring.md)"
-LAST = "coils off"
 
 
 def try_motors(

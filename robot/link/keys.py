@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Callable, Dict, List, Sequence, Tuple, Union
 from robot.errors import ConfigError, nearest
 from robot.link.messages import Reading
 from robot.link.wire import tidy_text
+from robot.output import expect_folder
 
 if TYPE_CHECKING:
     import zmq
@@ -34,6 +35,12 @@ SECRET, PUBLIC, ALLOWED = "secret.key", "public.key", "allowed"
 READ_LIMIT = 1000  # characters: a key has 40
 # The alphabet of ZeroMQ RFC 32 (Z85): 32 bytes are 40 of these.
 _Z85 = frozenset(string.digits + string.ascii_letters + ".-:+=^!/*?&<>()[]{}@%$#")
+ENDPOINT = "inproc://zeromq.zap.01"
+MAX_ADMISSIONS = 16  # in one call, so that a flood cannot hold up the control loop
+TELL_EVERY_S = 10.0  # of one who knocks at one socket again and again
+STRANGER = "a stranger"
+SHOWN_BYTES = 24  # of a name in a report
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -73,19 +80,15 @@ def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict
     for folder in folders.values():
         if folder.exists():
             raise ConfigError(f"{folder} is there: keys are never overwritten; delete it before")
+    expect_folder(Path(directory))
     pairs = {name: zmq.curve_keypair() for name in machines}
-    try:
-        for name, folder in folders.items():
-            (folder / ALLOWED).mkdir(parents=True)
-            folder.chmod(0o700)
-            _write(folder / SECRET, name, pairs[name][1], 0o600)
-            _write(folder / PUBLIC, name, pairs[name][0])
-            for peer in set(machines) - {name}:
-                _write(folder / ALLOWED / f"{peer}.key", peer, pairs[peer][0])
-    except OSError as error:
-        raise ConfigError(
-            f"{directory}: expected a place to write keys to, got: {error.strerror}"
-        ) from error
+    for name, folder in folders.items():
+        (folder / ALLOWED).mkdir(parents=True)
+        folder.chmod(0o700)
+        _write(folder / SECRET, name, pairs[name][1], 0o600)
+        _write(folder / PUBLIC, name, pairs[name][0])
+        for peer in set(machines) - {name}:
+            _write(folder / ALLOWED / f"{peer}.key", peer, pairs[peer][0])
     return folders
 
 
@@ -125,15 +128,6 @@ def _read(path: Path) -> Tuple[str, bytes]:
             f"{len(words)} words, {sum(map(len, words))} characters; {remedy}"
         )
     return words[0], words[1].encode("ascii")
-
-
-ENDPOINT = "inproc://zeromq.zap.01"
-MAX_ADMISSIONS = 16  # in one call, so that a flood cannot hold up the control loop
-TELL_EVERY_S = 10.0  # of one who knocks at one socket again and again
-STRANGER = "a stranger"
-SHOWN_BYTES = 24  # of a name in a report
-
-logger = logging.getLogger(__name__)
 
 
 class AllowList:

@@ -16,7 +16,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Type, TypeVar
 
-from robot.errors import ConfigError, ContractError
+from robot.errors import ConfigError, ContractError, expect_between
 from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys, load_keys
 from robot.link.messages import Command, FrameMessage, PosesMessage, Telemetry
 
@@ -47,8 +47,7 @@ class LinkConfig:
     base_port: int = 5570
 
     def __post_init__(self) -> None:
-        if not 1024 <= self.base_port <= 65535 - len(BOUND_BY):
-            raise ConfigError(f"base_port: expected 1024 to 65531, got {self.base_port}")
+        expect_between("base_port", self.base_port, 1024, 65535 - len(BOUND_BY))
 
     def open(self) -> Link:
         """The link of this program; ConfigError for keys that cannot be used."""

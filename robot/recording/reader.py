@@ -25,6 +25,10 @@ from robot.typed_config import from_plain
 RECORD_LIMIT_BYTES = 1 << 28  # a damaged length must not ask for all memory
 
 PathLike = Union[str, Path]
+MARKS = "marks"  # the metadata record that holds pieces
+KINDS = ("good", "bad")
+LATE_S = 0.3  # an older picture is not what was seen then
+DRIVERS = {"AUTO": "policy", "MANUAL": "person"}  # by the robot's state
 
 
 class Entry(NamedTuple):
@@ -211,12 +215,6 @@ def _copy(source: Iterator[Any], writer: Any, keeps: Any, notes: Any) -> int:
                 *(record.media_type, record.data),
             )
     return count
-
-
-MARKS = "marks"  # the metadata record that holds pieces
-KINDS = ("good", "bad")
-LATE_S = 0.3  # an older picture is not what was seen then
-DRIVERS = {"AUTO": "policy", "MANUAL": "person"}  # by the robot's state
 
 
 class Piece(NamedTuple):

@@ -1,8 +1,4 @@
-"""Records every drive, beside the control loop and never in its way.
-
-The loop hands over each turn without waiting; a thread compresses and writes. A queue that is full
-loses turns, which are counted and told; a disk that is full ends the recording, never the drive.
-"""
+"""Records every drive, beside the control loop and never in its way (docs/recording.md)."""
 
 from __future__ import annotations
 

@@ -49,11 +49,7 @@ class Replayed:
 
 
 def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
-    """Decide every turn of a recording again.
-
-    ConfigError: no such file, or no MCAP. ContractError: no policy in it, or one that this
-    onnxruntime cannot load.
-    """
+    """Decide every turn of a recording again; errors as of ``read_turns``, ``recorded_policy``."""
     about = read_about(path)
     there, here = {name: about.get(name) for name in arithmetic()}, arithmetic()
     result = Replayed(exact=there == here and policy is None)
@@ -68,10 +64,7 @@ def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
 
 
 def recorded_policy(path: PathLike) -> Policy:
-    """The policy that drove, out of its recording, behind its translator if it had one.
-
-    ContractError: there is none, or one that this onnxruntime cannot load.
-    """
+    """The policy that drove, behind its translator if any; ContractError: none, or too new."""
     with tempfile.TemporaryDirectory() as folder:
         model, translator = Path(folder) / MODEL, Path(folder) / TRANSLATOR
         for file in (model, translator):
