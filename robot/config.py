@@ -55,13 +55,9 @@ class RecordingConfig:
 
     def __post_init__(self) -> None:
         if not self.folder:
-            raise ConfigError(
-                "recording.folder: expected one, got ''; leave the recording section out for none"
-            )
+            raise ConfigError("recording.folder: expected one; or leave the recording section out")
         if not 0.0 <= self.keep_free_mb < math.inf:
-            raise ConfigError(
-                f"recording.keep_free_mb: expected 0 or more, got {self.keep_free_mb}"
-            )
+            raise ConfigError(f"recording.keep_free_mb: expected >= 0, got {self.keep_free_mb}")
 
 
 @dataclass(frozen=True)
@@ -87,18 +83,12 @@ class RobotConfig:
                 f"{self.safety.max_wheel_mps:g}, got {self.hat.max_speed_mps:g}; lower the other"
             )
         if self.hat.command_timeout_s < 2.0 * CONTROL_DT_S:
-            raise ConfigError(
-                f"hat.command_timeout_s: expected at least two decisions, {2 * CONTROL_DT_S:g} s, "
-                f"got {self.hat.command_timeout_s:g}"
-            )
+            told = f"two decisions, {2 * CONTROL_DT_S:g} s, got {self.hat.command_timeout_s:g}"
+            raise ConfigError(f"hat.command_timeout_s: expected at least {told}")
         if self.map and self.link is None:
-            raise ConfigError(
-                "map: expected a link as well, to hear poses and destinations; add link, or no map"
-            )
+            raise ConfigError("map: expected a link as well, to hear poses and destinations by")
         if self.rules.stop_lines and not self.map:
-            raise ConfigError(
-                "rules.stop_lines: expected a map as well, to know lines by; add map, or leave it"
-            )
+            raise ConfigError("rules.stop_lines: expected a map as well, to know lines by")
         if self.rules.headway and not (self.map or self.sight):
             raise ConfigError("rules.headway: expected sight as well, to see others by, or a map")
         if self.sight and not (self.map or self.rules.headway):

@@ -34,9 +34,8 @@ class Pose(NamedTuple):
         """World points (..., 2) [m] in this robot's frame."""
         delta = np.asarray(points_m, dtype=float) - (self.x_m, self.y_m)
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return np.stack(
-            (c * delta[..., 0] + s * delta[..., 1], -s * delta[..., 0] + c * delta[..., 1]), axis=-1
-        )
+        x, y = delta[..., 0], delta[..., 1]
+        return np.stack((c * x + s * y, -s * x + c * y), axis=-1)
 
     def to_world(self, points_m: np.ndarray) -> np.ndarray:
         """Points (..., 2) [m] of this robot's frame in the world."""

@@ -90,9 +90,7 @@ def guide_baseline(roller: Roller, person: Prompts) -> Values:
     person.tell(f"It turns to the LEFT {SPOT_TURNS} times now.")
     rolled = roller.roll(-way_m, way_m, SPEED_MPS)
     turned_rad = (rolled.right_m - rolled.left_m) / baseline_m
-    beyond = person.number(
-        "How many DEGREES beyond the line does it look, to the left (too short: negative)?"
-    )
+    beyond = person.number("How many DEGREES beyond the line does it look (too short: negative)?")
     short_rad = turned_rad - 2.0 * math.pi * SPOT_TURNS
     return baseline_from_turns(roller.config, turned_rad, math.radians(beyond) - short_rad)
 

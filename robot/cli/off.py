@@ -95,6 +95,4 @@ def _until_it_stays_off(chip: Pca9685, clock: Clock) -> None:
         clock.sleep(ROUND_S)
         if chip.is_off():
             return
-    raise HardwareError(
-        f"{chip.bus.name}: another program switches the motors on again and again; end that one"
-    )
+    raise HardwareError(f"{chip.bus.name}: another program switches the motors on again; end it")

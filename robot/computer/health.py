@@ -6,7 +6,7 @@ import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Optional, Tuple
+from typing import Callable, Dict, Iterator, Optional, Sequence, Tuple
 
 from robot.link.messages import Reading
 
@@ -23,9 +23,7 @@ LOW_MEMORY_MB = 200.0
 class Health:
     """Reads at most once a second by a monotonic clock [s]; ``others`` are read beside."""
 
-    def __init__(
-        self, clock: Callable[[], float], others: Tuple[Callable[[], Reading], ...] = ()
-    ) -> None:
+    def __init__(self, clock: Callable[[], float], others: Sequence[Callable[[], Reading]]) -> None:
         self._clock, self._others = clock, others
         self._read_s: Optional[float] = None
         self._readings: Tuple[Reading, ...] = ()

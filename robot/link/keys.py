@@ -66,9 +66,7 @@ class Keys:
         if len(found) != 1:
             got = ", ".join(found) or "none"
             roles = [peer.role for peer in self.peers.values()]
-            raise ConfigError(
-                f"keys: expected one {role} in the allow-list, got {got}; {nearest(role, roles)}"
-            )
+            raise ConfigError(f"keys: expected one {role}, got {got}; {nearest(role, roles)}")
         return self.peers[found[0]].public
 
 

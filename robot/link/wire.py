@@ -54,9 +54,7 @@ class Message(Checked):
         for key, expected in (("schema", SCHEMA), ("message", name)):
             got = fields.pop(key, None)
             if got != expected or isinstance(got, bool):
-                raise ContractError(
-                    f"{name} message: expected {key} {expected!r}, got {shown(got)}"
-                )
+                raise ContractError(f"{name}: expected {key} {expected!r}, got {shown(got)}")
         try:
             return from_plain(cls, fields, where=name)
         except (ConfigError, OverflowError) as error:

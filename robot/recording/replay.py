@@ -72,10 +72,8 @@ def recorded_policy(path: PathLike) -> Policy:
             if data is not None:
                 file.write_bytes(data)
         if not model.exists():
-            raise ContractError(
-                f"{path}: expected the policy in the recording, found none; is it a monitor's? "
-                "Else name its file with --model"
-            )
+            told = "found none; is it a monitor's? Else name its file with --model"
+            raise ContractError(f"{path}: expected the policy in the recording, {told}")
         return open_policy(model, translator if translator.exists() else None)
 
 

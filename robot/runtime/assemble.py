@@ -71,13 +71,9 @@ def open_robot(
     policy = open_policy(config.model, config.translator)
     navigates, unproven = policy.contract.path_points > 0, policy.contract.unproven
     if navigates and not config.map:
-        raise ConfigError(
-            f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
-        )
+        raise ConfigError(f"map: expected the map to navigate on, as {config.model} does, got none")
     if config.rules.stop_lines and not navigates:
-        raise ConfigError(
-            f"rules: expected headway at most, {config.model} keeps its lane across all lines"
-        )
+        raise ConfigError(f"rules: expected headway at most, {config.model} knows no stop lines")
     with ExitStack() as stack:
         if motors is None:  # before anything that a robot which drives already would mind
             motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
@@ -170,7 +166,7 @@ def open_reports(
         others.append(recorder.reading)
     if link is not None:
         others.append(link.allow_list.reading)
-    health = Health(time.monotonic, tuple(others))
+    health = Health(time.monotonic, others)
     about = Telemetry(
         config.name,
         State.DISARMED.value,
