@@ -16,7 +16,7 @@ from robot.camera.source import (
     V4l2Stream,
     csi_command,
 )
-from robot.computer.clock import Clock, MonotonicClock
+from robot.computer.clock import MonotonicClock
 from robot.computer.health import Health
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
@@ -78,7 +78,8 @@ def open_robot(
         if motors is None:  # before anything that a robot which drives already would mind
             motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
         link = stack.enter_context(config.link.open()) if config.link else None
-        eye = stack.enter_context(camera or open_camera(config.camera, clock))
+        seen = camera or NewestFrame(lambda: open_stream(config.camera, CAPTURE_PX), clock.now)
+        eye = stack.enter_context(seen)
         wheels = stack.enter_context(motors)
         navigator: Optional[MissionNavigator] = None
         watch = None if navigates else open_watch(config, wheels, eye)
@@ -103,11 +104,6 @@ def open_robot(
         )
         stack.enter_context(watchdog)
         yield runtime
-
-
-def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
-    """The configured camera, running inside its ``with`` block."""
-    return NewestFrame(lambda: open_stream(config, CAPTURE_PX), clock.now)
 
 
 def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:

@@ -44,7 +44,8 @@ class Gamepad:
             self._take(kind, value, number, ask)
         if self._held:
             self._drives = True
-            ask(Command.MANUAL, self.stick.wheels)
+            steer, speed = (_beyond_rest(-self._axes.get(axis, 0.0)) for axis in (STEER, SPEED))
+            ask(Command.MANUAL, Stick(steer, speed).wheels)
         elif self._drives:
             self._drives = False
             ask(Command.MANUAL, STILL)
@@ -52,12 +53,6 @@ class Gamepad:
     def age_s(self) -> Optional[float]:
         """None while the pad is there: who holds it stands beside the robot."""
         return None if self._fd is not None else math.inf
-
-    @property
-    def stick(self) -> Stick:
-        """Where the left stick is."""
-        steer, speed = (-self._axes.get(axis, 0.0) for axis in (STEER, SPEED))
-        return Stick(_beyond_rest(steer), _beyond_rest(speed))
 
     def _take(self, kind: int, value: int, number: int, ask: Ask) -> None:
         if kind & ~AT_OPENING == AXIS:

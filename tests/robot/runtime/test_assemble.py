@@ -7,6 +7,7 @@ import threading
 import time
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Optional
 
@@ -14,7 +15,6 @@ import numpy as np
 import pytest
 
 from robot.camera.source import Frame, NewestFrame
-from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
@@ -27,7 +27,7 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics
 from robot.recording.reader import entries
-from robot.runtime.assemble import open_camera, open_robot
+from robot.runtime.assemble import CAPTURE_PX, open_robot, open_stream
 from robot.runtime.loop import Runtime
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.governors import Rules
@@ -269,6 +269,7 @@ def test_what_is_missing_is_said_before_anything_moves(tmp_path: Path) -> None:
 def test_each_kind_of_camera_opens_in_a_block(tmp_path: Path) -> None:
     sockets = {"path": str(tmp_path / "none")}
     for kind, more in (("csi", {}), ("v4l2", {}), ("socket", sockets)):
-        with open_camera(CameraConfig(kind, number=977, **more), MonotonicClock()) as camera:
+        config = CameraConfig(kind, number=977, **more)
+        with NewestFrame(partial(open_stream, config, CAPTURE_PX), time.monotonic) as camera:
             assert isinstance(camera, NewestFrame)
             assert camera.read() is None
