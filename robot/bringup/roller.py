@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import NamedTuple
 
 from robot.computer.clock import Clock
@@ -38,12 +39,9 @@ class Prompts:
         """A question answered with a number; a decimal comma is understood."""
         while True:
             answer = self._answer(f"{question} ").replace(",", ".")
-            try:
-                value = float(answer)
-            except ValueError:
-                value = math.nan
-            if math.isfinite(value):
-                return value
+            with suppress(ValueError):
+                if math.isfinite(float(answer)):
+                    return float(answer)
             self.tell("please type a number, such as -2.5; Ctrl-C stops")
 
     def _answer(self, prompt: str) -> str:
@@ -76,8 +74,6 @@ class Roller:
         began = self.motors.counts
         longest_m = max(abs(left_m), abs(right_m))
         lead = 0 if abs(left_m) == longest_m else 1
-        if longest_m == 0.0:
-            return Rolled(0.0, 0.0)
         give_up_s = self.clock.now() + PATIENCE * (1.0 + longest_m / speed_mps)
         while True:
             done = self._since(began)
@@ -108,8 +104,5 @@ class Roller:
                 last, since_s = self.motors.counts, self.clock.now()
 
     def _since(self, began: Steps) -> Rolled:
-        ways = (
-            (now - start) * step_m
-            for now, start, step_m in zip(self.motors.counts, began, self.config.wheel_steps_m)
-        )
-        return Rolled(*ways)
+        each = zip(self.motors.counts, began, self.config.wheel_steps_m)
+        return Rolled(*((now - start) * step_m for now, start, step_m in each))

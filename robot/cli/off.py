@@ -28,11 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Do it.
-
-    HardwareError: no HAT was found, or one could not be switched off. ConfigError: the
-    configuration could not be read; what usually is there was switched off.
-    """
+    """Do it; HardwareError: no HAT, or one stays on; ConfigError: the usual ones are off alone."""
     wrong: Optional[ConfigError] = None
     buses: List[Union[int, str]] = [n for n in USUAL_BUSES if os.path.exists(f"/dev/i2c-{n}")]
     buses, addresses = buses or [USUAL_BUSES[0]], [*USUAL_ADDRESSES]

@@ -220,11 +220,7 @@ class Publisher(Generic[M]):
 
 
 class Subscriber(Generic[M]):
-    """The newest message of the stream of a class.
-
-    ``refused`` counts what was no message of this class, ``last_refusal`` says what was wrong.
-    Order, age and plausibility are judged by ``freshness``.
-    """
+    """The newest message of the stream of a class; ``freshness`` judges order, age and place."""
 
     def __init__(self, link: Link, kind: Type[M], clock: Clock = time.monotonic) -> None:
         self.refused, self.last_refusal = 0, ""

@@ -67,10 +67,7 @@ def require_size(what: str, data: bytes, limit_bytes: int) -> None:
         raise ContractError(f"{what}: expected at most {limit_bytes} bytes, got {len(data)}")
 
 
-Check = Callable[[str, Any], None]  # of what is checked, as errors name it, and of its value
-
-
-def _metadata(check: Callable[..., None]) -> Callable[..., Dict[str, Check]]:
+def _metadata(check: Callable[..., None]) -> Callable[..., Dict[str, Callable[[str, Any], None]]]:
     """Metadata of a field: with these arguments, check its name and its value."""
     return lambda *told: {check.__name__: lambda what, value: check(what, value, *told)}
 

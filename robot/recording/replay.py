@@ -24,7 +24,6 @@ from robot.recording.topics import Turn
 
 # Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
 TOLERANCE = 1e-3
-UNKNOWN = "an action that the policy does not have"
 
 
 class Difference(NamedTuple):
@@ -113,7 +112,7 @@ def _wheels(turn: Turn, contract: PolicyContract, max_wheel_mps: float) -> List[
     problems = []
     if turn.state == "AUTO" and turn.action is not None:
         name = _name(contract, turn.action)
-        if name == UNKNOWN or contract.wheels(turn.action) != drive.wanted:
+        if contract.actions[turn.action : turn.action + 1] != (drive.wanted,):
             problems.append(f"wheels {tuple(drive.wanted)} are not those of {name}")
     limited = drive.limited(max_wheel_mps)
     if turn.state in ("AUTO", "MANUAL") and tuple(limited) != turn.wheels:
@@ -125,4 +124,4 @@ def _name(contract: PolicyContract, action: Optional[int]) -> str:
     if action is None:
         return "no action"
     known = 0 <= action < len(contract.actions)
-    return action_name(contract.actions[action]) if known else UNKNOWN
+    return action_name(contract.actions[action]) if known else "an action that it does not have"

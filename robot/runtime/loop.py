@@ -124,10 +124,7 @@ class Runtime:
         return tick
 
     def run(self, ending: Callable[[], bool]) -> None:
-        """Turn every ``CONTROL_DT_S`` until ``ending()``.
-
-        However it ends, the motors are released then; a robot without a fault is DISARMED.
-        """
+        """Turn every ``CONTROL_DT_S`` until ``ending()``; however that comes, then disarm."""
         rate = RateKeeper(CONTROL_DT_S, self._clock)
         try:
             while not ending():
