@@ -22,6 +22,8 @@ FRAME_WIDTH_PX = 160  # camera frames are (FRAME_HEIGHT_PX, FRAME_WIDTH_PX, 3) u
 FRAME_HEIGHT_PX = 120
 PATH_POINTS = 10  # angles in path_input (paper A, section 3.3)
 PATH_ANGLE_LIMIT_RAD = math.pi / 4
+LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
+T = TypeVar("T", bound="InFile")
 
 
 class Action(IntEnum):
@@ -47,8 +49,9 @@ ACTION_TWISTS: Tuple[Twist, ...] = (
 )
 ACTION_WHEELS: Tuple[WheelSpeeds, ...] = tuple(DRIVE.wheels(twist) for twist in ACTION_TWISTS)
 MAX_WHEEL_MPS = max(max(wheels) for wheels in ACTION_WHEELS)
-
-
+ActionTable = Tuple[Tuple[float, float], ...]
+FIVE_ACTIONS: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
+MOST_ACTIONS = 16  # that a policy may choose among
 _FULL = Twist(ACTION_TWISTS[Action.STRAIGHT].forward_mps, ACTION_TWISTS[Action.LEFT].turn_radps)
 
 
@@ -70,11 +73,6 @@ class Stick(NamedTuple):
         """The stick that asks for these wheels."""
         twist = DRIVE.twist(wheels)
         return cls(twist.turn_radps / _FULL.turn_radps, twist.forward_mps / _FULL.forward_mps)
-
-
-ActionTable = Tuple[Tuple[float, float], ...]
-FIVE_ACTIONS: ActionTable = tuple((wheels[0], wheels[1]) for wheels in ACTION_WHEELS)
-MOST_ACTIONS = 16  # that a policy may choose among
 
 
 def action_name(wheels: Tuple[float, float]) -> str:
@@ -105,9 +103,6 @@ class ImageSpec:
         return (self.height_px - self.crop_top_px, self.width_px, 3)
 
 
-T = TypeVar("T", bound="InFile")
-
-
 class InFile:
     """A frozen dataclass that travels inside an ONNX file, as JSON under its ``METADATA_KEY``."""
 
@@ -127,14 +122,9 @@ class InFile:
             raise ContractError(f"{what}: expected JSON, got: {error}") from error
         schema = plain.get("schema") if isinstance(plain, dict) else None
         if schema != SCHEMA_VERSION:
-            raise ContractError(
-                f"{what}: expected schema {SCHEMA_VERSION}, got {schema!r}; export it again with "
-                "this version"
-            )
+            told = f"expected schema {SCHEMA_VERSION}, got {schema!r}; export it again"
+            raise ContractError(f"{what}: {told} with this version")
         return from_plain(cls, plain, where=what)
-
-
-LEAST_PROVEN, LEAST_FORETOLD = 0.8, 0.75  # of a taught policy, else the robot does not arm
 
 
 @dataclass(frozen=True)

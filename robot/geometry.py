@@ -13,6 +13,8 @@ from typing import NamedTuple, Tuple, Union
 import numpy as np
 
 Scalar = Union[float, np.ndarray]
+# Standard deviations that 95 % lie within, on a line and on a disc.
+LINE_95, DISC_95 = 1.960, 2.448
 
 
 def wrap_angle(angle_rad: Scalar) -> Scalar:
@@ -32,9 +34,8 @@ class Pose(NamedTuple):
         """World points (..., 2) [m] in this robot's frame."""
         delta = np.asarray(points_m, dtype=float) - (self.x_m, self.y_m)
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return np.stack(
-            (c * delta[..., 0] + s * delta[..., 1], -s * delta[..., 0] + c * delta[..., 1]), axis=-1
-        )
+        x, y = delta[..., 0], delta[..., 1]
+        return np.stack((c * x + s * y, -s * x + c * y), axis=-1)
 
     def to_world(self, points_m: np.ndarray) -> np.ndarray:
         """Points (..., 2) [m] of this robot's frame in the world."""
@@ -106,10 +107,7 @@ def bezier_points(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def bezier_tangents(control_points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Derivative of the cubic Bezier by t: control points (4, D), (M,) -> (M, D), not unit.
-
-    Control points as of ``bezier_points``.
-    """
+    """Derivative of ``bezier_points`` by t, from the same arguments; not of unit length."""
     t = np.asarray(t, dtype=float)[:, None]
     u = 1.0 - t
     d = np.moveaxis(np.diff(np.asarray(control_points, dtype=float), axis=-2), -2, 0)
@@ -140,10 +138,6 @@ def uncompose(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
     x = pose[:, 0] - (c * step[:, 0] - s * step[:, 1])
     y = pose[:, 1] - (s * step[:, 0] + c * step[:, 1])
     return np.stack((x, y, heading), axis=1)
-
-
-# Standard deviations that 95 % lie within, on a line and on a disc.
-LINE_95, DISC_95 = 1.960, 2.448
 
 
 def radius_95(covariance: np.ndarray) -> np.ndarray:

@@ -39,10 +39,9 @@ class Lens:
         valid = {"pinhole": (0,), "plumb_bob": (4, 5), "fisheye": (4,)}.get(self.model)
         if valid is None:
             raise ConfigError(f"lens model: unknown {self.model!r}; {nearest(self.model, MODELS)}")
-        if len(self.distortion) not in valid:
-            raise ConfigError(
-                f"{self.model} lens: expected {valid} coefficients, got {len(self.distortion)}"
-            )
+        got = len(self.distortion)
+        if got not in valid:
+            raise ConfigError(f"{self.model} lens: expected {valid} coefficients, got {got}")
 
     @property
     def matrix(self) -> np.ndarray:

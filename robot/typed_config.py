@@ -21,6 +21,9 @@ from robot.errors import ConfigError, nearest
 T = TypeVar("T")
 
 MOST_YAML_BYTES = 4_000_000
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = 80
+shown = _short.repr  # whatever it is: a few lines of YAML with aliases may stand for gigabytes
 
 
 def to_plain(value: Any, decimals: Optional[int] = None) -> Any:
@@ -47,14 +50,14 @@ def from_plain(kind: Type[T], data: Any, where: str = "") -> T:
     """
     label = where or kind.__name__
     if not isinstance(data, dict):
-        raise ConfigError(f"{label}: expected a mapping of settings, got {_told(data)}")
+        raise ConfigError(f"{label}: expected a mapping of settings, got {shown(data)}")
     fields = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
     hints = _type_hints(kind)  # type: ignore[arg-type]
     values: Dict[str, Any] = {}
     for key, item in data.items():
         if key not in fields:
             raise ConfigError(
-                f"{label}: unknown key {_told(key)}; {nearest(str(key)[:80], fields)}"
+                f"{label}: unknown key {shown(key)}; {nearest(str(key)[:80], fields)}"
             )
         values[key] = _convert(hints[key], item, f"{label}.{key}")
     unset = dataclasses.MISSING
@@ -101,11 +104,6 @@ def read_json(path: Path) -> Dict[str, Any]:
     return found
 
 
-_short = reprlib.Repr()
-_short.maxstring = _short.maxother = 80
-_told = _short.repr  # whatever it is: a few lines of YAML with aliases may stand for gigabytes
-
-
 @functools.lru_cache(maxsize=None)
 def _type_hints(kind: type) -> Dict[str, Any]:
     """Resolving the annotations takes longer than all the rest, and messages come often."""
@@ -124,7 +122,7 @@ def _convert(kind: Any, value: Any, label: str) -> Any:
     if origin is typing.Literal:
         if value not in members:
             valid = nearest(str(value)[:80], members)
-            raise ConfigError(f"{label}: unknown {_told(value)}; {valid}")
+            raise ConfigError(f"{label}: unknown {shown(value)}; {valid}")
         return value
     if kind is bytes and isinstance(value, str):
         with contextlib.suppress(ValueError):
@@ -135,7 +133,7 @@ def _convert(kind: Any, value: Any, label: str) -> Any:
     if kind is Any or (plain and isinstance(value, bool) == (kind is bool)):
         return value
     name = getattr(kind, "__name__", str(kind))
-    raise ConfigError(f"{label}: expected {name}, got {_told(value)} ({type(value).__name__})")
+    raise ConfigError(f"{label}: expected {name}, got {shown(value)} ({type(value).__name__})")
 
 
 def _convert_union(members: Tuple[Any, ...], value: Any, label: str) -> Any:
@@ -154,9 +152,9 @@ def _convert_union(members: Tuple[Any, ...], value: Any, label: str) -> Any:
 def _convert_sequence(members: Any, value: Any, label: str) -> Tuple[Any, ...]:
     """``members`` is a tuple of as many kinds, or the kind of all."""
     if not isinstance(value, (list, tuple)):
-        raise ConfigError(f"{label}: expected a list, got {_told(value)}")
+        raise ConfigError(f"{label}: expected a list, got {shown(value)}")
     kinds = members if isinstance(members, tuple) else (members,) * len(value)
     if len(kinds) != len(value):
-        got = f"{len(value)}: {_told(value)}"
+        got = f"{len(value)}: {shown(value)}"
         raise ConfigError(f"{label}: expected {len(kinds)} values, got {got}")
     return tuple(_convert(k, v, f"{label}[{i}]") for i, (k, v) in enumerate(zip(kinds, value)))

@@ -109,9 +109,7 @@ def _start(
             "or two points are swapped (south-west, south-east, north-east, north-west)"
         )
     if not starts:
-        raise ConfigError(
-            "camera: none sees the points so; expected pixels inside the lens' field of view"
-        )
+        raise ConfigError("camera: none sees the points so; expected pixels in the field of view")
     return min(starts, key=lambda start: start[0])[1:]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import closing
 from pathlib import Path
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,6 +20,15 @@ COLUMNS, ROWS = 8, 5  # squares; one even and one odd number, so that it has one
 SQUARE_M = 0.03
 CORNERS = (COLUMNS - 1, ROWS - 1)  # inner ones, across and along
 SHEET = Path(__file__).with_name("target.pdf")  # A4, landscape; the board fits on US Letter too
+SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well
+SETTLING = 15  # pictures until exposure and white balance have settled
+FEWEST_PICTURES = 8
+MOST_RESIDUAL_PX = 1.0  # of a picture 640 pixels wide
+LEAST_COVERAGE = 0.6  # of the picture's width and height that boards were seen in
+PITCH_RANGE_RAD = (math.radians(-5.0), math.radians(60.0))
+HEIGHT_RANGE_M = (0.03, 0.40)
+TWIST_RANGE_RAD = (-math.radians(12.0), math.radians(12.0))  # of roll, and yaw against the board
+PLACE_TOLERANCE_M = 0.05  # of the board
 
 
 def board_points_m(near_edge_m: float) -> np.ndarray:
@@ -51,10 +60,6 @@ def find_board(picture: np.ndarray) -> Optional[np.ndarray]:
     return np.ascontiguousarray(grid).reshape(-1, 2)
 
 
-SIZE_PX = (640, 480)  # four times a frame in each direction: corners are found four times as well
-SETTLING = 15  # pictures until exposure and white balance have settled
-
-
 def take_picture(camera: CameraConfig) -> np.ndarray:
     """(480, 640, 3) uint8 RGB of now. HardwareError: the camera does not work."""
     with closing(open_stream(camera, SIZE_PX)) as stream:
@@ -64,10 +69,7 @@ def take_picture(camera: CameraConfig) -> np.ndarray:
 
 
 def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
-    """The board's corners in each picture that shows it, and the size of the pictures.
-
-    ConfigError: no pictures, or of several sizes.
-    """
+    """The board's corners in each picture that shows it, and their size; ConfigError: several."""
     boards, sizes = [], set()
     for file in picture_files(folder):
         picture = read_picture(file)
@@ -80,17 +82,11 @@ def boards_from_files(folder: Path) -> Tuple[List[np.ndarray], Tuple[int, int]]:
     return boards, sizes.pop()
 
 
-FEWEST_PICTURES = 8
-MOST_RESIDUAL_PX = 1.0  # of a picture 640 pixels wide
-LEAST_COVERAGE = 0.6  # of the picture's width and height that boards were seen in
-
-
 def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple[Lens, float]:
     """The equidistant lens (Kannala and Brandt 2006) that saw the boards, and its residual [px].
 
-    From boards (28, 2) in pictures of this size.
-
-    ConfigError: too few pictures, boards in the middle only, or a bad fit.
+    From boards (28, 2) in pictures of this size. ConfigError: too few, in the middle only, or a
+    bad fit.
     """
     import cv2
 
@@ -132,25 +128,14 @@ def fit_lens(boards_px: Sequence[np.ndarray], size_px: Tuple[int, int]) -> Tuple
     return Lens("fisheye", width, height, fx, fy, cx, cy, bent), float(residual_px)
 
 
-PITCH_RANGE_RAD = (math.radians(-5.0), math.radians(60.0))
-HEIGHT_RANGE_M = (0.03, 0.40)
-TWIST_RANGE_RAD = (-math.radians(12.0), math.radians(12.0))  # of roll, and yaw against the board
-PLACE_TOLERANCE_M = 0.05  # of the board
+def fit_mount(
+    corners_px: np.ndarray, lens: Lens, near_edge_m: float, before: Mount
+) -> Tuple[Mount, float]:
+    """The mount, by least squares of the reprojection error, and its residual [px].
 
-
-class MountFit(NamedTuple):
-    """The mount, and how well the corners fit it."""
-
-    mount: Mount
-    residual_px: float
-
-
-def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float) -> MountFit:
-    """All six figures of the mount, by least squares of the reprojection error.
-
-    From corners (28, 2) of `robot.bringup.chessboard.find_board`, and the lens at that picture's
-    size. Pitch, roll and height do not depend on where the board lies; yaw, ``forward_m`` and
-    ``left_m`` are as good as the board's placing. ConfigError: no camera can see the board so.
+    From corners (28, 2) of ``find_board``, and the lens at that picture's size. Pitch, roll and
+    height do not depend on where the board lies; yaw, ``forward_m`` and ``left_m`` are as good as
+    the board's placing. ConfigError: no camera can see the board so, or none that was ``before``.
     """
     points_m = board_points_m(near_edge_m)
     fit = fit_camera(corners_px, points_m[:, :2], lens, Freedom())
@@ -165,17 +150,18 @@ def fit_mount(corners_px: np.ndarray, lens: Lens, near_edge_m: float) -> MountFi
         roll_rad=math.atan2(float(matrix[2, 1]), float(matrix[2, 2])),
     )
     misses_px = CameraRig(lens, mount).to_pixels(points_m) - corners_px
-    return MountFit(mount, float(np.sqrt(np.mean(np.sum(misses_px**2, axis=1)))))
-
-
-def check_mount_fit(fit: MountFit, before: Mount, width_px: int) -> None:
-    """ConfigError unless the fit is good and the mount plausible, telling the residual."""
-    mount, most_px = fit.mount, MOST_RESIDUAL_PX * width_px / 640.0
-    if fit.residual_px > most_px:
+    residual_px = float(np.sqrt(np.mean(np.sum(misses_px**2, axis=1))))
+    most_px = MOST_RESIDUAL_PX * lens.width_px / 640.0
+    if residual_px > most_px:
         raise ConfigError(
-            f"camera: the corners miss the fitted board by {fit.residual_px:.2f} px, expected at "
+            f"camera: the corners miss the fitted board by {residual_px:.2f} px, expected at "
             f"most {most_px:.2f}; is the sheet flat, printed at 100 %, and the lens calibrated?"
         )
+    _expect_plausible(mount, before)
+    return mount, residual_px
+
+
+def _expect_plausible(mount: Mount, before: Mount) -> None:
     for what, value, (low, high) in (
         ("height_m", mount.height_m, HEIGHT_RANGE_M),
         ("pitch_rad", mount.pitch_rad, PITCH_RANGE_RAD),

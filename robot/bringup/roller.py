@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, NamedTuple, Protocol
+from contextlib import suppress
+from typing import NamedTuple
 
 from robot.computer.clock import Clock
 from robot.errors import ConfigError, HardwareError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepping import Steps
-from robot.parts import Motors
+from robot.hat.thread import MotorThread
 
 YES, NO = ("y", "yes"), ("n", "no")
+REFRESH_S = 0.05
+REST_S = 0.4  # standing so long, it has come to rest
+PATIENCE = 3.0  # a roll may take so many times as long as planned, and as many seconds more
+CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
 
 
 class Prompts:
-    """The person beside the robot, who types; asked again until the answer can be understood.
-
-    ConfigError: from the questions, when the input ends.
-    """
-
-    def __init__(
-        self, read: Callable[[str], str] = input, show: Callable[..., None] = print
-    ) -> None:
-        self._read, self._show = read, show
+    """The person beside the robot, asked until an answer is one; ConfigError: the input ended."""
 
     def tell(self, line: str) -> None:
         """Show a line."""
-        self._show(line, flush=True)
+        print(line, flush=True)
 
     def agrees(self, question: str) -> bool:
         """A question answered with yes or no."""
@@ -42,33 +39,16 @@ class Prompts:
         """A question answered with a number; a decimal comma is understood."""
         while True:
             answer = self._answer(f"{question} ").replace(",", ".")
-            try:
-                value = float(answer)
-            except ValueError:
-                value = math.nan
-            if math.isfinite(value):
-                return value
+            with suppress(ValueError):
+                if math.isfinite(float(answer)):
+                    return float(answer)
             self.tell("please type a number, such as -2.5; Ctrl-C stops")
 
     def _answer(self, prompt: str) -> str:
         try:
-            return self._read(prompt).strip()
+            return input(prompt).strip()
         except EOFError as error:
             raise ConfigError("expected a person who answers, got the end of the input") from error
-
-
-REFRESH_S = 0.05
-REST_S = 0.4  # standing so long, it has come to rest
-PATIENCE = 3.0  # a roll may take so many times as long as planned, and as many seconds more
-CREEP_SHARE = 0.5  # of the start-stop speed: the last steps
-
-
-class CountedMotors(Motors, Protocol):
-    """Motors that count their steps; `robot.hat.thread.MotorThread` on the robot."""
-
-    @property
-    def counts(self) -> Steps:
-        """Microsteps of each wheel so far."""
 
 
 class Rolled(NamedTuple):
@@ -84,21 +64,16 @@ class Roller:
     The motors are in a ``with`` block of the caller's, so that they are off in the end.
     """
 
-    def __init__(self, motors: CountedMotors, config: HatConfig, clock: Clock) -> None:
+    def __init__(self, motors: MotorThread, config: HatConfig, clock: Clock) -> None:
         self.motors = motors
         self.config = config
         self.clock = clock
 
     def roll(self, left_m: float, right_m: float, speed_mps: float) -> Rolled:
-        """Both wheels arrive together; the farther one goes at ``speed_mps`` at most.
-
-        HardwareError: the steps do not come.
-        """
+        """Both arrive together, neither above ``speed_mps``; HardwareError: no steps come."""
         began = self.motors.counts
         longest_m = max(abs(left_m), abs(right_m))
         lead = 0 if abs(left_m) == longest_m else 1
-        if longest_m == 0.0:
-            return Rolled(0.0, 0.0)
         give_up_s = self.clock.now() + PATIENCE * (1.0 + longest_m / speed_mps)
         while True:
             done = self._since(began)
@@ -129,8 +104,5 @@ class Roller:
                 last, since_s = self.motors.counts, self.clock.now()
 
     def _since(self, began: Steps) -> Rolled:
-        ways = (
-            (now - start) * step_m
-            for now, start, step_m in zip(self.motors.counts, began, self.config.wheel_steps_m)
-        )
-        return Rolled(*ways)
+        each = zip(self.motors.counts, began, self.config.wheel_steps_m)
+        return Rolled(*((now - start) * step_m for now, start, step_m in each))

@@ -14,6 +14,10 @@ Values = Dict[Tuple[str, ...], Any]  # as `robot.cli.calibrate.edit_yaml` takes 
 
 SCALE_RANGE = (0.8, 1.25)  # of a length that somebody has measured with a ruler
 MOST_BEND_RAD = math.radians(60.0)  # of a drive that should be straight
+DRIVE_M = 1.5
+SPOT_TURNS = 5
+SPEED_MPS = 0.08
+Guide = Callable[[Roller, Prompts], Values]
 
 
 def trim_from_drive(hat: HatConfig, rolled_m: float, ahead_m: float, left_m: float) -> Values:
@@ -66,12 +70,6 @@ def _expect_scale(what: str, scale: float, got: str) -> None:
         )
 
 
-DRIVE_M = 1.5
-SPOT_TURNS = 5
-SPEED_MPS = 0.08
-Guide = Callable[[Roller, Prompts], Values]
-
-
 def guide_trim(roller: Roller, person: Prompts) -> Values:
     """On the floor: a straight drive, and where it ended."""
     free = f"its axle's middle marked, with {DRIVE_M + 0.5:g} m free ahead"
@@ -92,9 +90,7 @@ def guide_baseline(roller: Roller, person: Prompts) -> Values:
     person.tell(f"It turns to the LEFT {SPOT_TURNS} times now.")
     rolled = roller.roll(-way_m, way_m, SPEED_MPS)
     turned_rad = (rolled.right_m - rolled.left_m) / baseline_m
-    beyond = person.number(
-        "How many DEGREES beyond the line does it look, to the left (too short: negative)?"
-    )
+    beyond = person.number("How many DEGREES beyond the line does it look (too short: negative)?")
     short_rad = turned_rad - 2.0 * math.pi * SPOT_TURNS
     return baseline_from_turns(roller.config, turned_rad, math.radians(beyond) - short_rad)
 

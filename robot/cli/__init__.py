@@ -26,10 +26,7 @@ COMMANDS = {
 }
 
 
-PROGRAM = "python -m robot"
-
-
-def main(arguments: Optional[List[str]] = None, prog: str = PROGRAM) -> int:
+def main(arguments: Optional[List[str]] = None, prog: str = "python -m robot") -> int:
     """Run one command of ``prog``; returns its exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     asked = words[0] if words[:1] and words[0] in COMMANDS else ""

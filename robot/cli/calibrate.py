@@ -11,18 +11,17 @@ import math
 import re
 from functools import reduce
 from pathlib import Path
-from typing import Any, ContextManager, List, Tuple
+from typing import Any, List, Tuple
 
 from robot.bringup import chessboard
-from robot.bringup.roller import CountedMotors, Prompts, Roller
-from robot.bringup.wheels import GUIDES, Guide, Values
+from robot.bringup.roller import Prompts, Roller
+from robot.bringup.wheels import GUIDES, Values
 from robot.camera.files import read_picture
 from robot.command_line import number
-from robot.computer.clock import Clock, MonotonicClock
-from robot.computer.systemd import interrupt, on_ending
+from robot.computer.clock import MonotonicClock
+from robot.computer.systemd import on_ending
 from robot.config import RobotConfig
 from robot.errors import ConfigError
-from robot.hat.config import HatConfig
 from robot.hat.thread import real_motors
 from robot.output import write_bytes, write_text
 from robot.typed_config import from_plain, load_yaml, read_yaml, to_plain
@@ -55,7 +54,7 @@ def run(options: argparse.Namespace) -> None:
         write_bytes(options.out, chessboard.SHEET.read_bytes())
         print(f"{options.out}: print it on A4 or Letter at 100 %, and check the 100 mm line")
         return
-    on_ending(interrupt)
+    on_ending()
     config = load_yaml(RobotConfig, options.config)
     person = Prompts()
     if options.what == "camera":
@@ -66,27 +65,10 @@ def run(options: argparse.Namespace) -> None:
         person.tell(f"{len(boards)} pictures; residual {residual_px:.2f} px")
         values = {("camera", "lens", name): v for name, v in to_plain(lens, 6).items()}
     else:
-        motors, guide = real_motors(config.hat), GUIDES[options.what]
-        values = measure_motion(guide, config.hat, motors, person, MonotonicClock())
-    keep(options.config, values, person)
-
-
-def keep(path: Path, values: Values, person: Prompts) -> None:
-    """Write the values, and show what changed; ConfigError when the robot would refuse them."""
-    for edit in edit_yaml(path, values):
+        with real_motors(config.hat) as motors:
+            values = GUIDES[options.what](Roller(motors, config.hat, MonotonicClock()), person)
+    for edit in edit_yaml(options.config, values):
         person.tell(edit)
-
-
-def measure_motion(
-    guide: Guide,
-    hat: HatConfig,
-    motors: ContextManager[CountedMotors],
-    person: Prompts,
-    clock: Clock,
-) -> Values:
-    """One of the guided measurements, with any motors, which are off afterwards."""
-    with motors as opened:
-        return guide(Roller(opened, hat, clock), person)
 
 
 def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person: Prompts) -> Values:
@@ -100,12 +82,10 @@ def measure_camera(config: RobotConfig, image: Path, near_edge_m: float, person:
         )
     size: Tuple[int, int] = (picture.shape[1], picture.shape[0])
     lens, before = config.camera.lens.scaled(*size), config.camera.mount
-    fit = chessboard.fit_mount(corners, lens, near_edge_m)
-    chessboard.check_mount_fit(fit, before, size[0])
-    mount = fit.mount
+    mount, residual_px = chessboard.fit_mount(corners, lens, near_edge_m, before)
     person.tell(
         f"pitch {math.degrees(mount.pitch_rad):.2f}°, roll {math.degrees(mount.roll_rad):.2f}°, "
-        f"height {1e3 * mount.height_m:.1f} mm; residual {fit.residual_px:.2f} px"
+        f"height {1e3 * mount.height_m:.1f} mm; residual {residual_px:.2f} px"
     )
     names = ("pitch_rad", "roll_rad", "height_m")
     return {("camera", "mount", name): round(getattr(mount, name), 5) for name in names}

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     config = load_yaml(RobotConfig, options.config)
     ended: List[bool] = []
-    on_ending(lambda: ended.append(True))
+    on_ending(lambda *_: ended.append(True))
     terminal = Terminal(sys.stdin, _say)
     notify = notify_socket()
     pads = (Gamepad(options.gamepad),) if options.gamepad else ()

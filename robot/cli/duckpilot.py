@@ -17,16 +17,6 @@ from robot.errors import nearest
 
 NAME = "duckpilot"
 NEWER = (3, 11)  # what trainer, simulator and tools are written in
-
-
-class Program(NamedTuple):
-    """Who does a command."""
-
-    module: str  # has main(words, prog)
-    purpose: str
-    own: bool = True  # the command is the program; else its first word
-
-
 TOOLS = {
     "demo": "train, export, judge and drive before your eyes, in minutes",
     "loop.__main__": "missions or laps through the whole system on virtual hardware",
@@ -35,6 +25,14 @@ TOOLS = {
     "replay": "decide a recorded drive again, and compare",
     "data.__main__": "list, plot, cut and split recorded drives; to and from Donkeycar and LeRobot",
 }
+
+
+class Program(NamedTuple):
+    """Who does a command."""
+
+    module: str  # has main(words, prog)
+    purpose: str
+    own: bool = True  # the command is the program; else its first word
 
 
 def main(words: Optional[List[str]] = None) -> int:

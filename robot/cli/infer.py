@@ -55,18 +55,16 @@ def label(policy: OnnxPolicy, folder: Path) -> Tuple[List[Dict[str, Any]], List[
     """
     path = np.zeros(policy.contract.path_points, np.float32)
     answers, skipped = [], []
-    wrong = None
     for file in picture_files(folder):
         name = file.relative_to(folder).as_posix()
         try:
             frame = fit_to_frame(read_picture(file))
-        except ConfigError as error:
+        except ConfigError:
             skipped.append(name)
-            wrong = wrong or error
             continue
         values = np.asarray(values_of(policy, frame, path))
         shown = [round(float(value), 6) for value in values]
         answers.append({"file": name, "action": int(values.argmax()), "values": shown})
-    if wrong is not None and not answers:
-        raise wrong
+    if not answers:
+        raise ConfigError(f"{folder / skipped[0]}: expected a picture, got only its name")
     return answers, skipped

@@ -20,6 +20,4 @@ def run(options: argparse.Namespace) -> None:
     """Do it; ConfigError where keys are there already, or the place cannot be written."""
     for machine, folder in keygen(options.directory).items():
         print(f"{folder}: copy it to the {machine}, as /etc/duckpilot/keys/{machine}")
-    print(
-        "secret.key must stay readable by its owner alone (mode 600); then delete the folders here"
-    )
+    print("secret.key must stay readable by its owner alone (mode 600); delete the folders here")

@@ -15,6 +15,7 @@ from typing import List, Optional, Tuple, Union
 from robot.computer.clock import Clock, MonotonicClock
 from robot.errors import ConfigError, HardwareError
 from robot.hat.bus import USUAL_ADDRESSES, USUAL_BUSES, I2cBus, Pca9685, open_bus
+from robot.typed_config import read_yaml
 
 ATTEMPTS = 3
 ROUNDS, ROUND_S = 10, 0.05  # a program that drives on notices within 0.1 s, and stops
@@ -27,11 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Do it.
-
-    HardwareError: no HAT was found, or one could not be switched off. ConfigError: the
-    configuration could not be read; what usually is there was switched off.
-    """
+    """Do it; HardwareError: no HAT, or one stays on; ConfigError: the usual ones are off alone."""
     wrong: Optional[ConfigError] = None
     buses: List[Union[int, str]] = [n for n in USUAL_BUSES if os.path.exists(f"/dev/i2c-{n}")]
     buses, addresses = buses or [USUAL_BUSES[0]], [*USUAL_ADDRESSES]
@@ -51,20 +48,14 @@ def run(options: argparse.Namespace) -> None:
 
 
 def configured(path: Path) -> Tuple[Union[int, str], List[int]]:
-    """Bus (or the socket of a virtual one) and addresses of a robot's file; else it may be wrong.
-
-    ConfigError: it cannot be read, or says neither.
-    """
-    import yaml
-
-    wrong = (OSError, ValueError, TypeError, AttributeError, RecursionError, yaml.YAMLError)
+    """Bus (or socket of a virtual one) and addresses of a file that may be wrong: ConfigError."""
     try:
-        hat = (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("hat") or {}
+        hat = read_yaml(path).get("hat") or {}
         bus = hat.get("socket") or int(hat.get("bus", USUAL_BUSES[0]))
         addresses = [int(str(address), 0) for address in hat.get("addresses", USUAL_ADDRESSES)]
         if not all(0x40 <= address <= 0x77 for address in addresses):
             raise ValueError(f"addresses {addresses}, where 0x40 to 0x77 are a HAT's")
-    except wrong as error:
+    except (ValueError, TypeError, AttributeError) as error:
         told = " ".join(str(error).split())
         raise ConfigError(
             f"{path}: expected a robot's YAML file with its hat, got: {told}"
@@ -100,6 +91,4 @@ def _until_it_stays_off(chip: Pca9685, clock: Clock) -> None:
         clock.sleep(ROUND_S)
         if chip.is_off():
             return
-    raise HardwareError(
-        f"{chip.bus.name}: another program switches the motors on again and again; end that one"
-    )
+    raise HardwareError(f"{chip.bus.name}: another program switches the motors on again; end it")

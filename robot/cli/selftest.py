@@ -11,42 +11,20 @@ import math
 from pathlib import Path
 from typing import ContextManager, Iterator, List, NamedTuple
 
-from robot.bringup.roller import CountedMotors, Prompts, Roller
+from robot.bringup.roller import Prompts, Roller
 from robot.computer.clock import Clock, MonotonicClock
-from robot.computer.systemd import interrupt, on_ending
+from robot.computer.systemd import on_ending
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepping import BRAKE_S
-from robot.hat.thread import real_motors
+from robot.hat.thread import MotorThread, real_motors
 from robot.typed_config import load_yaml
 
 GENTLE_MPS = 0.08
 STOP_TEST_S = 1.5
 SLACK_STEPS = 3.0  # beyond what braking takes, before the stop counts as late
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's options."""
-    parser.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
-
-
-def run(options: argparse.Namespace) -> int:
-    """Do it; 1 when a step failed."""
-    on_ending(interrupt)
-    hat = load_yaml(RobotConfig, options.config).hat
-    return try_motors(hat, real_motors(hat), Prompts(), MonotonicClock())
-
-
-class Outcome(NamedTuple):
-    """One step of the test; ``remedy`` says what to look at when it failed."""
-
-    name: str
-    passed: bool
-    remedy: str
-
-
 _FORWARD, _BACK = "turn once, FORWARD, evenly?", "turn once, BACKWARD, evenly?"
 MOTIONS = (  # turns of the left and of the right wheel
     ("left forward", 1.0, 0.0, f"Did the LEFT wheel alone {_FORWARD}"),
@@ -67,8 +45,28 @@ FREE_REMEDY = "switch the motor supply off at once; the HAT does not obey (docs/
 LAST = "coils off"
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's options."""
+    parser.add_argument("--config", type=Path, required=True, help="the robot's YAML file")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it; 1 when a step failed."""
+    on_ending()
+    hat = load_yaml(RobotConfig, options.config).hat
+    return try_motors(hat, real_motors(hat), Prompts(), MonotonicClock())
+
+
+class Outcome(NamedTuple):
+    """One step of the test; ``remedy`` says what to look at when it failed."""
+
+    name: str
+    passed: bool
+    remedy: str
+
+
 def try_motors(
-    hat: HatConfig, motors: ContextManager[CountedMotors], person: Prompts, clock: Clock
+    hat: HatConfig, motors: ContextManager[MotorThread], person: Prompts, clock: Clock
 ) -> int:
     """Every step with any motors, in order; 0 when all passed, 1 when one failed.
 

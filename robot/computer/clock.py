@@ -1,7 +1,4 @@
-"""Time by a clock that nobody can set, and waiting by it, also for another thread.
-
-A test or a simulator can supply its own clock.
-"""
+"""Time by a clock that nobody can set, and waiting by it, also for another thread."""
 
 from __future__ import annotations
 

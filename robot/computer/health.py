@@ -6,13 +6,11 @@ import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Optional, Tuple
+from typing import Callable, Dict, Iterator, Optional, Sequence, Tuple
 
 from robot.link.messages import Reading
 
 EVERY_S = 1.0
-ZONES = Path("/sys/class/thermal")
-MEMORY = Path("/proc/meminfo")
 WARM_C, HOT_C = 80.0, 95.0  # a Jetson Nano slows down at 97 °C, a Raspberry Pi at 80
 NO_THERMOMETER = "PMIC-Die"  # of a Nano always reads 100
 LOW_DISK_PERCENT = 5.0
@@ -23,9 +21,7 @@ LOW_MEMORY_MB = 200.0
 class Health:
     """Reads at most once a second by a monotonic clock [s]; ``others`` are read beside."""
 
-    def __init__(
-        self, clock: Callable[[], float], others: Tuple[Callable[[], Reading], ...] = ()
-    ) -> None:
+    def __init__(self, clock: Callable[[], float], others: Sequence[Callable[[], Reading]]) -> None:
         self._clock, self._others = clock, others
         self._read_s: Optional[float] = None
         self._readings: Tuple[Reading, ...] = ()
@@ -40,10 +36,7 @@ class Health:
 
 
 def readings(folder: Path = Path("/"), least_mb: float = LEAST_DISK_MB) -> Iterator[Reading]:
-    """Of this computer, now, and of the disk that holds a folder, which should keep so much free.
-
-    The folder need not exist yet.
-    """
+    """Of this computer, now, and of a folder's disk, to keep so much free; it may not exist yet."""
     hottest_c = max(temperatures_c().values(), default=None)
     if hottest_c is not None:
         level = "bad" if hottest_c >= HOT_C else "warn" if hottest_c >= WARM_C else "ok"
@@ -61,7 +54,7 @@ def readings(folder: Path = Path("/"), least_mb: float = LEAST_DISK_MB) -> Itera
     yield Reading("load", round(os.getloadavg()[0], 2))
 
 
-def temperatures_c(zones: Path = ZONES) -> Dict[str, float]:
+def temperatures_c(zones: Path = Path("/sys/class/thermal")) -> Dict[str, float]:
     """Of every thermal zone that answers, by its sensor [°C]."""
     found: Dict[str, float] = {}
     for zone in zones.glob("thermal_zone*"):
@@ -71,7 +64,7 @@ def temperatures_c(zones: Path = ZONES) -> Dict[str, float]:
     return {n: c for n, c in found.items() if -40.0 < c < 200.0 and n != NO_THERMOMETER}
 
 
-def memory_free_mb(source: Path = MEMORY) -> Optional[float]:
+def memory_free_mb(source: Path = Path("/proc/meminfo")) -> Optional[float]:
     """Memory that programs can still have [MB]; None where Linux does not tell."""
     with suppress(OSError, ValueError):  # ValueError: not in the list
         words = source.read_text(encoding="ascii").split()

@@ -9,10 +9,7 @@ from robot.errors import HardwareError
 
 
 def connect_local(path: str, what: str, silence_s: float) -> socket.socket:
-    """Connect to ``what`` at ``path``; reads and writes give up after ``silence_s`` [s].
-
-    HardwareError where nobody listens.
-    """
+    """To ``what`` at ``path``, ``silence_s`` [s] for each call; HardwareError: nobody listens."""
     connection = socket.socket(socket.AF_UNIX)
     connection.settimeout(silence_s)
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 import platform
-import re
 import socket
 import sys
 import time
@@ -72,5 +71,5 @@ class Machine:
         try:
             socket.create_connection((host, port), CONNECT_S).close()
         except OSError as error:
-            return re.sub(r"^\[Errno -?\d+\] ", "", str(error))
+            return error.strerror or str(error)
         return ""

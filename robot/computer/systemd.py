@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+from contextlib import suppress
 from typing import Callable, Mapping, Optional
 
 from robot.parts import Tick
@@ -33,10 +34,8 @@ def notify_socket(environment: Mapping[str, str] = os.environ) -> Send:
     channel.setblocking(False)
 
     def send(line: str) -> None:
-        try:
+        with suppress(OSError):
             channel.sendto(line.encode("utf-8"), address)
-        except OSError:
-            return
 
     return send
 
@@ -63,17 +62,12 @@ class Heartbeat:
             self._send(f"STATUS={tick.verdict.state.value}: {tick.verdict.sentence}")
 
 
-def on_ending(act: Callable[[], None]) -> None:
+def on_ending(act: Callable[..., object] = signal.default_int_handler) -> None:
     """Let ``act`` happen on systemd's SIGTERM, and on SIGHUP when a terminal goes away.
 
-    By default either kills a program at once, with the coils on. A hang-up that nohup wants ignored
-    stays so.
+    Either would kill a program at once, with the coils on; ``act`` is as Ctrl-C, so that ``with``
+    blocks are left in order. A hang-up that nohup wants ignored stays so.
     """
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: act())
-
-
-def interrupt() -> None:
-    """As Ctrl-C: ``with`` blocks are left in order."""
-    raise KeyboardInterrupt
+            signal.signal(number, act)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 import time
+from contextlib import suppress
 from typing import Dict, List, Optional, Tuple
 
 from robot.errors import ContractError
@@ -21,8 +22,6 @@ class CommandClient:
     """The operator's side. ``poll`` often: it beats, repeats STOP and collects the answers."""
 
     def __init__(self, link: Link, clock: Clock = time.monotonic) -> None:
-        import zmq
-
         self.session = new_session()
         self.refused = 0
         self._link = link
@@ -33,7 +32,7 @@ class CommandClient:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._pending: Dict[str, Tuple[Command, float]] = {}  # unanswered, and when it was sent
-        self._socket = link.connect(zmq.DEALER, Command.KIND, Command.LIMIT_BYTES)
+        self._socket = link.connect(Command.KIND, Command.LIMIT_BYTES)
 
     def send(
         self, kind: str, mission: Optional[Mission] = None, wheels: Optional[WheelSpeeds] = None
@@ -94,7 +93,5 @@ class CommandClient:
     def _transmit(self, command: Command) -> None:
         import zmq
 
-        try:
+        with suppress(zmq.Again):  # nobody is connected: poll reports that, and repeats a STOP
             self._socket.send(command.to_bytes(), zmq.NOBLOCK)
-        except zmq.Again:
-            return  # nobody is connected: poll reports the silence, and repeats a STOP

@@ -68,8 +68,6 @@ class CommandServer:
     """The robot's side. ``serve`` in every turn of the control loop; it never blocks."""
 
     def __init__(self, link: Link, clock: Clock = time.monotonic) -> None:
-        import zmq
-
         self.session = new_session()
         self.refused = 0
         self.last_refusal = ""
@@ -77,7 +75,7 @@ class CommandServer:
         self._clock = clock
         self._answers: OrderedDict[Tuple[Sender, str], Ack] = OrderedDict()
         self._lock = OperatorLock()
-        self._socket = link.bind(zmq.ROUTER, Command.KIND, Command.LIMIT_BYTES)
+        self._socket = link.bind(Command.KIND, Command.LIMIT_BYTES)
 
     def serve(self, handle: Handler) -> None:
         """Read what has come, give each new command to ``handle`` once, and answer all."""

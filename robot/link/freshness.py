@@ -1,8 +1,6 @@
 """Is what arrives new, in order, from one publisher and possible? Judged by the receiver's clock.
 
-Silence gives no error on a network: only age does. The age of a message counts from its arrival and
-adds what the sender's own clock tells: the time from capture to sending, and the delay beyond the
-fastest message of the session, so that a backlog from a network buffer does not look fresh.
+Silence gives no error on a network: only age does, and docs/links.md tells how that is counted.
 """
 
 from __future__ import annotations
@@ -17,6 +15,10 @@ from robot.link.messages import PoseMessage
 CLOCK_DRIFT = 2e-4  # two quartz clocks differ by at most 200 ppm
 TAKEOVER_S = 1.0  # silence after which an earlier session may come back
 REMEMBERED_SESSIONS = 16
+MAX_SPEED_MPS = 1.25 * MAX_WHEEL_MPS  # at which a pose may move
+MARGIN_M = 0.10  # of measurement noise and detection glitches
+MIN_CONFIDENCE = 0.1
+Bounds = Tuple[float, float, float, float]  # x_min, y_min, x_max, y_max [m]
 
 
 class StreamGate:
@@ -74,12 +76,6 @@ class StreamGate:
     def conflict(self, now_s: float) -> bool:
         """Whether two publishers are at work on this stream."""
         return now_s < self._conflict_until_s
-
-
-MAX_SPEED_MPS = 1.25 * MAX_WHEEL_MPS  # at which a pose may move
-MARGIN_M = 0.10  # of measurement noise and detection glitches
-MIN_CONFIDENCE = 0.1
-Bounds = Tuple[float, float, float, float]  # x_min, y_min, x_max, y_max [m]
 
 
 class PoseGate:

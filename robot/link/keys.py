@@ -13,6 +13,7 @@ import logging
 import os
 import string
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable, Dict, List, Sequence, Tuple, Union
@@ -20,29 +21,26 @@ from typing import TYPE_CHECKING, Callable, Dict, List, Sequence, Tuple, Union
 from robot.errors import ConfigError, nearest
 from robot.link.messages import Reading
 from robot.link.wire import tidy_text
+from robot.output import expect_folder
 
 if TYPE_CHECKING:
     import zmq
 
 ROLES = ("robot", "localizer", "monitor")
-# The streams in the order of their ports, and who may connect to each.
-BOUND_BY: Dict[str, str] = {
-    "pose": "localizer",
-    "telemetry": "robot",
-    "frame": "robot",
-    "command": "robot",
-}
-ADMITS: Dict[str, Tuple[str, ...]] = {
-    "pose": ("robot", "monitor"),
-    "telemetry": ("monitor",),
-    "frame": ("monitor",),
-    "command": ("monitor",),
-}
+# The streams in the order of their ports, and who may connect to each: a monitor to all.
+BOUND_BY = {"pose": "localizer", "telemetry": "robot", "frame": "robot", "command": "robot"}
+ADMITS = {**dict.fromkeys(BOUND_BY, ("monitor",)), "pose": ("robot", "monitor")}
 
 SECRET, PUBLIC, ALLOWED = "secret.key", "public.key", "allowed"
 READ_LIMIT = 1000  # characters: a key has 40
 # The alphabet of ZeroMQ RFC 32 (Z85): 32 bytes are 40 of these.
 _Z85 = frozenset(string.digits + string.ascii_letters + ".-:+=^!/*?&<>()[]{}@%$#")
+ENDPOINT = "inproc://zeromq.zap.01"
+MAX_ADMISSIONS = 16  # in one call, so that a flood cannot hold up the control loop
+TELL_EVERY_S = 10.0  # of one who knocks at one socket again and again
+STRANGER = "a stranger"
+SHOWN_BYTES = 24  # of a name in a report
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -68,44 +66,32 @@ class Keys:
         if len(found) != 1:
             got = ", ".join(found) or "none"
             roles = [peer.role for peer in self.peers.values()]
-            raise ConfigError(
-                f"keys: expected one {role} in the allow-list, got {got}; {nearest(role, roles)}"
-            )
+            raise ConfigError(f"keys: expected one {role}, got {got}; {nearest(role, roles)}")
         return self.peers[found[0]].public
 
 
 def keygen(directory: Union[str, Path], machines: Sequence[str] = ROLES) -> Dict[str, Path]:
-    """Make a key folder per machine under ``directory``, each allowing all the others; the folders.
-
-    ConfigError where one is there already (keys are never overwritten), or cannot be made.
-    """
+    """Make a folder for each machine that allows all the others; ConfigError: one is there."""
     import zmq
 
     folders = {name: Path(directory) / name for name in machines}
     for folder in folders.values():
         if folder.exists():
             raise ConfigError(f"{folder} is there: keys are never overwritten; delete it before")
+    expect_folder(Path(directory))
     pairs = {name: zmq.curve_keypair() for name in machines}
-    try:
-        for name, folder in folders.items():
-            (folder / ALLOWED).mkdir(parents=True)
-            folder.chmod(0o700)
-            _write(folder / SECRET, name, pairs[name][1], 0o600)
-            _write(folder / PUBLIC, name, pairs[name][0])
-            for peer in set(machines) - {name}:
-                _write(folder / ALLOWED / f"{peer}.key", peer, pairs[peer][0])
-    except OSError as error:
-        raise ConfigError(
-            f"{directory}: expected a place to write keys to, got: {error.strerror}"
-        ) from error
+    for name, folder in folders.items():
+        (folder / ALLOWED).mkdir(parents=True)
+        folder.chmod(0o700)
+        _write(folder / SECRET, name, pairs[name][1], 0o600)
+        _write(folder / PUBLIC, name, pairs[name][0])
+        for peer in set(machines) - {name}:
+            _write(folder / ALLOWED / f"{peer}.key", peer, pairs[peer][0])
     return folders
 
 
 def load_keys(folder: Union[str, Path]) -> Keys:
-    """The keys of this machine from the folder that ``keygen`` made for it.
-
-    ConfigError: a file is absent, no key, without a role, or the secret can be read by others.
-    """
+    """This machine's keys, as of ``keygen``; ConfigError: absent, none, or others can read them."""
     folder = Path(folder)
     role, secret = _read(folder / SECRET)
     mode = (folder / SECRET).stat().st_mode & 0o777
@@ -142,15 +128,6 @@ def _read(path: Path) -> Tuple[str, bytes]:
     return words[0], words[1].encode("ascii")
 
 
-ENDPOINT = "inproc://zeromq.zap.01"
-MAX_ADMISSIONS = 16  # in one call, so that a flood cannot hold up the control loop
-TELL_EVERY_S = 10.0  # of one who knocks at one socket again and again
-STRANGER = "a stranger"
-SHOWN_BYTES = 24  # of a name in a report
-
-logger = logging.getLogger(__name__)
-
-
 class AllowList:
     """Answers those who knock at this program's bound sockets; never blocks."""
 
@@ -177,12 +154,10 @@ class AllowList:
         """Answer those who wait."""
         import zmq
 
-        for _ in range(MAX_ADMISSIONS):
-            try:
+        with suppress(zmq.Again):
+            for _ in range(MAX_ADMISSIONS):
                 request = self.socket.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            self.socket.send_multipart(self._verdict(request))
+                self.socket.send_multipart(self._verdict(request))
 
     def may(self, name: str, stream: str) -> bool:
         """Whether the peer of this name in the allow-list may use a stream."""
@@ -194,10 +169,6 @@ class AllowList:
         name = f"turned away: {self._newest}" if self._newest else "turned away"
         level = "warn" if self._refused else "ok"
         return Reading(tidy_text(name, SHOWN_BYTES), self._refused, "", level)
-
-    def close(self) -> None:
-        """Let nobody in any more."""
-        self.socket.close()
 
     def _verdict(self, request: List[bytes]) -> List[bytes]:
         """Version, request id, domain, address, identity, mechanism, key -> the ZAP reply."""

@@ -1,15 +1,9 @@
 """What is published, poses, camera frames and telemetry, and what a person asks of the robot.
 
-The robot's report about itself, ten times a second, is enough for the whole monitor page.
-
 Every published message carries the ``session`` of its publisher (new at each start), a ``sequence``
 that only grows within it, and ``t_sent_s`` of the sender's own monotonic clock; the ``Publisher``
-stamps them. A receiver compares such times only with each other, never with its own clock.
+stamps them. A command echoes the robot's clock, as the sender last heard it (docs/links.md).
 The pose follows SSL-Vision's detection frame (t_capture, t_sent, confidence, x, y, orientation).
-
-A command that moves the robot must echo the robot's own clock as the sender last heard it: one that
-waited in a network buffer is then recognised as old and refused, without a shared clock. Stopping
-is always taken.
 """
 
 from __future__ import annotations
@@ -29,14 +23,28 @@ FAR_M = 1000.0  # no arena is larger
 HALF_TURN_RAD = math.pi + 1e-6
 MAX_ROBOTS = 16
 UNSENT = "unsent"  # the session of a message that no publisher has stamped
+ALWAYS_TAKEN = ("beat", "stop", "disarm")
+WITH_MISSION = ("plan", "mission", "place")
+KINDS = (*ALWAYS_TAKEN, "arm", "clear", "auto", *WITH_MISSION, "manual")
+MAX_ECHO_AGE_S = 0.7  # any other command that is older than this is refused
+REASON_LIMIT_BYTES = 400
+RIM_MPS = number(-1.0, 1.0)  # the robot's own limits are below
+STATES = ("DISARMED", "READY", "AUTO", "MANUAL", "HOLD", "FAULT")
+PHASES = ("driving", "arrived", "failed", "stopped")
+SOURCES = ("overhead", "sight", "wheels")
+LEVELS = ("ok", "warn", "bad")
+TEXT_LIMIT_BYTES = 160
+MAX_PATH_POINTS, MAX_ENTRIES = 96, 8
+BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
+XY = Tuple[float, float]
+LABEL, TEXT, TITLE = text(24), text(TEXT_LIMIT_BYTES), text(64)
+PLACE_M, AGE_S, SIZE = number(-FAR_M, FAR_M), number(0.0, 1e6), number(-1e9, 1e9)
+WHEEL_MPS = number(-100.0, 100.0)  # no robot's wheel is faster
 
 
 @dataclass(frozen=True)
 class Sighting(Checked):
-    """One robot in a picture of the overhead camera: world frame [m], [rad].
-
-    ``heading_rad`` is None when only a position was seen.
-    """
+    """One robot in an overhead picture: world frame [m], [rad]; perhaps without a heading."""
 
     robot: str = field(metadata=NAME)
     x_m: float = field(metadata=number(-FAR_M, FAR_M))
@@ -109,20 +117,9 @@ class FrameMessage(Message):
             raise ContractError(f"frame: expected JPEG bytes, got {self.jpeg[:8]!r}…")
 
 
-ALWAYS_TAKEN = ("beat", "stop", "disarm")
-WITH_MISSION = ("plan", "mission", "place")
-KINDS = (*ALWAYS_TAKEN, "arm", "clear", "auto", *WITH_MISSION, "manual")
-MAX_ECHO_AGE_S = 0.7  # any other command that is older than this is refused
-REASON_LIMIT_BYTES = 400
-RIM_MPS = number(-1.0, 1.0)  # the robot's own limits are below
-
-
 @dataclass(frozen=True)
 class Mission(Checked):
-    """Drive to ``destination`` [m], world frame.
-
-    With ``start`` only when the robot is there: whoever says it has put the robot there.
-    """
+    """Drive to ``destination`` [m], world frame; who tells ``start`` has put the robot there."""
 
     destination: Tuple[float, float] = field(metadata=number(-FAR_M, FAR_M))
     start: Optional[Tuple[float, float]] = field(default=None, metadata=number(-FAR_M, FAR_M))
@@ -171,20 +168,6 @@ class Ack(Message):
     robot_time_s: float = field(default=0.0, metadata=TIME_S)
 
     KIND: ClassVar[str] = "ack"
-
-
-STATES = ("DISARMED", "READY", "AUTO", "MANUAL", "HOLD", "FAULT")
-PHASES = ("driving", "arrived", "failed", "stopped")
-SOURCES = ("overhead", "sight", "wheels")
-LEVELS = ("ok", "warn", "bad")
-TEXT_LIMIT_BYTES = 160
-MAX_PATH_POINTS, MAX_ENTRIES = 96, 8
-BEND_WORTH_M = 0.4  # a radian of bend is drawn with as many points as this length of straight
-
-XY = Tuple[float, float]
-LABEL, TEXT, TITLE = text(24), text(TEXT_LIMIT_BYTES), text(64)
-PLACE_M, AGE_S, SIZE = number(-FAR_M, FAR_M), number(0.0, 1e6), number(-1e9, 1e9)
-WHEEL_MPS = number(-100.0, 100.0)  # no robot's wheel is faster
 
 
 @dataclass(frozen=True)
@@ -270,10 +253,7 @@ class Telemetry(Message):
 
 
 def thin_path(points_m: np.ndarray) -> Tuple[XY, ...]:
-    """Points (M, 2) [m] of a path, thinned to what telemetry carries, rounded to 1 mm.
-
-    Both ends stay; bends keep more points than straights.
-    """
+    """A path (M, 2) [m], thinned (in bends least) to what telemetry carries, rounded to 1 mm."""
     points = np.asarray(points_m, dtype=float)
     if len(points) > MAX_PATH_POINTS:
         steps = np.diff(points, axis=0)

@@ -16,9 +16,9 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Callable, Generic, List, Optional, Sequence, Type, TypeVar
 
-from robot.errors import ConfigError, ContractError
+from robot.errors import ConfigError, ContractError, expect_between
 from robot.link.keys import ADMITS, BOUND_BY, AllowList, Keys, load_keys
-from robot.link.messages import FrameMessage, PosesMessage, Telemetry
+from robot.link.messages import Command, FrameMessage, PosesMessage, Telemetry
 
 if TYPE_CHECKING:
     import zmq
@@ -47,8 +47,7 @@ class LinkConfig:
     base_port: int = 5570
 
     def __post_init__(self) -> None:
-        if not 1024 <= self.base_port <= 65535 - len(BOUND_BY):
-            raise ConfigError(f"base_port: expected 1024 to 65531, got {self.base_port}")
+        expect_between("base_port", self.base_port, 1024, 65535 - len(BOUND_BY))
 
     def open(self) -> Link:
         """The link of this program; ConfigError for keys that cannot be used."""
@@ -76,15 +75,15 @@ class Link:
         raise_limit()
         self.allow_list = AllowList(self._context, keys)
 
-    def bind(self, kind: int, stream: str, limit_bytes: int) -> zmq.Socket[bytes]:
-        """A socket of the ZeroMQ ``kind`` that waits for those whom a stream admits.
+    def bind(self, stream: str, limit_bytes: int) -> zmq.Socket[bytes]:
+        """A socket that waits for those whom a stream admits; commands are answered.
 
         ConfigError where our keys are not those of the machine that binds it, or the port is taken.
         """
         import zmq
 
         self._expect_role((BOUND_BY[stream],))
-        socket = self._socket(kind, limit_bytes)
+        socket = self._socket(zmq.ROUTER if stream == Command.KIND else zmq.PUB, limit_bytes)
         # Who connects asks for signs of life, and tells with them how long to wait for the next.
         # Who binds must not ask: libzmq 4.3.5 aborts when it wants to ask somebody who filled the
         # queue and hung up (libzmq #4841).
@@ -103,21 +102,21 @@ class Link:
             ) from error
         return socket
 
-    def connect(self, kind: int, stream: str, limit_bytes: int) -> zmq.Socket[bytes]:
-        """A socket of the ZeroMQ ``kind`` that speaks to the machine that binds a stream, alone.
+    def connect(self, stream: str, limit_bytes: int) -> zmq.Socket[bytes]:
+        """A socket that speaks to the machine that binds a stream, alone.
 
-        A SUB keeps the newest message only. ConfigError where the stream does not admit our keys,
-        or we do not know that machine's.
+        Of what is published it keeps the newest message only. ConfigError where the stream does not
+        admit our keys, or we do not know that machine's.
         """
         import zmq
 
         self._expect_role(ADMITS[stream])
-        socket = self._socket(kind, limit_bytes)
-        if kind == zmq.SUB:
+        socket = self._socket(zmq.DEALER if stream == Command.KIND else zmq.SUB, limit_bytes)
+        if stream == Command.KIND:
+            socket.immediate = True  # what is sent while nobody is connected is lost, not queued
+        else:
             socket.conflate = True
             socket.subscribe(b"")
-        else:
-            socket.immediate = True  # what is sent while nobody is connected is lost, not queued
         socket.curve_serverkey = self.keys.peer(BOUND_BY[stream])
         socket.connect(self._config.endpoint(stream))
         return socket
@@ -136,9 +135,8 @@ class Link:
 
     def close(self) -> None:
         """Close every socket, the allow-list's last."""
-        for socket in self._sockets:
+        for socket in (*self._sockets, self.allow_list.socket):
             socket.close()
-        self.allow_list.close()
         self._context.term()
 
     def __enter__(self) -> Link:
@@ -205,13 +203,10 @@ class Publisher(Generic[M]):
     """Publishes the stream of a class; ``send`` never blocks."""
 
     def __init__(self, link: Link, kind: Type[M], clock: Clock = time.monotonic) -> None:
-        import zmq
-
         self.session = new_session()
-        self._link = link
-        self._clock = clock
+        self._link, self._clock = link, clock
         self._sequence = 0
-        self._socket = link.bind(zmq.PUB, kind.KIND, kind.LIMIT_BYTES)
+        self._socket = link.bind(kind.KIND, kind.LIMIT_BYTES)
 
     def send(self, message: M) -> M:
         """Stamp the message with session, sequence and time, and publish it; as sent."""
@@ -225,22 +220,14 @@ class Publisher(Generic[M]):
 
 
 class Subscriber(Generic[M]):
-    """The newest message of the stream of a class.
-
-    ``refused`` counts what was no message of this class, ``last_refusal`` says what was wrong.
-    Order, age and plausibility are judged by ``freshness``.
-    """
+    """The newest message of the stream of a class; ``freshness`` judges order, age and place."""
 
     def __init__(self, link: Link, kind: Type[M], clock: Clock = time.monotonic) -> None:
-        import zmq
-
-        self.refused = 0
-        self.last_refusal = ""
-        self._link = link
-        self._clock = clock
+        self.refused, self.last_refusal = 0, ""
+        self._link, self._clock = link, clock
         self._alive_s = clock()  # last heard or connected
         self._kind: Type[M] = kind
-        self._socket = link.connect(zmq.SUB, kind.KIND, kind.LIMIT_BYTES)
+        self._socket = link.connect(kind.KIND, kind.LIMIT_BYTES)
 
     def receive(self) -> Optional[M]:
         """The newest message since the last call, or None; never blocks."""

@@ -25,6 +25,10 @@ from robot.typed_config import from_plain
 RECORD_LIMIT_BYTES = 1 << 28  # a damaged length must not ask for all memory
 
 PathLike = Union[str, Path]
+MARKS = "marks"  # the metadata record that holds pieces
+KINDS = ("good", "bad")
+LATE_S = 0.3  # an older picture is not what was seen then
+DRIVERS = {"AUTO": "policy", "MANUAL": "person"}  # by the robot's state
 
 
 class Entry(NamedTuple):
@@ -142,8 +146,7 @@ def _frame(entry: Entry) -> np.ndarray:
 def recover_folder(folder: PathLike) -> Iterator[Path]:
     """Make every unfinished recording of a folder whole; where each lies then.
 
-    Only for a folder that nobody else is recording into. OSError: the disk is full, or the folder
-    may not be written.
+    Only for a folder that nobody else is recording into. OSError: it cannot be written to.
     """
     for path in sorted(Path(folder).glob(f"*{UNFINISHED}")):
         whole = path.with_name(path.name[: -len(UNFINISHED)] + SUFFIX)
@@ -156,10 +159,7 @@ def recover_folder(folder: PathLike) -> Iterator[Path]:
 
 
 def recover(source: PathLike, target: PathLike) -> int:
-    """Write what can be read of ``source`` as a whole recording; the number of its messages.
-
-    ConfigError: the source is no recording. OSError: the disk is full.
-    """
+    """Write what can be read of ``source`` as a whole recording; the number of its messages."""
     return copy(source, target, lambda *_: True, {"recovered": {}})
 
 
@@ -172,7 +172,7 @@ def copy(
     """Write a recording again, or over itself; the number of its messages.
 
     ``keeps`` says of a message's topic and time since 1970 [s] whether it stays; ``notes`` take
-    the place of what has their names. Errors as of ``recover``.
+    the place of what has their names. OSError: the disk is full.
     """
     from mcap.writer import Writer
 
@@ -215,12 +215,6 @@ def _copy(source: Iterator[Any], writer: Any, keeps: Any, notes: Any) -> int:
                 *(record.media_type, record.data),
             )
     return count
-
-
-MARKS = "marks"  # the metadata record that holds pieces
-KINDS = ("good", "bad")
-LATE_S = 0.3  # an older picture is not what was seen then
-DRIVERS = {"AUTO": "policy", "MANUAL": "person"}  # by the robot's state
 
 
 class Piece(NamedTuple):

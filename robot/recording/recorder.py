@@ -1,8 +1,4 @@
-"""Records every drive, beside the control loop and never in its way.
-
-The loop hands over each turn without waiting; a thread compresses and writes. A queue that is full
-loses turns, which are counted and told; a disk that is full ends the recording, never the drive.
-"""
+"""Records every drive, beside the control loop and never in its way (docs/recording.md)."""
 
 from __future__ import annotations
 
@@ -21,15 +17,7 @@ from robot.computer.threads import Worker
 from robot.config import RecordingConfig
 from robot.link.messages import Reading
 from robot.parts import Tick
-from robot.recording.drive_file import (
-    END,
-    SUFFIX,
-    UNFINISHED,
-    DriveFile,
-    DriveLog,
-    Heard,
-    Subject,
-)
+from robot.recording.drive_file import END, SUFFIX, UNFINISHED, DriveFile, DriveLog, Heard, Subject
 from robot.recording.reader import recover_folder
 from robot.safety.state_machine import State
 

@@ -24,7 +24,6 @@ from robot.recording.topics import Turn
 
 # Of the greatest value: a hundred times what float32 networks of ours differ by between processors.
 TOLERANCE = 1e-3
-UNKNOWN = "an action that the policy does not have"
 
 
 class Difference(NamedTuple):
@@ -49,11 +48,7 @@ class Replayed:
 
 
 def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
-    """Decide every turn of a recording again.
-
-    ConfigError: no such file, or no MCAP. ContractError: no policy in it, or one that this
-    onnxruntime cannot load.
-    """
+    """Decide every turn of a recording again; errors as of ``read_turns``, ``recorded_policy``."""
     about = read_about(path)
     there, here = {name: about.get(name) for name in arithmetic()}, arithmetic()
     result = Replayed(exact=there == here and policy is None)
@@ -68,10 +63,7 @@ def replay(path: PathLike, policy: Optional[Policy] = None) -> Replayed:
 
 
 def recorded_policy(path: PathLike) -> Policy:
-    """The policy that drove, out of its recording, behind its translator if it had one.
-
-    ContractError: there is none, or one that this onnxruntime cannot load.
-    """
+    """The policy that drove, behind its translator if any; ContractError: none, or too new."""
     with tempfile.TemporaryDirectory() as folder:
         model, translator = Path(folder) / MODEL, Path(folder) / TRANSLATOR
         for file in (model, translator):
@@ -79,10 +71,8 @@ def recorded_policy(path: PathLike) -> Policy:
             if data is not None:
                 file.write_bytes(data)
         if not model.exists():
-            raise ContractError(
-                f"{path}: expected the policy in the recording, found none; is it a monitor's? "
-                "Else name its file with --model"
-            )
+            told = "found none; is it a monitor's? Else name its file with --model"
+            raise ContractError(f"{path}: expected the policy in the recording, {told}")
         return open_policy(model, translator if translator.exists() else None)
 
 
@@ -122,7 +112,7 @@ def _wheels(turn: Turn, contract: PolicyContract, max_wheel_mps: float) -> List[
     problems = []
     if turn.state == "AUTO" and turn.action is not None:
         name = _name(contract, turn.action)
-        if name == UNKNOWN or contract.wheels(turn.action) != drive.wanted:
+        if contract.actions[turn.action : turn.action + 1] != (drive.wanted,):
             problems.append(f"wheels {tuple(drive.wanted)} are not those of {name}")
     limited = drive.limited(max_wheel_mps)
     if turn.state in ("AUTO", "MANUAL") and tuple(limited) != turn.wheels:
@@ -134,4 +124,4 @@ def _name(contract: PolicyContract, action: Optional[int]) -> str:
     if action is None:
         return "no action"
     known = 0 <= action < len(contract.actions)
-    return action_name(contract.actions[action]) if known else UNKNOWN
+    return action_name(contract.actions[action]) if known else "an action that it does not have"

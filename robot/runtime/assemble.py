@@ -16,7 +16,7 @@ from robot.camera.source import (
     V4l2Stream,
     csi_command,
 )
-from robot.computer.clock import Clock, MonotonicClock
+from robot.computer.clock import MonotonicClock
 from robot.computer.health import Health
 from robot.config import CameraConfig, RobotConfig
 from robot.contract import FRAME_HEIGHT_PX, FRAME_WIDTH_PX, PolicyContract
@@ -71,18 +71,15 @@ def open_robot(
     policy = open_policy(config.model, config.translator)
     navigates, unproven = policy.contract.path_points > 0, policy.contract.unproven
     if navigates and not config.map:
-        raise ConfigError(
-            f"map: expected the map to navigate on, got none; {config.model} is a navigation policy"
-        )
+        raise ConfigError(f"map: expected the map to navigate on, as {config.model} does, got none")
     if config.rules.stop_lines and not navigates:
-        raise ConfigError(
-            f"rules: expected headway at most, {config.model} keeps its lane across all lines"
-        )
+        raise ConfigError(f"rules: expected headway at most, {config.model} knows no stop lines")
     with ExitStack() as stack:
         if motors is None:  # before anything that a robot which drives already would mind
             motors = motors_on(stack.enter_context(own_bus(config.hat)), config.hat)
         link = stack.enter_context(config.link.open()) if config.link else None
-        eye = stack.enter_context(camera or open_camera(config.camera, clock))
+        seen = camera or NewestFrame(lambda: open_stream(config.camera, CAPTURE_PX), clock.now)
+        eye = stack.enter_context(seen)
         wheels = stack.enter_context(motors)
         navigator: Optional[MissionNavigator] = None
         watch = None if navigates else open_watch(config, wheels, eye)
@@ -109,16 +106,8 @@ def open_robot(
         yield runtime
 
 
-def open_camera(config: CameraConfig, clock: Clock) -> ContextManager[Camera]:
-    """The configured camera, running inside its ``with`` block."""
-    return NewestFrame(lambda: open_stream(config, CAPTURE_PX), clock.now)
-
-
 def open_stream(config: CameraConfig, size_px: Tuple[int, int]) -> Stream:
-    """The configured camera's pictures, one after the other.
-
-    HardwareError where the device does not open.
-    """
+    """The configured camera's pictures, one after the other; HardwareError: it does not open."""
     if config.kind == "v4l2":
         return V4l2Stream(config.number, size_px, config.fps)
     if config.kind == "socket":
@@ -132,10 +121,7 @@ def open_navigator(
     motors: Motors,
     camera: Camera,
 ) -> MissionNavigator:
-    """Plans on the configured map, from overhead poses, the motors' steps, and sight if there is.
-
-    DuckpilotError: the map or the network of sight is wrong.
-    """
+    """Plans on the map, from overhead poses, steps and sight; DuckpilotError: one is wrong."""
     glimpse = Glimpse(OnnxSight(config.sight), camera.read) if config.sight else None
     road_map = load_map(config.map)
     view = LaneView(road_map)
@@ -146,10 +132,7 @@ def open_navigator(
 
 
 def open_watch(config: RobotConfig, motors: Motors, camera: Camera) -> Optional[LaneWatch]:
-    """Sees what is in the way of a robot that keeps its lane, where it shall keep a headway.
-
-    ConfigError where it has no sight, ContractError for one that is wrong.
-    """
+    """Sees what is in a lane keeper's way, for a headway; DuckpilotError: no sight, or wrong."""
     if not config.rules.headway:
         return None
     if not config.sight:
@@ -179,7 +162,7 @@ def open_reports(
         others.append(recorder.reading)
     if link is not None:
         others.append(link.allow_list.reading)
-    health = Health(time.monotonic, tuple(others))
+    health = Health(time.monotonic, others)
     about = Telemetry(
         config.name,
         State.DISARMED.value,

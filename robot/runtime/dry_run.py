@@ -1,7 +1,4 @@
-"""A runtime that drives nowhere: a camera that makes up pictures, motors that do nothing.
-
-So the loop itself is measured, on any computer, in a process of its own.
-"""
+"""A runtime that drives nowhere: the loop itself is measured, in a process of its own."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import errno
 import math
 import os
 import struct
-from typing import Callable, Dict, Optional
+from typing import Dict, Optional
 
 from robot.contract import Stick
 from robot.parts import Ask
@@ -28,18 +28,10 @@ ASKS = {1: Command.STOP, 3: Command.AUTO, 7: Command.ARM}  # B, Y, start
 
 
 class Gamepad:
-    """An ``Operator`` of the runtime. A pad that is gone counts as a silent person.
+    """An ``Operator`` of the runtime. A pad that is gone counts as a silent person."""
 
-    ``open_file`` and ``read`` are ``os.open`` and ``os.read``.
-    """
-
-    def __init__(
-        self,
-        path: str,
-        open_file: Callable[[str, int], int] = os.open,
-        read: Callable[[int, int], bytes] = os.read,
-    ) -> None:
-        self._path, self._open, self._read = path, open_file, read
+    def __init__(self, path: str) -> None:
+        self._path = path
         self._fd: Optional[int] = None
         self._axes: Dict[int, float] = {}
         self._held = self._drives = False
@@ -52,7 +44,8 @@ class Gamepad:
             self._take(kind, value, number, ask)
         if self._held:
             self._drives = True
-            ask(Command.MANUAL, self.stick.wheels)
+            steer, speed = (_beyond_rest(-self._axes.get(axis, 0.0)) for axis in (STEER, SPEED))
+            ask(Command.MANUAL, Stick(steer, speed).wheels)
         elif self._drives:
             self._drives = False
             ask(Command.MANUAL, STILL)
@@ -60,12 +53,6 @@ class Gamepad:
     def age_s(self) -> Optional[float]:
         """None while the pad is there: who holds it stands beside the robot."""
         return None if self._fd is not None else math.inf
-
-    @property
-    def stick(self) -> Stick:
-        """Where the left stick is."""
-        steer, speed = (-self._axes.get(axis, 0.0) for axis in (STEER, SPEED))
-        return Stick(_beyond_rest(steer), _beyond_rest(speed))
 
     def _take(self, kind: int, value: int, number: int, ask: Ask) -> None:
         if kind & ~AT_OPENING == AXIS:
@@ -79,8 +66,8 @@ class Gamepad:
     def _events(self) -> bytes:
         try:
             if self._fd is None:
-                self._fd = self._open(self._path, os.O_RDONLY | os.O_NONBLOCK)
-            return self._read(self._fd, MOST_EVENTS * EVENT.size)
+                self._fd = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
+            return os.read(self._fd, MOST_EVENTS * EVENT.size)
         except BlockingIOError:
             return b""
         except OSError as error:

@@ -20,15 +20,7 @@ from robot.errors import ContractError, HardwareError
 from robot.geometry import WheelSpeeds
 from robot.inference.policy import best_action, values_of
 from robot.inference.preprocess import check_frame
-from robot.parts import (
-    Guidance,
-    Motors,
-    Navigator,
-    Operator,
-    Policy,
-    Subscriber,
-    Tick,
-)
+from robot.parts import Guidance, Motors, Navigator, Operator, Policy, Subscriber, Tick
 from robot.runtime.timing import RateKeeper
 from robot.safety.gates import Inputs, Reason
 from robot.safety.governors import Cap, Road, Rule, govern
@@ -131,15 +123,11 @@ class Runtime:
             self._try(Reason.SUBSCRIBER, subscriber.on_tick, tick)
         return tick
 
-    def run(self, turns: Optional[int] = None, ending: Callable[[], bool] = lambda: False) -> None:
-        """Turn every ``CONTROL_DT_S`` until ``ending()``, or for a number of turns.
-
-        However it ends, the motors are released then; a robot without a fault is DISARMED.
-        """
+    def run(self, ending: Callable[[], bool]) -> None:
+        """Turn every ``CONTROL_DT_S`` until ``ending()``; however that comes, then disarm."""
         rate = RateKeeper(CONTROL_DT_S, self._clock)
-        last = math.inf if turns is None else self._number + turns
         try:
-            while self._number < last and not ending():
+            while not ending():
                 self.step(rate.wait())
         finally:
             self.ask(Command.DISARM)

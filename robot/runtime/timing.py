@@ -10,6 +10,10 @@ from robot.errors import HardwareError
 from robot.parts import Tick
 
 ROUNDING_S = 1e-6  # of sums of times
+PERIOD_S = 0.05  # a hanging loop is noticed so much later than its limit at most
+# Without a look for so many turns and so long the watchdog hangs. Turns, too: both may have been
+# paused.
+TURNS, SILENCE_S = 5, 0.5
 
 
 class RateKeeper:
@@ -31,12 +35,6 @@ class RateKeeper:
         lag_s = max(0.0, self._clock.now() - self._deadline_s)
         self._deadline_s += (1 + int(lag_s / self._period_s)) * self._period_s
         return lag_s
-
-
-PERIOD_S = 0.05  # a hanging loop is noticed so much later than its limit at most
-# Without a look for so many turns and so long the watchdog hangs. Turns, too: both may have been
-# paused.
-TURNS, SILENCE_S = 5, 0.5
 
 
 class Watchdog(Worker):

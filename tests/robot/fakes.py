@@ -19,6 +19,11 @@ from tests.robot.clocks import FakeClock
 from tests.robot.tiny_onnx import lane_contract
 
 
+def after(turns: int) -> Callable[[], bool]:
+    """Ends a runtime after so many turns."""
+    return iter([False] * turns + [True]).__next__
+
+
 class FakeCamera:
     """A new picture each time it is asked, unless ``broken`` gives something else."""
 

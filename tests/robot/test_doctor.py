@@ -117,7 +117,6 @@ def looks(**changes: object) -> Ail:
 
 
 AILMENTS: Dict[str, Tuple[Ail, str, str, str]] = {
-    "old Python": (sets(python=(3, 6)), "Python", FAIL, "python3.8"),
     "no smbus2": (sets(without=("smbus2",)), "packages", FAIL, "pip install smbus2"),
     "deadly onnxruntime": (
         sets(packages={"onnxruntime": "1.21.0"}),

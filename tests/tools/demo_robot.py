@@ -159,7 +159,7 @@ class DemoRobot:
         reporter = Reporter(
             Publisher(link, Telemetry).send,
             None,
-            *(about, LIMITS, navigator, Health(time.monotonic).readings),
+            *(about, LIMITS, navigator, Health(time.monotonic, ()).readings),
         )
         self.safety = Safety(clock.now, LIMITS)
         self.runtime = Runtime(

@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import zmq
 
 from robot.geometry import Pose, wrap_angle
 from robot.link.keys import Keys, load_keys
@@ -48,7 +47,7 @@ class StandIn:
         self._shared = shared
         let_sockets_wait()
         self._link = Link(keys or load_keys(config.keys), config)
-        self._socket = self._link.bind(zmq.PUB, PosesMessage.KIND, 2**21)
+        self._socket = self._link.bind(PosesMessage.KIND, 2**21)
         self._sessions = (secrets.token_hex(8), secrets.token_hex(8))
         self._sequence = 0
         self._waiting: deque[tuple[float, PosesMessage]] = deque()

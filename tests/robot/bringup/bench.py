@@ -16,7 +16,7 @@ from tests.robot.hat.rig import make_rig
 
 
 class BenchMotors:
-    """Virtual motors in lock-step, as a ``CountedMotors`` in a ``with`` block, and their clock.
+    """Virtual motors in lock-step, as a ``MotorThread`` in a ``with`` block, and their clock.
 
     Args:
         config: what the robot believes.

@@ -13,7 +13,6 @@ import pytest
 from robot.bringup import chessboard
 from robot.bringup.chessboard import (
     board_points_m,
-    check_mount_fit,
     find_board,
     fit_lens,
     fit_mount,
@@ -41,21 +40,20 @@ def test_pitch_and_height_are_found_again(name: str) -> None:
     mount, rng = MOUNTS[name], np.random.default_rng(len(name))
     corners = find_board(floor_picture(CameraRig(lens, mount), NEAR_M, rng))
     assert corners is not None
-    fit = fit_mount(corners, lens, NEAR_M)
-    check_mount_fit(fit, mount, lens.width_px)
-    assert fit.mount.pitch_rad == pytest.approx(mount.pitch_rad, abs=math.radians(0.2))
-    assert fit.mount.roll_rad == pytest.approx(mount.roll_rad, abs=math.radians(0.4))
-    assert fit.mount.height_m == pytest.approx(mount.height_m, abs=0.002)
-    assert fit.residual_px < 0.6
+    found, residual_px = fit_mount(corners, lens, NEAR_M, mount)
+    assert found.pitch_rad == pytest.approx(mount.pitch_rad, abs=math.radians(0.2))
+    assert found.roll_rad == pytest.approx(mount.roll_rad, abs=math.radians(0.4))
+    assert found.height_m == pytest.approx(mount.height_m, abs=0.002)
+    assert residual_px < 0.6
 
 
 def test_exact_corners_give_the_exact_mount_wherever_the_board_lies() -> None:
     mount = MOUNTS["tilted"]
     pixels = CameraRig(FISHEYE, mount).to_pixels(board_points_m(0.2))
-    fit = fit_mount(pixels, FISHEYE, 0.18)  # it lies 2 cm farther than told
-    assert fit.residual_px < 1e-6
+    found, residual_px = fit_mount(pixels, FISHEYE, 0.18, mount)  # it lies 2 cm farther than told
+    assert residual_px < 1e-6
     expected = replace(mount, forward_m=mount.forward_m - 0.02)
-    assert vars(fit.mount) == pytest.approx(vars(expected), abs=1e-7)
+    assert vars(found) == pytest.approx(vars(expected), abs=1e-7)
 
 
 WRONG: Dict[str, Tuple[Callable[[np.ndarray], np.ndarray], str]] = {
@@ -72,13 +70,13 @@ def test_what_cannot_be_is_refused_with_the_residual(wrong: str) -> None:
     change, message = WRONG[wrong]
     corners = change(CameraRig(FISHEYE, Mount()).to_pixels(board_points_m(NEAR_M)))
     with pytest.raises(ConfigError, match=message):
-        check_mount_fit(fit_mount(corners, FISHEYE, NEAR_M), Mount(), 640)
+        fit_mount(corners, FISHEYE, NEAR_M, Mount())
 
 
 def test_a_board_told_at_the_wrong_distance_is_noticed() -> None:
     pixels = CameraRig(FISHEYE, Mount()).to_pixels(board_points_m(0.30))
     with pytest.raises(ConfigError, match="the board lies 120 mm farther"):
-        check_mount_fit(fit_mount(pixels, FISHEYE, NEAR_M), Mount(), 640)
+        fit_mount(pixels, FISHEYE, NEAR_M, Mount())
 
 
 def test_the_command_writes_pitch_and_height_and_nothing_else(

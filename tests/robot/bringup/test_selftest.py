@@ -102,16 +102,19 @@ def test_wheels_on_the_floor_and_motors_that_fail_end_it() -> None:
         try_motors(HatConfig(), dead, Spectator(dead), dead)
 
 
-def test_a_person_at_the_terminal_is_asked_until_the_answer_is_one() -> None:
+def test_a_person_at_the_terminal_is_asked_until_the_answer_is_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     answers = iter(["", "maybe", " Yes ", "ten", "nan", "9,75"])
-    shown = []  # type: ignore[var-annotated]
-    person = Prompts(lambda prompt: next(answers), lambda line, flush: shown.append(line))
+    monkeypatch.setattr("builtins.input", lambda prompt: next(answers))
+    person = Prompts()
     assert person.agrees("Well?")
     assert person.number("How many?") == 9.75
-    assert len(shown) == 4
+    assert capsys.readouterr().out.count("\n") == 4
 
     def nobody(_prompt: str) -> str:
         raise EOFError
 
+    monkeypatch.setattr("builtins.input", nobody)
     with pytest.raises(ConfigError, match="a person who answers"):
-        Prompts(nobody).agrees("Anybody?")
+        person.agrees("Anybody?")

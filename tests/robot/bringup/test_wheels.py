@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robot.bringup.roller import Roller
 from robot.bringup.wheels import GUIDES, baseline_from_turns, trim_from_drive
-from robot.cli.calibrate import keep, measure_motion
+from robot.cli.calibrate import edit_yaml
 from robot.config import RobotConfig
 from robot.errors import ConfigError
 from robot.geometry import DifferentialDrive, Pose
@@ -24,7 +25,9 @@ def calibrated(what: str, hat: HatConfig, person: Spectator, path: Path) -> HatC
     """The motor settings after one guided measurement."""
     drive = f"drive: {{baseline_m: {hat.drive.baseline_m}, wheel_radius_m: 0.0325}}"
     path.write_text(f"model: m.onnx\nhat:\n  steps_per_rev: {hat.steps_per_rev}\n  {drive}\n")
-    keep(path, measure_motion(GUIDES[what], hat, person.motors, person, person.motors), person)
+    with person.motors as motors:
+        values = GUIDES[what](Roller(motors, hat, motors), person)
+    person.told += edit_yaml(path, values)
     return load_yaml(RobotConfig, path).hat
 
 
@@ -92,5 +95,5 @@ def test_a_figure_that_the_bus_cannot_carry_is_not_written(tmp_path: Path) -> No
     path = tmp_path / "robot.yaml"
     path.write_text("model: m.onnx\n")
     with pytest.raises(ConfigError, match="updates per second"):
-        keep(path, {("hat", "steps_per_rev"): 200.0}, Spectator(BenchMotors(HatConfig())))
+        edit_yaml(path, {("hat", "steps_per_rev"): 200.0})
     assert path.read_text() == "model: m.onnx\n"

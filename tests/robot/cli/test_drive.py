@@ -77,7 +77,7 @@ def test_a_hang_up_that_nohup_wants_ignored_stays_ignored() -> None:
     ended: List[bool] = []
     try:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        on_ending(lambda: ended.append(True))
+        on_ending(lambda *_: ended.append(True))
         os.kill(os.getpid(), signal.SIGHUP)
         assert ended == []
         os.kill(os.getpid(), signal.SIGTERM)

@@ -12,7 +12,7 @@ from typing import Callable, Iterator, List
 import numpy as np
 import pytest
 
-from robot.camera.source import Camera, Frame
+from robot.camera.source import Camera, Frame, NewestFrame
 from robot.computer.clock import MonotonicClock
 from robot.config import RobotConfig
 from robot.geometry import WheelSpeeds
@@ -20,7 +20,7 @@ from robot.hat.bus import FULL, Pca9685, channel_register, open_bus
 from robot.hat.driver import WAKE_S
 from robot.hat.thread import MotorThread, real_motors
 from robot.inference.preprocess import FRAME_SHAPE, check_frame
-from robot.runtime.assemble import open_camera
+from robot.runtime.assemble import CAPTURE_PX, open_stream
 
 SPEED_MPS = 0.1
 DRIVE_S = 1.0
@@ -113,7 +113,7 @@ def watch(camera: Camera, duration_s: float) -> List[Frame]:
 
 
 def test_the_camera_gives_new_pictures_in_time(robot: RobotConfig) -> None:
-    with open_camera(robot.camera, MonotonicClock()) as camera:
+    with NewestFrame(lambda: open_stream(robot.camera, CAPTURE_PX), time.monotonic) as camera:
         eventually(lambda: camera.read() is not None)
         looks = watch(camera, 2.0)
         assert time.monotonic() - looks[-1].time_s < 0.4

@@ -63,12 +63,12 @@ class FakeLink:
         self.opened: Set[Tuple[object, ...]] = set()
         self._monitors = monitors
 
-    def bind(self, kind: int, stream: str, limit_bytes: int) -> FakeSocket:
-        self.opened.add(("bind", kind, stream, limit_bytes))
+    def bind(self, stream: str, limit_bytes: int) -> FakeSocket:
+        self.opened.add(("bind", stream, limit_bytes))
         return self.socket
 
-    def connect(self, kind: int, stream: str, limit_bytes: int) -> FakeSocket:
-        self.opened.add(("connect", kind, stream, limit_bytes))
+    def connect(self, stream: str, limit_bytes: int) -> FakeSocket:
+        self.opened.add(("connect", stream, limit_bytes))
         return self.socket
 
     def may(self, name: str, stream: str) -> bool:

@@ -100,7 +100,7 @@ def test_the_same_command_twice_is_done_once_and_answered_twice(
     robot, monitor = configs["robot"], configs["monitor"]
     server = CommandServer(open_link(robot))
     body = Robot(server)
-    raw = open_link(monitor).connect(zmq.DEALER, "command", 4096)
+    raw = open_link(monitor).connect("command", 4096)
     command = Command("c1", "s1", "stop").to_bytes()
     answers: list[Ack] = []
 
@@ -121,7 +121,7 @@ def test_garbage_is_counted_and_does_not_stop_the_server(
     operator: Operator, configs: Configs, open_link: Open
 ) -> None:
     monitor = configs["monitor"]
-    raw = open_link(monitor).connect(zmq.DEALER, "command", 4096)
+    raw = open_link(monitor).connect("command", 4096)
     assert operator.robot is not None
     server = operator.robot.server
 

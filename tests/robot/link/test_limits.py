@@ -255,16 +255,18 @@ def test_the_options_of_every_socket(key_folders: Dict[str, Path]) -> None:
     keys = {name: load_keys(folder) for name, folder in key_folders.items()}
     config = LinkConfig("k", base_port=free_base_port())
     with Link(keys["robot"], config) as robot, Link(keys["monitor"], config) as monitor:
-        reports = robot.bind(zmq.PUB, "telemetry", 1000)
-        ear = robot.bind(zmq.ROUTER, "command", 1000)
+        reports = robot.bind("telemetry", 1000)
+        ear = robot.bind("command", 1000)
         bound = {**CONNECTED, "HEARTBEAT_IVL": 0, "MAXMSGSIZE": 1064, "RCVHWM": 16}
         for socket, domain in ((reports, b"telemetry"), (ear, b"command")):
             assert options(socket, *bound) == bound
             assert socket.getsockopt(zmq.CURVE_SERVER) == 1
             assert socket.getsockopt(zmq.ZAP_ENFORCE_DOMAIN) == 1
             assert socket.getsockopt(zmq.ZAP_DOMAIN).rstrip(b"\0") == domain
-        hears = monitor.connect(zmq.SUB, "telemetry", 1000)
-        hand = monitor.connect(zmq.DEALER, "command", 1000)
+        hears = monitor.connect("telemetry", 1000)
+        hand = monitor.connect("command", 1000)
+        kinds = [socket.type for socket in (reports, ear, hears, hand)]
+        assert kinds == [zmq.PUB, zmq.ROUTER, zmq.SUB, zmq.DEALER]
         connected = {**CONNECTED, "MAXMSGSIZE": 1064}
         for socket in (hears, hand):
             assert options(socket, *connected) == connected
@@ -284,7 +286,7 @@ def test_a_turn_admits_sixteen_who_knock(key_folders: Dict[str, Path]) -> None:
             door.admit()
             assert door.reading().value == answered
         knocks.close()
-        door.close()
+        door.socket.close()
 
 
 def test_the_helm_is_held_for_a_second_and_remembered_for_two() -> None:
@@ -315,7 +317,7 @@ def test_stop_and_disarm_free_the_helm(kind: str, frees: bool) -> None:
 def test_a_publisher_stamps_session_sequence_and_time() -> None:
     link, clock = FakeLink(), FakeClock(7.0)
     publisher = Publisher(link, PosesMessage, clock)  # type: ignore[arg-type]
-    assert link.opened == {("bind", zmq.PUB, "pose", 4096)}
+    assert link.opened == {("bind", "pose", 4096)}
     for number in (1, 2, 3):
         sent = publisher.send(poses())
         assert (sent.session, sent.sequence, sent.t_sent_s) == (publisher.session, number, 7.0)
@@ -328,7 +330,7 @@ def test_a_publisher_stamps_session_sequence_and_time() -> None:
 def test_a_subscriber_keeps_the_newest_and_connects_anew_after_two_seconds() -> None:
     link, clock = FakeLink(), FakeClock(7.0)
     listener = Subscriber(link, FrameMessage, clock)  # type: ignore[arg-type]
-    assert link.opened == {("connect", zmq.SUB, "frame", 65536)}
+    assert link.opened == {("connect", "frame", 65536)}
     for clock.now_s, times in ((9.0, 0), (9.01, 1), (11.0, 1), (11.02, 2)):
         assert listener.receive() is None
         assert len(link.reconnected) == times, clock.now_s

@@ -167,7 +167,7 @@ def spoilt(**changes: Any) -> bytes:
         (spoilt(schema=True), "expected schema 1, got True"),
         (spoilt(message="ack"), "expected message 'pose'"),
         (spoilt(xm=1.0), "did you mean 'x_m'"),
-        (spoilt(x_m=float("nan")), "finite"),
+        (spoilt(x_m=float("nan")), "got nan"),
         (spoilt(x_m=10**400), "too large"),
         (spoilt(x_m=2000.0), r"\[-1000, 1000\]"),
         (spoilt(y_m=True), "expected float"),

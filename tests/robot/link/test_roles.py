@@ -109,7 +109,7 @@ def test_only_a_monitor_commands(
     ear = Ear(configs["robot"], link)
     peers = {"robot": Peer("robot", load_keys(configs["robot"].keys).public)}
     thieving = posing(configs["monitor"], "monitor", configs[thief], peers)
-    socket = thieving.connect(zmq.DEALER, "command", 4096)
+    socket = thieving.connect("command", 4096)
     deadline_s = time.monotonic() + 1.0
     with caplog.at_level(logging.WARNING):
         while time.monotonic() < deadline_s:
@@ -148,7 +148,7 @@ def test_the_server_looks_at_each_message_even_behind_an_open_door(
     ear = Ear(configs["robot"], link)
     monkeypatch.setattr(keys.AllowList, "_verdict", _let_in)
     thieving = posing(configs["monitor"], "monitor", configs["localizer"])
-    socket = thieving.connect(zmq.DEALER, "command", 4096)
+    socket = thieving.connect("command", 4096)
 
     def refused() -> bool:
         with contextlib.suppress(zmq.Again):
@@ -262,7 +262,7 @@ def test_who_knocks_again_and_again_is_told_of_once_in_ten_seconds(
         door._verdict(request)
         assert caplog.text.count("a stranger at 10.0.0.9") == 2
         assert door.reading().value == 101
-        door.close()
+        door.socket.close()
 
 
 @pytest.mark.parametrize(
@@ -285,4 +285,4 @@ def test_whatever_is_asked_at_the_door_is_answered(
     with zmq.Context() as context:
         door = AllowList(context, load_keys(str(key_folders["robot"])))
         assert door._verdict(spoilt)[2] == b"400"
-        door.close()
+        door.socket.close()

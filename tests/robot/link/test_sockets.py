@@ -125,7 +125,7 @@ def test_a_publisher_that_dies_is_only_silent_and_its_successor_is_heard_within_
 def raw_publisher(config: LinkConfig, open_link: Open) -> Callable[[bytes], None]:
     """Sends any bytes with the localizer's own key."""
     link = open_link(config)
-    socket = link.bind(zmq.PUB, "pose", 10**6)
+    socket = link.bind("pose", 10**6)
 
     def send(data: bytes) -> None:
         link.allow_list.admit()

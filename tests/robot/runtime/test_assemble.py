@@ -7,6 +7,7 @@ import threading
 import time
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Optional
 
@@ -14,7 +15,6 @@ import numpy as np
 import pytest
 
 from robot.camera.source import Frame, NewestFrame
-from robot.computer.clock import MonotonicClock
 from robot.config import CameraConfig, RecordingConfig, RobotConfig
 from robot.contract import DRIVE
 from robot.errors import ConfigError, HardwareError
@@ -27,12 +27,12 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from robot.recording import topics
 from robot.recording.reader import entries
-from robot.runtime.assemble import open_camera, open_robot
+from robot.runtime.assemble import CAPTURE_PX, open_robot, open_stream
 from robot.runtime.loop import Runtime
 from robot.safety.gates import Reason, SafetyLimits
 from robot.safety.governors import Rules
 from robot.safety.state_machine import Command, State
-from tests.robot.fakes import FakeOperator, FakeSubscriber
+from tests.robot.fakes import FakeOperator, FakeSubscriber, after
 from tests.robot.navigation.test_navigator import GRAPH
 from tests.robot.tiny_onnx import lane_contract, navigation_contract, write_policy
 
@@ -193,9 +193,9 @@ def test_a_lane_policy_without_a_link_is_driven_from_the_terminal(tmp_path: Path
     parts = {"camera": nullcontext(DarkCamera()), "motors": nullcontext(motors)}
     config = RobotConfig(str(model), recording=RecordingConfig(str(tmp_path / "drives"), 0.0))
     with open_robot(config, (operator,), (heard,), **parts) as runtime:
-        runtime.run(turns=2)
+        runtime.run(after(2))
         operator.wishes = [(Command.ARM, None)]
-        runtime.run(turns=2)
+        runtime.run(after(2))
     assert len(heard.ticks) == 4
     assert heard.ticks[-1].inputs.link_age_s is None
     (path,) = (tmp_path / "drives").iterdir()
@@ -215,9 +215,9 @@ def test_a_lane_keeper_stands_for_what_its_pictures_show(tmp_path: Path) -> None
     config = RobotConfig(lane, sight=str(SIGHT), safety=PATIENT, rules=Rules(headway=True))
     with open_robot(config, (operator,), (heard,), **parts) as runtime:
         for word in (Command.ARM, Command.AUTO):
-            runtime.run(turns=3)
+            runtime.run(after(3))
             operator.wishes = [(word, None)]
-        runtime.run(turns=1)
+        runtime.run(after(1))
     tick = heard.ticks[-1]
     assert tick.guidance is not None
     assert (tick.guidance.path, tick.guidance.pose) == (None, None)
@@ -252,7 +252,7 @@ def test_a_robot_without_its_watchdog_does_not_drive(
         "motors": nullcontext(RollingMotors(Pose(0.0, 0.0, 0.0))),
     }
     with open_robot(RobotConfig(str(model)), **parts) as runtime:
-        runtime.run(turns=3)
+        runtime.run(after(3))
         assert runtime.safety.verdict.state is State.FAULT
         assert "watchdog thread: KeyError" in runtime.safety.verdict.sentence
 
@@ -269,6 +269,7 @@ def test_what_is_missing_is_said_before_anything_moves(tmp_path: Path) -> None:
 def test_each_kind_of_camera_opens_in_a_block(tmp_path: Path) -> None:
     sockets = {"path": str(tmp_path / "none")}
     for kind, more in (("csi", {}), ("v4l2", {}), ("socket", sockets)):
-        with open_camera(CameraConfig(kind, number=977, **more), MonotonicClock()) as camera:
+        config = CameraConfig(kind, number=977, **more)
+        with NewestFrame(partial(open_stream, config, CAPTURE_PX), time.monotonic) as camera:
             assert isinstance(camera, NewestFrame)
             assert camera.read() is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import struct
+from types import SimpleNamespace
 
 import pytest
 
@@ -56,9 +57,11 @@ class Device:
 class Person:
     """A gamepad in somebody's hands, on a bench."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.device, self.bench = Device(), Bench()
-        self.pad = Gamepad("/dev/input/js0", self.device.open, self.device.read)
+        system = {**vars(os), "open": self.device.open, "read": self.device.read}
+        monkeypatch.setattr("robot.runtime.gamepad.os", SimpleNamespace(**system))
+        self.pad = Gamepad("/dev/input/js0")
         self.turn()
 
     def turn(self, count: int = 1) -> None:
@@ -80,8 +83,8 @@ class Person:
 
 
 @pytest.fixture
-def person() -> Person:
-    return Person()
+def person(monkeypatch: pytest.MonkeyPatch) -> Person:
+    return Person(monkeypatch)
 
 
 def test_the_stick_drives_only_when_armed_and_held(person: Person) -> None:
@@ -160,10 +163,12 @@ def test_a_flood_of_events_takes_no_turn_longer(person: Person) -> None:
     assert not person.device.queue
 
 
-def test_another_error_of_the_device_is_told(person: Person) -> None:
+def test_another_error_of_the_device_is_told(
+    person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(fd: int, count: int) -> bytes:
         raise OSError(errno.EIO, "Input/output error")
 
-    person.pad._read = broken
+    monkeypatch.setattr("robot.runtime.gamepad.os.read", broken)
     with pytest.raises(OSError, match="Input/output"):
         person.turn()

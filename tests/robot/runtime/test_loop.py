@@ -34,6 +34,7 @@ from tests.robot.fakes import (
     FakeOperator,
     FakePolicy,
     FakeSubscriber,
+    after,
 )
 from tests.robot.tiny_onnx import lane_contract, navigation_contract
 
@@ -510,7 +511,7 @@ def test_the_real_watchdog_stops_a_hanging_loop() -> None:
 def test_running_keeps_time_and_ends_disarmed() -> None:
     bench = Bench()
     began_s = bench.clock.now_s
-    bench.runtime.run(turns=21)
+    bench.runtime.run(after(21))
     assert bench.clock.now_s - began_s == pytest.approx(20 * CONTROL_DT_S + bench.policy.takes_s)
     bench.drive()
     bench.runtime.run(ending=lambda: len(bench.heard.ticks) >= 40)
@@ -522,7 +523,7 @@ def test_an_interrupt_releases_the_motors() -> None:
     bench = Bench().drive()
     bench.camera.broken = raises(KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
-        bench.runtime.run()
+        bench.runtime.run(lambda: False)
     assert bench.state is State.DISARMED
     assert not bench.motors.energised
 
@@ -530,7 +531,7 @@ def test_an_interrupt_releases_the_motors() -> None:
 def test_the_lag_is_reported() -> None:
     bench = Bench()
     bench.policy.takes_s = 0.13
-    bench.runtime.run(turns=4)
+    bench.runtime.run(after(4))
     assert [tick.lag_s for tick in bench.heard.ticks] == pytest.approx([0.0, 0.03, 0.06, 0.09])
 
 

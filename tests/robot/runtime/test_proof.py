@@ -17,6 +17,7 @@ from robot.runtime.assemble import open_robot
 from robot.safety.gates import Inputs
 from robot.safety.state_machine import Command, Safety, State
 from tests.robot.clocks import FakeClock
+from tests.robot.fakes import after
 from tests.robot.runtime.test_assemble import DarkCamera, RollingMotors
 from tests.robot.tiny_onnx import lane_contract, write_policy
 
@@ -74,7 +75,7 @@ def test_the_robot_does_not_arm_with_an_unproven_policy(tmp_path: Path) -> None:
     }
     model = write_policy(tmp_path / "lane.onnx", taught(low=0.5))
     with open_robot(RobotConfig(str(model)), **parts) as runtime:
-        runtime.run(turns=3)
+        runtime.run(after(3))
         answer = runtime.safety.command(Command.ARM)
     assert not answer.accepted
     assert "taught from lane_coached, proven to 50% of drives, expected 80%" in answer.sentence
