@@ -25,9 +25,7 @@ USUAL_ADDRESSES = (0x6F, 0x60)  # as these boards are sold
 class I2cBus(Protocol):
     """One I2C bus with 7-bit addresses; every call is one transaction, START to STOP."""
 
-    @property
-    def name(self) -> str:
-        """What a person calls this bus, such as ``/dev/i2c-1``."""
+    name: str  # what a person calls it, such as ``/dev/i2c-1``
 
     def write(self, address: int, data: bytes) -> None:
         """Send all of ``data`` to ``address`` in one message."""
@@ -36,14 +34,12 @@ class I2cBus(Protocol):
         """Write the register's number, then read ``count`` bytes after a repeated START."""
 
 
-def bus_time_s(data_bytes: int, bus_hz: int) -> float:
-    """Time on the wire [s] of a write of ``data_bytes``: 9 bits per byte, address, START, STOP."""
-    return (9 * (data_bytes + 1) + 2) / bus_hz
+def bus_time_s(data_bytes: int, bus_hz: int, messages: int = 1) -> float:
+    """Time on the wire [s]: 9 bits per byte, an address and a START per message, and a STOP.
 
-
-def bus_read_time_s(data_bytes: int, bus_hz: int) -> float:
-    """The same of a read: address and register, repeated START, address and ``data_bytes``."""
-    return (9 * (data_bytes + 3) + 3) / bus_hz
+    A write is one message, a read two: the register's number, and what is read.
+    """
+    return (9 * (data_bytes + messages) + messages + 1) / bus_hz
 
 
 class SmbusBus:

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, NamedTuple, Tuple
+from typing import Dict, Literal, NamedTuple, Tuple
 
 from robot.contract import DRIVE
-from robot.errors import ConfigError, nearest
+from robot.errors import ConfigError
 from robot.geometry import DifferentialDrive
-from robot.hat.bus import USUAL_ADDRESSES, bus_read_time_s, bus_time_s
+from robot.hat.bus import USUAL_ADDRESSES, bus_time_s
 
 FULL_STEPS = 4  # of one electrical turn
 MICROSTEPS = (1, 2, 4, 8, 16)  # into which a full step may be cut
@@ -71,13 +71,11 @@ class MotorConfig:
     says: no two wheels are equal. ``python -m robot calibrate trim`` finds it.
     """
 
-    port: str
+    port: Literal["M1M2", "M3M4"]
     reversed: bool = False
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.port not in PORTS:
-            raise ConfigError(f"motor port: unknown {self.port!r}; {nearest(self.port, PORTS)}")
         if not 1.0 / GAIN_MAX <= self.gain <= GAIN_MAX:
             raise ConfigError(
                 f"motor gain: expected {1.0 / GAIN_MAX:.2f} to {GAIN_MAX:.2f}, got {self.gain:g}; "
@@ -145,7 +143,7 @@ class HatConfig:
         rate_hz = self.max_speed_mps / min(self.wheel_steps_m)
         step_s = bus_time_s(41, self.bus_hz)  # of both motors; see ``StepperHat``
         if self.microsteps > 2:
-            step_s = bus_time_s(49, self.bus_hz) + bus_read_time_s(4, self.bus_hz)
+            step_s = bus_time_s(49, self.bus_hz) + bus_time_s(1 + 4, self.bus_hz, 2)
         carries_hz = BUS_SHARE_MAX / step_s
         if rate_hz > carries_hz:
             raise ConfigError(

@@ -14,7 +14,6 @@ from robot.hat import bus as module
 from robot.hat.bus import (
     Pca9685,
     SmbusBus,
-    bus_read_time_s,
     bus_time_s,
     channel_bytes,
     channel_register,
@@ -97,8 +96,8 @@ def test_times_on_the_wire() -> None:
     """Nine bits a byte; an address before all, and a second one before what is read."""
     assert bus_time_s(1, 1) == 9 * 2 + 2
     assert bus_time_s(10, 400_000) == pytest.approx((9 * 11 + 2) / 400_000)
-    assert bus_read_time_s(1, 1) == 9 * 4 + 3
-    assert bus_read_time_s(4, 100_000) == pytest.approx((9 * 7 + 3) / 100_000)
+    assert bus_time_s(2, 1, 2) == 9 * 4 + 3
+    assert bus_time_s(5, 100_000, 2) == pytest.approx((9 * 7 + 3) / 100_000)
 
 
 def test_a_number_is_a_device_and_a_path_is_a_socket(monkeypatch: pytest.MonkeyPatch) -> None:
