@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -50,12 +50,10 @@ class Path:
     length_m: float
 
     @classmethod
-    def from_beziers(
-        cls, curves: Sequence[np.ndarray], spacing_m: float = SPACING_M, closed: bool = False
-    ) -> Path:
+    def from_beziers(cls, curves: Sequence[np.ndarray], closed: bool = False) -> Path:
         """A path along cubic Beziers, each (4, 2) [m], that follow one another.
 
-        The points lie on the curves, at most about ``spacing_m`` apart. PlanError without curves,
+        The points lie on the curves, at most about `SPACING_M` apart. PlanError without curves,
         or with a gap of more than `MAX_GAP_M` between two of them.
         """
         if not len(curves):
@@ -73,7 +71,7 @@ class Path:
         chords = np.hypot(*np.moveaxis(np.diff(dense, axis=1), -1, 0)).ravel()
         arc = np.concatenate(([0.0], np.cumsum(chords)))
         length_m = float(arc[-1])
-        segments = max(int(np.ceil(length_m / spacing_m - 1e-6)), 3 if closed else 1)
+        segments = max(int(np.ceil(length_m / SPACING_M - 1e-6)), 3 if closed else 1)
         arc_m = np.arange(segments if closed else segments + 1) * (length_m / segments)
         along = np.interp(arc_m, arc, np.arange(len(arc)) / _SAMPLES)
         curve_of = np.minimum(along.astype(int), len(control) - 1)
@@ -275,12 +273,12 @@ def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
             f"{road_map.name}: expected a closed ring of road, but every lane leads off the road; "
             "use a ring such as the shipped map loop"
         )
-    paths = [
-        Path.from_beziers([lane.control_points_m for lane in loop], closed=True) for loop in loops
-    ]
-    longest = max(range(len(loops)), key=lambda i: paths[i].length_m)
-    ring = _tiles(loops[longest])
-    both = [path for path, loop in zip(paths, loops) if _tiles(loop) == ring]
+    rings: Dict[FrozenSet[Tuple[int, int]], List[Path]] = {}  # both lanes, by their tiles
+    for loop in loops:
+        tiles = frozenset((lane.tile_row, lane.tile_column) for lane in loop)
+        path = Path.from_beziers([lane.control_points_m for lane in loop], closed=True)
+        rings.setdefault(tiles, []).append(path)
+    both = max(rings.values(), key=lambda paths: max(path.length_m for path in paths))
     return (max if outer else min)(both, key=lambda path: path.length_m)
 
 
@@ -297,10 +295,6 @@ def _loops(lanes: Sequence[Lane], tile_size_m: float) -> List[List[Lane]]:
         if place == start:
             loops.append(chain)
     return loops
-
-
-def _tiles(loop: Sequence[Lane]) -> FrozenSet[Tuple[int, int]]:
-    return frozenset((lane.tile_row, lane.tile_column) for lane in loop)
 
 
 POINT_SPACING_M = 0.04  # along the path; ten of them reach a little farther than one tile's corner

@@ -166,7 +166,6 @@ class LaneIndex:
     """Finds the nearest point of every one of L lanes at once, exact to less than 0.1 mm."""
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
-        self.lanes = tuple(lanes)
         self._control = np.array([lane.control_points_m for lane in lanes]).reshape(-1, 4, 2)
         t = np.linspace(0.0, 1.0, _CHORDS + 1)
         points = np.array([bezier_points(control, t) for control in self._control])
@@ -181,7 +180,7 @@ class LaneIndex:
         along = np.clip((delta * self._chords).sum(-1) * self._inverse_squares, 0.0, 1.0)
         squares = ((delta - along[..., None] * self._chords) ** 2).sum(-1)
         chord = squares.argmin(axis=1)
-        rows = np.arange(len(self.lanes))
+        rows = np.arange(len(self._control))
         t = (chord + along[rows, chord]) / _CHORDS
         point, tangent = bezier_points(self._control, t), bezier_tangents(self._control, t)
         delta = position - point
