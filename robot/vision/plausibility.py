@@ -98,7 +98,7 @@ class PictureDoubts:
 
     def __init__(self, road: Optional[RoadFit] = None) -> None:
         self._road = road
-        self._verdict = None if road is None else Verdict(road.readings)
+        self._verdict = Verdict(road.readings if road else ())
         self._wrong = ""
         self._sequence: Optional[int] = None
         self._structure: Optional[np.ndarray] = None  # of the newest frame
@@ -129,12 +129,11 @@ class PictureDoubts:
                 self._judge(frame, pose)
         if wheels == STILL:  # it may see a picture that stands, and may be carried elsewhere
             self._moved, self._moved_s, self._wrong = None, now_s, ""
-            if self._verdict is not None:
-                self._verdict.forget()
+            self._verdict.forget()
         return Sight(now_s - self._seen_s, now_s - self._moved_s, self._wrong)
 
     def _judge(self, frame: Frame, pose: Optional[Pose]) -> None:
-        if self._road is None or self._verdict is None or washed_out(frame.image):
+        if self._road is None or washed_out(frame.image):
             return
         fits = self._road.fits(frame.image, pose)
         if fits is not None:
