@@ -66,8 +66,7 @@ def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
 
     ConfigError: the link's keys are absent, or the configuration does not fit.
     """
-    link = config.open()
-    stack.callback(link.close)
+    link = stack.enter_context(config.open())
     channel = Publisher(link, PosesMessage)
 
     def publish(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:

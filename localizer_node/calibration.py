@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Dict, Tuple
+from typing import Dict, Literal, Tuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from robot.lens import CameraRig, Hanging, Lens
 from robot.output import write_text
 from robot.typed_config import to_plain
 
-KINDS = ("two_colour", "tag", "plain")
+Kind = Literal["two_colour", "tag", "plain"]
 Point = Tuple[float, float]
 
 
@@ -74,14 +74,12 @@ class Marker:
     """
 
     robot: str = "robot"
-    kind: str = "two_colour"
+    kind: Kind = "two_colour"
     front: str = "green"
     tag: int = 0
     board: Board = Board()
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ConfigError(f"marker kind: unknown {self.kind!r}; {nearest(self.kind, KINDS)}")
         board = self.board
         if self.kind == "two_colour" and not 0.0 < board.front_m < board.length_m:
             raise ConfigError(f"board: expected 0 < front_m < length_m, got {board}")

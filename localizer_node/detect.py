@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
+import cv2
 import numpy as np
 
-from localizer_node.calibration import KINDS, Calibration, Marker, map_outline
+from localizer_node.calibration import Calibration, Marker, map_outline
 from localizer_node.colour import Blob, blobs, mask_of, to_hsv
 
 
@@ -26,8 +27,6 @@ class Tag(NamedTuple):
 
 @lru_cache(maxsize=None)
 def _detector() -> Any:
-    import cv2
-
     parameters = cv2.aruco.DetectorParameters()
     # Corners lie where lines fitted to the black square's sides meet. On drawn tags of 18 to 28 px,
     # enlarged three times, this came within 0.1 mm and 0.15 degrees RMS at 0.8 ms; the other
@@ -42,8 +41,6 @@ def _detector() -> Any:
 
 def read_tags(image: np.ndarray, zoom: int = 1) -> List[Tag]:
     """The tags in an RGB picture (H, W, 3); small ones are read better enlarged."""
-    import cv2
-
     grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     if zoom > 1:
         grey = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
@@ -56,8 +53,6 @@ def read_tags(image: np.ndarray, zoom: int = 1) -> List[Tag]:
 
 def draw_tag(number: int, cell_px: int = 8) -> np.ndarray:
     """The printable tag: (10, 10) cells of ``cell_px`` with its white margin, RGB uint8."""
-    import cv2
-
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     black = cv2.aruco.generateImageMarker(dictionary, number, 8 * cell_px, borderBits=1)
     framed = np.pad(black, cell_px, constant_values=255)
@@ -128,7 +123,8 @@ class Detector:
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         robots = calibration.robots
-        self._of = {kind: [m for m in robots if m.kind == kind] for kind in KINDS}
+        kinds = ("plain", "two_colour", "tag")
+        self._of = {kind: [m for m in robots if m.kind == kind] for kind in kinds}
         self._board_height_m = float(np.mean([m.board.height_m for m in robots] or [0.0]))
         self._roi = np.array(calibration.roi_px, dtype=np.float32)
         # Least and greatest scale on the map [px/m], at the boards' height.
@@ -230,13 +226,10 @@ class Detector:
         return _placed(marker, corners.mean(axis=0), heading, fit, pixels.mean(axis=0))
 
     def _inside(self, detection: Detection) -> bool:
-        import cv2
-
-        if not self.calibration.on_map(np.array((detection.x_m, detection.y_m)), MAP_MARGIN_M):
+        place, pixel = (detection.x_m, detection.y_m), (detection.u_px, detection.v_px)
+        if not self.calibration.on_map(np.array(place), MAP_MARGIN_M):
             return False
-        if not len(self._roi):
-            return True
-        return cv2.pointPolygonTest(self._roi, (detection.u_px, detection.v_px), False) >= 0
+        return not len(self._roi) or cv2.pointPolygonTest(self._roi, pixel, False) >= 0
 
 
 def _front_fit(marker: Marker, rear: Part, front: Part) -> float:
@@ -269,8 +262,6 @@ def annotated(
     image: np.ndarray, calibration: Calibration, detections: Iterable[Detection]
 ) -> np.ndarray:
     """A copy of the raw RGB picture with the map's edge and each robot's place and heading."""
-    import cv2
-
     picture = image.copy()
     edge = np.round(calibration.to_pixels(map_outline(calibration.map_size_m))).astype(np.int32)
     cv2.polylines(picture, [edge.reshape(-1, 1, 2)], True, OUTLINE_RGB, 1, cv2.LINE_AA)
@@ -281,8 +272,6 @@ def annotated(
 
 
 def _draw(picture: np.ndarray, calibration: Calibration, found: Detection, height_m: float) -> None:
-    import cv2
-
     start = (round(found.u_px), round(found.v_px))
     cv2.circle(picture, start, 4, FOUND_RGB, 2, cv2.LINE_AA)
     if found.heading_rad is not None:
