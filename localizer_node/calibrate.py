@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
 
+import cv2
 import numpy as np
 
 from localizer_node.calibration import (
@@ -165,8 +166,6 @@ def _parallax_sigma_mm(fit: CameraFit, map_size_m: Tuple[float, float], tallest_
 
 def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float], ...]:
     """The picture of the map and ``ROI_MARGIN_M`` around it, on the floor and at board height."""
-    import cv2
-
     outline = map_outline(calibration.map_size_m)
     middle = np.array(calibration.map_size_m) / 2.0
     outline = middle + (outline - middle) * (1.0 + ROI_MARGIN_M / middle)

@@ -235,12 +235,6 @@ class StepPlanner:
         for wheel, count in zip(self._wheels, self.counts):
             wheel.stand(time_s, count)
 
-    def speeds(self, time_s: float) -> WheelSpeeds:
-        """The speeds that the ramps have reached [m/s]."""
-        steps_m = self._config.wheel_steps_m
-        left, right = (w.at(time_s)[1] * step_m for w, step_m in zip(self._wheels, steps_m))
-        return WheelSpeeds(left, right)
-
     def advance(self, time_s: float) -> Steps:
         """The steps due at ``time_s``, at most one per wheel; ask again until none is due."""
         due = [self._step_due(*each, time_s) for each in zip(self._wheels, self.counts)]

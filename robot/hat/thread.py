@@ -117,7 +117,7 @@ class MotorThread(Worker):
     @property
     def healthy(self) -> bool:
         """Whether the thread runs and no fault came up."""
-        return self.alive and not self._driver.failed
+        return self.alive and self._driver.fault is None
 
     def on_tick(self, tick: object) -> None:  # noqa: ARG002  every turn counts
         """HardwareError when the thread has died or hangs; then the coils are off."""

@@ -99,11 +99,9 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
     )
 
 
-def washed_out(frame: np.ndarray) -> bool:
-    """Whether most of the floor in a frame (H, W, 3) is mere white: too bright to show a road."""
-    import cv2
-
-    floor = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)[ROWS // 2 :]
+def washed_out(picture: np.ndarray) -> bool:
+    """Whether most of the floor, in the lower half (H, W, 3), is white: too bright for a road."""
+    floor = picture[len(picture) // 2 :]
     return float((floor.min(axis=-1) >= WHITE_LEVEL).mean()) > 0.5
 
 
@@ -142,18 +140,20 @@ class RoadFit:
     def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
         """How well each reading fits a frame (pitches, readings): the best of the poses around.
 
-        None where a map's paint needs a pose, and the robot knows none.
+        None where a map's paint needs a pose, and the robot knows none, or of a washed-out floor.
         """
         import cv2
 
+        small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
+        if washed_out(small):
+            return None
         if self._paint is None:
             bright, yellow = self._lane
         elif pose is not None:
             bright, yellow = _lines(self._paint.at(*self._on_map(pose)), self._near)
         else:
             return None
-        small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA).astype(np.float32)
-        red, green, blue = small[..., 0], small[..., 1], small[..., 2]
+        red, green, blue = np.moveaxis(small.astype(np.float32), -1, 0)
         planes = np.stack(((red + green + blue) / 3.0, (red + green) / 2.0 - blue), axis=-1)
         planes -= cv2.blur(planes, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
         picture = planes.reshape(-1, 2)  # what stands out in brightness and in yellow

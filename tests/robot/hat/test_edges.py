@@ -21,6 +21,7 @@ from robot.hat.bus import (
 )
 from robot.hat.config import HatConfig, MotorConfig
 from sim_pybullet.virtual.clock import VirtualClock
+from tests.robot.hat.rig import full_step_m
 
 SLOW = HatConfig(max_speed_mps=0.1)
 EDGES: List[Tuple[str, Any, Any]] = [
@@ -87,8 +88,8 @@ def test_stepping_takes_four_fifths_of_the_bus(
 def test_how_far_a_wheel_rolls_in_a_step() -> None:
     config = HatConfig(left=MotorConfig("M1M2", gain=1.02), right=MotorConfig("M3M4", True, 0.97))
     around_m = 2.0 * math.pi * config.drive.wheel_radius_m
-    assert config.full_step_m == pytest.approx(around_m / config.steps_per_rev)
-    assert config.step_m == pytest.approx(config.full_step_m / config.microsteps)
+    assert full_step_m(config) == pytest.approx(around_m / config.steps_per_rev)
+    assert config.step_m == pytest.approx(full_step_m(config) / config.microsteps)
     assert config.wheel_steps_m == pytest.approx((1.02 * config.step_m, 0.97 * config.step_m))
 
 
