@@ -18,13 +18,8 @@ class Blob(NamedTuple):
     area_px: float  # of the filled outline
 
 
-def to_hsv(image: np.ndarray) -> np.ndarray:
-    """RGB (H, W, 3) uint8 -> OpenCV's HSV, hue in 0..179 (half degrees)."""
-    return cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2HSV)
-
-
 def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
-    """255 where an HSV picture (H, W, 3) has this colour, (H, W) uint8."""
+    """255 where OpenCV's HSV (H, W, 3), hue in half degrees, has this colour, (H, W) uint8."""
     low, high = colour.hue_min_deg / 2.0, colour.hue_max_deg / 2.0
     floor = (colour.saturation_min * 255.0, colour.value_min * 255.0)
     if low <= high:

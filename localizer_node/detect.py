@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from localizer_node.calibration import Calibration, Marker, map_outline
-from localizer_node.colour import Blob, blobs, mask_of, to_hsv
+from localizer_node.colour import Blob, blobs, mask_of
 
 
 class Tag(NamedTuple):
@@ -142,7 +142,7 @@ class Detector:
             return ()
         u0, v0, u1, v1 = self.calibration.roi_rect()
         crop, corner_px = image[v0:v1, u0:u1], np.array((u0, v0))
-        hsv = to_hsv(crop)
+        hsv = cv2.cvtColor(np.ascontiguousarray(crop), cv2.COLOR_RGB2HSV)
 
         def parts(colour: str, areas_m2: Iterable[float]) -> List[Part]:
             mask = mask_of(hsv, self.calibration.colour(colour))

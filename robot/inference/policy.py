@@ -42,8 +42,8 @@ class OnnxPolicy(Network[PolicyContract]):
 
     Another vehicle's have other ``actions``: its table, which the policy must have. Without, this
     robot's wheels must be able to do each.
-    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-    metadata, or its actions, inputs, outputs or values are not those of the contract.
+    ContractError: as of `Network`, or its actions, inputs, outputs or values are not those of the
+    contract.
     """
 
     def __init__(self, path: Union[str, Path], actions: Optional[ActionTable] = None) -> None:
@@ -212,11 +212,7 @@ class TranslatorContract(InFile):
 
 
 class OnnxTranslator(Network[TranslatorContract]):
-    """A translator from an ONNX file, whose metadata holds a ``TranslatorContract``.
-
-    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-    metadata, or its input or output are not those of the contract.
-    """
+    """A translator from an ONNX file; ContractError as of `Network`, or it takes other pictures."""
 
     def __init__(self, path: Union[str, Path]) -> None:
         super().__init__(path, TranslatorContract, TRANSLATOR_REMEDY)

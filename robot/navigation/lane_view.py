@@ -43,11 +43,7 @@ class LaneAhead(NamedTuple):
 
 
 class LaneView:
-    """The road before any pose on one map.
-
-    Raises:
-        MapError: the map has no road but junctions.
-    """
+    """The road before any pose on one map."""
 
     def __init__(self, road_map: RoadMap) -> None:
         self.road_map = road_map

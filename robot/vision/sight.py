@@ -57,11 +57,7 @@ class SightContract(InFile):
 
 
 class OnnxSight(Network[SightContract]):
-    """The network from its ONNX file.
-
-    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-    metadata, or sees something else.
-    """
+    """The network from its ONNX file; ContractError as of `Network`, or it sees something else."""
 
     def __init__(self, path: Union[str, Path]) -> None:
         super().__init__(path, SightContract, REMEDY)
