@@ -79,10 +79,7 @@ def corner_points(
 
 
 def guess_lens(model: str, width_px: int, height_px: int) -> Lens:
-    """A lens of this model that sees 100 degrees across, for ``calibrate`` to improve.
-
-    ConfigError: no such model, with the nearest one.
-    """
+    """A lens of this model, 100 degrees across, to be improved; ConfigError: no such model."""
     half = math.radians(50.0)
     focal = (width_px / 2.0) / (half if model == "fisheye" else math.tan(half))
     count = {"fisheye": 4, "plumb_bob": 5}.get(model, 0)
@@ -198,10 +195,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def make(arguments: argparse.Namespace) -> None:
-    """Calibrate, write the file, and say how good it is.
-
-    ConfigError: whatever is wrong with points, lens, colours or result.
-    """
+    """Calibrate, write the file, and say how good it is; ConfigError for whatever is wrong."""
     named = (arguments.points, arguments.robots, arguments.lens, arguments.map)
     inputs = [arguments.image, *(Path(name) for name in named if name)]
     expect_writable(arguments.out, arguments.picture, inputs=inputs)

@@ -154,10 +154,7 @@ class Calibration:
         return CameraRig(self.lens, self.hanging)
 
     def to_floor(self, pixels: np.ndarray, height_m: float = 0.0) -> np.ndarray:
-        """Where (..., 2) [m] stands what is seen at pixels (..., 2), ``height_m`` above the floor.
-
-        NaN where the pixel shows no floor.
-        """
+        """Places (..., 2) [m] of pixels (..., 2), ``height_m`` above the floor; NaN shows none."""
         return self.camera.to_floor(pixels, height_m)
 
     def to_pixels(self, points_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:

@@ -49,10 +49,7 @@ def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]
 
 
 class Localizer:
-    """Follows the robots from picture to picture.
-
-    A picture that repeats the last one says nothing of where the robots are now: it has no poses.
-    """
+    """Follows the robots from picture to picture; one that repeats the last tells no poses."""
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration

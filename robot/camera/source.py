@@ -103,10 +103,7 @@ class NewestFrame(Worker):
         self._frame: Optional[Frame] = None
 
     def read(self) -> Optional[Frame]:
-        """The newest frame, at once; None before the first.
-
-        HardwareError: the thread itself has died.
-        """
+        """The newest frame; None before the first. HardwareError: the thread itself has died."""
         self.check()
         return self._frame
 

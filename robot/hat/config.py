@@ -78,10 +78,7 @@ class MotorConfig:
 
 @dataclass(frozen=True)
 class HatConfig:
-    """All the settings of the motor side. Speeds are of the wheel's rim over the floor.
-
-    ConfigError for a value out of range, or a combination that the bus cannot carry.
-    """
+    """All settings of the motor side; speeds are of the wheels' rims. ConfigError: out of range."""
 
     bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano
     socket: str = ""  # of a virtual bus (python -m tools.loop), instead of /dev/i2c-<bus>

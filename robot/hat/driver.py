@@ -106,10 +106,7 @@ class MotorDriver:
         self.planner.brake(now_s)
 
     def release(self) -> None:
-        """Switch every output off, so that the wheels turn freely; a rolling robot brakes first.
-
-        ``pump`` switches them off ``HELD_S`` later then.
-        """
+        """Every output off, so that the wheels turn freely; who rolls brakes for `HELD_S` first."""
         self._refuse_after_fault()
         now_s = self._clock.now()
         self._rest_after_a_pause(now_s)

@@ -26,10 +26,7 @@ from robot.hat.stepping import Steps
 
 @contextmanager
 def own_bus(config: HatConfig) -> Iterator[Union[SmbusBus, SocketBus]]:
-    """The configured I2C bus, for nobody else meanwhile.
-
-    HardwareError where this user has none, or another program drives it.
-    """
+    """The configured I2C bus, ours alone; HardwareError where there is none, or it is another's."""
     with ExitStack() as stack:
         bus = open_bus(config.socket or config.bus)
         stack.callback(bus.close)

@@ -195,10 +195,7 @@ Translator = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class TranslatorContract(InFile):
-    """Of every translator.
-
-    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same.
-    """
+    """ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same."""
 
     method: str  # cyclegan, pix2pix, segnet
     direction: Direction
@@ -224,10 +221,7 @@ class OnnxTranslator(Network[TranslatorContract]):
         return self.contract.image
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array.
-
-        ContractError: pictures of another size or kind.
-        """
+        """(N, H, W, 3) uint8 RGB -> the same, in a fresh array; ContractError: other pictures."""
         return self.answer(pictures) if len(pictures) else pictures.copy()
 
 

@@ -96,10 +96,7 @@ class MapObject:
 
 
 def objects_of(road_map: RoadMap) -> Tuple[MapObject, ...]:
-    """The objects of a map, whose file lists them, names them one by one, or has none.
-
-    MapError names the object and what its entry should say.
-    """
+    """The objects of a map; MapError names the object and what its entry should say."""
     entries, where = road_map.objects, f"{road_map.name}: objects"
     if entries is None:
         return ()

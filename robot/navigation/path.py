@@ -38,10 +38,7 @@ class PathPosition(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Points (M, 2) and headings (M,) at arc lengths (M,) [m]; a closed path returns to the first.
-
-    It is a `PathBatch` of one, which is for many robots at once.
-    """
+    """Points (M, 2), headings (M,) at arc lengths (M,) [m]; a closed path returns to its first."""
 
     points_m: np.ndarray
     headings_rad: np.ndarray
@@ -318,9 +315,6 @@ def path_inputs(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.nd
 
 
 def path_input(path: Path, pose: Pose, hint: Optional[int] = None) -> np.ndarray:
-    """The path input of one robot, (PATH_POINTS,) float32; see `path_inputs`.
-
-    ``hint`` is the ``index`` of the last `Path.project`; without it the whole path is searched.
-    """
+    """The path input of one robot, (PATH_POINTS,) float32; ``hint`` as of `Path.project`."""
     arc_m = path.project(pose.x_m, pose.y_m, hint).arc_m
     return path_inputs(path.batch, np.array([pose]), np.array([arc_m]))[0]

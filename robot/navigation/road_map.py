@@ -73,10 +73,7 @@ class Tile:
 
 
 def parse_tile(text: object, row: int, column: int, where: str = "") -> Tile:
-    """Read ``kind/ORIENTATION``; no "/" means east, and a bare name with a 4 means 4way/E.
-
-    MapError names row, column and the valid kinds or orientations.
-    """
+    """Read ``kind/ORIENTATION``; no "/" means east, a bare name with a 4 4way/E. MapError: else."""
     place = f"{where}: row {row}, column {column}" if where else f"row {row}, column {column}"
     if not isinstance(text, str):
         raise MapError(f"{place}: expected a tile such as straight/E, got {text!r}")
@@ -199,11 +196,7 @@ _KEYS = ("tiles", "tile_size", "objects", "start_tile", "start_pose", "version")
 
 @dataclass(frozen=True)
 class RoadMap:
-    """A grid of tiles.
-
-    ``objects`` is what the file says of things on and beside the road, as it stands there; see
-    `robot.navigation.map_objects`.
-    """
+    """A grid of tiles; `robot.navigation.map_objects` reads its ``objects``, as in the file."""
 
     name: str
     tile_size_m: float

@@ -87,10 +87,7 @@ class Sight(NamedTuple):
 
 
 class PictureDoubts:
-    """Looks at every new frame once. Ages are by the caller's clock.
-
-    ``road`` tells where the road must lie in a picture; None where nothing does.
-    """
+    """Looks at every new frame once, by the caller's clock; ``road`` says where roads must lie."""
 
     def __init__(self, road: Optional[RoadFit] = None) -> None:
         self._road = road

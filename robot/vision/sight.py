@@ -69,10 +69,7 @@ class OnnxSight(Network[SightContract]):
         self.expect(self.contract.image.shape, Tensor("seen", FLOATS, (None, len(COLUMNS))))
 
     def __call__(self, pictures: np.ndarray) -> Seen:
-        """What pictures (N, H, W, 3) uint8 RGB show, as ``preprocess`` makes them.
-
-        ContractError: pictures of another size or kind, or the network answered no numbers.
-        """
+        """What pictures (N, H, W, 3) of ``preprocess`` show; ContractError: other ones, or NaN."""
         rows = self.answer(pictures)
         if not np.isfinite(rows).all():
             raise ContractError(f"{self.path}: expected finite figures, got others; {REMEDY}")
