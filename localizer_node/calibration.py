@@ -173,11 +173,6 @@ class Calibration:
         along_v = floor[..., 3, :] - floor[..., 4, :]
         return floor[..., 0, :], np.stack((along_u, along_v), axis=-1)
 
-    def on_map(self, points_m: np.ndarray, margin_m: float = 0.0) -> np.ndarray:
-        """Whether floor points (..., 2) lie on the map or within ``margin_m`` of it."""
-        points, size = np.asarray(points_m), np.array(self.map_size_m)
-        return np.all((points >= -margin_m) & (points <= size + margin_m), axis=-1)
-
     def roi_rect(self) -> Tuple[int, int, int, int]:
         """The slice of the picture around the region of interest: u0, v0, and u1, v1 outside."""
         size = (self.lens.width_px, self.lens.height_px)

@@ -18,13 +18,6 @@ from localizer_node.calibration import Calibration, Marker, map_outline
 from localizer_node.colour import Blob, blobs, mask_of
 
 
-class Tag(NamedTuple):
-    """One tag in the picture."""
-
-    number: int
-    corners_px: np.ndarray  # (4, 2): its upper left, upper right, lower right, lower left
-
-
 @lru_cache(maxsize=None)
 def _detector() -> Any:
     parameters = cv2.aruco.DetectorParameters()
@@ -39,16 +32,16 @@ def _detector() -> Any:
     return cv2.aruco.ArucoDetector(dictionary, parameters)
 
 
-def read_tags(image: np.ndarray, zoom: int = 1) -> List[Tag]:
-    """The tags in an RGB picture (H, W, 3); small ones are read better enlarged."""
+def read_tags(image: np.ndarray, zoom: int) -> List[Tuple[int, np.ndarray]]:
+    """Number and corners (4, 2), clockwise from the upper left, of tags in an RGB picture (H, W, 3)
+    that is enlarged first: small tags are read better so.
+    """
     grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     if zoom > 1:
         grey = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
     corners, numbers, _ = _detector().detectMarkers(grey)
-    if numbers is None:
-        return []
     places = [(c.reshape(4, 2).astype(float) + 0.5) / zoom - 0.5 for c in corners]
-    return [Tag(int(n), c) for n, c in zip(numbers.ravel(), places)]
+    return [] if numbers is None else list(zip(numbers.ravel().tolist(), places))
 
 
 def draw_tag(number: int, cell_px: int = 8) -> np.ndarray:
@@ -204,21 +197,21 @@ class Detector:
         for rear in rears:
             if rear.sides_m[0] <= least_m:
                 continue
-            left, top = (max(int(c) - reach, 0) for c in rear.centre_px)
+            left, top = corner_px = [max(int(c) - reach, 0) for c in rear.centre_px]
             window = image[top : top + 2 * reach, left : left + 2 * reach]
-            for tag in read_tags(window, zoom):
+            for number, corners_px in read_tags(window, zoom):
                 for marker in self._of["tag"]:
-                    seen = self._tag(marker, tag, np.array((left, top)))
+                    pixels = corners_px + np.array(corner_px)
+                    seen = self._tag(marker, pixels) if number == marker.tag else None
                     if seen is not None:
                         found[marker.robot] = seen
         return list(found.values())
 
-    def _tag(self, marker: Marker, tag: Tag, offset_px: np.ndarray) -> Optional[Detection]:
-        pixels = tag.corners_px + offset_px
+    def _tag(self, marker: Marker, pixels: np.ndarray) -> Optional[Detection]:
         corners = self.calibration.to_floor(pixels, marker.board.height_m)
         sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         errors = sides / marker.board.tag_m - 1.0
-        if tag.number != marker.tag or not np.all(np.abs(errors) < TAG_TOLERANCE):
+        if not np.all(np.abs(errors) < TAG_TOLERANCE):
             return None
         ahead = corners[0] + corners[1] - corners[2] - corners[3]
         heading = math.atan2(ahead[1], ahead[0])
@@ -227,7 +220,8 @@ class Detector:
 
     def _inside(self, detection: Detection) -> bool:
         place, pixel = (detection.x_m, detection.y_m), (detection.u_px, detection.v_px)
-        if not self.calibration.on_map(np.array(place), MAP_MARGIN_M):
+        sides = zip(place, self.calibration.map_size_m)
+        if not all(-MAP_MARGIN_M <= at <= size_m + MAP_MARGIN_M for at, size_m in sides):
             return False
         return not len(self._roi) or cv2.pointPolygonTest(self._roi, pixel, False) >= 0
 

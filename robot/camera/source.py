@@ -37,10 +37,7 @@ class Camera(Protocol):
     """Gives the newest frame, at once."""
 
     def read(self) -> Optional[Frame]:
-        """The newest frame; the same one again until a newer has come, None before the first.
-
-        HardwareError: the camera has failed for good.
-        """
+        """The newest frame, perhaps again; None before the first. HardwareError: it has failed."""
 
 
 def fit_to_frame(picture: np.ndarray) -> np.ndarray:
@@ -151,10 +148,7 @@ def _frame_of(picture: np.ndarray) -> np.ndarray:
 
 
 class V4l2Stream:
-    """``/dev/video<device>``. A read waits ten seconds at most (OpenCV's own limit).
-
-    HardwareError: no such device, or it is in use, or may not be opened by this user.
-    """
+    """``/dev/video<device>``; OpenCV waits ten seconds at most. HardwareError: it does not open."""
 
     def __init__(self, device: int, size_px: Tuple[int, int], fps: int) -> None:
         import cv2
@@ -239,10 +233,7 @@ VIDEO_FD = "{video}"  # in a command: the descriptor that the pictures are writt
 
 
 def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> List[str]:
-    """The command for an IMX219 at a CSI port of a Jetson: sensor mode 3, scaled by its hardware.
-
-    ``flip`` is nvvidconv's flip-method, 2 for upside down; ``fps`` up to 30.
-    """
+    """For an IMX219 at a Jetson's CSI port: mode 3, scaled in hardware; ``flip`` is nvvidconv's."""
     source = (
         f"nvarguscamerasrc sensor-id={sensor} sensor-mode=3 ! "
         f"video/x-raw(memory:NVMM),width=1640,height=1232,format=NV12,framerate={fps}/1 ! "

@@ -14,7 +14,7 @@ two exceptions that follow the map files' own meaning:
 
 from __future__ import annotations
 
-import math
+import sys
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -315,13 +315,13 @@ def read_map(data: Any, name: str) -> RoadMap:
     return RoadMap(name, tile_size_m, tiles, data.get("objects"))
 
 
+_MOST = sys.float_info.max
+
+
 def number(value: Any, where: str) -> float:
     """A finite number as float; MapError otherwise."""
-    try:
-        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
-            return float(value)
-    except OverflowError:  # an int beyond any float
-        pass
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _MOST:
+        return float(value)
     raise MapError(f"{where}: expected a number, got {value!r}")
 
 

@@ -31,10 +31,7 @@ _SHIFT = 4  # fractional bits of cv2's coordinates
 
 @dataclass(frozen=True)
 class RoadPaint:
-    """``cover`` (H, W, 3) float32, rows from the south: white, yellow, and whether it is known.
-
-    Known is what lies on the road, except red stop lines.
-    """
+    """``cover`` (H, W, 3) float32, rows from the south: white, yellow, known (road without red)."""
 
     cover: np.ndarray
 

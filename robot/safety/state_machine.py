@@ -104,10 +104,7 @@ class Safety:
     """
 
     def __init__(
-        self,
-        clock: Callable[[], float],
-        limits: Optional[SafetyLimits] = None,
-        never: str = "",
+        self, clock: Callable[[], float], limits: Optional[SafetyLimits] = None, never: str = ""
     ) -> None:
         self.limits = limits or SafetyLimits()
         self._never = never

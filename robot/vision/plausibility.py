@@ -100,11 +100,7 @@ class PictureDoubts:
         self._moved_s = -math.inf
 
     def look(
-        self,
-        frame: Optional[Frame],
-        pose: Optional[Pose],
-        wheels: WheelSpeeds,
-        now_s: float,
+        self, frame: Optional[Frame], pose: Optional[Pose], wheels: WheelSpeeds, now_s: float
     ) -> Sight:
         """What the newest frame tells; None while none has come.
 
