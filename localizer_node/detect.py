@@ -246,9 +246,7 @@ def _placed(
     return Detection(marker.robot, marker.kind, x, y, heading_rad, fit, *place)
 
 
-Rgb = Tuple[int, int, int]
-OUTLINE_RGB: Rgb = (250, 210, 60)
-FOUND_RGB: Rgb = (60, 230, 110)
+OUTLINE_RGB, FOUND_RGB = (250, 210, 60), (60, 230, 110)
 ARROW_M = 0.18
 
 

@@ -78,7 +78,8 @@ class WheelRamp:
 
     def at(self, time_s: float) -> Tuple[float, float]:
         """Position [steps] and speed [steps/s] at a time not before the last change."""
-        return self._piece_at(time_s).at(time_s)
+        pieces = (p for p in self._pieces if time_s < p.start_s + p.duration_s)
+        return next(pieces, self._pieces[-1]).at(time_s)
 
     def retarget(self, time_s: float, target: float, acceleration: float = 0.0) -> None:
         """From ``time_s`` on, change to ``target`` [steps/s] as fast as the motor can follow.
@@ -123,12 +124,6 @@ class WheelRamp:
         """The step was made: what the wheel did before it must not be found again."""
         self._note_rest(self._pieces[crossing.piece].start_s)
         del self._pieces[: crossing.piece]
-
-    def _piece_at(self, time_s: float) -> _Piece:
-        for piece in self._pieces:
-            if time_s < piece.start_s + piece.duration_s:
-                return piece
-        return self._pieces[-1]
 
     def _note_rest(self, time_s: float) -> None:
         """Remember when and in which direction the wheel last moved, up to ``time_s``."""

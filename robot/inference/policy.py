@@ -187,10 +187,7 @@ Direction = Literal["sim-to-real", "real-to-sim", "to-parsing"]
 DIRECTIONS: Tuple[Direction, Direction] = ("sim-to-real", "real-to-sim")
 PARSING: Direction = "to-parsing"  # of a parser: the classes it sees, in simulation as in reality
 TRANSLATOR_REMEDY = "make the translator with python -m trainer translate train"
-
-
-# (N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array
-Translator = Callable[[np.ndarray], np.ndarray]
+Translator = Callable[[np.ndarray], np.ndarray]  # (N, H, W, 3) uint8 RGB, into a fresh array
 
 
 @dataclass(frozen=True)

@@ -165,9 +165,8 @@ class LaneIndex:
     def __init__(self, lanes: Sequence[Lane]) -> None:
         self._control = np.array([lane.control_points_m for lane in lanes]).reshape(-1, 4, 2)
         t = np.linspace(0.0, 1.0, _CHORDS + 1)
-        points = np.array([bezier_points(control, t) for control in self._control])
-        self._starts = points.reshape(-1, _CHORDS + 1, 2)[:, :-1]
-        self._chords = np.diff(points.reshape(-1, _CHORDS + 1, 2), axis=1)
+        points = bezier_points(self._control[:, None], t)
+        self._starts, self._chords = points[:, :-1], np.diff(points, axis=1)
         self._inverse_squares = 1.0 / (self._chords**2).sum(axis=-1)
 
     def near(self, x_m: float, y_m: float) -> LanesNear:
