@@ -55,11 +55,8 @@ class OnnxPolicy(Network[PolicyContract]):
             ("path points", contract.path_points, (0, PATH_POINTS)),
         ):
             if got not in valid:
-                expected = " or ".join(map(str, valid))
-                raise ContractError(
-                    f"{path}: expected {expected} {what}, got {got}; train it again with this "
-                    "version"
-                )
+                told = f"expected {' or '.join(map(str, valid))} {what}, got {got}"
+                raise ContractError(f"{path}: {told}; train it again with this version")
         follows = [Tensor("path", FLOATS, (None, contract.path_points))]
         values = Tensor("values", FLOATS, (None, len(contract.actions)))
         self.expect(contract.picture_shape, values, *(follows if contract.path_points else ()))

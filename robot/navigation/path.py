@@ -217,10 +217,8 @@ class PathBatch:
         segment = self._segments[paths[:, None], window]
         vector = segment[..., _DX:_INVERSE]
         delta = xy_m[:, None] - segment[..., _X:_DX]
-        along = (delta[..., 0] * vector[..., 0] + delta[..., 1] * vector[..., 1]) * segment[
-            ..., _INVERSE
-        ]
-        along = np.clip(along, 0.0, 1.0)
+        along = delta[..., 0] * vector[..., 0] + delta[..., 1] * vector[..., 1]
+        along = np.clip(along * segment[..., _INVERSE], 0.0, 1.0)
         delta = delta - along[..., None] * vector
         best = (delta[..., 0] ** 2 + delta[..., 1] ** 2).argmin(axis=1)
         return best, along[np.arange(len(best)), best]
@@ -232,12 +230,9 @@ class PathBatch:
         vector = segment[:, _DX:_INVERSE]
         delta = xy_m - segment[:, _X:_DX]
         cross = vector[:, 0] * delta[:, 1] - vector[:, 1] * delta[:, 0]
-        return PathPosition(
-            index,
-            (index + fraction) * self._steps_m[paths],
-            cross * np.sqrt(segment[:, _INVERSE]),
-            self._heading(segment, fraction),
-        )
+        arc_m = (index + fraction) * self._steps_m[paths]
+        offset_m = cross * np.sqrt(segment[:, _INVERSE])
+        return PathPosition(index, arc_m, offset_m, self._heading(segment, fraction))
 
     def _locate(self, paths: np.ndarray, arc_m: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Segment and fraction along it (outside 0 to 1 beyond an open path) of arc lengths."""

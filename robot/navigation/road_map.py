@@ -181,12 +181,9 @@ class LaneIndex:
         point, tangent = bezier_points(self._control, t), bezier_tangents(self._control, t)
         delta = position - point
         direction = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
-        return LanesNear(
-            np.hypot(delta[:, 0], delta[:, 1]),
-            t,
-            direction[:, 0] * delta[:, 1] - direction[:, 1] * delta[:, 0],
-            np.arctan2(direction[:, 1], direction[:, 0]),
-        )
+        offset_m = direction[:, 0] * delta[:, 1] - direction[:, 1] * delta[:, 0]
+        heading_rad = np.arctan2(direction[:, 1], direction[:, 0])
+        return LanesNear(np.hypot(delta[:, 0], delta[:, 1]), t, offset_m, heading_rad)
 
 
 MAPS_FOLDER = Path(__file__).parent.parent / "maps"
