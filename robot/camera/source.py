@@ -48,9 +48,8 @@ def fit_to_frame(picture: np.ndarray) -> np.ndarray:
     import cv2
 
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        raise ContractError(
-            f"picture: expected (H, W, 3) uint8 RGB, got {picture.shape} {picture.dtype}"
-        )
+        got = f"{picture.shape} {picture.dtype}"
+        raise ContractError(f"picture: expected (H, W, 3) uint8 RGB, got {got}")
     height, width = picture.shape[:2]
     wide = min(width, max(1, round(height * FRAME_WIDTH_PX / FRAME_HEIGHT_PX)))
     high = min(height, max(1, round(width * FRAME_HEIGHT_PX / FRAME_WIDTH_PX)))

@@ -201,9 +201,8 @@ class MotorDriver:
 
     def _refuse_after_fault(self) -> None:
         if self.fault is not None:
-            raise HardwareError(
-                f"the motors are off since: {self.fault}; open() the driver again"
-            ) from self.fault
+            told = f"the motors are off since: {self.fault}; open() the driver again"
+            raise HardwareError(told) from self.fault
 
     @contextmanager
     def _off_on_error(self) -> Iterator[None]:

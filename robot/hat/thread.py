@@ -132,9 +132,8 @@ class MotorThread(Worker):
 
     def _expect_turning(self) -> None:
         if self._silence.lasts(self._turns, self._clock.now()):
-            self._driver.fail(
-                HardwareError("motor thread: expected a turn each time it is woken, it hangs")
-            )
+            told = "motor thread: expected a turn each time it is woken, it hangs"
+            self._driver.fail(HardwareError(told))
 
     def _wake(self) -> None:
         self._alarm.set()

@@ -76,9 +76,8 @@ class OnnxPolicy(Network[PolicyContract]):
         values = self.answer(images, **self._checked_path(len(images), path))
         expected = (len(images), len(self.contract.actions))
         if values.shape != expected:
-            raise ContractError(
-                f"{self.path}: expected values {expected}, got {values.shape}; export it again"
-            )
+            told = f"expected values {expected}, got {values.shape}"
+            raise ContractError(f"{self.path}: {told}; export it again")
         if not np.isfinite(values).all():
             raise ContractError(
                 f"{self.path}: expected finite values, got {values.tolist()}; "
@@ -142,10 +141,9 @@ def values_of(
         return None
     paths = path[None] if path is not None and contract.path_points else None
     values = np.asarray(policy.values(preprocess(image, contract.image)[None], paths))
-    if values.shape != (1, len(contract.actions)):
-        raise ContractError(
-            f"policy: expected values (1, {len(contract.actions)}), got {values.shape}"
-        )
+    expected = (1, len(contract.actions))
+    if values.shape != expected:
+        raise ContractError(f"policy: expected values {expected}, got {values.shape}")
     return values[0]
 
 

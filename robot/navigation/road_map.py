@@ -17,6 +17,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -66,10 +67,8 @@ class Tile:
     @property
     def road_sides(self) -> Tuple[str, ...]:
         """The sides (S, E, N, W) at which a road leaves this tile; empty for floor."""
-        sides = ROAD_SIDES.get(self.kind, "")
-        return tuple(
-            ORIENTATIONS[(ORIENTATIONS.index(side) + self.quarter_turns) % 4] for side in sides
-        )
+        numbers = map(ORIENTATIONS.index, ROAD_SIDES.get(self.kind, ""))
+        return tuple(ORIENTATIONS[(number + self.quarter_turns) % 4] for number in numbers)
 
 
 def parse_tile(text: object, row: int, column: int, where: str = "") -> Tile:
@@ -83,10 +82,8 @@ def parse_tile(text: object, row: int, column: int, where: str = "") -> Tile:
     if kind not in TILE_KINDS:
         raise MapError(f"{place}: unknown tile {text!r}; {nearest(kind, TILE_KINDS)}")
     if orientation not in ORIENTATIONS:
-        raise MapError(
-            f"{place}: unknown orientation {orientation!r} of tile {text!r}; "
-            f"valid: {', '.join(ORIENTATIONS)}"
-        )
+        told = nearest(orientation, ORIENTATIONS)
+        raise MapError(f"{place}: unknown orientation {orientation!r} of tile {text!r}; {told}")
     return Tile(kind, ORIENTATIONS.index(orientation), row, column)
 
 
@@ -227,11 +224,8 @@ class RoadMap:
     @cached_property
     def lanes(self) -> Tuple[Lane, ...]:
         """Every lane of every road tile, row by row from the north-west."""
-        return tuple(
-            lane
-            for tile in self.road_tiles
-            for lane in tile_lanes(tile, self.tile_size_m, self.rows)
-        )
+        every = (tile_lanes(tile, self.tile_size_m, self.rows) for tile in self.road_tiles)
+        return tuple(chain.from_iterable(every))
 
     @cached_property
     def lane_index(self) -> LaneIndex:
@@ -274,9 +268,8 @@ def load_map(source: Union[str, Path]) -> RoadMap:
     shipped = shipped_maps()
     path = shipped.get(str(source), Path(source))
     if not path.is_file():
-        raise MapError(
-            f"{source}: expected a map file or a shipped map; {nearest(path.stem, shipped)}"
-        )
+        told = nearest(path.stem, shipped)
+        raise MapError(f"{source}: expected a map file or a shipped map; {told}")
     try:
         data = read_yaml(path)
     except ConfigError as error:
@@ -301,9 +294,8 @@ def read_map(data: Any, name: str) -> RoadMap:
         if not isinstance(row, list) or not row:
             raise MapError(f"{name}: row {i}: expected a list of tiles, got {row!r}")
         if len(row) != len(rows[0]):
-            raise MapError(
-                f"{name}: row {i}: expected {len(rows[0])} tiles as in row 0, got {len(row)}"
-            )
+            told = f"expected {len(rows[0])} tiles as in row 0, got {len(row)}"
+            raise MapError(f"{name}: row {i}: {told}")
     tiles = tuple(
         tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
         for i, row in enumerate(rows)

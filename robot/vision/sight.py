@@ -21,14 +21,9 @@ from robot.inference.preprocess import preprocess
 from robot.navigation.lane_view import KINDS
 
 FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m", "free_m")
-COLUMNS = (
-    *FIGURES,
-    *(f"sd_{name}" for name in FIGURES),
-    "line",
-    "road",
-    "thing",
-    *(f"junction_{kind}" for kind in KINDS),
-)
+DEVIATIONS = tuple(f"sd_{name}" for name in FIGURES)
+JUNCTIONS = tuple(f"junction_{kind}" for kind in KINDS)
+COLUMNS = (*FIGURES, *DEVIATIONS, "line", "road", "thing", *JUNCTIONS)
 REMEDY = "make one with duckpilot train-sight"
 
 
