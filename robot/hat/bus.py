@@ -193,13 +193,10 @@ class Pca9685:
         )
 
     def initialise(self) -> None:
-        """Stop whatever ran before, then set frequency and modes; all outputs end low.
-
-        The prescaler can be written only while the oscillator sleeps.
-        """
+        """Stop whatever ran before, then set frequency and modes; all outputs end low."""
         self.all_off()
         self._write(MODE1, bytes((SLEEP | AUTO_INCREMENT,)))
-        self._write(PRE_SCALE, bytes((FASTEST_PRE_SCALE,)))
+        self._write(PRE_SCALE, bytes((FASTEST_PRE_SCALE,)))  # only while the oscillator sleeps
         self._write(MODE1, bytes((AUTO_INCREMENT,)))
         self._write(MODE2, bytes((TOTEM_POLE,)))
         self._clock.sleep(OSCILLATOR_START_S)

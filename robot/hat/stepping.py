@@ -82,10 +82,7 @@ class WheelRamp:
         return next(pieces, self._pieces[-1]).at(time_s)
 
     def retarget(self, time_s: float, target: float, acceleration: float = 0.0) -> None:
-        """From ``time_s`` on, change to ``target`` [steps/s] as fast as the motor can follow.
-
-        A brake may be harder than that: at ``acceleration`` [steps/s^2].
-        """
+        """From ``time_s`` on, to ``target`` [steps/s] by ramps, or by a harder ``acceleration``."""
         position, speed = self.at(time_s)
         self._note_rest(time_s)
         self._plan(time_s, position, speed, target, acceleration)

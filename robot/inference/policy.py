@@ -220,10 +220,7 @@ class OnnxTranslator(Network[TranslatorContract]):
 def open_translator(
     path: Union[str, Path], image: ImageSpec, direction: Optional[str] = None
 ) -> OnnxTranslator:
-    """A translator of the policy's pictures, in this direction where only one makes sense.
-
-    ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
-    """
+    """A translator of these pictures, in ``direction`` if that matters; ContractError: another."""
     translator = OnnxTranslator(path)
     if translator.image != image:
         raise ContractError(

@@ -79,10 +79,7 @@ def kinds() -> Dict[str, Kind]:
 
 @dataclass(frozen=True)
 class MapObject:
-    """One object in the world frame; its front looks along ``heading_rad``.
-
-    ``optional`` objects may be left out of an episode; those not ``static`` move by themselves.
-    """
+    """One object in the world frame; its front looks along ``heading_rad``."""
 
     name: str
     kind: str
@@ -90,8 +87,8 @@ class MapObject:
     y_m: float
     heading_rad: float
     height_m: float
-    static: bool = True
-    optional: bool = False
+    static: bool = True  # others move by themselves
+    optional: bool = False  # may be left out of an episode
     color: Optional[str] = None
 
 

@@ -168,9 +168,8 @@ class Verdict:
 
     def __init__(self, kinds: Tuple[Reading, ...]) -> None:
         self._others = kinds[1:]
-        self._margins = np.array([reading.margin for reading in self._others])
-        self._shares = np.array([reading.share for reading in self._others])
-        self._turns = np.array([reading.turns for reading in self._others])
+        told = [(reading.margin, reading.share, reading.turns) for reading in self._others]
+        self._margins, self._shares, self._turns = np.array(told).reshape(-1, 3).T
         self._fits: Deque[np.ndarray] = deque(maxlen=ROLL_TURNS)
 
     def forget(self) -> None:
