@@ -58,10 +58,9 @@ class Board:
     tag_m: float = 0.09  # side of the tag's black square (tag)
 
     def __post_init__(self) -> None:
-        if not min(self.length_m, self.width_m) > 0:
-            raise ConfigError(f"board: expected positive length_m and width_m, got {self}")
-        if self.height_m < 0:
-            raise ConfigError(f"board: expected height_m >= 0, got {self.height_m}")
+        if not (min(self.length_m, self.width_m) > 0 and self.height_m >= 0):
+            told = "expected positive length_m and width_m, height_m >= 0"
+            raise ConfigError(f"board: {told}, got {self}")
 
 
 @dataclass(frozen=True)

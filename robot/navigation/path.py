@@ -50,8 +50,7 @@ class Path:
     def from_beziers(cls, curves: Sequence[np.ndarray], closed: bool = False) -> Path:
         """A path along cubic Beziers, each (4, 2) [m], that follow one another.
 
-        The points lie on the curves, at most about `SPACING_M` apart. PlanError without curves,
-        or with a gap of more than `MAX_GAP_M` between two of them.
+        Points are `SPACING_M` apart at most. PlanError: no curves, or a gap above `MAX_GAP_M`.
         """
         if not len(curves):
             raise PlanError("expected at least one Bezier to make a path of, got none")
@@ -249,8 +248,7 @@ class PathBatch:
 def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
     """The closed outer lane of a ring of road (driven counter-clockwise), or the inner one.
 
-    Of several rings the one with the longest lane is taken. MapError where the road has a junction
-    or an end, so that no lane closes by itself.
+    Of several rings the longest counts. MapError: a junction, or an end, lets no lane close.
     """
     junction = next((tile for tile in road_map.road_tiles if tile.is_junction), None)
     if junction is not None:

@@ -290,17 +290,15 @@ def read_map(data: Any, name: str) -> RoadMap:
     rows = data.get("tiles")
     if not isinstance(rows, list) or not rows:
         raise MapError(f"{name}: tiles: expected a list of rows of tiles, got {rows!r}")
+    tiles: List[Tuple[Tile, ...]] = []
     for i, row in enumerate(rows):
         if not isinstance(row, list) or not row:
             raise MapError(f"{name}: row {i}: expected a list of tiles, got {row!r}")
         if len(row) != len(rows[0]):
             told = f"expected {len(rows[0])} tiles as in row 0, got {len(row)}"
             raise MapError(f"{name}: row {i}: {told}")
-    tiles = tuple(
-        tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
-        for i, row in enumerate(rows)
-    )
-    return RoadMap(name, tile_size_m, tiles, data.get("objects"))
+        tiles.append(tuple(parse_tile(text, i, j, name) for j, text in enumerate(row)))
+    return RoadMap(name, tile_size_m, tuple(tiles), data.get("objects"))
 
 
 _MOST = sys.float_info.max
