@@ -37,12 +37,10 @@ class Tensor(NamedTuple):
 
 
 def open_network(path: File, remedy: str) -> Any:
-    """An onnxruntime session of a file, on one thread of the processor.
+    """An onnxruntime session of a file. Its one thread is as fast as four for our networks, and
+    leaves the other cores of a Jetson Nano to the camera and the motors.
 
-    One is as fast as four for our networks, and leaves the other cores of a Jetson Nano to the
-    camera and the motors. Errors end with the ``remedy``.
-
-    ContractError: the file is absent, damaged, or too new for this onnxruntime.
+    ContractError, which ends with the ``remedy``: it is absent, damaged, or too new for this one.
     """
     import onnxruntime as ort
     from onnxruntime.capi import onnxruntime_pybind11_state as state
@@ -83,9 +81,7 @@ class Network(Generic[T]):
             raise ContractError(f"{path}: {error}; {remedy}") from error
 
     def expect(self, shape: Tuple[int, ...], output: Tensor, *others: Tensor) -> None:
-        """ContractError unless it takes pictures (N, H, W, 3 frames) of this shape (H, W, 3 frames)
-        and ``others``, and answers with ``output``, and nothing else.
-        """
+        """ContractError unless pictures of this shape and ``others`` give ``output``, only."""
         self._shape, self._output = shape, output.name
         inputs = (Tensor("image", BYTES, (None, *shape)), *others)
         for role, expected, nodes in (
