@@ -123,7 +123,7 @@ class Crossings:
         here, heads = self._map.tile_at(robot.pose.x_m, robot.pose.y_m), _arm(robot.pose) + 2
         tile = here and self._map.beyond(here, ORIENTATIONS[heads % 4])
         since_s = before[1].arrived_s if before is not None else now_s
-        return tile and (tile, AtJunction(_arm(robot.pose), since_s, name))
+        return None if tile is None else (tile, AtJunction(_arm(robot.pose), since_s, name))
 
     def inside(self, pose: Pose) -> Optional[Tile]:
         """The junction that any part of a robot is in."""
