@@ -62,12 +62,8 @@ def run_command(arguments: argparse.Namespace) -> None:
 
 
 def publisher(config: LinkConfig, stack: ExitStack) -> Publish:
-    """What tells robots and monitor the poses of each picture, as long as the stack is open.
-
-    ConfigError: the link's keys are absent, or the configuration does not fit.
-    """
-    link = config.open()
-    stack.callback(link.close)
+    """What publishes each picture's poses; ConfigError: the link's keys are absent or wrong."""
+    link = stack.enter_context(config.open())
     channel = Publisher(link, PosesMessage)
 
     def publish(poses: Tuple[Sighting, ...], t_capture_s: float) -> None:

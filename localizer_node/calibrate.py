@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
 
+import cv2
 import numpy as np
 
 from localizer_node.calibration import (
@@ -78,10 +79,7 @@ def corner_points(
 
 
 def guess_lens(model: str, width_px: int, height_px: int) -> Lens:
-    """A lens of this model that sees 100 degrees across, for ``calibrate`` to improve.
-
-    ConfigError: no such model, with the nearest one.
-    """
+    """A lens of this model, 100 degrees across, to be improved; ConfigError: no such model."""
     half = math.radians(50.0)
     focal = (width_px / 2.0) / (half if model == "fisheye" else math.tan(half))
     count = {"fisheye": 4, "plumb_bob": 5}.get(model, 0)
@@ -165,8 +163,6 @@ def _parallax_sigma_mm(fit: CameraFit, map_size_m: Tuple[float, float], tallest_
 
 def _roi(calibration: Calibration, height_m: float) -> Tuple[Tuple[float, float], ...]:
     """The picture of the map and ``ROI_MARGIN_M`` around it, on the floor and at board height."""
-    import cv2
-
     outline = map_outline(calibration.map_size_m)
     middle = np.array(calibration.map_size_m) / 2.0
     outline = middle + (outline - middle) * (1.0 + ROI_MARGIN_M / middle)
@@ -199,10 +195,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def make(arguments: argparse.Namespace) -> None:
-    """Calibrate, write the file, and say how good it is.
-
-    ConfigError: whatever is wrong with points, lens, colours or result.
-    """
+    """Calibrate, write the file, and say how good it is; ConfigError for whatever is wrong."""
     named = (arguments.points, arguments.robots, arguments.lens, arguments.map)
     inputs = [arguments.image, *(Path(name) for name in named if name)]
     expect_writable(arguments.out, arguments.picture, inputs=inputs)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Dict, Tuple
+from typing import Dict, Literal, Tuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from robot.lens import CameraRig, Hanging, Lens
 from robot.output import write_text
 from robot.typed_config import to_plain
 
-KINDS = ("two_colour", "tag", "plain")
+Kind = Literal["two_colour", "tag", "plain"]
 Point = Tuple[float, float]
 
 
@@ -58,10 +58,9 @@ class Board:
     tag_m: float = 0.09  # side of the tag's black square (tag)
 
     def __post_init__(self) -> None:
-        if not min(self.length_m, self.width_m) > 0:
-            raise ConfigError(f"board: expected positive length_m and width_m, got {self}")
-        if self.height_m < 0:
-            raise ConfigError(f"board: expected height_m >= 0, got {self.height_m}")
+        if not (min(self.length_m, self.width_m) > 0 and self.height_m >= 0):
+            told = "expected positive length_m and width_m, height_m >= 0"
+            raise ConfigError(f"board: {told}, got {self}")
 
 
 @dataclass(frozen=True)
@@ -74,14 +73,12 @@ class Marker:
     """
 
     robot: str = "robot"
-    kind: str = "two_colour"
+    kind: Kind = "two_colour"
     front: str = "green"
     tag: int = 0
     board: Board = Board()
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ConfigError(f"marker kind: unknown {self.kind!r}; {nearest(self.kind, KINDS)}")
         board = self.board
         if self.kind == "two_colour" and not 0.0 < board.front_m < board.length_m:
             raise ConfigError(f"board: expected 0 < front_m < length_m, got {board}")
@@ -156,10 +153,7 @@ class Calibration:
         return CameraRig(self.lens, self.hanging)
 
     def to_floor(self, pixels: np.ndarray, height_m: float = 0.0) -> np.ndarray:
-        """Where (..., 2) [m] stands what is seen at pixels (..., 2), ``height_m`` above the floor.
-
-        NaN where the pixel shows no floor.
-        """
+        """Places (..., 2) [m] of pixels (..., 2), ``height_m`` above the floor; NaN shows none."""
         return self.camera.to_floor(pixels, height_m)
 
     def to_pixels(self, points_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
@@ -177,11 +171,6 @@ class Calibration:
         along_u = floor[..., 1, :] - floor[..., 2, :]
         along_v = floor[..., 3, :] - floor[..., 4, :]
         return floor[..., 0, :], np.stack((along_u, along_v), axis=-1)
-
-    def on_map(self, points_m: np.ndarray, margin_m: float = 0.0) -> np.ndarray:
-        """Whether floor points (..., 2) lie on the map or within ``margin_m`` of it."""
-        points, size = np.asarray(points_m), np.array(self.map_size_m)
-        return np.all((points >= -margin_m) & (points <= size + margin_m), axis=-1)
 
     def roi_rect(self) -> Tuple[int, int, int, int]:
         """The slice of the picture around the region of interest: u0, v0, and u1, v1 outside."""

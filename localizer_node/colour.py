@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import List, NamedTuple, Tuple
 
+import cv2
 import numpy as np
 
 from localizer_node.calibration import Colour
@@ -17,17 +18,8 @@ class Blob(NamedTuple):
     area_px: float  # of the filled outline
 
 
-def to_hsv(image: np.ndarray) -> np.ndarray:
-    """RGB (H, W, 3) uint8 -> OpenCV's HSV, hue in 0..179 (half degrees)."""
-    import cv2
-
-    return cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2HSV)
-
-
 def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
-    """255 where an HSV picture (H, W, 3) has this colour, (H, W) uint8."""
-    import cv2
-
+    """255 where OpenCV's HSV (H, W, 3), hue in half degrees, has this colour, (H, W) uint8."""
     low, high = colour.hue_min_deg / 2.0, colour.hue_max_deg / 2.0
     floor = (colour.saturation_min * 255.0, colour.value_min * 255.0)
     if low <= high:
@@ -38,8 +30,6 @@ def mask_of(hsv: np.ndarray, colour: Colour) -> np.ndarray:
 
 def blobs(image: np.ndarray, mask: np.ndarray, min_area_px: float) -> List[Blob]:
     """The components of a mask of an RGB picture (H, W, 3), largest first."""
-    import cv2
-
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     found = []
     for outline in outlines:
@@ -53,8 +43,6 @@ def blobs(image: np.ndarray, mask: np.ndarray, min_area_px: float) -> List[Blob]
 def _blob(
     image: np.ndarray, mask: np.ndarray, outline: np.ndarray, rect: Tuple[int, int, int, int]
 ) -> Blob:
-    import cv2
-
     u0, v0 = max(rect[0] - 1, 0), max(rect[1] - 1, 0)
     window = np.s_[v0 : rect[3] + 1, u0 : rect[2] + 1]
     filled = np.zeros(mask[window].shape, np.uint8)
@@ -74,8 +62,6 @@ def _coverage(image: np.ndarray, mask: np.ndarray, filled: np.ndarray) -> np.nda
 
     That is its chroma over the highest one near it: a shadow darkens both alike.
     """
-    import cv2
-
     own = cv2.bitwise_and(mask, filled)
     chroma = cv2.bitwise_and(image.max(axis=2) - image.min(axis=2), own)
     highest = cv2.dilate(chroma, np.ones((5, 5), np.uint8))

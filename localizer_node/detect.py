@@ -11,23 +11,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
+import cv2
 import numpy as np
 
-from localizer_node.calibration import KINDS, Calibration, Marker, map_outline
-from localizer_node.colour import Blob, blobs, mask_of, to_hsv
-
-
-class Tag(NamedTuple):
-    """One tag in the picture."""
-
-    number: int
-    corners_px: np.ndarray  # (4, 2): its upper left, upper right, lower right, lower left
+from localizer_node.calibration import Calibration, Marker, map_outline
+from localizer_node.colour import Blob, blobs, mask_of
 
 
 @lru_cache(maxsize=None)
 def _detector() -> Any:
-    import cv2
-
     parameters = cv2.aruco.DetectorParameters()
     # Corners lie where lines fitted to the black square's sides meet. On drawn tags of 18 to 28 px,
     # enlarged three times, this came within 0.1 mm and 0.15 degrees RMS at 0.8 ms; the other
@@ -40,24 +32,20 @@ def _detector() -> Any:
     return cv2.aruco.ArucoDetector(dictionary, parameters)
 
 
-def read_tags(image: np.ndarray, zoom: int = 1) -> List[Tag]:
-    """The tags in an RGB picture (H, W, 3); small ones are read better enlarged."""
-    import cv2
-
+def read_tags(image: np.ndarray, zoom: int) -> List[Tuple[int, np.ndarray]]:
+    """Number and corners (4, 2), clockwise from the upper left, of tags in an RGB picture (H, W, 3)
+    that is enlarged first: small tags are read better so.
+    """
     grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     if zoom > 1:
         grey = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
     corners, numbers, _ = _detector().detectMarkers(grey)
-    if numbers is None:
-        return []
     places = [(c.reshape(4, 2).astype(float) + 0.5) / zoom - 0.5 for c in corners]
-    return [Tag(int(n), c) for n, c in zip(numbers.ravel(), places)]
+    return [] if numbers is None else list(zip(numbers.ravel().tolist(), places))
 
 
 def draw_tag(number: int, cell_px: int = 8) -> np.ndarray:
     """The printable tag: (10, 10) cells of ``cell_px`` with its white margin, RGB uint8."""
-    import cv2
-
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     black = cv2.aruco.generateImageMarker(dictionary, number, 8 * cell_px, borderBits=1)
     framed = np.pad(black, cell_px, constant_values=255)
@@ -128,7 +116,8 @@ class Detector:
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         robots = calibration.robots
-        self._of = {kind: [m for m in robots if m.kind == kind] for kind in KINDS}
+        kinds = ("plain", "two_colour", "tag")
+        self._of = {kind: [m for m in robots if m.kind == kind] for kind in kinds}
         self._board_height_m = float(np.mean([m.board.height_m for m in robots] or [0.0]))
         self._roi = np.array(calibration.roi_px, dtype=np.float32)
         # Least and greatest scale on the map [px/m], at the boards' height.
@@ -146,7 +135,7 @@ class Detector:
             return ()
         u0, v0, u1, v1 = self.calibration.roi_rect()
         crop, corner_px = image[v0:v1, u0:u1], np.array((u0, v0))
-        hsv = to_hsv(crop)
+        hsv = cv2.cvtColor(np.ascontiguousarray(crop), cv2.COLOR_RGB2HSV)
 
         def parts(colour: str, areas_m2: Iterable[float]) -> List[Part]:
             mask = mask_of(hsv, self.calibration.colour(colour))
@@ -208,21 +197,21 @@ class Detector:
         for rear in rears:
             if rear.sides_m[0] <= least_m:
                 continue
-            left, top = (max(int(c) - reach, 0) for c in rear.centre_px)
+            left, top = corner_px = [max(int(c) - reach, 0) for c in rear.centre_px]
             window = image[top : top + 2 * reach, left : left + 2 * reach]
-            for tag in read_tags(window, zoom):
+            for number, corners_px in read_tags(window, zoom):
                 for marker in self._of["tag"]:
-                    seen = self._tag(marker, tag, np.array((left, top)))
+                    pixels = corners_px + np.array(corner_px)
+                    seen = self._tag(marker, pixels) if number == marker.tag else None
                     if seen is not None:
                         found[marker.robot] = seen
         return list(found.values())
 
-    def _tag(self, marker: Marker, tag: Tag, offset_px: np.ndarray) -> Optional[Detection]:
-        pixels = tag.corners_px + offset_px
+    def _tag(self, marker: Marker, pixels: np.ndarray) -> Optional[Detection]:
         corners = self.calibration.to_floor(pixels, marker.board.height_m)
         sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         errors = sides / marker.board.tag_m - 1.0
-        if tag.number != marker.tag or not np.all(np.abs(errors) < TAG_TOLERANCE):
+        if not np.all(np.abs(errors) < TAG_TOLERANCE):
             return None
         ahead = corners[0] + corners[1] - corners[2] - corners[3]
         heading = math.atan2(ahead[1], ahead[0])
@@ -230,13 +219,11 @@ class Detector:
         return _placed(marker, corners.mean(axis=0), heading, fit, pixels.mean(axis=0))
 
     def _inside(self, detection: Detection) -> bool:
-        import cv2
-
-        if not self.calibration.on_map(np.array((detection.x_m, detection.y_m)), MAP_MARGIN_M):
+        place, pixel = (detection.x_m, detection.y_m), (detection.u_px, detection.v_px)
+        sides = zip(place, self.calibration.map_size_m)
+        if not all(-MAP_MARGIN_M <= at <= size_m + MAP_MARGIN_M for at, size_m in sides):
             return False
-        if not len(self._roi):
-            return True
-        return cv2.pointPolygonTest(self._roi, (detection.u_px, detection.v_px), False) >= 0
+        return not len(self._roi) or cv2.pointPolygonTest(self._roi, pixel, False) >= 0
 
 
 def _front_fit(marker: Marker, rear: Part, front: Part) -> float:
@@ -259,9 +246,7 @@ def _placed(
     return Detection(marker.robot, marker.kind, x, y, heading_rad, fit, *place)
 
 
-Rgb = Tuple[int, int, int]
-OUTLINE_RGB: Rgb = (250, 210, 60)
-FOUND_RGB: Rgb = (60, 230, 110)
+OUTLINE_RGB, FOUND_RGB = (250, 210, 60), (60, 230, 110)
 ARROW_M = 0.18
 
 
@@ -269,8 +254,6 @@ def annotated(
     image: np.ndarray, calibration: Calibration, detections: Iterable[Detection]
 ) -> np.ndarray:
     """A copy of the raw RGB picture with the map's edge and each robot's place and heading."""
-    import cv2
-
     picture = image.copy()
     edge = np.round(calibration.to_pixels(map_outline(calibration.map_size_m))).astype(np.int32)
     cv2.polylines(picture, [edge.reshape(-1, 1, 2)], True, OUTLINE_RGB, 1, cv2.LINE_AA)
@@ -281,8 +264,6 @@ def annotated(
 
 
 def _draw(picture: np.ndarray, calibration: Calibration, found: Detection, height_m: float) -> None:
-    import cv2
-
     start = (round(found.u_px), round(found.v_px))
     cv2.circle(picture, start, 4, FOUND_RGB, 2, cv2.LINE_AA)
     if found.heading_rad is not None:

@@ -31,9 +31,8 @@ def check_picture(image: np.ndarray, calibration: Calibration) -> None:
 def is_repeat(image: np.ndarray, last: Optional[np.ndarray]) -> bool:
     """Whether a picture (H, W, 3) is the last one again, but for a few pixels.
 
-    A camera that hangs, or its driver, tells the same again and again. A camera that lives does
-    not, even of a scene at rest: its sensor's noise differs. What is the same but for fresh noise
-    is beyond this; robots compare poses with the steps of their wheels.
+    As of a camera or driver that hangs: the noise of one that lives differs, even at rest. What is
+    the same but for fresh noise is beyond this; robots compare poses with their wheels' steps.
     """
     if last is None:
         return False
@@ -49,10 +48,7 @@ def locate_frame(image: np.ndarray, calibration: Calibration) -> List[Detection]
 
 
 class Localizer:
-    """Follows the robots from picture to picture.
-
-    A picture that repeats the last one says nothing of where the robots are now: it has no poses.
-    """
+    """Follows the robots from picture to picture; one that repeats the last tells no poses."""
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
@@ -62,11 +58,9 @@ class Localizer:
         self._tracker = Tracker(calibration)
 
     def feed(self, image: np.ndarray, t_capture_s: float) -> Tuple[Sighting, ...]:
-        """Locate the robots in the next RGB picture, taken at ``t_capture_s`` (monotonic clock).
+        """The robots in the next RGB picture, taken at ``t_capture_s`` by a monotonic clock.
 
-        Only robots seen in this picture are told, from their third picture on, and none in a
-        picture that repeats the last one. ContractError: a picture of another size, or taken before
-        the last one.
+        Each is told from its third picture on. ContractError: another size, or an earlier time.
         """
         check_picture(image, self.calibration)
         self._repeats = self._repeats + 1 if is_repeat(image, self._last) else 0

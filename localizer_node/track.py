@@ -54,10 +54,7 @@ class Tracker:
         self._t_s = -math.inf
 
     def update(self, detections: Sequence[Detection], t_s: float) -> Tuple[Sighting, ...]:
-        """Take in the detections of the picture taken at ``t_s``; the robots seen in it.
-
-        ContractError: ``t_s`` is not later than the last picture's.
-        """
+        """The robots seen in the picture of ``t_s``; ContractError: not later than the last."""
         if t_s <= self._t_s:
             raise ContractError(
                 f"tracker: expected pictures in the order they were taken, got one of {t_s:.4f} s "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Iterator, List, Union
+from typing import Iterator, List, Union
 
 import numpy as np
 
@@ -14,10 +14,7 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
 
 
 def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
-    """The pictures at a path one after the other, (H, W, 3) uint8 RGB.
-
-    ConfigError: no such path, no pictures in the folder, or a file that is no video.
-    """
+    """The pictures at a path, one by one, (H, W, 3) uint8 RGB; ConfigError where there are none."""
     path = Path(path)
     if path.is_dir():
         return (read_picture(file) for file in picture_files(path))
@@ -27,25 +24,16 @@ def play(path: Union[str, Path]) -> Iterator[np.ndarray]:
         capture = cv2.VideoCapture(str(path))
         if not capture.isOpened():
             raise ConfigError(f"{path}: expected a video, got a file that OpenCV cannot play")
-        return _frames_of(capture)
+        frames = iter(capture.read, (False, None))  # good or not, and the picture
+        return (np.ascontiguousarray(picture[..., ::-1]) for _, picture in frames)
     raise ConfigError(
         f"{path}: expected a folder of pictures or a video ({', '.join(VIDEOS)}), got "
         f"{'another file' if path.exists() else 'no such path'}"
     )
 
 
-def _frames_of(capture: Any) -> Iterator[np.ndarray]:
-    good, picture = capture.read()
-    while good:
-        yield np.ascontiguousarray(picture[..., ::-1])
-        good, picture = capture.read()
-
-
 def picture_files(folder: Path) -> List[Path]:
-    """The pictures of a folder and of the folders in it, by name.
-
-    ConfigError: it is no folder, or holds none.
-    """
+    """The pictures of a folder and of the folders in it, by name; ConfigError: there are none."""
     if not folder.is_dir():
         got = "a file; give the folder that it lies in" if folder.exists() else "no such folder"
         raise ConfigError(f"{folder}: expected a folder of pictures, got {got}")

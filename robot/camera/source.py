@@ -37,10 +37,7 @@ class Camera(Protocol):
     """Gives the newest frame, at once."""
 
     def read(self) -> Optional[Frame]:
-        """The newest frame; the same one again until a newer has come, None before the first.
-
-        HardwareError: the camera has failed for good.
-        """
+        """The newest frame, perhaps again; None before the first. HardwareError: it has failed."""
 
 
 def fit_to_frame(picture: np.ndarray) -> np.ndarray:
@@ -51,9 +48,8 @@ def fit_to_frame(picture: np.ndarray) -> np.ndarray:
     import cv2
 
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        raise ContractError(
-            f"picture: expected (H, W, 3) uint8 RGB, got {picture.shape} {picture.dtype}"
-        )
+        got = f"{picture.shape} {picture.dtype}"
+        raise ContractError(f"picture: expected (H, W, 3) uint8 RGB, got {got}")
     height, width = picture.shape[:2]
     wide = min(width, max(1, round(height * FRAME_WIDTH_PX / FRAME_HEIGHT_PX)))
     high = min(height, max(1, round(width * FRAME_HEIGHT_PX / FRAME_WIDTH_PX)))
@@ -94,30 +90,21 @@ class NewestFrame(Worker):
     ``open_stream`` raises HardwareError; ``clock`` is monotonic [s].
     """
 
-    def __init__(
-        self,
-        open_stream: Callable[[], Stream],
-        clock: Callable[[], float],
-        first_wait_s: float = FIRST_WAIT_S,
-    ) -> None:
+    def __init__(self, open_stream: Callable[[], Stream], clock: Callable[[], float]) -> None:
         super().__init__("camera", JOIN_S)
         self.problem = "the camera has not started"
         self.restarts = 0
         self._open_stream = open_stream
         self._clock = clock
-        self._first_wait_s = first_wait_s
         self._frame: Optional[Frame] = None
 
     def read(self) -> Optional[Frame]:
-        """The newest frame, at once; None before the first.
-
-        HardwareError: the thread itself has died.
-        """
+        """The newest frame; None before the first. HardwareError: the thread itself has died."""
         self.check()
         return self._frame
 
     def _work(self) -> None:
-        wait_s = self._first_wait_s
+        wait_s = FIRST_WAIT_S
         while not self._ending.is_set():
             before = self._frame
             try:
@@ -125,7 +112,7 @@ class NewestFrame(Worker):
             except (RuntimeError, OSError, ValueError, MemoryError) as error:
                 self._complain(error)
             if self._frame is not before:
-                wait_s = self._first_wait_s
+                wait_s = FIRST_WAIT_S
             self._ending.wait(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
             self.restarts += not self._ending.is_set()
@@ -160,10 +147,7 @@ def _frame_of(picture: np.ndarray) -> np.ndarray:
 
 
 class V4l2Stream:
-    """``/dev/video<device>``. A read waits ten seconds at most (OpenCV's own limit).
-
-    HardwareError: no such device, or it is in use, or may not be opened by this user.
-    """
+    """``/dev/video<device>``; OpenCV waits ten seconds at most. HardwareError: it does not open."""
 
     def __init__(self, device: int, size_px: Tuple[int, int], fps: int) -> None:
         import cv2
@@ -248,10 +232,7 @@ VIDEO_FD = "{video}"  # in a command: the descriptor that the pictures are writt
 
 
 def csi_command(sensor: int, flip: int, fps: int, size_px: Tuple[int, int]) -> List[str]:
-    """The command for an IMX219 at a CSI port of a Jetson: sensor mode 3, scaled by its hardware.
-
-    ``flip`` is nvvidconv's flip-method, 2 for upside down; ``fps`` up to 30.
-    """
+    """For an IMX219 at a Jetson's CSI port: mode 3, scaled in hardware; ``flip`` is nvvidconv's."""
     source = (
         f"nvarguscamerasrc sensor-id={sensor} sensor-mode=3 ! "
         f"video/x-raw(memory:NVMM),width=1640,height=1232,format=NV12,framerate={fps}/1 ! "
@@ -274,42 +255,34 @@ class GstStream:
     OpenCV's wheels know no GStreamer, and a Jetson's CSI cameras give colour pictures through
     nothing else. The pipe is not the child's standard output, where nvarguscamerasrc prints what it
     does: one such line among the pixels would shift all pictures after it. Without a byte for
-    ``silence_s`` it hangs. HardwareError: the command cannot be started.
+    `SILENCE_S` it hangs. HardwareError: the command cannot be started.
     """
 
-    def __init__(
-        self, command: Sequence[str], size_px: Tuple[int, int], silence_s: float = SILENCE_S
-    ) -> None:
+    def __init__(self, command: Sequence[str], size_px: Tuple[int, int]) -> None:
         self._program = command[0]
         self._width_px, self._height_px = size_px
-        self._silence_s = silence_s
-        self._wait_s = max(FIRST_PICTURE_S, silence_s)
+        self._wait_s = FIRST_PICTURE_S
         with ExitStack() as stack:
             self._last_words = stack.enter_context(tempfile.TemporaryFile())
             self._pipe, video = os.pipe()
             stack.callback(os.close, self._pipe)
             try:
-                self._child = self._start(command, video)
+                self._child = subprocess.Popen(
+                    [word.replace(VIDEO_FD, str(video)) for word in command],
+                    stdin=subprocess.DEVNULL,
+                    stdout=self._last_words,
+                    stderr=self._last_words,
+                    pass_fds=(video,),
+                    start_new_session=True,  # an interrupt from the keyboard is the robot's
+                )
+            except OSError as error:
+                raise HardwareError(
+                    f"{self._program}: expected a program that starts, got: {error.strerror}; "
+                    "install gstreamer1.0-tools"
+                ) from error
             finally:
                 os.close(video)  # the child's alone: its end must be seen
             self._given_up = stack.pop_all()
-
-    def _start(self, command: Sequence[str], video: int) -> subprocess.Popen[bytes]:
-        own = any(VIDEO_FD in word for word in command)
-        try:
-            return subprocess.Popen(
-                [word.replace(VIDEO_FD, str(video)) for word in command],
-                stdin=subprocess.DEVNULL,
-                stdout=self._last_words if own else video,
-                stderr=self._last_words,
-                pass_fds=(video,) if own else (),
-                start_new_session=True,  # an interrupt from the keyboard is the robot's to handle
-            )
-        except OSError as error:
-            raise HardwareError(
-                f"{self._program}: expected a program that starts, got: {error.strerror}; "
-                "install gstreamer1.0-tools"
-            ) from error
 
     def grab(self) -> np.ndarray:
         """As `robot.camera.source.Stream` says."""
@@ -324,7 +297,7 @@ class GstStream:
             if not part:
                 raise HardwareError(f"camera: {self._program} ended; {self._said()}")
             data += part
-        self._wait_s = self._silence_s
+        self._wait_s = SILENCE_S
         shape = (self._height_px, self._width_px, BYTES_PER_PIXEL)
         pixels = np.frombuffer(data, np.uint8).reshape(shape)
         return np.ascontiguousarray(pixels[..., 2::-1])

@@ -158,6 +158,7 @@ class Pca9685:
         self.bus = bus
         self.address = address
         self._clock = clock
+        self._where = f"{bus.name}: PCA9685 at 0x{address:02X}"
 
     @classmethod
     def find(cls, bus: I2cBus, address: int, clock: Clock) -> Optional[Pca9685]:
@@ -192,13 +193,10 @@ class Pca9685:
         )
 
     def initialise(self) -> None:
-        """Stop whatever ran before, then set frequency and modes; all outputs end low.
-
-        The prescaler can be written only while the oscillator sleeps.
-        """
+        """Stop whatever ran before, then set frequency and modes; all outputs end low."""
         self.all_off()
         self._write(MODE1, bytes((SLEEP | AUTO_INCREMENT,)))
-        self._write(PRE_SCALE, bytes((FASTEST_PRE_SCALE,)))
+        self._write(PRE_SCALE, bytes((FASTEST_PRE_SCALE,)))  # only while the oscillator sleeps
         self._write(MODE1, bytes((AUTO_INCREMENT,)))
         self._write(MODE2, bytes((TOTEM_POLE,)))
         self._clock.sleep(OSCILLATOR_START_S)
@@ -245,10 +243,6 @@ class Pca9685:
                     f"{self._where}: expected {name} = 0x{expected:02X}, got 0x{value:02X}; the "
                     "chip was reset (a dip of its 3.3 V supply?) or another program writes to it"
                 )
-
-    @property
-    def _where(self) -> str:
-        return f"{self.bus.name}: PCA9685 at 0x{self.address:02X}"
 
     def _write(self, register: int, data: bytes) -> None:
         try:

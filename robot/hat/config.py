@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, Literal, NamedTuple, Tuple
+from typing import Dict, Literal, Tuple
 
 from robot.contract import DRIVE
 from robot.errors import ConfigError
@@ -24,7 +24,7 @@ MICROSTEPS = (1, 2, 4, 8, 16)  # into which a full step may be cut
 
 
 def ring_levels(position: float, microsteps: int, duty: float) -> Tuple[float, ...]:
-    """How much of the time each input is high, in the order of `robot.hat.config.Port`.
+    """How much of the time each input is high, in the order of `PORTS`.
 
     The position is counted in microsteps (any number; the ring repeats). A full step forward turns
     the field from A (AIN2 high) to B (BIN1 high). Its angle advances evenly; the stronger winding
@@ -46,21 +46,9 @@ GAIN_MAX = 1.1
 BUS_SHARE_MAX = 0.8  # of the bus's time that stepping may take
 
 
-class Port(NamedTuple):
-    """PCA9685 channels of one pair of bridges (Adafruit 2348 and its 0x6F clones)."""
-
-    pwma: int
-    ain2: int
-    ain1: int
-    bin1: int
-    bin2: int
-    pwmb: int
-
-
-PORTS: Dict[str, Port] = {
-    "M1M2": Port(pwma=8, ain2=9, ain1=10, bin1=11, bin2=12, pwmb=13),
-    "M3M4": Port(pwma=2, ain2=3, ain1=4, bin1=5, bin2=6, pwmb=7),
-}
+# PCA9685 channels of each pair of bridges (Adafruit 2348 and its 0x6F clones): PWMA, AIN2, AIN1,
+# BIN1, BIN2, PWMB.
+PORTS: Dict[str, Tuple[int, ...]] = {"M1M2": (8, 9, 10, 11, 12, 13), "M3M4": (2, 3, 4, 5, 6, 7)}
 
 
 @dataclass(frozen=True)
@@ -83,17 +71,14 @@ class MotorConfig:
             )
 
     @property
-    def channels(self) -> Port:
+    def channels(self) -> Tuple[int, ...]:
         """The port's channels."""
         return PORTS[self.port]
 
 
 @dataclass(frozen=True)
 class HatConfig:
-    """All the settings of the motor side. Speeds are of the wheel's rim over the floor.
-
-    ConfigError for a value out of range, or a combination that the bus cannot carry.
-    """
+    """All settings of the motor side; speeds are of the wheels' rims. ConfigError: out of range."""
 
     bus: int = 1  # pins 3 and 5: 1 on a Jetson Nano, 7 on an Orin Nano
     socket: str = ""  # of a virtual bus (python -m tools.loop), instead of /dev/i2c-<bus>
@@ -153,14 +138,10 @@ class HatConfig:
             )
 
     @property
-    def full_step_m(self) -> float:
-        """How far the rim moves in a full step [m]."""
-        return 2.0 * math.pi * self.drive.wheel_radius_m / self.steps_per_rev
-
-    @property
     def step_m(self) -> float:
         """How far a rim moves in a microstep, the unit of all step counts, at gain 1 [m]."""
-        return self.full_step_m / self.microsteps
+        steps_per_rev = self.steps_per_rev * self.microsteps
+        return 2.0 * math.pi * self.drive.wheel_radius_m / steps_per_rev
 
     @property
     def wheel_steps_m(self) -> Tuple[float, float]:

@@ -27,8 +27,8 @@ class MotorDriver:
 
     Used in a ``with`` block: entering finds the HAT, leaving brakes and switches every output off.
     A wheel speed counts for ``command_timeout_s``; then the robot ramps to a stop. Not for several
-    threads (``thread.MotorThread`` is). ``planner`` knows the steps so far and the speeds that the
-    ramps have reached; ``pose`` is where the steps led, from where it was when last set.
+    threads (``thread.MotorThread`` is). ``planner`` knows the steps so far; ``pose`` is where they
+    led, from where it was when last set.
 
     HardwareError: from every method, when the HAT fails. All outputs are off by then, or the
     message says that they could not be switched off. The driver stays off until ``open``.
@@ -44,7 +44,7 @@ class MotorDriver:
         self._commanded_s = self._moved_s = self._checked_s = self._settled_s = clock.now()
         self._pulled_s: Optional[float] = None  # when the field turns to where the rotors belong
         self._release_s: Optional[float] = None  # when a braking robot's coils are switched off
-        self._fault: Optional[BaseException] = None
+        self.fault: Optional[BaseException] = None  # since which all is off, until ``open``
 
     def __enter__(self) -> MotorDriver:
         self.open()
@@ -55,22 +55,22 @@ class MotorDriver:
 
     def open(self) -> None:
         """Find and set up the HAT, coils off; also the way back after a fault."""
-        self._fault = None
+        self.fault = None
         with self._off_on_error():
             self._hat.open()
             self._rest()
 
     def mend(self) -> None:
         """``open`` after a fault; nothing to do without one."""
-        if self.failed:
+        if self.fault is not None:
             self.open()
 
     def close(self) -> None:
         """Brake, then every output off, the last word on the bus."""
         try:
-            if self._fault is None:
+            if self.fault is None:
                 self.release()
-            while self.energised and self._fault is None:
+            while self.energised and self.fault is None:
                 deadline_s = self.pump(self._clock.now())
                 if deadline_s is not None:
                     self._clock.sleep(deadline_s - self._clock.now())
@@ -82,11 +82,6 @@ class MotorDriver:
     def energised(self) -> bool:
         """Whether the coils carry current."""
         return self._hat.duty is not None
-
-    @property
-    def failed(self) -> bool:
-        """Whether the driver is off since a fault, until ``open``."""
-        return self._fault is not None
 
     def set_wheels(self, wheels: WheelSpeeds) -> Optional[float]:
         """Aim for these rim speeds [m/s]; returns the next deadline, as ``pump`` does.
@@ -111,10 +106,7 @@ class MotorDriver:
         self.planner.brake(now_s)
 
     def release(self) -> None:
-        """Switch every output off, so that the wheels turn freely; a rolling robot brakes first.
-
-        ``pump`` switches them off ``HELD_S`` later then.
-        """
+        """Every output off, so that the wheels turn freely; who rolls brakes for `HELD_S` first."""
         self._refuse_after_fault()
         now_s = self._clock.now()
         self._rest_after_a_pause(now_s)
@@ -208,17 +200,16 @@ class MotorDriver:
         self.planner.freeze(self._clock.now())
 
     def _refuse_after_fault(self) -> None:
-        if self._fault is not None:
-            raise HardwareError(
-                f"the motors are off since: {self._fault}; open() the driver again"
-            ) from self._fault
+        if self.fault is not None:
+            told = f"the motors are off since: {self.fault}; open() the driver again"
+            raise HardwareError(told) from self.fault
 
     @contextmanager
     def _off_on_error(self) -> Iterator[None]:
         try:
             yield
         except BaseException as error:
-            self._fault = error
+            self.fault = error
             self._rest()
             self._all_off()
             raise

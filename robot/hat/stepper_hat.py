@@ -81,13 +81,13 @@ class StepperHat:
         for motor, position in zip(self._motors, self._positions):
             inputs = ring_levels(position + beside, self._config.microsteps, self.duty or 0.0)
             levels.update(zip(motor.channels, inputs))
-        pwms = [c for motor in motors for c in (motor.channels.pwma, motor.channels.pwmb)]
+        pwms = [c for motor in motors for c in (motor.channels[0], motor.channels[-1])]
         with_pwm = any(self._sent.get(c) != levels[c] for c in pwms)
         if with_pwm and self._sent:
             # This write would hide that another program switched everything off since the last.
             self.chip.expect_channel(pwms[0], self._sent[pwms[0]])
         part = slice(0, 6) if with_pwm else slice(1, 5)  # of pwma, ain2, ain1, bin1, bin2, pwmb
-        span = [channel for motor in motors for channel in tuple(motor.channels)[part]]
+        span = [channel for motor in motors for channel in motor.channels[part]]
         run = range(min(span), max(span) + 1)
         self.chip.set_channels(run[0], [levels[channel] for channel in run])
         self._sent.update((channel, levels[channel]) for channel in run)

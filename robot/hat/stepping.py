@@ -78,13 +78,11 @@ class WheelRamp:
 
     def at(self, time_s: float) -> Tuple[float, float]:
         """Position [steps] and speed [steps/s] at a time not before the last change."""
-        return self._piece_at(time_s).at(time_s)
+        pieces = (p for p in self._pieces if time_s < p.start_s + p.duration_s)
+        return next(pieces, self._pieces[-1]).at(time_s)
 
     def retarget(self, time_s: float, target: float, acceleration: float = 0.0) -> None:
-        """From ``time_s`` on, change to ``target`` [steps/s] as fast as the motor can follow.
-
-        A brake may be harder than that: at ``acceleration`` [steps/s^2].
-        """
+        """From ``time_s`` on, to ``target`` [steps/s] by ramps, or by a harder ``acceleration``."""
         position, speed = self.at(time_s)
         self._note_rest(time_s)
         self._plan(time_s, position, speed, target, acceleration)
@@ -123,12 +121,6 @@ class WheelRamp:
         """The step was made: what the wheel did before it must not be found again."""
         self._note_rest(self._pieces[crossing.piece].start_s)
         del self._pieces[: crossing.piece]
-
-    def _piece_at(self, time_s: float) -> _Piece:
-        for piece in self._pieces:
-            if time_s < piece.start_s + piece.duration_s:
-                return piece
-        return self._pieces[-1]
 
     def _note_rest(self, time_s: float) -> None:
         """Remember when and in which direction the wheel last moved, up to ``time_s``."""
@@ -234,12 +226,6 @@ class StepPlanner:
         self.stalls += 1
         for wheel, count in zip(self._wheels, self.counts):
             wheel.stand(time_s, count)
-
-    def speeds(self, time_s: float) -> WheelSpeeds:
-        """The speeds that the ramps have reached [m/s]."""
-        steps_m = self._config.wheel_steps_m
-        left, right = (w.at(time_s)[1] * step_m for w, step_m in zip(self._wheels, steps_m))
-        return WheelSpeeds(left, right)
 
     def advance(self, time_s: float) -> Steps:
         """The steps due at ``time_s``, at most one per wheel; ask again until none is due."""

@@ -26,10 +26,7 @@ from robot.hat.stepping import Steps
 
 @contextmanager
 def own_bus(config: HatConfig) -> Iterator[Union[SmbusBus, SocketBus]]:
-    """The configured I2C bus, for nobody else meanwhile.
-
-    HardwareError where this user has none, or another program drives it.
-    """
+    """The configured I2C bus, ours alone; HardwareError where there is none, or it is another's."""
     with ExitStack() as stack:
         bus = open_bus(config.socket or config.bus)
         stack.callback(bus.close)
@@ -117,7 +114,7 @@ class MotorThread(Worker):
     @property
     def healthy(self) -> bool:
         """Whether the thread runs and no fault came up."""
-        return self.alive and not self._driver.failed
+        return self.alive and self._driver.fault is None
 
     def on_tick(self, tick: object) -> None:  # noqa: ARG002  every turn counts
         """HardwareError when the thread has died or hangs; then the coils are off."""
@@ -135,9 +132,8 @@ class MotorThread(Worker):
 
     def _expect_turning(self) -> None:
         if self._silence.lasts(self._turns, self._clock.now()):
-            self._driver.fail(
-                HardwareError("motor thread: expected a turn each time it is woken, it hangs")
-            )
+            told = "motor thread: expected a turn each time it is woken, it hangs"
+            self._driver.fail(HardwareError(told))
 
     def _wake(self) -> None:
         self._alarm.set()

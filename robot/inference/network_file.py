@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Iterable, List, NamedTuple, Tuple, Type, TypeVar, Union
+from typing import Any, Generic, Iterable, NamedTuple, Tuple, Type, TypeVar, Union
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from robot.errors import ContractError, DuckpilotError
 
 File = Union[str, Path]
 T = TypeVar("T", bound=InFile)
+BYTES, FLOATS = "tensor(uint8)", "tensor(float)"
 
 
 class Tensor(NamedTuple):
@@ -36,12 +37,10 @@ class Tensor(NamedTuple):
 
 
 def open_network(path: File, remedy: str) -> Any:
-    """An onnxruntime session of a file, on one thread of the processor.
+    """An onnxruntime session of a file. Its one thread is as fast as four for our networks, and
+    leaves the other cores of a Jetson Nano to the camera and the motors.
 
-    One is as fast as four for our networks, and leaves the other cores of a Jetson Nano to the
-    camera and the motors. Errors end with the ``remedy``.
-
-    ContractError: the file is absent, damaged, or too new for this onnxruntime.
+    ContractError, which ends with the ``remedy``: it is absent, damaged, or too new for this one.
     """
     import onnxruntime as ort
     from onnxruntime.capi import onnxruntime_pybind11_state as state
@@ -63,45 +62,48 @@ def open_network(path: File, remedy: str) -> Any:
     raise ContractError(f"{path}: expected an ONNX policy, got: {told}; {remedy}")
 
 
-def read_stated(path: File, network: Any, kind: Type[T], remedy: str) -> T:
-    """What an open network's file says of itself; ContractError when it has no such contract."""
-    key = kind.METADATA_KEY
-    try:
-        metadata = network.get_modelmeta().custom_metadata_map
-        if key not in metadata:
-            raise ContractError(f"expected metadata under {key!r}, got keys {sorted(metadata)}")
-        return kind.from_json(metadata[key])
-    except (DuckpilotError, UnicodeDecodeError) as error:
-        raise ContractError(f"{path}: {error}; {remedy}") from error
+class Network(Generic[T]):
+    """An ONNX file with a contract of this ``kind``, which answers pictures with one output.
 
-
-def expect_pictures(pictures: np.ndarray, shape: Tuple[int, ...], whose: str) -> np.ndarray:
-    """Pictures (N, H, W, 3 frames) uint8 RGB for a network, contiguous; ContractError for others.
-
-    ``shape`` is (H, W, 3 frames), ``whose`` the network's file.
+    Errors end with the ``remedy``. ContractError: as of ``open_network``, or no such contract.
     """
-    if pictures.ndim != 4 or pictures.shape[1:] != shape or pictures.dtype != np.uint8:
-        raise ContractError(
-            f"pictures: expected (N, {', '.join(map(str, shape))}) uint8, got {pictures.shape} "
-            f"{pictures.dtype}; make them for {whose} with preprocess(frame, contract.image)"
-        )
-    return np.ascontiguousarray(pictures)
 
+    def __init__(self, path: File, kind: Type[T], remedy: str) -> None:
+        self.path = Path(path)
+        self._session, self._remedy = open_network(path, remedy), remedy
+        key = kind.METADATA_KEY
+        try:
+            metadata = self._session.get_modelmeta().custom_metadata_map
+            if key not in metadata:
+                raise ContractError(f"expected metadata under {key!r}, got keys {sorted(metadata)}")
+            self.contract = kind.from_json(metadata[key])
+        except (DuckpilotError, UnicodeDecodeError) as error:
+            raise ContractError(f"{path}: {error}; {remedy}") from error
 
-def expect_tensors(
-    path: File, network: Any, inputs: List[Tensor], outputs: List[Tensor], remedy: str
-) -> None:
-    """ContractError unless an open network has these inputs and outputs, and no others."""
-    for role, expected, nodes in (
-        ("inputs", inputs, network.get_inputs()),
-        ("outputs", outputs, network.get_outputs()),
-    ):
-        got = {node.name: Tensor(node.name, node.type, tuple(node.shape)) for node in nodes}
-        same = set(got) == {tensor.name for tensor in expected}
-        if not (same and all(tensor.fits(got[tensor.name]) for tensor in expected)):
+    def expect(self, shape: Tuple[int, ...], output: Tensor, *others: Tensor) -> None:
+        """ContractError unless pictures of this shape and ``others`` give ``output``, only."""
+        self._shape, self._output = shape, output.name
+        inputs = (Tensor("image", BYTES, (None, *shape)), *others)
+        for role, expected, nodes in (
+            ("inputs", inputs, self._session.get_inputs()),
+            ("outputs", (output,), self._session.get_outputs()),
+        ):
+            got = {node.name: Tensor(node.name, node.type, tuple(node.shape)) for node in nodes}
+            same = set(got) == {tensor.name for tensor in expected}
+            if not (same and all(tensor.fits(got[tensor.name]) for tensor in expected)):
+                told = f"expected {role} {_told(expected)}, got {_told(got.values())}"
+                raise ContractError(f"{self.path}: {told}; {self._remedy}")
+
+    def answer(self, pictures: np.ndarray, **others: np.ndarray) -> np.ndarray:
+        """The output for pictures (N, H, W, 3 frames) uint8 RGB; ContractError for others."""
+        if pictures.ndim != 4 or pictures.shape[1:] != self._shape or pictures.dtype != np.uint8:
             raise ContractError(
-                f"{path}: expected {role} {_told(expected)}, got {_told(got.values())}; {remedy}"
+                f"pictures: expected (N, {', '.join(map(str, self._shape))}) uint8, got "
+                f"{pictures.shape} {pictures.dtype}; make them for {self.path.name} with "
+                "preprocess(frame, contract.image)"
             )
+        feeds = {"image": np.ascontiguousarray(pictures), **others}
+        return np.asarray(self._session.run([self._output], feeds)[0])
 
 
 def _told(tensors: Iterable[Tensor]) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Dict, Optional, Tuple, Union
+from typing import Callable, Dict, Literal, Optional, Tuple, Union
 
 import numpy as np
 
@@ -27,14 +27,8 @@ from robot.contract import (
     InFile,
     PolicyContract,
 )
-from robot.errors import ContractError, nearest
-from robot.inference.network_file import (
-    Tensor,
-    expect_pictures,
-    expect_tensors,
-    open_network,
-    read_stated,
-)
+from robot.errors import ContractError
+from robot.inference.network_file import BYTES, FLOATS, Network, Tensor
 from robot.inference.preprocess import FRAME_SHAPE, preprocess
 from robot.parts import Policy
 
@@ -43,35 +37,29 @@ SHIPPED_MODELS = Path(__file__).parent.parent / "models"
 REMEDY = "export the policy with python -m trainer export"
 
 
-class OnnxPolicy:
+class OnnxPolicy(Network[PolicyContract]):
     """A policy from an ONNX file.
 
     Another vehicle's have other ``actions``: its table, which the policy must have. Without, this
     robot's wheels must be able to do each.
-    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-    metadata, or its actions, inputs, outputs or values are not those of the contract.
+    ContractError: as of `Network`, or its actions, inputs, outputs or values are not those of the
+    contract.
     """
 
     def __init__(self, path: Union[str, Path], actions: Optional[ActionTable] = None) -> None:
-        self.path = Path(path)
-        self._session = network = open_network(path, REMEDY)
-        self.contract = contract = read_stated(path, network, PolicyContract, REMEDY)
+        super().__init__(path, PolicyContract, REMEDY)
+        contract = self.contract
         _check_actions(path, contract.actions, actions)
         for what, got, valid in (
             ("seconds between decisions", contract.control_dt_s, (CONTROL_DT_S,)),
             ("path points", contract.path_points, (0, PATH_POINTS)),
         ):
             if got not in valid:
-                expected = " or ".join(map(str, valid))
-                raise ContractError(
-                    f"{path}: expected {expected} {what}, got {got}; train it again with this "
-                    "version"
-                )
-        inputs = [Tensor("image", "tensor(uint8)", (None, *contract.picture_shape))]
-        if contract.path_points:
-            inputs.append(Tensor("path", "tensor(float)", (None, contract.path_points)))
-        outputs = [Tensor("values", "tensor(float)", (None, len(contract.actions)))]
-        expect_tensors(path, network, inputs, outputs, REMEDY)
+                told = f"expected {' or '.join(map(str, valid))} {what}, got {got}"
+                raise ContractError(f"{path}: {told}; train it again with this version")
+        follows = [Tensor("path", FLOATS, (None, contract.path_points))]
+        values = Tensor("values", FLOATS, (None, len(contract.actions)))
+        self.expect(contract.picture_shape, values, *(follows if contract.path_points else ()))
         ramp = np.linspace(0, 255, num=int(np.prod(contract.picture_shape)))
         image = ramp.astype(np.uint8).reshape(contract.picture_shape)
         for count in (2, 1):  # slow first calls and broken exports show here
@@ -85,14 +73,11 @@ class OnnxPolicy:
         path_points) float32 in [-1, 1] for a navigating policy, else None. ContractError: a wrong
         shape or kind, or the network answered NaN or infinity.
         """
-        pictures = expect_pictures(images, self.contract.picture_shape, self.path.name)
-        feeds = {"image": pictures, **self._checked_path(len(images), path)}
-        values = self._session.run(["values"], feeds)[0]
+        values = self.answer(images, **self._checked_path(len(images), path))
         expected = (len(images), len(self.contract.actions))
         if values.shape != expected:
-            raise ContractError(
-                f"{self.path}: expected values {expected}, got {values.shape}; export it again"
-            )
+            told = f"expected values {expected}, got {values.shape}"
+            raise ContractError(f"{self.path}: {told}; export it again")
         if not np.isfinite(values).all():
             raise ContractError(
                 f"{self.path}: expected finite values, got {values.tolist()}; "
@@ -122,7 +107,7 @@ class OnnxPolicy:
 
 def read_contract(path: Union[str, Path]) -> PolicyContract:
     """The contract inside a policy file, of any vehicle; ContractError where there is none."""
-    return read_stated(path, open_network(path, REMEDY), PolicyContract, REMEDY)
+    return Network(path, PolicyContract, REMEDY).contract
 
 
 def _check_actions(
@@ -156,10 +141,9 @@ def values_of(
         return None
     paths = path[None] if path is not None and contract.path_points else None
     values = np.asarray(policy.values(preprocess(image, contract.image)[None], paths))
-    if values.shape != (1, len(contract.actions)):
-        raise ContractError(
-            f"policy: expected values (1, {len(contract.actions)}), got {values.shape}"
-        )
+    expected = (1, len(contract.actions))
+    if values.shape != expected:
+        raise ContractError(f"policy: expected values {expected}, got {values.shape}")
     return values[0]
 
 
@@ -194,25 +178,19 @@ def time_decisions(policy: Policy, decisions: int = DECISIONS) -> PolicyTiming:
     return PolicyTiming(float(p50_ms), float(p99_ms))
 
 
-DIRECTIONS = ("sim-to-real", "real-to-sim")
-PARSING = "to-parsing"  # of a parser, which shows the classes it sees, in simulation as in reality
+Direction = Literal["sim-to-real", "real-to-sim", "to-parsing"]
+DIRECTIONS: Tuple[Direction, Direction] = ("sim-to-real", "real-to-sim")
+PARSING: Direction = "to-parsing"  # of a parser: the classes it sees, in simulation as in reality
 TRANSLATOR_REMEDY = "make the translator with python -m trainer translate train"
-
-
-# (N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array
-Translator = Callable[[np.ndarray], np.ndarray]
+Translator = Callable[[np.ndarray], np.ndarray]  # (N, H, W, 3) uint8 RGB, into a fresh array
 
 
 @dataclass(frozen=True)
 class TranslatorContract(InFile):
-    """Of every translator.
-
-    ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same. ContractError:
-    an unknown direction, with the nearest one.
-    """
+    """ONNX input: ``image`` uint8 (N, H, W, 3) RGB. Output: ``translation``, the same."""
 
     method: str  # cyclegan, pix2pix, segnet
-    direction: str  # one of DIRECTIONS, or PARSING
+    direction: Direction
     image: ImageSpec
     run: str = ""  # name of the training run
     trained_steps: int = 0
@@ -221,29 +199,13 @@ class TranslatorContract(InFile):
 
     METADATA_KEY = "duckpilot-translator"
 
-    def __post_init__(self) -> None:
-        known = (*DIRECTIONS, PARSING)
-        if self.direction not in known:
-            raise ContractError(
-                f"direction: unknown {self.direction!r}; {nearest(self.direction, known)}"
-            )
 
-
-class OnnxTranslator:
-    """A translator from an ONNX file, whose metadata holds a ``TranslatorContract``.
-
-    ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-    metadata, or its input or output are not those of the contract.
-    """
+class OnnxTranslator(Network[TranslatorContract]):
+    """A translator from an ONNX file; ContractError as of `Network`, or it takes other pictures."""
 
     def __init__(self, path: Union[str, Path]) -> None:
-        self.path = Path(path)
-        self._network = open_network(path, TRANSLATOR_REMEDY)
-        self.contract = read_stated(path, self._network, TranslatorContract, TRANSLATOR_REMEDY)
-        axes = (None, *self.contract.image.shape)
-        inputs = [Tensor("image", "tensor(uint8)", axes)]
-        outputs = [Tensor("translation", "tensor(uint8)", axes)]
-        expect_tensors(path, self._network, inputs, outputs, TRANSLATOR_REMEDY)
+        super().__init__(path, TranslatorContract, TRANSLATOR_REMEDY)
+        self.expect(self.image.shape, Tensor("translation", BYTES, (None, *self.image.shape)))
 
     @property
     def image(self) -> ImageSpec:
@@ -251,23 +213,14 @@ class OnnxTranslator:
         return self.contract.image
 
     def __call__(self, pictures: np.ndarray) -> np.ndarray:
-        """(N, H, W, 3) uint8 RGB -> (N, H, W, 3) uint8 RGB, in a fresh array.
-
-        ContractError: pictures of another size or kind.
-        """
-        given = expect_pictures(pictures, self.contract.image.shape, self.path.name)
-        if not len(pictures):
-            return pictures.copy()
-        return np.asarray(self._network.run(["translation"], {"image": given})[0])
+        """(N, H, W, 3) uint8 RGB -> the same, in a fresh array; ContractError: other pictures."""
+        return self.answer(pictures) if len(pictures) else pictures.copy()
 
 
 def open_translator(
     path: Union[str, Path], image: ImageSpec, direction: Optional[str] = None
 ) -> OnnxTranslator:
-    """A translator of the policy's pictures, in this direction where only one makes sense.
-
-    ContractError: see ``OnnxTranslator``; or it is for other pictures or the other direction.
-    """
+    """A translator of these pictures, in ``direction`` if that matters; ContractError: another."""
     translator = OnnxTranslator(path)
     if translator.image != image:
         raise ContractError(

@@ -65,10 +65,7 @@ class FusionConfig:
 
 
 class PoseFusion:
-    """The filter of ``count`` robots. Times come from the caller's one clock.
-
-    ``rejected`` (N,) overhead poses in a row were too far off to believe.
-    """
+    """The filter of ``count`` robots; so many overhead poses in a row were ``rejected`` (N,)."""
 
     def __init__(self, count: int = 1, config: FusionConfig = FusionConfig()) -> None:
         self.config = config
@@ -218,10 +215,7 @@ class PoseFusion:
         return self._state[:, SEEN].copy()
 
     def _then(self, when_s: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The states at times (N,), the steps since, and the states' covariance.
-
-        NaN before the history begins.
-        """
+        """The states at times (N,), steps since, and covariance; NaN before the history begins."""
         times = np.array(self._times_s)
         then = self._odometry
         if len(times) > 1:

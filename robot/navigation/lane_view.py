@@ -43,11 +43,7 @@ class LaneAhead(NamedTuple):
 
 
 class LaneView:
-    """The road before any pose on one map.
-
-    Raises:
-        MapError: the map has no road but junctions.
-    """
+    """The road before any pose on one map."""
 
     def __init__(self, road_map: RoadMap) -> None:
         self.road_map = road_map
@@ -68,19 +64,12 @@ class LaneView:
         found = self._lane(x_m, y_m, heading_rad)
         if found is None:
             return None
-        chain, arc_m, (offset_m, turned_rad, along_rad) = found
+        chain, arc_m, here = found
         line_m, ahead_m = chain.line_m - arc_m, arc_m + AHEAD_M
-        return LaneAhead(
-            offset_m,
-            turned_rad,
-            along_rad,
-            chain.bend(arc_m),
-            chain.turn(arc_m, ahead_m) / AHEAD_M if line_m > AHEAD_M else math.nan,
-            (chain.bend(ahead_m) - chain.bend(arc_m)) / AHEAD_M,
-            line_m,
-            chain.kind,
-            False,
-        )
+        bend_pm = chain.bend(arc_m)
+        curvature_pm = chain.turn(arc_m, ahead_m) / AHEAD_M if line_m > AHEAD_M else math.nan
+        slope_pm2 = (chain.bend(ahead_m) - bend_pm) / AHEAD_M
+        return LaneAhead(*here, bend_pm, curvature_pm, slope_pm2, line_m, chain.kind, False)
 
     def _lane(
         self, x_m: float, y_m: float, heading_rad: float

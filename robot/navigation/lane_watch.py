@@ -11,10 +11,7 @@ from robot.vision.sight import Glimpse
 
 
 class LaneWatch:
-    """A ``Navigator`` without map or place: it leads nowhere, and tells what lies ahead.
-
-    ``odometry`` counts steps from anywhere.
-    """
+    """A ``Navigator`` without map, place or path: it tells what lies ahead, by any ``odometry``."""
 
     def __init__(self, glimpse: Glimpse, odometry: Callable[[], Pose]) -> None:
         self._glimpse, self._way = glimpse, WaySeen()

@@ -79,10 +79,7 @@ def kinds() -> Dict[str, Kind]:
 
 @dataclass(frozen=True)
 class MapObject:
-    """One object in the world frame; its front looks along ``heading_rad``.
-
-    ``optional`` objects may be left out of an episode; those not ``static`` move by themselves.
-    """
+    """One object in the world frame; its front looks along ``heading_rad``."""
 
     name: str
     kind: str
@@ -90,16 +87,13 @@ class MapObject:
     y_m: float
     heading_rad: float
     height_m: float
-    static: bool = True
-    optional: bool = False
+    static: bool = True  # others move by themselves
+    optional: bool = False  # may be left out of an episode
     color: Optional[str] = None
 
 
 def objects_of(road_map: RoadMap) -> Tuple[MapObject, ...]:
-    """The objects of a map, whose file lists them, names them one by one, or has none.
-
-    MapError names the object and what its entry should say.
-    """
+    """The objects of a map; MapError names the object and what its entry should say."""
     entries, where = road_map.objects, f"{road_map.name}: objects"
     if entries is None:
         return ()

@@ -92,7 +92,7 @@ class Traveller(NamedTuple):
 
     pose: Pose
     speed_mps: float
-    line_m: Optional[float] = None  # from its nose to the next red line
+    line_m: float  # from its nose to the next red line
 
 
 class Crossings:
@@ -104,12 +104,8 @@ class Crossings:
 
     def update(self, now_s: float, robots: Mapping[str, Traveller]) -> Dict[str, Junction]:
         """By name, the junctions of those who stand at one or are inside."""
-        found = {}
-        for name, robot in robots.items():
-            at = self._at(now_s, name, robot)
-            if at is not None:
-                found[name] = at
-        self._known = found
+        asked = {name: self._at(now_s, name, robot) for name, robot in robots.items()}
+        self._known = found = {name: at for name, at in asked.items() if at is not None}
         return {
             name: Junction(own, tuple(o for n, (t, o) in found.items() if t == tile and n != name))
             for name, (tile, own) in found.items()
@@ -119,18 +115,15 @@ class Crossings:
         before = self._known.get(name)
         inside = self.inside(robot.pose)
         if inside is not None:
-            same = before is not None and before[0] == inside
-            known = before[1] if same and before else AtJunction(_arm(robot.pose), now_s, name)
-            return inside, replace(known, inside=True)
-        if robot.line_m is None or not robot.line_m <= _AT_LINE_M:
+            if before is not None and before[0] == inside:
+                return inside, replace(before[1], inside=True)
+            return inside, AtJunction(_arm(robot.pose), now_s, name, inside=True)
+        if not robot.line_m <= _AT_LINE_M or (before is None and robot.speed_mps > _STILL_MPS):
             return None
-        if before is None and robot.speed_mps > _STILL_MPS:
-            return None
-        tile = self._beyond(robot.pose)
-        if tile is None:
-            return None
+        here, heads = self._map.tile_at(robot.pose.x_m, robot.pose.y_m), _arm(robot.pose) + 2
+        tile = here and self._map.beyond(here, ORIENTATIONS[heads % 4])
         since_s = before[1].arrived_s if before is not None else now_s
-        return tile, AtJunction(_arm(robot.pose), since_s, name)
+        return None if tile is None else (tile, AtJunction(_arm(robot.pose), since_s, name))
 
     def inside(self, pose: Pose) -> Optional[Tile]:
         """The junction that any part of a robot is in."""
@@ -140,11 +133,6 @@ class Crossings:
             if tile is not None and tile.is_junction:
                 return tile
         return None
-
-    def _beyond(self, pose: Pose) -> Optional[Tile]:
-        """The tile that a robot heads for."""
-        here = self._map.tile_at(pose.x_m, pose.y_m)
-        return here and self._map.beyond(here, ORIENTATIONS[(_arm(pose) + 2) % 4])
 
 
 def _arm(pose: Pose) -> int:

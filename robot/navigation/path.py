@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -38,10 +38,7 @@ class PathPosition(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Points (M, 2) and headings (M,) at arc lengths (M,) [m]; a closed path returns to the first.
-
-    It is a `PathBatch` of one, which is for many robots at once.
-    """
+    """Points (M, 2), headings (M,) at arc lengths (M,) [m]; a closed path returns to its first."""
 
     points_m: np.ndarray
     headings_rad: np.ndarray
@@ -50,13 +47,10 @@ class Path:
     length_m: float
 
     @classmethod
-    def from_beziers(
-        cls, curves: Sequence[np.ndarray], spacing_m: float = SPACING_M, closed: bool = False
-    ) -> Path:
+    def from_beziers(cls, curves: Sequence[np.ndarray], closed: bool = False) -> Path:
         """A path along cubic Beziers, each (4, 2) [m], that follow one another.
 
-        The points lie on the curves, at most about ``spacing_m`` apart. PlanError without curves,
-        or with a gap of more than `MAX_GAP_M` between two of them.
+        Points are `SPACING_M` apart at most. PlanError: no curves, or a gap above `MAX_GAP_M`.
         """
         if not len(curves):
             raise PlanError("expected at least one Bezier to make a path of, got none")
@@ -73,7 +67,7 @@ class Path:
         chords = np.hypot(*np.moveaxis(np.diff(dense, axis=1), -1, 0)).ravel()
         arc = np.concatenate(([0.0], np.cumsum(chords)))
         length_m = float(arc[-1])
-        segments = max(int(np.ceil(length_m / spacing_m - 1e-6)), 3 if closed else 1)
+        segments = max(int(np.ceil(length_m / SPACING_M - 1e-6)), 3 if closed else 1)
         arc_m = np.arange(segments if closed else segments + 1) * (length_m / segments)
         along = np.interp(arc_m, arc, np.arange(len(arc)) / _SAMPLES)
         curve_of = np.minimum(along.astype(int), len(control) - 1)
@@ -222,10 +216,8 @@ class PathBatch:
         segment = self._segments[paths[:, None], window]
         vector = segment[..., _DX:_INVERSE]
         delta = xy_m[:, None] - segment[..., _X:_DX]
-        along = (delta[..., 0] * vector[..., 0] + delta[..., 1] * vector[..., 1]) * segment[
-            ..., _INVERSE
-        ]
-        along = np.clip(along, 0.0, 1.0)
+        along = delta[..., 0] * vector[..., 0] + delta[..., 1] * vector[..., 1]
+        along = np.clip(along * segment[..., _INVERSE], 0.0, 1.0)
         delta = delta - along[..., None] * vector
         best = (delta[..., 0] ** 2 + delta[..., 1] ** 2).argmin(axis=1)
         return best, along[np.arange(len(best)), best]
@@ -237,12 +229,9 @@ class PathBatch:
         vector = segment[:, _DX:_INVERSE]
         delta = xy_m - segment[:, _X:_DX]
         cross = vector[:, 0] * delta[:, 1] - vector[:, 1] * delta[:, 0]
-        return PathPosition(
-            index,
-            (index + fraction) * self._steps_m[paths],
-            cross * np.sqrt(segment[:, _INVERSE]),
-            self._heading(segment, fraction),
-        )
+        arc_m = (index + fraction) * self._steps_m[paths]
+        offset_m = cross * np.sqrt(segment[:, _INVERSE])
+        return PathPosition(index, arc_m, offset_m, self._heading(segment, fraction))
 
     def _locate(self, paths: np.ndarray, arc_m: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Segment and fraction along it (outside 0 to 1 beyond an open path) of arc lengths."""
@@ -259,8 +248,7 @@ class PathBatch:
 def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
     """The closed outer lane of a ring of road (driven counter-clockwise), or the inner one.
 
-    Of several rings the one with the longest lane is taken. MapError where the road has a junction
-    or an end, so that no lane closes by itself.
+    Of several rings the longest counts. MapError: a junction, or an end, lets no lane close.
     """
     junction = next((tile for tile in road_map.road_tiles if tile.is_junction), None)
     if junction is not None:
@@ -275,12 +263,12 @@ def lane_loop(road_map: RoadMap, outer: bool = True) -> Path:
             f"{road_map.name}: expected a closed ring of road, but every lane leads off the road; "
             "use a ring such as the shipped map loop"
         )
-    paths = [
-        Path.from_beziers([lane.control_points_m for lane in loop], closed=True) for loop in loops
-    ]
-    longest = max(range(len(loops)), key=lambda i: paths[i].length_m)
-    ring = _tiles(loops[longest])
-    both = [path for path, loop in zip(paths, loops) if _tiles(loop) == ring]
+    rings: Dict[FrozenSet[Tuple[int, int]], List[Path]] = {}  # both lanes, by their tiles
+    for loop in loops:
+        tiles = frozenset((lane.tile_row, lane.tile_column) for lane in loop)
+        path = Path.from_beziers([lane.control_points_m for lane in loop], closed=True)
+        rings.setdefault(tiles, []).append(path)
+    both = max(rings.values(), key=lambda paths: max(path.length_m for path in paths))
     return (max if outer else min)(both, key=lambda path: path.length_m)
 
 
@@ -297,10 +285,6 @@ def _loops(lanes: Sequence[Lane], tile_size_m: float) -> List[List[Lane]]:
         if place == start:
             loops.append(chain)
     return loops
-
-
-def _tiles(loop: Sequence[Lane]) -> FrozenSet[Tuple[int, int]]:
-    return frozenset((lane.tile_row, lane.tile_column) for lane in loop)
 
 
 POINT_SPACING_M = 0.04  # along the path; ten of them reach a little farther than one tile's corner
@@ -324,9 +308,6 @@ def path_inputs(paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray) -> np.nd
 
 
 def path_input(path: Path, pose: Pose, hint: Optional[int] = None) -> np.ndarray:
-    """The path input of one robot, (PATH_POINTS,) float32; see `path_inputs`.
-
-    ``hint`` is the ``index`` of the last `Path.project`; without it the whole path is searched.
-    """
+    """The path input of one robot, (PATH_POINTS,) float32; ``hint`` as of `Path.project`."""
     arc_m = path.project(pose.x_m, pose.y_m, hint).arc_m
     return path_inputs(path.batch, np.array([pose]), np.array([arc_m]))[0]

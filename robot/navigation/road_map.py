@@ -14,9 +14,10 @@ two exceptions that follow the map files' own meaning:
 
 from __future__ import annotations
 
-import math
+import sys
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -66,17 +67,12 @@ class Tile:
     @property
     def road_sides(self) -> Tuple[str, ...]:
         """The sides (S, E, N, W) at which a road leaves this tile; empty for floor."""
-        sides = ROAD_SIDES.get(self.kind, "")
-        return tuple(
-            ORIENTATIONS[(ORIENTATIONS.index(side) + self.quarter_turns) % 4] for side in sides
-        )
+        numbers = map(ORIENTATIONS.index, ROAD_SIDES.get(self.kind, ""))
+        return tuple(ORIENTATIONS[(number + self.quarter_turns) % 4] for number in numbers)
 
 
 def parse_tile(text: object, row: int, column: int, where: str = "") -> Tile:
-    """Read ``kind/ORIENTATION``; no "/" means east, and a bare name with a 4 means 4way/E.
-
-    MapError names row, column and the valid kinds or orientations.
-    """
+    """Read ``kind/ORIENTATION``; no "/" means east, a bare name with a 4 4way/E. MapError: else."""
     place = f"{where}: row {row}, column {column}" if where else f"row {row}, column {column}"
     if not isinstance(text, str):
         raise MapError(f"{place}: expected a tile such as straight/E, got {text!r}")
@@ -86,10 +82,8 @@ def parse_tile(text: object, row: int, column: int, where: str = "") -> Tile:
     if kind not in TILE_KINDS:
         raise MapError(f"{place}: unknown tile {text!r}; {nearest(kind, TILE_KINDS)}")
     if orientation not in ORIENTATIONS:
-        raise MapError(
-            f"{place}: unknown orientation {orientation!r} of tile {text!r}; "
-            f"valid: {', '.join(ORIENTATIONS)}"
-        )
+        told = nearest(orientation, ORIENTATIONS)
+        raise MapError(f"{place}: unknown orientation {orientation!r} of tile {text!r}; {told}")
     return Tile(kind, ORIENTATIONS.index(orientation), row, column)
 
 
@@ -166,12 +160,10 @@ class LaneIndex:
     """Finds the nearest point of every one of L lanes at once, exact to less than 0.1 mm."""
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
-        self.lanes = tuple(lanes)
         self._control = np.array([lane.control_points_m for lane in lanes]).reshape(-1, 4, 2)
         t = np.linspace(0.0, 1.0, _CHORDS + 1)
-        points = np.array([bezier_points(control, t) for control in self._control])
-        self._starts = points.reshape(-1, _CHORDS + 1, 2)[:, :-1]
-        self._chords = np.diff(points.reshape(-1, _CHORDS + 1, 2), axis=1)
+        points = bezier_points(self._control[:, None], t)
+        self._starts, self._chords = points[:, :-1], np.diff(points, axis=1)
         self._inverse_squares = 1.0 / (self._chords**2).sum(axis=-1)
 
     def near(self, x_m: float, y_m: float) -> LanesNear:
@@ -181,17 +173,14 @@ class LaneIndex:
         along = np.clip((delta * self._chords).sum(-1) * self._inverse_squares, 0.0, 1.0)
         squares = ((delta - along[..., None] * self._chords) ** 2).sum(-1)
         chord = squares.argmin(axis=1)
-        rows = np.arange(len(self.lanes))
+        rows = np.arange(len(self._control))
         t = (chord + along[rows, chord]) / _CHORDS
         point, tangent = bezier_points(self._control, t), bezier_tangents(self._control, t)
         delta = position - point
         direction = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
-        return LanesNear(
-            np.hypot(delta[:, 0], delta[:, 1]),
-            t,
-            direction[:, 0] * delta[:, 1] - direction[:, 1] * delta[:, 0],
-            np.arctan2(direction[:, 1], direction[:, 0]),
-        )
+        offset_m = direction[:, 0] * delta[:, 1] - direction[:, 1] * delta[:, 0]
+        heading_rad = np.arctan2(direction[:, 1], direction[:, 0])
+        return LanesNear(np.hypot(delta[:, 0], delta[:, 1]), t, offset_m, heading_rad)
 
 
 MAPS_FOLDER = Path(__file__).parent.parent / "maps"
@@ -200,11 +189,7 @@ _KEYS = ("tiles", "tile_size", "objects", "start_tile", "start_pose", "version")
 
 @dataclass(frozen=True)
 class RoadMap:
-    """A grid of tiles.
-
-    ``objects`` is what the file says of things on and beside the road, as it stands there; see
-    `robot.navigation.map_objects`.
-    """
+    """A grid of tiles; `robot.navigation.map_objects` reads its ``objects``, as in the file."""
 
     name: str
     tile_size_m: float
@@ -239,11 +224,8 @@ class RoadMap:
     @cached_property
     def lanes(self) -> Tuple[Lane, ...]:
         """Every lane of every road tile, row by row from the north-west."""
-        return tuple(
-            lane
-            for tile in self.road_tiles
-            for lane in tile_lanes(tile, self.tile_size_m, self.rows)
-        )
+        every = (tile_lanes(tile, self.tile_size_m, self.rows) for tile in self.road_tiles)
+        return tuple(chain.from_iterable(every))
 
     @cached_property
     def lane_index(self) -> LaneIndex:
@@ -286,9 +268,8 @@ def load_map(source: Union[str, Path]) -> RoadMap:
     shipped = shipped_maps()
     path = shipped.get(str(source), Path(source))
     if not path.is_file():
-        raise MapError(
-            f"{source}: expected a map file or a shipped map; {nearest(path.stem, shipped)}"
-        )
+        told = nearest(path.stem, shipped)
+        raise MapError(f"{source}: expected a map file or a shipped map; {told}")
     try:
         data = read_yaml(path)
     except ConfigError as error:
@@ -309,27 +290,24 @@ def read_map(data: Any, name: str) -> RoadMap:
     rows = data.get("tiles")
     if not isinstance(rows, list) or not rows:
         raise MapError(f"{name}: tiles: expected a list of rows of tiles, got {rows!r}")
+    tiles: List[Tuple[Tile, ...]] = []
     for i, row in enumerate(rows):
         if not isinstance(row, list) or not row:
             raise MapError(f"{name}: row {i}: expected a list of tiles, got {row!r}")
         if len(row) != len(rows[0]):
-            raise MapError(
-                f"{name}: row {i}: expected {len(rows[0])} tiles as in row 0, got {len(row)}"
-            )
-    tiles = tuple(
-        tuple(parse_tile(text, i, j, name) for j, text in enumerate(row))
-        for i, row in enumerate(rows)
-    )
-    return RoadMap(name, tile_size_m, tiles, data.get("objects"))
+            told = f"expected {len(rows[0])} tiles as in row 0, got {len(row)}"
+            raise MapError(f"{name}: row {i}: {told}")
+        tiles.append(tuple(parse_tile(text, i, j, name) for j, text in enumerate(row)))
+    return RoadMap(name, tile_size_m, tuple(tiles), data.get("objects"))
+
+
+_MOST = sys.float_info.max
 
 
 def number(value: Any, where: str) -> float:
     """A finite number as float; MapError otherwise."""
-    try:
-        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
-            return float(value)
-    except OverflowError:  # an int beyond any float
-        pass
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _MOST:
+        return float(value)
     raise MapError(f"{where}: expected a number, got {value!r}")
 
 

@@ -25,16 +25,16 @@ _STOPS = {  # where red lines may lie at a junction's sides: west, south, east, 
     "W": (-0.1, 0.0, 0.1, 1.0),
     "E": (0.9, 0.0, 1.1, 1.0),
 }
+TILE_M = 0.585  # of Duckietown's mats
+FAR_WHITE_TILES = 0.632  # the far edge of the road, beside the middle of the right lane
+DASHED = 0.64  # share of the yellow line that is painted
 SOFT_M = 0.015  # standard deviation by which edges are softened: poses and paint are never exact
 _SHIFT = 4  # fractional bits of cv2's coordinates
 
 
 @dataclass(frozen=True)
 class RoadPaint:
-    """``cover`` (H, W, 3) float32, rows from the south: white, yellow, and whether it is known.
-
-    Known is what lies on the road, except red stop lines.
-    """
+    """``cover`` (H, W, 3) float32, rows from the south: white, yellow, known (road without red)."""
 
     cover: np.ndarray
 
@@ -107,3 +107,23 @@ def _fill(
     box_m = (np.array(box).reshape(2, 2) + corner) * road_map.tile_size_m
     (west, south), (east, north) = np.rint((box_m + MARGIN_M) / TEXEL_M).astype(int)
     plane[south:north, west:east] = value
+
+
+def bent_lane(points_m: np.ndarray, bend_pm: float) -> np.ndarray:
+    """White, yellow and known (A, N, 3) beside a lane with its middle below the robot.
+
+    Points (A, N, 2) are in the frame of the lane's beginning; it bends left by ``bend_pm`` [1/m].
+    """
+    ahead, left = points_m[..., 0], points_m[..., 1]
+    if bend_pm:
+        radius_m = 1.0 / bend_pm
+        left = radius_m - math.copysign(1.0, bend_pm) * np.hypot(ahead, left - radius_m)
+
+    def line(tiles: float, width_m: float) -> np.ndarray:
+        beyond_m = np.abs(left - tiles * TILE_M) - 0.5 * width_m
+        return np.asarray(np.clip(0.5 - 0.5 * beyond_m / SOFT_M, 0.0, 1.0))
+
+    white = line(WHITE_TILES, WHITE_M) + line(FAR_WHITE_TILES, WHITE_M)
+    known = (left > WHITE_TILES * TILE_M - 0.12) & (left < FAR_WHITE_TILES * TILE_M + 0.08)
+    yellow = DASHED * line(YELLOW_TILES, YELLOW_M)
+    return np.stack((white, yellow, known), axis=-1).astype(np.float32)

@@ -30,10 +30,7 @@ _NOTHING = 1e6  # standard deviation of what was not seen
 
 
 class SightFix:
-    """Corrects the estimates of N robots by what they see.
-
-    The ``fusion`` has ``sight`` in its configuration; ``views`` are of the map of each robot.
-    """
+    """Corrects the estimates of N robots, with ``sight``, by what they see on maps of ``views``."""
 
     def __init__(self, fusion: PoseFusion, views: Sequence[LaneView]) -> None:
         self.fusion, self.views = fusion, list(views)

@@ -220,10 +220,8 @@ class WayCheck:
 def _ways(then: np.ndarray, now: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """The ways seen and led between rows (..., 9), as complex numbers [m]."""
     step = now - then
-    return (
-        step[..., _SEEN_X] + 1j * step[..., _SEEN_Y],
-        step[..., _LED_X] + 1j * step[..., _LED_Y],
-    )
+    seen = step[..., _SEEN_X] + 1j * step[..., _SEEN_Y]
+    return seen, step[..., _LED_X] + 1j * step[..., _LED_Y]
 
 
 def _velocities(rows: np.ndarray) -> np.ndarray:

@@ -150,9 +150,8 @@ class KeepApart:
         most_mps = sure_m / HEADWAY_S - max(0.0, ahead.coming_mps)
         if not most_mps >= _LEAST_MPS:  # nor a NaN
             most_mps = 0.0
-        return KeepApart(most_mps == 0.0), Cap(
-            most_mps, f"something is {100.0 * ahead.free_m:.0f} cm ahead"
-        )
+        reason = f"something is {100.0 * ahead.free_m:.0f} cm ahead"
+        return KeepApart(most_mps == 0.0), Cap(most_mps, reason)
 
 
 VIEWS_S = 0.4

@@ -104,19 +104,14 @@ class Safety:
     """
 
     def __init__(
-        self,
-        clock: Callable[[], float],
-        limits: Optional[SafetyLimits] = None,
-        never: str = "",
+        self, clock: Callable[[], float], limits: Optional[SafetyLimits] = None, never: str = ""
     ) -> None:
         self.limits = limits or SafetyLimits()
         self._never = never
         self._clock = clock
         self._inputs: Optional[Inputs] = None
-        self._looked_s = clock()
-        self.verdict = Verdict(
-            State.DISARMED, Reason.BOOT, "started; a person must arm", self._looked_s
-        )
+        self._looked_s = now_s = clock()
+        self.verdict = Verdict(State.DISARMED, Reason.BOOT, "started; a person must arm", now_s)
 
     def check(self, inputs: Inputs) -> Verdict:
         """Look at every gate; call once per turn of the loop, however bad the turn was."""

@@ -20,10 +20,7 @@ MAX_WHEEL_MPS2 = 1.25 * MAX_WHEEL_MPS / CONTROL_DT_S  # 3.8 m/s^2
 
 
 def limit_speed(wanted: WheelSpeeds, most_mps: float = MAX_WHEEL_MPS) -> WheelSpeeds:
-    """The same curve, slower where a wheel would exceed ``most_mps`` [m/s] either way.
-
-    ContractError for a speed that is NaN or infinite.
-    """
+    """The same curve, no wheel faster than ``most_mps`` [m/s]; ContractError: speeds not finite."""
     _check_finite(wanted)
     fastest_mps = max(abs(speed) for speed in wanted)
     if fastest_mps <= most_mps:

@@ -10,14 +10,14 @@ is that of `robot.vision.road_fit`.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from robot.camera.source import Frame
 from robot.geometry import Pose, WheelSpeeds
 from robot.safety.wheel_limits import STILL
-from robot.vision.road_fit import RoadFit, Verdict, washed_out
+from robot.vision.road_fit import RoadFit, Verdict
 
 BLOCK_PX = 8
 COLUMNS, ROWS = 20, 15  # blocks of a frame
@@ -37,13 +37,6 @@ _MAD = 1.4826  # standard deviations of a normal distribution in its median abso
 _HIGH_PASS = math.sqrt(8.0 / 9.0)  # what a pixel's noise keeps when its 3 x 3 mean is taken off
 
 
-def grey(image: np.ndarray) -> np.ndarray:
-    """Brightness (H, W) float32 of a frame (H, W, 3) uint8 RGB."""
-    import cv2
-
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32))
-
-
 def blocks(plane: np.ndarray) -> np.ndarray:
     """The means (15, 20) of a plane's blocks."""
     import cv2
@@ -51,16 +44,19 @@ def blocks(plane: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.resize(plane, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
 
 
-def structure(plane: np.ndarray) -> np.ndarray:
-    """What of the blocks (15, 20) stands out from its surroundings, in grey levels."""
+def in_grey(image: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """A frame (H, W, 3) uint8 RGB as grey levels (H, W) float32, and its structure (15, 20): what
+    of the blocks stands out from its surroundings.
+    """
     import cv2
 
+    plane = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     coarse = blocks(plane)
-    return np.asarray(coarse - cv2.blur(coarse, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT))
+    return plane, coarse - cv2.blur(coarse, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
 
 
 def shows_something(before: np.ndarray, now: np.ndarray) -> bool:
-    """Whether two ``structure`` after one another share enough of it, shifted or not."""
+    """Whether two structures after one another share enough, shifted or not."""
     import cv2
 
     core = now[SHIFT_ROWS : ROWS - SHIFT_ROWS, SHIFT_COLUMNS : COLUMNS - SHIFT_COLUMNS]
@@ -91,14 +87,11 @@ class Sight(NamedTuple):
 
 
 class PictureDoubts:
-    """Looks at every new frame once. Ages are by the caller's clock.
-
-    ``road`` tells where the road must lie in a picture; None where nothing does.
-    """
+    """Looks at every new frame once, by the caller's clock; ``road`` says where roads must lie."""
 
     def __init__(self, road: Optional[RoadFit] = None) -> None:
         self._road = road
-        self._verdict = None if road is None else Verdict(road.readings)
+        self._verdict = Verdict(road.readings if road else ())
         self._wrong = ""
         self._sequence: Optional[int] = None
         self._structure: Optional[np.ndarray] = None  # of the newest frame
@@ -107,11 +100,7 @@ class PictureDoubts:
         self._moved_s = -math.inf
 
     def look(
-        self,
-        frame: Optional[Frame],
-        pose: Optional[Pose],
-        wheels: WheelSpeeds,
-        now_s: float,
+        self, frame: Optional[Frame], pose: Optional[Pose], wheels: WheelSpeeds, now_s: float
     ) -> Sight:
         """What the newest frame tells; None while none has come.
 
@@ -119,8 +108,8 @@ class PictureDoubts:
         """
         if frame is not None and frame.sequence != self._sequence:
             self._sequence = frame.sequence
-            plane, before = grey(frame.image), self._structure
-            self._structure = structure(plane)
+            before = self._structure
+            plane, self._structure = in_grey(frame.image)
             if before is not None and shows_something(before, self._structure):
                 self._seen_s = now_s
             if self._moved is None or has_moved(self._moved, plane):
@@ -129,14 +118,11 @@ class PictureDoubts:
                 self._judge(frame, pose)
         if wheels == STILL:  # it may see a picture that stands, and may be carried elsewhere
             self._moved, self._moved_s, self._wrong = None, now_s, ""
-            if self._verdict is not None:
-                self._verdict.forget()
+            self._verdict.forget()
         return Sight(now_s - self._seen_s, now_s - self._moved_s, self._wrong)
 
     def _judge(self, frame: Frame, pose: Optional[Pose]) -> None:
-        if self._road is None or self._verdict is None or washed_out(frame.image):
-            return
-        fits = self._road.fits(frame.image, pose)
+        fits = None if self._road is None else self._road.fits(frame.image, pose)
         if fits is not None:
             seems = self._verdict.add(fits)
             self._wrong = f"the road lies in the picture as if that were {seems}" if seems else ""

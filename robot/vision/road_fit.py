@@ -17,14 +17,7 @@ import numpy as np
 
 from robot.geometry import Pose
 from robot.lens import CameraRig, Mount
-from robot.navigation.road_paint import (
-    SOFT_M,
-    WHITE_M,
-    WHITE_TILES,
-    YELLOW_M,
-    YELLOW_TILES,
-    RoadPaint,
-)
+from robot.navigation.road_paint import RoadPaint, bent_lane
 
 COLUMNS, ROWS = 40, 30  # of the small picture: 4 x 4 pixels of a frame
 WIDE = 9  # small pixels; lines stand out from their surroundings of this size
@@ -37,9 +30,6 @@ ASIDE_M = (-0.06, 0.0, 0.06)
 LANE_YAWS_RAD = tuple(math.radians(deg) for deg in (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0))
 LANE_ASIDE_M = (-0.08, 0.0, 0.08)
 BENDS_PM = (-3.5, -1.5, 0.0, 1.5, 3.5)  # the tightest lane has a radius of a quarter of a metre
-TILE_M = 0.585  # of Duckietown's mats
-FAR_WHITE_TILES = 0.632  # the far edge of the road, beside the middle of the right lane
-DASHED = 0.64  # share of the yellow line that is painted
 CLIPPED = 3.0  # mean deviations; one lamp shall not outweigh a road
 WHITE_LEVEL = 250  # of all colours, where a sensor has had too much light
 LEAST_LEVELS = 2.0  # of deviation: below that there is only noise
@@ -99,11 +89,9 @@ def readings(columns: np.ndarray, rows: np.ndarray) -> Tuple[Reading, ...]:
     )
 
 
-def washed_out(frame: np.ndarray) -> bool:
-    """Whether most of the floor in a frame (H, W, 3) is mere white: too bright to show a road."""
-    import cv2
-
-    floor = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)[ROWS // 2 :]
+def washed_out(picture: np.ndarray) -> bool:
+    """Whether most of the floor, in the lower half (H, W, 3), is white: too bright for a road."""
+    floor = picture[len(picture) // 2 :]
     return float((floor.min(axis=-1) >= WHITE_LEVEL).mean()) > 0.5
 
 
@@ -135,25 +123,27 @@ class RoadFit:
         self._points_m = np.concatenate(turned).astype(np.float32)  # (A, N, 2), robot frame
         self._near = np.tile(near[:, chosen], (len(around), 1)).astype(np.float32)
         if paint is None:
-            bends = [_bent_lane(self._points_m.astype(float), bend_pm) for bend_pm in BENDS_PM]
+            bends = [bent_lane(self._points_m.astype(float), bend_pm) for bend_pm in BENDS_PM]
             self._near = np.tile(self._near, (len(BENDS_PM), 1))
             self._lane = _lines(np.concatenate(bends), self._near)
 
     def fits(self, frame: np.ndarray, pose: Optional[Pose]) -> Optional[np.ndarray]:
         """How well each reading fits a frame (pitches, readings): the best of the poses around.
 
-        None where a map's paint needs a pose, and the robot knows none.
+        None where a map's paint needs a pose, and the robot knows none, or of a washed-out floor.
         """
         import cv2
 
+        small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
+        if washed_out(small):
+            return None
         if self._paint is None:
             bright, yellow = self._lane
         elif pose is not None:
             bright, yellow = _lines(self._paint.at(*self._on_map(pose)), self._near)
         else:
             return None
-        small = cv2.resize(frame, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA).astype(np.float32)
-        red, green, blue = small[..., 0], small[..., 1], small[..., 2]
+        red, green, blue = np.moveaxis(small.astype(np.float32), -1, 0)
         planes = np.stack(((red + green + blue) / 3.0, (red + green) / 2.0 - blue), axis=-1)
         planes -= cv2.blur(planes, (WIDE, WIDE), borderType=cv2.BORDER_REFLECT)
         picture = planes.reshape(-1, 2)  # what stands out in brightness and in yellow
@@ -178,9 +168,8 @@ class Verdict:
 
     def __init__(self, kinds: Tuple[Reading, ...]) -> None:
         self._others = kinds[1:]
-        self._margins = np.array([reading.margin for reading in self._others])
-        self._shares = np.array([reading.share for reading in self._others])
-        self._turns = np.array([reading.turns for reading in self._others])
+        told = [(reading.margin, reading.share, reading.turns) for reading in self._others]
+        self._margins, self._shares, self._turns = np.array(told).reshape(-1, 3).T
         self._fits: Deque[np.ndarray] = deque(maxlen=ROLL_TURNS)
 
     def forget(self) -> None:
@@ -231,24 +220,3 @@ def _lines(cover: np.ndarray, near: np.ndarray) -> Tuple[np.ndarray, np.ndarray]
         return np.asarray((paint - (paint * share).sum(axis=1, keepdims=True)) * weights)
 
     return stands_out(cover[..., 0] + cover[..., 1]), stands_out(cover[..., 1])
-
-
-def _bent_lane(points_m: np.ndarray, bend_pm: float) -> np.ndarray:
-    """White, yellow and known (A, N, 3) beside a lane with its middle below the robot.
-
-    Points (A, N, 2) are in the frame of the lane's beginning; it bends by ``bend_pm`` [1/m], to the
-    left.
-    """
-    ahead, left = points_m[..., 0], points_m[..., 1]
-    if bend_pm:
-        radius_m = 1.0 / bend_pm
-        left = radius_m - math.copysign(1.0, bend_pm) * np.hypot(ahead, left - radius_m)
-
-    def line(tiles: float, width_m: float) -> np.ndarray:
-        beyond_m = np.abs(left - tiles * TILE_M) - 0.5 * width_m
-        return np.asarray(np.clip(0.5 - 0.5 * beyond_m / SOFT_M, 0.0, 1.0))
-
-    white = line(WHITE_TILES, WHITE_M) + line(FAR_WHITE_TILES, WHITE_M)
-    known = (left > WHITE_TILES * TILE_M - 0.12) & (left < FAR_WHITE_TILES * TILE_M + 0.08)
-    yellow = DASHED * line(YELLOW_TILES, YELLOW_M)
-    return np.stack((white, yellow, known), axis=-1).astype(np.float32)

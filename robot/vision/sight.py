@@ -16,25 +16,14 @@ import numpy as np
 from robot.camera.source import Frame
 from robot.contract import ImageSpec, InFile
 from robot.errors import ContractError
-from robot.inference.network_file import (
-    Tensor,
-    expect_pictures,
-    expect_tensors,
-    open_network,
-    read_stated,
-)
+from robot.inference.network_file import FLOATS, Network, Tensor
 from robot.inference.preprocess import preprocess
 from robot.navigation.lane_view import KINDS
 
 FIGURES = ("offset_m", "heading_rad", "curvature_pm", "line_m", "free_m")
-COLUMNS = (
-    *FIGURES,
-    *(f"sd_{name}" for name in FIGURES),
-    "line",
-    "road",
-    "thing",
-    *(f"junction_{kind}" for kind in KINDS),
-)
+DEVIATIONS = tuple(f"sd_{name}" for name in FIGURES)
+JUNCTIONS = tuple(f"junction_{kind}" for kind in KINDS)
+COLUMNS = (*FIGURES, *DEVIATIONS, "line", "road", "thing", *JUNCTIONS)
 REMEDY = "make one with duckpilot train-sight"
 
 
@@ -62,38 +51,21 @@ class SightContract(InFile):
     METADATA_KEY = "duckpilot-sight"
 
 
-class OnnxSight:
-    """The network from its ONNX file.
-
-    Args:
-        path: the model; its metadata holds a ``SightContract``.
-
-    Raises:
-        ContractError: the file is absent or damaged, too new for the robot's onnxruntime, without
-            metadata, or sees something else.
-    """
+class OnnxSight(Network[SightContract]):
+    """The network from its ONNX file; ContractError as of `Network`, or it sees something else."""
 
     def __init__(self, path: Union[str, Path]) -> None:
-        self.path = Path(path)
-        self._network = open_network(path, REMEDY)
-        self.contract = read_stated(path, self._network, SightContract, REMEDY)
+        super().__init__(path, SightContract, REMEDY)
         if self.contract.columns != COLUMNS:
             raise ContractError(
                 f"{path}: expected the columns {', '.join(COLUMNS)}, got "
                 f"{', '.join(self.contract.columns)}; {REMEDY}"
             )
-        inputs = [Tensor("image", "tensor(uint8)", (None, *self.contract.image.shape))]
-        outputs = [Tensor("seen", "tensor(float)", (None, len(COLUMNS)))]
-        expect_tensors(path, self._network, inputs, outputs, REMEDY)
+        self.expect(self.contract.image.shape, Tensor("seen", FLOATS, (None, len(COLUMNS))))
 
     def __call__(self, pictures: np.ndarray) -> Seen:
-        """What pictures (N, H, W, 3) uint8 RGB show, as ``preprocess`` makes them.
-
-        Raises:
-            ContractError: pictures of another size or kind, or the network answered no numbers.
-        """
-        given = expect_pictures(pictures, self.contract.image.shape, self.path.name)
-        rows = self._network.run(["seen"], {"image": given})[0]
+        """What pictures (N, H, W, 3) of ``preprocess`` show; ContractError: other ones, or NaN."""
+        rows = self.answer(pictures)
         if not np.isfinite(rows).all():
             raise ContractError(f"{self.path}: expected finite figures, got others; {REMEDY}")
         return as_seen(rows)

@@ -11,7 +11,7 @@ from localizer_node.calibration import (
     save_calibration,
 )
 from robot.errors import ConfigError
-from robot.typed_config import load_yaml
+from robot.typed_config import from_plain, load_yaml
 from tests.localizer_node.rigs import LENSES, Rig
 
 
@@ -54,7 +54,7 @@ def test_robots_that_the_camera_could_confuse_are_refused(robots, complaint):
 
 def test_impossible_parts_are_refused():
     with pytest.raises(ConfigError, match="did you mean 'two_colour'"):
-        Marker(kind="two_color")
+        from_plain(Marker, {"kind": "two_color"})
     with pytest.raises(ConfigError, match="front_m < length_m"):
         Marker(board=Board(length_m=0.06, front_m=0.06))
     with pytest.raises(ConfigError, match="its white margin on it"):

@@ -1,4 +1,5 @@
 import math
+from functools import partial
 
 import cv2
 import numpy as np
@@ -7,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from localizer_node.calibration import DEFAULT_COLOURS, Colour
-from localizer_node.colour import blobs, mask_of, to_hsv
+from localizer_node.colour import blobs, mask_of
 from tests.localizer_node.rigs import FLOOR_RGB, PAINT
 
+to_hsv = partial(cv2.cvtColor, code=cv2.COLOR_RGB2HSV)
 BLUE = DEFAULT_COLOURS[0]
 
 

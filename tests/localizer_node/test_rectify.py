@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from localizer_node.calibration import map_outline
+from localizer_node.detect import Detection, Detector
 from robot.lens import Hanging
 from tests.localizer_node.rigs import FISHEYE, LENSES, MAP_M, Rig, grid
 
@@ -78,11 +79,17 @@ def test_the_region_of_interest_bounds_the_search():
     assert bounded.roi_rect() == (100, 50, 1280, 602)
 
 
-def test_on_map():
-    rectifier = Rig().calibration()
-    outside = np.array([[-0.04, 1.0], [2.3, 1.0], [1.0, 1.0]])
-    assert rectifier.on_map(outside).tolist() == [False, False, True]
-    assert rectifier.on_map(outside, 0.05).tolist() == [True, False, True]
+def test_who_is_more_than_five_centimetres_beside_the_map_is_none_of_ours():
+    inside = Detector(Rig().calibration())._inside
+    for place, on_it in (
+        ((-0.04, 1.0), True),
+        ((2.24, 1.0), True),
+        ((2.3, 1.0), False),
+        ((1.0, -0.06), False),
+        ((1.0, 1.0), True),
+        ((math.nan, 1.0), False),
+    ):
+        assert inside(Detection("robot", "plain", *place, None, 1.0, 640.0, 640.0)) is on_it
 
 
 def test_the_outline_runs_round_the_map():

@@ -18,7 +18,7 @@ from robot.safety.state_machine import Command, Safety, State
 from sim_pybullet.virtual.i2c import BusFault
 from tests.robot.clocks import FakeClock
 from tests.robot.fakes import FakePolicy
-from tests.robot.hat.rig import Rig, make_rig
+from tests.robot.hat.rig import Rig, make_rig, speeds
 from tests.robot.tiny_onnx import lane_contract
 
 
@@ -47,7 +47,7 @@ def driving_robot() -> Tuple[Rig, NoiseCamera, Runtime]:
     for command in (Command.ARM, Command.AUTO):
         assert runtime.ask(command).accepted
     turn(rig, runtime, 20)
-    assert rig.driver.planner.speeds(rig.clock.now()) == pytest.approx((0.3, 0.3))
+    assert speeds(rig.driver.planner, rig.clock.now()) == pytest.approx((0.3, 0.3))
     return rig, camera, runtime
 
 

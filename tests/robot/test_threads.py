@@ -116,7 +116,10 @@ def _no_timed_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("_no_timed_waits")
-def test_motors_watchdog_and_camera_never_wait_by_the_wall_clock() -> None:
+def test_motors_watchdog_and_camera_never_wait_by_the_wall_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("robot.camera.source.FIRST_WAIT_S", 0.01)
     clock, bus, config = MonotonicClock(), VirtualI2cBus(), HatConfig()
     VirtualHat(bus, clock)
     driver = MotorDriver(StepperHat(bus, config, clock), config, clock)
@@ -126,7 +129,7 @@ def test_motors_watchdog_and_camera_never_wait_by_the_wall_clock() -> None:
     def open_stream() -> FakeStream:
         return FakeStream(levels.pop(0) if levels else [])
 
-    camera = NewestFrame(open_stream, time.monotonic, first_wait_s=0.01)
+    camera = NewestFrame(open_stream, time.monotonic)
     watchdog = Watchdog(lambda: looks.append(time.monotonic()))
     with MotorThread(driver, clock) as motors, watchdog, camera:
 

@@ -12,6 +12,7 @@ from typing import List
 import numpy as np
 import pytest
 
+from robot.camera import source
 from robot.camera.source import GstStream, NewestFrame, csi_command, gst_command
 from robot.config import CameraConfig
 from robot.errors import ConfigError, HardwareError
@@ -21,13 +22,14 @@ SIZE = (8, 6)
 PLAY = """
 import os, sys, time
 for level in range(1, {count} + 1):
-    os.write(1, bytes((level, 2 * level, 3 * level, 255)) * 48)
+    os.write(int(sys.argv[1]), bytes((level, 2 * level, 3 * level, 255)) * 48)
     time.sleep({pause})
 """
+HALF = "import os, sys; os.write(int(sys.argv[1]), bytes(50))"
 
 
 def program(body: str, count: int = 200, pause: float = 0.005) -> List[str]:
-    return [sys.executable, "-c", PLAY.format(count=count, pause=pause) + body]
+    return [sys.executable, "-c", PLAY.format(count=count, pause=pause) + body, "{video}"]
 
 
 def test_reads_pictures_as_rgb() -> None:
@@ -41,9 +43,7 @@ def test_reads_pictures_as_rgb() -> None:
 
 def test_what_the_child_prints_does_not_get_among_the_pixels() -> None:
     """As nvarguscamerasrc, which prints to standard output before the first picture and later."""
-    chatty = PLAY.replace(
-        "os.write(1, bytes", "os.write(1, b'x' * 83); os.write(int(sys.argv[1]), bytes"
-    )
+    chatty = PLAY.replace("os.write(", "os.write(1, b'x' * 83); os.write(")
     command = [sys.executable, "-c", chatty.format(count=3, pause=0.005), "{video}"]
     stream = GstStream(command, SIZE)
     for level in (1, 2, 3):
@@ -100,15 +100,16 @@ def test_a_child_that_ends_says_why() -> None:
 
 
 def test_half_a_picture_is_no_picture() -> None:
-    stream = GstStream([sys.executable, "-c", "import os; os.write(1, bytes(50))"], SIZE)
+    stream = GstStream([sys.executable, "-c", HALF, "{video}"], SIZE)
     with pytest.raises(HardwareError, match="ended; it said nothing"):
         stream.grab()
     stream.close()
 
 
-def test_a_child_that_hangs_is_noticed_and_killed() -> None:
+def test_a_child_that_hangs_is_noticed_and_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source, "SILENCE_S", 0.1)
     stubborn = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
-    stream = GstStream(program(stubborn, count=1), SIZE, silence_s=0.1)
+    stream = GstStream(program(stubborn, count=1), SIZE)
     stream.grab()
     time.sleep(0.2)  # let it set its signal handler
     began_s = time.monotonic()
@@ -125,6 +126,7 @@ def test_a_program_that_is_not_there_is_named() -> None:
         GstStream(["no-such-gst"], SIZE)
 
 
+@pytest.mark.usefixtures("quickly")
 def test_the_camera_comes_back_when_the_child_is_killed() -> None:
     streams: List[GstStream] = []
 
@@ -132,7 +134,7 @@ def test_the_camera_comes_back_when_the_child_is_killed() -> None:
         streams.append(GstStream(program("", count=10_000), SIZE))
         return streams[-1]
 
-    with NewestFrame(open_stream, time.monotonic, first_wait_s=0.01) as camera:
+    with NewestFrame(open_stream, time.monotonic) as camera:
         eventually(lambda: camera.read() is not None)
         streams[0]._child.kill()
         eventually(lambda: len(streams) == 2 and camera.problem == "")

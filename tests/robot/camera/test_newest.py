@@ -47,13 +47,14 @@ def eventually(holds: Callable[[], bool], patience_s: float = 5.0) -> None:
         time.sleep(0.002)
 
 
+@pytest.mark.usefixtures("quickly")
 def test_gives_the_newest_frame_and_opens_again() -> None:
     rolls = [[10, 20, 30], [40, 50]]
 
     def open_stream() -> FakeStream:
         return FakeStream(rolls.pop(0) if rolls else [])
 
-    with NewestFrame(open_stream, time.monotonic, first_wait_s=0.01) as camera:
+    with NewestFrame(open_stream, time.monotonic) as camera:
         eventually(lambda: camera.restarts >= 3)
         frame = camera.read()
         assert frame is not None
@@ -64,11 +65,12 @@ def test_gives_the_newest_frame_and_opens_again() -> None:
     assert FakeStream.open_now == 0
 
 
+@pytest.mark.usefixtures("quickly")
 def test_before_the_first_frame_there_is_none() -> None:
     def open_stream() -> FakeStream:
         raise HardwareError("no such camera")
 
-    with NewestFrame(open_stream, time.monotonic, first_wait_s=0.01) as camera:
+    with NewestFrame(open_stream, time.monotonic) as camera:
         assert camera.read() is None
         eventually(lambda: camera.problem == "no such camera")
 
@@ -125,18 +127,20 @@ def test_nothing_but_odd_pictures_leave_the_last_frame_to_grow_old() -> None:
         assert camera.alive
 
 
+@pytest.mark.usefixtures("quickly")
 @pytest.mark.parametrize(
     "wrong",
     [OSError(errno.EMFILE, "Too many open files"), ValueError("cannot reshape"), MemoryError()],
 )
 def test_what_a_device_may_raise_ends_a_stream_and_not_the_thread(wrong: Exception) -> None:
-    with NewestFrame(lambda: FakeStream([5], wrong), time.monotonic, first_wait_s=0.01) as camera:
+    with NewestFrame(lambda: FakeStream([5], wrong), time.monotonic) as camera:
         eventually(lambda: camera.restarts >= 2)
         assert camera.alive
         eventually(lambda: camera.problem == (str(wrong) or "MemoryError"))  # "" between streams
         assert camera.read() is not None
 
 
+@pytest.mark.usefixtures("quickly")
 def test_a_camera_comes_back_when_descriptors_do() -> None:
     """All are taken, so that none is left to open the device anew; then they are given back."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -150,7 +154,7 @@ def test_a_camera_comes_back_when_descriptors_do() -> None:
 
     lowest = max(int(fd) for fd in os.listdir("/proc/self/fd")) + 1
     taken: List[int] = []
-    with NewestFrame(open_stream, time.monotonic, first_wait_s=0.01) as camera:
+    with NewestFrame(open_stream, time.monotonic) as camera:
         try:
             resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
             with contextlib.suppress(OSError):

@@ -9,6 +9,7 @@ from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.driver import MotorDriver
 from robot.hat.stepper_hat import StepperHat
+from robot.hat.stepping import StepPlanner
 from sim_pybullet.virtual.clock import VirtualClock, run_until
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import Transaction, VirtualI2cBus
@@ -59,6 +60,18 @@ def make_rig(config: Optional[HatConfig] = None, model: Optional[RotorModel] = N
     model = model or RotorModel(steps_per_rev=config.steps_per_rev)
     hat = VirtualHat(bus, clock, model=model)
     return Rig(clock, bus, hat, MotorDriver(StepperHat(bus, config, clock), config, clock))
+
+
+def speeds(planner: StepPlanner, time_s: float) -> WheelSpeeds:
+    """The speeds that the ramps have reached [m/s]."""
+    steps_m = planner._config.wheel_steps_m
+    left, right = (w.at(time_s)[1] * step_m for w, step_m in zip(planner._wheels, steps_m))
+    return WheelSpeeds(left, right)
+
+
+def full_step_m(config: HatConfig) -> float:
+    """How far the rim moves in a full step [m]."""
+    return 2.0 * math.pi * config.drive.wheel_radius_m / config.steps_per_rev
 
 
 def turns_apart(a_rad: float, b_rad: float) -> float:

@@ -17,11 +17,7 @@ def test_defaults_drive_every_action_and_survive_yaml() -> None:
 
 def test_the_ports_are_those_of_the_schematic() -> None:
     """Adafruit 2348 and its copies: PWMA, AIN2, AIN1, BIN1, BIN2, PWMB."""
-    assert {name: tuple(port) for name, port in PORTS.items()} == {
-        "M1M2": (8, 9, 10, 11, 12, 13),
-        "M3M4": (2, 3, 4, 5, 6, 7),
-    }
-    assert PORTS["M1M2"]._fields == ("pwma", "ain2", "ain1", "bin1", "bin2", "pwmb")
+    assert PORTS == {"M1M2": (8, 9, 10, 11, 12, 13), "M3M4": (2, 3, 4, 5, 6, 7)}
 
 
 @pytest.mark.parametrize(

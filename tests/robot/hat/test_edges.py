@@ -14,7 +14,6 @@ from robot.hat import bus as module
 from robot.hat.bus import (
     Pca9685,
     SmbusBus,
-    bus_read_time_s,
     bus_time_s,
     channel_bytes,
     channel_register,
@@ -22,6 +21,7 @@ from robot.hat.bus import (
 )
 from robot.hat.config import HatConfig, MotorConfig
 from sim_pybullet.virtual.clock import VirtualClock
+from tests.robot.hat.rig import full_step_m
 
 SLOW = HatConfig(max_speed_mps=0.1)
 EDGES: List[Tuple[str, Any, Any]] = [
@@ -88,8 +88,8 @@ def test_stepping_takes_four_fifths_of_the_bus(
 def test_how_far_a_wheel_rolls_in_a_step() -> None:
     config = HatConfig(left=MotorConfig("M1M2", gain=1.02), right=MotorConfig("M3M4", True, 0.97))
     around_m = 2.0 * math.pi * config.drive.wheel_radius_m
-    assert config.full_step_m == pytest.approx(around_m / config.steps_per_rev)
-    assert config.step_m == pytest.approx(config.full_step_m / config.microsteps)
+    assert full_step_m(config) == pytest.approx(around_m / config.steps_per_rev)
+    assert config.step_m == pytest.approx(full_step_m(config) / config.microsteps)
     assert config.wheel_steps_m == pytest.approx((1.02 * config.step_m, 0.97 * config.step_m))
 
 
@@ -97,8 +97,8 @@ def test_times_on_the_wire() -> None:
     """Nine bits a byte; an address before all, and a second one before what is read."""
     assert bus_time_s(1, 1) == 9 * 2 + 2
     assert bus_time_s(10, 400_000) == pytest.approx((9 * 11 + 2) / 400_000)
-    assert bus_read_time_s(1, 1) == 9 * 4 + 3
-    assert bus_read_time_s(4, 100_000) == pytest.approx((9 * 7 + 3) / 100_000)
+    assert bus_time_s(2, 1, 2) == 9 * 4 + 3
+    assert bus_time_s(5, 100_000, 2) == pytest.approx((9 * 7 + 3) / 100_000)
 
 
 def test_a_number_is_a_device_and_a_path_is_a_socket(monkeypatch: pytest.MonkeyPatch) -> None:

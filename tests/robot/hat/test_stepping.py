@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from robot.geometry import WheelSpeeds
 from robot.hat.config import HatConfig
 from robot.hat.stepping import StepPlanner
+from tests.robot.hat.rig import full_step_m, speeds
 
 CONFIG = HatConfig()
-speeds = st.floats(-CONFIG.max_speed_mps, CONFIG.max_speed_mps)
-profile = st.lists(st.tuples(st.floats(0.001, 0.6), speeds, speeds), min_size=1, max_size=8)
+SPEEDS = st.floats(-CONFIG.max_speed_mps, CONFIG.max_speed_mps)
+profile = st.lists(st.tuples(st.floats(0.001, 0.6), SPEEDS, SPEEDS), min_size=1, max_size=8)
 
 
 def step_times(planner: StepPlanner, until_s: float) -> List[Tuple[float, int, int]]:
@@ -28,7 +29,7 @@ def test_speed_is_reached_exactly_and_has_no_drift_over_100_000_steps() -> None:
     planner = StepPlanner(CONFIG, 0.0)
     planner.set_speeds(0.0, WheelSpeeds(0.3, 0.3))
     step_times(planner, 5.0)
-    assert planner.speeds(5.0) == pytest.approx((0.3, 0.3), abs=1e-15)
+    assert speeds(planner, 5.0) == pytest.approx((0.3, 0.3), abs=1e-15)
     first = planner.deadline_s
     assert first is not None
     period_s = CONFIG.step_m / 0.3
@@ -47,7 +48,7 @@ def test_ramps_keep_to_acceleration_and_start_stop_speed(plan: list) -> None:
     for duration_s, left, right in plan:
         planner.set_speeds(time_s, WheelSpeeds(left, right))
         for _ in range(int(duration_s / dt_s) + 1):
-            last, now = planner.speeds(time_s), planner.speeds(time_s + dt_s)
+            last, now = speeds(planner, time_s), speeds(planner, time_s + dt_s)
             for before, after in zip(last, now):
                 # Inside the start-stop range a speed may jump; outside it may only ramp.
                 change = abs(max(abs(after), slow) - max(abs(before), slow))
@@ -118,7 +119,7 @@ def test_a_larger_lateness_delays_both_wheels() -> None:
     due_s, slow = planner.deadline_s, planner._wheels[1].next_crossing(planner.counts.right)
     assert due_s is not None
     assert slow is not None
-    full_step_s = CONFIG.full_step_m / 0.3
+    full_step_s = full_step_m(CONFIG) / 0.3
     planner.advance(due_s + 0.8 * full_step_s)
     assert planner.deadline_s == pytest.approx(due_s + (0.3 + 0.5) * full_step_s)
     later = planner._wheels[1].next_crossing(planner.counts.right)
@@ -133,7 +134,7 @@ def test_a_stall_starts_again_slowly_instead_of_hurrying() -> None:
     step_times(planner, 2.0)
     assert planner.advance(2.5) == (1, 1)
     assert planner.stalls == 2
-    assert planner.speeds(2.5) == pytest.approx((CONFIG.start_stop_mps,) * 2)
+    assert speeds(planner, 2.5) == pytest.approx((CONFIG.start_stop_mps,) * 2)
     steps = step_times(planner, 2.7)
     gaps = [b[0] - a[0] for a, b in zip(steps, steps[1:])]
     assert gaps == sorted(gaps, reverse=True)
@@ -147,5 +148,5 @@ def test_freeze_stops_at_once_and_standing_has_no_deadline() -> None:
     step_times(planner, 1.0)
     planner.freeze(1.0)
     assert planner.deadline_s is None
-    assert planner.speeds(1.0) == (0.0, 0.0)
+    assert speeds(planner, 1.0) == (0.0, 0.0)
     assert math.copysign(1, planner.counts.left) == -math.copysign(1, planner.counts.right)

@@ -12,7 +12,7 @@ from robot.hat.stepper_hat import StepperHat
 from robot.hat.thread import MotorThread, real_motors
 from sim_pybullet.virtual.hat import VirtualHat
 from sim_pybullet.virtual.i2c import BusFault, VirtualI2cBus
-from tests.robot.hat.rig import ALL_OFF
+from tests.robot.hat.rig import ALL_OFF, speeds
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_the_thread_drives_in_real_time_and_stops_when_no_longer_told(parts: tup
         motors._driver.pose = Pose(1.0, 0.0, 0.0)
         wait_for_motion(motors)
         wait_for(lambda: motors.pose.x_m > 1.005)
-        wait_for(lambda: motors._driver.planner.speeds(time.monotonic()) == (0.0, 0.0))
+        wait_for(lambda: speeds(motors._driver.planner, time.monotonic()) == (0.0, 0.0))
         assert motors.healthy
         assert hat.wheel_angles_rad.min() > 0.1
     assert bus.log[-1].data == ALL_OFF

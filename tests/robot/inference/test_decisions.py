@@ -14,7 +14,7 @@ import pytest
 from robot.contract import ImageSpec
 from robot.errors import ContractError
 from robot.inference import policy as module
-from robot.inference.network_file import Tensor, expect_tensors, open_network
+from robot.inference.network_file import Network, Tensor, open_network
 from robot.inference.policy import (
     OnnxPolicy,
     TranslatingPolicy,
@@ -49,27 +49,35 @@ def test_axes_fit_where_they_are_equal_or_free(axes: Tuple[Any, ...], fits: bool
     assert not OURS.fits(Tensor("image", "tensor(uint8)", axes))
 
 
-def network(inputs: List[Tensor], outputs: List[Tensor]) -> Any:
-    def nodes(tensors: List[Tensor]) -> List[Any]:
-        return [SimpleNamespace(name=t.name, type=t.kind, shape=list(t.axes)) for t in tensors]
+class Opened(Network):
+    """A network with these tensors, without a file."""
 
-    return SimpleNamespace(get_inputs=lambda: nodes(inputs), get_outputs=lambda: nodes(outputs))
+    def __init__(self, inputs: List[Tensor], outputs: List[Tensor]) -> None:
+        def nodes(tensors: List[Tensor]) -> List[Any]:
+            return [SimpleNamespace(name=t.name, type=t.kind, shape=list(t.axes)) for t in tensors]
+
+        self.path, self._remedy = Path("a"), "mend it"
+        self._session = SimpleNamespace(
+            get_inputs=lambda: nodes(inputs), get_outputs=lambda: nodes(outputs)
+        )
 
 
 def test_a_network_has_the_tensors_of_its_contract_and_no_others() -> None:
     path, values = Tensor("path", FLOAT, (None, 10)), Tensor("values", FLOAT, (None, 5))
-    expect_tensors("a", network([OURS, path], [values]), [path, OURS], [values], "mend it")
+    image = Tensor("image", "tensor(uint8)", (None, *SMALL.shape))
+    Opened([path, image], [values]).expect(SMALL.shape, values, path)
     for inputs, outputs, role in (
-        ([OURS], [values], "inputs"),
-        ([OURS, path, values], [values], "inputs"),
-        ([OURS, path], [], "outputs"),
-        ([OURS, path], [values, path], "outputs"),
-        ([OURS, path._replace(name="way")], [values], "inputs"),
+        ([image], [values], "inputs"),
+        ([OURS, path], [values], "inputs"),
+        ([image, path, values], [values], "inputs"),
+        ([image, path], [], "outputs"),
+        ([image, path], [values, path], "outputs"),
+        ([image, path._replace(name="way")], [values], "inputs"),
     ):
         with pytest.raises(ContractError, match=f"a: expected {role} .*; mend it"):
-            expect_tensors("a", network(inputs, outputs), [OURS, path], [values], "mend it")
-    with pytest.raises(ContractError, match=r"image tensor\(float\) \(N, 8, 16, 3\); path .*none"):
-        expect_tensors("a", network([], []), [OURS, path], [values], "mend it")
+            Opened(inputs, outputs).expect(SMALL.shape, values, path)
+    with pytest.raises(ContractError, match=r"image tensor\(uint8\) \(N, 8, 16, 3\); path .*none"):
+        Opened([], []).expect(SMALL.shape, values, path)
 
 
 def test_a_network_keeps_to_one_thread(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Optional
+from typing import Any, Optional
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ from tests.robot.tiny_onnx import (
 SMALL = ImageSpec(16, 12, 4)
 
 
-def contract(direction: str = "real-to-sim") -> TranslatorContract:
+def contract(direction: Any = "real-to-sim") -> TranslatorContract:
     return TranslatorContract("cyclegan", direction, SMALL, run="r", trained_steps=3)
 
 
@@ -79,8 +79,6 @@ def test_refuses_what_does_not_fit_the_policy(negative: Path) -> None:
         open_translator(negative, ImageSpec())
     with pytest.raises(ContractError, match="export the other direction"):
         open_translator(negative, SMALL, "sim-to-real")
-    with pytest.raises(ContractError, match="did you mean 'sim-to-real'"):
-        contract("sim-to-reel")
 
 
 def test_a_parser_serves_either_way(tmp_path: Path) -> None:
@@ -97,6 +95,7 @@ def test_refuses_a_policy_file_and_foreign_metadata(tmp_path: Path) -> None:
     for text, said in (
         ("{", "Expecting property name"),
         (contract().to_json().replace('"method"', '"methode"'), "did you mean 'method'"),
+        (contract("sim-to-reel").to_json(), "did you mean 'sim-to-real'"),
         (contract().to_json(), "expected outputs translation"),
     ):
         path = write_network(tmp_path / "t.onnx", network, {key: text})

@@ -72,16 +72,17 @@ def test_a_path_joins_gaps_up_to_two_centimetres(gap_m: float, joined: bool, clo
             Path.from_beziers(curves, closed=closed)
 
 
-def test_a_path_has_points_every_two_centimetres() -> None:
+def test_a_path_has_points_every_two_centimetres(monkeypatch: pytest.MonkeyPatch) -> None:
     path = Path.from_beziers([STRAIGHT])
     assert len(path.points_m) == 151
     assert path.length_m == pytest.approx(3.0)
     np.testing.assert_allclose(path.points_m[:, 0], 0.02 * np.arange(151), atol=1e-9)
-    assert len(Path.from_beziers([STRAIGHT], 0.5).points_m) == 7
     tiny = np.linspace((0.0, 0.0), (0.001, 0.0), 4)
     assert len(Path.from_beziers([tiny]).points_m) == 2
     back = np.linspace((0.001, 0.0), (0.0, 0.0), 4)
     assert len(Path.from_beziers([tiny, back], closed=True).points_m) == 3
+    monkeypatch.setattr("robot.navigation.path.SPACING_M", 0.5)
+    assert len(Path.from_beziers([STRAIGHT]).points_m) == 7
 
 
 def test_the_length_of_a_bend_is_that_of_its_curve() -> None:

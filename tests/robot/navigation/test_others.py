@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Dict, Optional
+from typing import Dict
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_the_nearest_counts() -> None:
     assert free_way(EAST, Pose(0.0, 0.0, 0.0), two).free_m == pytest.approx(0.344, abs=0.011)
 
 
-def travellers(speed_mps: float = 0.0, line_m: Optional[float] = 0.05) -> Dict[str, Traveller]:
+def travellers(speed_mps: float = 0.0, line_m: float = 0.05) -> Dict[str, Traveller]:
     return {f"r{arm}": Traveller(pose, speed_mps, line_m) for arm, pose in enumerate(WAITING)}
 
 
@@ -108,7 +108,7 @@ def test_who_stands_at_a_crossing_is_told_to_all_others_with_arm_and_arrival() -
 def test_a_robot_is_inside_from_its_nose_to_its_tail_and_keeps_its_arm() -> None:
     crossings, told = Crossings(CROSS), {}
     for k, y_m in enumerate(np.arange(0.4, 1.5, 0.02)):
-        robot = Traveller(Pose(1.02, float(y_m), 0.5 * math.pi), 0.2)
+        robot = Traveller(Pose(1.02, float(y_m), 0.5 * math.pi), 0.2, math.inf)
         told[float(y_m)] = crossings.update(0.1 * k, {"a": robot}).get("a")
     inside = [y for y, at in told.items() if at is not None and at.own.inside]
     assert min(inside) == pytest.approx(0.6 - NOSE_M + 0.02, abs=0.02)
