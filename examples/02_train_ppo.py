@@ -8,10 +8,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from robot.contract import ImageSpec
-from robot.navigation.road_map import load_map
-from sim_pybullet.batch import BatchWorld
-from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.tasks.lane_keeping import LaneKeeping
+from sim_pybullet.env import make_world
 from sim_pybullet.vec_env import DuckpilotVecEnv
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
@@ -35,9 +32,7 @@ class Ended(BaseCallback):
         return True
 
 
-task = LaneKeeping([load_map("loop")], ROBOTS)
-world = BatchWorld(task, load_look_sampler("nominal"), ImageSpec(80, 60, 20), pool_size=4)
-env = DuckpilotVecEnv(world)
+env = DuckpilotVecEnv(make_world("lane", ROBOTS, image=ImageSpec(80, 60, 20), pool_size=4))
 ended = Ended()
 model = PPO("CnnPolicy", env, n_steps=64, batch_size=256, n_epochs=4, gamma=0.9, seed=0)
 model.learn(STEPS, callback=ended)
