@@ -15,13 +15,10 @@ from robot.navigation.road_map import RoadMap
 from sim_pybullet.episodes import DrawnEpisodes, Looks, NumberedEpisodes
 from sim_pybullet.look import NOMINAL, Look
 from sim_pybullet.motors import PHYSICS_STEPS
-from sim_pybullet.rendering.camera import BatchCamera
-from sim_pybullet.rendering.ray_camera import RayCamera
-from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
+from sim_pybullet.rendering.ray_camera import NoCamera, RayCamera
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.guidance_feed import ALWAYS, GuidanceFeed, PoseSources
-from sim_pybullet.tasks.following import Course
-from sim_pybullet.tasks.spec import Task, TaskStep
+from sim_pybullet.tasks.spec import Course, Task, TaskStep
 from sim_pybullet.town import Town
 
 
@@ -55,7 +52,8 @@ class BatchStep(NamedTuple):
 class BatchWorld:
     """Bodies, vehicles, cameras and a task, for N robots at once.
 
-    The same arguments, seed and actions give the same pictures, bit for bit.
+    The same arguments, seed and actions give the same pictures, bit for bit. ``feed`` tells what
+    they show.
 
     Args:
         pool_size: painted worlds per map, with a sampler of Looks.
@@ -72,7 +70,7 @@ class BatchWorld:
         image: ImageSpec | None = None,
         seed: int = 0,
         pool_size: int = 16,
-        camera: BatchCamera | None = None,
+        camera: NoCamera | None = None,
         translator: Translator | None = None,
         numbers: Sequence[int] | None = None,
         sources: PoseSources = ALWAYS,
@@ -90,17 +88,17 @@ class BatchWorld:
         else:
             self._episodes = NumberedEpisodes(task.road_maps, looks, n, seed, numbers, task.group)
         self._town = Town(self._episodes.solids, n, reach_m=self._episodes.reach_m)
-        camera = camera or RayCamera(image, n, task.movers)
-        self._feed = CameraFeed(camera, n, image.crop_top_px, translator, movers=len(task.movers))
+        drawing = camera or RayCamera(image, n, task.movers)
+        self.feed = CameraFeed(
+            drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
+        )
+        self.image_shape = self.feed.shape
         self._guidance = None
         if task.guided:
             maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
             self._guidance = GuidanceFeed(n, sources, maps)
         self._recorder = DriveRecorder(n)
-        self._maps = np.zeros(n, dtype=int)
         self._looks = [NOMINAL] * n
-        self._stack = FrameStack(n, task.frames, self._feed.shape)
-        self.image_shape = self._stack.shape
 
     def close(self) -> None:
         """Free the physics client."""
@@ -116,34 +114,14 @@ class BatchWorld:
         return self._town.poses
 
     @property
-    def pictured_poses(self) -> np.ndarray:
-        """(N, 3) where the robots were when the pictures that they have now were taken."""
-        return self._feed.shown[:, 0].copy()
-
-    @property
-    def pictured_movers(self) -> np.ndarray:
-        """(N, U, 3) where the task's movers were in these pictures, NaN where one is not there."""
-        return self._feed.shown[:, 1:].copy()
-
-    @property
-    def scenes(self) -> tuple[Scene, ...]:
-        """What stands where each robot is."""
-        return self._feed.scenes
-
-    @property
     def believed_poses(self) -> np.ndarray:
         """(N, 3) where the robots believe to be; the true poses in a task without a path."""
         return self.poses if self._guidance is None else self._guidance.poses.copy()
 
     @property
-    def certainty(self) -> np.ndarray:
-        """(N, 2) within how far of the truth beliefs are, 95 % sure: [m], [rad]."""
-        return np.zeros((self.n_robots, 2)) if self._guidance is None else self._guidance.certainty
-
-    @property
     def maps(self) -> np.ndarray:
         """(N,) int, the map that each robot is on: index into the task's road_maps."""
-        return self._maps.copy()
+        return self.task.maps.copy()
 
     @property
     def looks(self) -> tuple[Look, ...]:
@@ -215,7 +193,7 @@ class BatchWorld:
                 twists[~active] = 0.0  # who has failed stands there
             self._town.step(twists)
             poses = self._town.poses
-            self._feed.record(poses, self.task.moving(poses, (k + 1) / PHYSICS_STEPS))
+            self.feed.record(poses, self.task.moving(poses, (k + 1) / PHYSICS_STEPS))
             if self._guidance is not None:
                 self._guidance.record(vehicle.counted)
             collided |= self._town.collided
@@ -227,21 +205,21 @@ class BatchWorld:
         if not len(robots):
             return robots
         if poses is None:
-            starts = self._episodes.starts(self.task, robots)
+            poses = self._episodes.starts(self.task, robots)
         else:
-            starts = self.task.reset_at(robots, poses, self._episodes.rng("task"))
+            self.task.reset_at(robots, poses, self._episodes.rng("task"))
         looks, scenes = [], []
-        for i, pose, road_map in zip(robots.tolist(), *starts, strict=True):
-            world, painted, look = self._episodes.setting(i, int(road_map))
+        for i, pose in zip(robots.tolist(), poses, strict=True):
+            world, painted, look = self._episodes.setting(i, int(self.task.maps[i]))
             self._town.furnish(world, painted.scene.solids)
             self._town.place(i, Pose(*pose), world)
             self.task.vehicle.reset(i, look.drive)
-            self._maps[i], self._looks[i] = road_map, look
+            self._looks[i] = look
             scenes.append((painted.scene, look))
             looks.append(look.pose)
         moving = self.task.moving(self._town.poses)
-        for i, pose, (scene, look) in zip(robots.tolist(), starts.poses, scenes, strict=True):
-            self._feed.begin(i, scene, look, pose, None if moving is None else moving[i])
+        for i, pose, (scene, look) in zip(robots.tolist(), poses, scenes, strict=True):
+            self.feed.begin(i, scene, look, pose, None if moving is None else moving[i])
         if self._guidance is not None:
             hints = self.task.paths.index_at(self.task.course.arc_m)
             rngs = [self._episodes.own("pose", i) for i in robots.tolist()]
@@ -255,15 +233,11 @@ class BatchWorld:
         robots = np.flatnonzero(self.active) if begun is None else begun
         drawn = None if everyone else robots
         skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
-        image = self._feed.pictures(skip, drawn, noise)
+        image = self.feed.pictures(skip, drawn, noise)
         if begun is None and self._guidance is not None:
-            whole = np.zeros((self.n_robots, *image.shape[1:]), np.uint8)
-            whole[robots] = image
-            self._guidance.see(whole, self._feed.fresh, self._maps)
-        if begun is None:
-            image = self._stack.push(image, drawn)
-        else:
-            image = self._stack.restart(begun, image)
+            whole = np.zeros((self.n_robots, *image.shape[1:3], 3), np.uint8)
+            whole[robots] = image[..., -3:]
+            self._guidance.see(whole, self.feed.fresh, self.task.maps)
         path = None if self._guidance is None else self._guidance.path_inputs(self.task.paths)
         if path is not None and not everyone:
             path = path[robots]

@@ -40,7 +40,7 @@ class RigTables:
         self._wanted: list[FloorTable | None] = [None] * n_robots
         self._stored: list[FloorTable | None] = [None] * n_robots
         self.slots = np.zeros(n_robots, np.int64)
-        self._points = np.zeros((4, n_robots, height * width), np.float32)
+        self._points = np.zeros((n_robots, 4, height * width), np.float32)
         self._runs = np.zeros((n_robots, 4 * height, 4), np.int32)
         self._first_run = np.zeros((n_robots, height + 1), np.int32)
         self.directions = np.zeros((n_robots, 3, height, width), np.float32)
@@ -50,8 +50,7 @@ class RigTables:
     @property
     def floor(self) -> FloorTable:
         """The floor tables of all slots."""
-        x, y, dx, dy = self._points  # each contiguous, or the kernel is half as fast
-        return FloorTable(x, y, dx, dy, self._runs, self._first_run)
+        return FloorTable(self._points, self._runs, self._first_run)
 
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""
@@ -65,7 +64,7 @@ class RigTables:
         slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
         self.slots[i] = slot
         self._stored[slot] = floor
-        self._points[:, slot] = floor.x, floor.y, floor.dx, floor.dy
+        self._points[slot] = floor.points
         self._runs = _with_room(self._runs, len(floor.runs))
         self._runs[slot, : len(floor.runs)] = floor.runs
         self._first_run[slot] = floor.first_run
@@ -81,7 +80,7 @@ def _with_room(array: np.ndarray, length: int) -> np.ndarray:
 
 
 class RayCamera:
-    """Draws N robots' pictures in one call; keeps `sim_pybullet.rendering.camera.BatchCamera`.
+    """Draws N robots' pictures in one call, in fresh arrays.
 
     Every robot may have its own scene and rig; equal rigs share tables, scenes with the same
     ``Ground`` and light its packed floor. Neither may be changed in place after it was given.
@@ -203,3 +202,16 @@ class RayCamera:
             tables.pixel_rad,
         )
         draw_solids(pictures, views)
+
+
+class NoCamera:
+    """In the place of a `RayCamera` for who needs no pictures: black dots."""
+
+    shape = (1, 1, 3)
+
+    def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
+        """Nothing to do."""
+
+    def render(self, poses: np.ndarray, *_: object) -> np.ndarray:
+        """(M, 1, 1, 3) zeros."""
+        return np.zeros((len(poses), *self.shape), np.uint8)

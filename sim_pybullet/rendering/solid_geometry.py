@@ -5,23 +5,11 @@ import math
 import numpy as np
 from numba import njit
 
-from sim_pybullet.rendering.solid_table import (
-    AZIMUTHS,
-    BASE,
-    BLUE,
-    COS,
-    CYLINDER,
-    ELEVATIONS,
-    GREEN,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    RED,
-    SHAPE,
-    SIN,
-    TOP,
-    X,
-    Y,
-)  # fmt: skip
+from sim_pybullet.rendering.solid_table import AZIMUTHS, ELEVATIONS
+
+CYLINDER = 1  # in the column SHAPE; a box is 0
+# Columns of a row: position, heading, half extents, underside and top [m], looks.
+X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, SHAPE, KIND, RED, GREEN, BLUE = range(13)
 
 NO_HIT = 1e9
 Outline = tuple[float, float, float, float]  # azimuth, half its spread, lowest, highest [rad]

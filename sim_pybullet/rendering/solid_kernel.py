@@ -7,7 +7,14 @@ import numpy as np
 from numba import njit, prange
 
 from sim_pybullet.rendering.solid_geometry import (
+    COS,
+    CYLINDER,
+    KIND,
     NO_HIT,
+    SHAPE,
+    SIN,
+    X,
+    Y,
     face_colours,
     meet_box,
     meet_cylinder,
@@ -15,7 +22,6 @@ from sim_pybullet.rendering.solid_geometry import (
     pixel_box,
     to_camera,
 )
-from sim_pybullet.rendering.solid_table import COS, CYLINDER, KIND, SHAPE, SIN, X, Y
 
 
 class SolidViews(NamedTuple):
@@ -23,7 +29,7 @@ class SolidViews(NamedTuple):
 
     ``poses`` (N, 3); ``eyes`` (N, 3) the camera in the robot frame [m]; ``lights`` (N, 5) as
     ``light_row``; ``rows`` (K, 13) as ``solid_rows``, robot i seeing first[i]..last[i];
-    ``slots`` (N,) names each robot's ``directions`` (S, 3, H, W) and ``DirectionTable``.
+    ``slots`` (N,) names each robot's ``directions`` (S, 3, H, W) and `direction_table`.
     """
 
     poses: np.ndarray

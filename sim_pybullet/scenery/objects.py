@@ -1,31 +1,29 @@
 """What there is to see: a Duckietown map or a race track, painted and built alike under a Look."""
 
+import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
 from robot.errors import MapError
 from robot.geometry import bezier_points, bezier_tangents
-from robot.navigation.map_objects import objects_of
+from robot.navigation.map_objects import MapObject, colours, kinds, objects_of
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.racing.track import Track, centre_line
 from sim_pybullet.racing.track_ground import paint_track, track_walls
-from sim_pybullet.scene import Ground, Scene, Solid
+from sim_pybullet.scene import Ground, Scene, SemanticClass, Solid
 from sim_pybullet.scenery.clutter import clutter_solids, roadside
-from sim_pybullet.scenery.object_solids import object_solids
 
 Place = RoadMap | Track  # what there is to drive on
-_centre_line = lru_cache(8)(centre_line)
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
 
 
 def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3) poses along random lanes, or the road of a track; MapError without any."""
     if isinstance(place, Track):
-        path = _centre_line(place).path
+        path = centre_line(place).path
         arcs_m = rng.uniform(0.0, path.length_m, count)
         return np.array([path.pose_at(arc_m) for arc_m in arcs_m.tolist()])
     if not place.lanes:
@@ -39,7 +37,7 @@ def lane_poses(place: Place, count: int, rng: np.random.Generator) -> np.ndarray
 
 
 def build_scene(place: Place, look: Look, rng: np.random.Generator) -> Scene:
-    """The floor, what stands on it, sky and light; errors and ``rng`` as of `place_solids`."""
+    """The floor, what stands on it, sky and light; ``rng`` as of `place_solids`."""
     solids = place_solids(place, look, rng)
     return Scene(paint_place(place, look), solids, look.sky, look.light)
 
@@ -51,11 +49,29 @@ def paint_place(place: Place, look: Look) -> Ground:
     )
 
 
-def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[Solid, ...]:
-    """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter.
+def object_solids(item: MapObject) -> tuple[Solid, ...]:
+    """The solids that one object of a map is made of; none for marks on the floor."""
+    kind = kinds()[item.kind]
+    scale = item.height_m
+    c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
+    return tuple(
+        Solid(
+            shape=part.shape,
+            x_m=item.x_m + scale * (c * part.forward - s * part.left),
+            y_m=item.y_m + scale * (s * part.forward + c * part.left),
+            heading_rad=item.heading_rad,
+            size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
+            rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
+            kind=SemanticClass[kind.class_name],
+            base_m=scale * part.base,
+            collides=part.collides,
+        )
+        for part in kind.parts
+    )
 
-    MapError for an object of a kind that nobody can draw, with the nearest one.
-    """
+
+def place_solids(place: Place, look: Look, rng: np.random.Generator) -> tuple[Solid, ...]:
+    """What stands there in an episode; ``rng`` picks a map's optional objects and its clutter."""
     if isinstance(place, Track):
         return track_walls(place, look)
     solids: list[Solid] = []

@@ -20,7 +20,6 @@ from sim_pybullet.randomise import load_looks
 from sim_pybullet.tasks.spec import (
     Choices,
     Mission,
-    Starts,
     Task,
     TaskSpec,
     TaskStep,
@@ -190,18 +189,18 @@ class TrackRacing(Task):
 
     def reset(
         self, robots: np.ndarray, rng: np.random.Generator, number: int | None = None
-    ) -> Starts:
+    ) -> np.ndarray:
         """Begin an episode for these robots (M,) on a random track, at a random place."""
-        starts = super().reset(robots, rng, number)
+        poses = super().reset(robots, rng, number)
         if self._spread > 1.0:
             self.vehicle.starts_mps[robots] = rng.uniform(0.0, self._style.top_mps, len(robots))
-        self._poses[robots] = starts.poses
-        return starts
+        self._poses[robots] = poses
+        return poses
 
-    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> Starts:
+    def reset_at(self, robots: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -> None:
         """Begin an episode for these robots (M,) at these poses (M, 3), at rest."""
         self.vehicle.starts_mps[robots], self._poses[robots] = 0.0, poses
-        return super().reset_at(robots, poses, rng)
+        super().reset_at(robots, poses, rng)
 
     def _mission(self, road_map: int, rng: np.random.Generator, turn: int | None) -> Mission:  # noqa: ARG002
         path = self._lines[road_map].path
@@ -215,7 +214,7 @@ class TrackRacing(Task):
         self._poses = poses.copy()
         away_m = np.abs(course.offset_m)
         self.vehicle.on_grass[:] = away_m > self.half_lane_m
-        terminated = collided | lost | (away_m > self._limits_m[self._maps])
+        terminated = collided | lost | (away_m > self._limits_m[self.maps])
         laps = course.travelled_m / self._lengths_m
         due_m = SLOWEST_MPS * SCALE * (self._steps * CONTROL_DT_S - PATIENCE_S)
         late = course.travelled_m <= due_m

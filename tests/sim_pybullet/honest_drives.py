@@ -53,7 +53,7 @@ def blind_drives(look: str, count: int, maps: tuple[str, ...], seed: int) -> Ite
     """``count`` robots stand, then drive a mission each; ends when all have, or gave up."""
     rng = np.random.default_rng(seed)
     task = Navigation([load_map(name) for name in maps], count)
-    poses = task.reset(np.arange(count), rng).poses.copy()
+    poses = task.reset(np.arange(count), rng)
     errors, fusion, motors = PoseError(count), PoseFusion(count), MotorModel(count)
     sample = load_look_sampler(look, "arena")
     for robot in range(count):

@@ -26,12 +26,12 @@ def test_a_robot_sees_what_is_ahead_on_its_path_and_nothing_else() -> None:
     points = np.stack((AHEAD_M, np.zeros_like(AHEAD_M)), axis=-1)[None]
     bodies = np.array([[(-0.1, 0.0), (0.4, 0.2), (0.6, 0.05), (0.9, 0.0), (np.nan, np.nan)]])
     steps = steps_ahead(points, np.zeros((1, 3)), bodies, np.full((1, 5), 0.15))
-    seen = nearest(steps)
-    assert seen.what[0] == 2
-    assert 0.44 - 0.041 <= seen.free_m[0] <= 0.6 - 0.14
-    free = nearest(steps[:, :2])
-    assert free.what[0] == -1
-    assert free.free_m[0] > 0.95
+    (free_m,), (ends,) = nearest(steps)
+    assert ends == 2
+    assert 0.44 - 0.041 <= free_m <= 0.6 - 0.14
+    (free_m,), (ends,) = nearest(steps[:, :2])
+    assert ends == -1
+    assert free_m > 0.95
 
 
 def test_who_leads_through_a_bend_goes_on_along_it() -> None:
@@ -174,7 +174,7 @@ def test_what_a_map_says_moves_is_no_longer_part_of_the_scenery() -> None:
     duck = {"kind": "duckie", "pos": [1.5, 0.1], "height": 0.08}
     streets = Streets([with_objects([duck, {**duck, "pos": [1.5, 2.9], "static": False}])])
     assert len(streets.movers[0]) == 1
-    assert streets.road_maps[0].objects == [duck]
+    assert list(streets.road_maps[0].objects.values()) == [duck]
 
 
 def test_nobody_tours_through_a_barrier() -> None:
