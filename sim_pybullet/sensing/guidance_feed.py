@@ -128,11 +128,6 @@ class GuidanceFeed:
         self._fix.see(sight(images), fresh & ~self._exact, self._now_s)
         self.poses = np.where(self._exact[:, None], self.poses, self._fusion.poses)
 
-    @property
-    def certainty(self) -> np.ndarray:
-        """(N, 2) as of the filter; nothing of robots who know their true poses."""
-        return np.where(self._exact[:, None], 0.0, self._fusion.certainty)
-
     def path_inputs(self, paths: PathBatch) -> np.ndarray:
         """(N, 10) float32, see `robot.navigation.path.path_inputs`, on paths of the robots."""
         at = paths.project(self.poses[:, :2], self._hints)
