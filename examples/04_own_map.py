@@ -1,17 +1,12 @@
 """A map of your own, a mission through it, and both seen from above."""
 
-import sys
-from pathlib import Path
-
 import cv2
+from folder import out
 
 from robot.geometry import Pose
 from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from sim_pybullet.show import from_above
-
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
-out.mkdir(parents=True, exist_ok=True)
 
 own = out / "04_own_map.yaml"
 own.write_text("""

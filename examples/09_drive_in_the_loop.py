@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from folder import out
 
 from robot.geometry import Pose
 from robot.inference.policy import OnnxPolicy
@@ -14,10 +15,8 @@ from sim_pybullet.look import Look
 from sim_pybullet.show import from_above
 from tools.loop.laps import LapDrive, LapRecord
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 LAPS = float(sys.argv[2]) if len(sys.argv) > 2 else 0.5
 MODELS = Path(__file__).parents[1] / "robot" / "models"
-out.mkdir(parents=True, exist_ok=True)
 
 road_map = load_map("loop")
 trail = []

@@ -53,7 +53,7 @@ class BatchWorld:
     """Bodies, vehicles, cameras and a task, for N robots at once.
 
     The same arguments, seed and actions give the same pictures, bit for bit. ``feed`` tells what
-    they show.
+    they show, ``guidance`` where robots of a task with a path believe to be.
 
     Args:
         pool_size: painted worlds per map, with a sampler of Looks.
@@ -93,10 +93,10 @@ class BatchWorld:
             drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
         )
         self.image_shape = self.feed.shape
-        self._guidance = None
+        self.guidance = None
         if task.guided:
             maps = [place for place in task.road_maps if isinstance(place, RoadMap)]
-            self._guidance = GuidanceFeed(n, sources, maps)
+            self.guidance = GuidanceFeed(n, sources, maps)
         self._recorder = DriveRecorder(n)
         self._looks = [NOMINAL] * n
 
@@ -112,11 +112,6 @@ class BatchWorld:
     def poses(self) -> np.ndarray:
         """(N, 3) true poses: x [m], y [m], heading [rad], each on the map of its robot."""
         return self._town.poses
-
-    @property
-    def believed_poses(self) -> np.ndarray:
-        """(N, 3) where the robots believe to be; the true poses in a task without a path."""
-        return self.poses if self._guidance is None else self._guidance.poses.copy()
 
     @property
     def maps(self) -> np.ndarray:
@@ -169,8 +164,8 @@ class BatchWorld:
             success=judged.success & active,
         )
         course, collided = self.task.course, collided | self.task.met
-        if self._guidance is not None:
-            self._guidance.update(poses, self._episodes.rng("pose"))
+        if self.guidance is not None:
+            self.guidance.update(poses, self._episodes.rng("pose"))
         self._recorder.add(course.progress_m, course.offset_m, self.task.half_lane_m)
         observation = self._observe()
         ended = np.flatnonzero(judged.terminated | judged.truncated)
@@ -194,8 +189,8 @@ class BatchWorld:
             self._town.step(twists)
             poses = self._town.poses
             self.feed.record(poses, self.task.moving(poses, (k + 1) / PHYSICS_STEPS))
-            if self._guidance is not None:
-                self._guidance.record(vehicle.counted)
+            if self.guidance is not None:
+                self.guidance.record(vehicle.counted)
             collided |= self._town.collided
         return collided
 
@@ -220,10 +215,10 @@ class BatchWorld:
         moving = self.task.moving(self._town.poses)
         for i, pose, (scene, look) in zip(robots.tolist(), poses, scenes, strict=True):
             self.feed.begin(i, scene, look, pose, None if moving is None else moving[i])
-        if self._guidance is not None:
+        if self.guidance is not None:
             hints = self.task.paths.index_at(self.task.course.arc_m)
             rngs = [self._episodes.own("pose", i) for i in robots.tolist()]
-            self._guidance.begin(robots, looks, self._town.poses, hints, rngs)
+            self.guidance.begin(robots, looks, self._town.poses, hints, rngs)
         self._recorder.begin(robots)
         return robots
 
@@ -234,11 +229,11 @@ class BatchWorld:
         drawn = None if everyone else robots
         skip, noise = (self._episodes.rng(kind, drawn) for kind in ("skip", "noise"))
         image = self.feed.pictures(skip, drawn, noise)
-        if begun is None and self._guidance is not None:
+        if begun is None and self.guidance is not None:
             whole = np.zeros((self.n_robots, *image.shape[1:3], 3), np.uint8)
             whole[robots] = image[..., -3:]
-            self._guidance.see(whole, self.feed.fresh, self.task.maps)
-        path = None if self._guidance is None else self._guidance.path_inputs(self.task.paths)
+            self.guidance.see(whole, self.feed.fresh, self.task.maps)
+        path = None if self.guidance is None else self.guidance.path_inputs(self.task.paths)
         if path is not None and not everyone:
             path = path[robots]
         seen = Observation(image, path)

@@ -17,7 +17,8 @@ from sim_pybullet.rendering.rays import (
     floor_table,
     pixel_rays,
 )
-from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids, place_movers
+from sim_pybullet.rendering.solid_geometry import place_movers
+from sim_pybullet.rendering.solid_kernel import SolidViews, draw_solids
 from sim_pybullet.rendering.solid_table import (
     AZIMUTHS,
     ELEVATIONS,

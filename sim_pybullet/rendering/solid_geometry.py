@@ -17,6 +17,28 @@ _FAST = {"contract", "arcp", "nsz", "reassoc"}  # not nnan, ninf: a ray may be l
 
 
 @njit(cache=True)
+def place_movers(
+    rows: np.ndarray, last: np.ndarray, parts: np.ndarray, owners: np.ndarray, poses: np.ndarray
+) -> None:
+    """Append the parts of what moves to what stands around M robots.
+
+    ``rows`` (R, 13), of robot i up to last[i] (M,), which moves on; ``parts`` (D, 13) and
+    ``owners`` (D,) as `mover_rows`; ``poses`` (M, U, 3), not finite where a mover is not there.
+    """
+    for i in range(len(poses)):
+        for k in range(len(parts)):
+            x, y, heading = poses[i, owners[k]]
+            if math.isfinite(x):
+                part, row = parts[k], rows[last[i]]
+                c, s = math.cos(heading), math.sin(heading)
+                row[:] = part
+                row[X], row[Y] = x + c * part[X] - s * part[Y], y + s * part[X] + c * part[Y]
+                row[COS] = c * part[COS] - s * part[SIN]
+                row[SIN] = s * part[COS] + c * part[SIN]
+                last[i] += 1
+
+
+@njit(cache=True)
 def to_camera(row: np.ndarray, pose: np.ndarray, eye: np.ndarray, out: np.ndarray) -> None:
     """A world row as the camera has it: relative to the eye (3,), axes of the robot."""
     c, s = math.cos(pose[2]), math.sin(pose[2])

@@ -7,14 +7,10 @@ import numpy as np
 from numba import njit, prange
 
 from sim_pybullet.rendering.solid_geometry import (
-    COS,
     CYLINDER,
     KIND,
     NO_HIT,
     SHAPE,
-    SIN,
-    X,
-    Y,
     face_colours,
     meet_box,
     meet_cylinder,
@@ -56,28 +52,6 @@ class Canvas(NamedTuple):
     rays: np.ndarray
     depth: np.ndarray
     seen: np.ndarray
-
-
-@njit(cache=True)
-def place_movers(
-    rows: np.ndarray, last: np.ndarray, parts: np.ndarray, owners: np.ndarray, poses: np.ndarray
-) -> None:
-    """Append the parts of what moves to what stands around M robots.
-
-    ``rows`` (R, 13), of robot i up to last[i] (M,), which moves on; ``parts`` (D, 13) and
-    ``owners`` (D,) as `mover_rows`; ``poses`` (M, U, 3), not finite where a mover is not there.
-    """
-    for i in range(len(poses)):
-        for k in range(len(parts)):
-            x, y, heading = poses[i, owners[k]]
-            if math.isfinite(x):
-                part, row = parts[k], rows[last[i]]
-                c, s = math.cos(heading), math.sin(heading)
-                row[:] = part
-                row[X], row[Y] = x + c * part[X] - s * part[Y], y + s * part[X] + c * part[Y]
-                row[COS] = c * part[COS] - s * part[SIN]
-                row[SIN] = s * part[COS] + c * part[SIN]
-                last[i] += 1
 
 
 @njit(parallel=True, nogil=True, cache=True)

@@ -89,7 +89,9 @@ class RandomRoutes:
                 if begin is None:
                     route = route_between(self._graph, start, start_t, goal, goal_t)
                 else:
-                    route = plan_route(self._graph, begin, self._place(goal, goal_t))
+                    control = self._graph.lanes[goal].control_points_m
+                    place = bezier_points(control, np.array([goal_t]))[0]
+                    route = plan_route(self._graph, begin, (float(place[0]), float(place[1])))
             except PlanError:
                 continue
             path = Path.from_beziers(route.curves_m)
@@ -100,10 +102,6 @@ class RandomRoutes:
             f"{road_map.name}: expected two places {SHORTEST_TILES:g} tiles of road apart, found "
             f"none; use a map with more road, such as the shipped map arena"
         )
-
-    def _place(self, lane: int, t: float) -> tuple[float, float]:
-        point = bezier_points(self._graph.lanes[lane].control_points_m, np.array([t]))[0]
-        return float(point[0]), float(point[1])
 
 
 register(

@@ -60,7 +60,7 @@ def record_drive(
         age_s = now_s - float(arrived.captured_s[0])
         _write(file, (k, frame), now_s, image[0], told_wheels, arrived.poses[0], age_s)
         if task.guided:
-            believed = Pose(*world.believed_poses[0].tolist())
+            believed = Pose(*world.guidance.poses[0].tolist())
             file.add(topics.POSE, now_s, topics.pose_message(now_s, believed), k)
         shares = np.clip(np.array([wheels]) / MAX_WHEEL_MPS, -1.0, 1.0)
         before, image = image, world.step(shares).observation.image

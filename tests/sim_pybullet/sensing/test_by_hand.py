@@ -11,7 +11,7 @@ from robot.contract import ImageSpec
 from robot.lens import DUCKIEBOT_LENS, CameraRig, Mount
 from sim_pybullet.look import ARENA_POSE, LightLook, Look, PoseLook, SensorLook
 from sim_pybullet.rendering.rays import pixel_rays
-from sim_pybullet.sensing.camera_feed import CameraFeed, FrameStack
+from sim_pybullet.sensing.camera_feed import CameraFeed
 from sim_pybullet.sensing.guidance_feed import GuidanceFeed, PoseError
 from sim_pybullet.sensing.sensor import apply_sensor, smeared
 from tests.sim_pybullet.sensing.gloss import add_gloss
@@ -161,6 +161,15 @@ class Post:
         return POST.repeat(len(poses), axis=0)
 
 
+class Grey(Post):
+    """A camera that shows one grey."""
+
+    shape, level = (1, 1, 3), 0
+
+    def render(self, poses: np.ndarray, robots: np.ndarray | None = None) -> np.ndarray:
+        return np.full((len(poses), *self.shape), self.level, np.uint8)
+
+
 SCENE: Any = type("Scene", (), {"light": LightLook()})()
 
 
@@ -181,18 +190,21 @@ def test_robots_that_turn_smear_by_how_fast_they_turn(heading: float) -> None:
 
 
 def test_the_newest_picture_of_a_stack_is_last() -> None:
-    stack = FrameStack(2, 3, (1, 1, 3))
-    both = np.arange(2)
+    camera = Grey()
+    feed = CameraFeed(camera, 2, frames=3)
+    for i in range(2):
+        feed.begin(i, SCENE, Look(), np.zeros(3))
 
-    def push(number: int) -> list[list[int]]:
-        return stack.push(np.full((2, 1, 1, 3), number, np.uint8))[:, 0, 0, ::3].tolist()
+    def see(level: int, robots: np.ndarray | None = None) -> list[list[int]]:
+        camera.level = level
+        return feed.pictures(rng(), robots)[:, 0, 0, ::3].tolist()
 
-    stack.restart(both, np.full((2, 1, 1, 3), 7, np.uint8))
-    assert push(8) == [[7, 7, 8]] * 2
-    assert push(9) == [[7, 8, 9]] * 2
-    again = stack.restart(both[:1], np.full((1, 1, 1, 3), 1, np.uint8))
-    assert again[0, 0, 0, ::3].tolist() == [1, 1, 1]
-    assert push(2) == [[1, 1, 2], [8, 9, 2]]
+    assert see(7) == [[7, 7, 7]] * 2
+    assert see(8) == [[7, 7, 8]] * 2
+    assert see(9) == [[7, 8, 9]] * 2
+    feed.begin(0, SCENE, Look(), np.zeros(3))
+    assert see(1, np.array([0])) == [[1, 1, 1]]
+    assert see(2) == [[1, 1, 2], [8, 9, 2]]
 
 
 def test_outliers_are_off_by_up_to_a_metre_to_every_side() -> None:
