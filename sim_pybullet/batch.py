@@ -92,7 +92,6 @@ class BatchWorld:
         self.feed = CameraFeed(
             drawing, n, image.crop_top_px, translator, movers=len(task.movers), frames=task.frames
         )
-        self.image_shape = self.feed.shape
         self.guidance = None
         if task.guided:
             maps = [place for place in task.road_maps if isinstance(place, RoadMap)]

@@ -19,8 +19,8 @@ class FloorViews(NamedTuple):
 
     ``placed`` (N, 4) float64 is where they stand in the texture: column and row of the robot's
     origin [texels], cosine and sine of its heading. ``slots`` (N,) names their floor tables, which
-    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) their
-    ``MipTexture``.
+    are one ``FloorTable`` of arrays (S, ...); ``addresses`` (N,) and ``levels`` (N, L, 3) are
+    of `mip_texture`.
     """
 
     placed: np.ndarray

@@ -41,17 +41,14 @@ class RigTables:
         self._wanted: list[FloorTable | None] = [None] * n_robots
         self._stored: list[FloorTable | None] = [None] * n_robots
         self.slots = np.zeros(n_robots, np.int64)
-        self._points = np.zeros((n_robots, 4, height * width), np.float32)
-        self._runs = np.zeros((n_robots, 4 * height, 4), np.int32)
-        self._first_run = np.zeros((n_robots, height + 1), np.int32)
+        self.floor = FloorTable(  # of all slots
+            np.zeros((n_robots, 4, height * width), np.float32),
+            np.zeros((n_robots, 4 * height, 4), np.int32),
+            np.zeros((n_robots, height + 1), np.int32),
+        )
         self.directions = np.zeros((n_robots, 3, height, width), np.float32)
         self.cells = np.zeros((n_robots, AZIMUTHS, ELEVATIONS, 4), np.int16)
         self.pixel_rad = np.zeros(n_robots)
-
-    @property
-    def floor(self) -> FloorTable:
-        """The floor tables of all slots."""
-        return FloorTable(self._points, self._runs, self._first_run)
 
     def put(self, i: int, rig: CameraRig, texel_m: float) -> None:
         """Let robot ``i`` see through this rig, over a floor of this texel size."""
@@ -65,10 +62,9 @@ class RigTables:
         slot = next(k for k, stored in enumerate(self._stored) if id(stored) not in used)
         self.slots[i] = slot
         self._stored[slot] = floor
-        self._points[slot] = floor.points
-        self._runs = _with_room(self._runs, len(floor.runs))
-        self._runs[slot, : len(floor.runs)] = floor.runs
-        self._first_run[slot] = floor.first_run
+        self.floor = self.floor._replace(runs=_with_room(self.floor.runs, len(floor.runs)))
+        self.floor.points[slot], self.floor.first_run[slot] = floor.points, floor.first_run
+        self.floor.runs[slot, : len(floor.runs)] = floor.runs
         self.directions[slot] = np.moveaxis(pixel_rays(rig, self._image).directions, -1, 0)
         self.cells[slot], self.pixel_rad[slot] = direction_table(rig, self._image)
 
@@ -112,7 +108,7 @@ class RayCamera:
     def set_robot(self, i: int, scene: Scene, rig: CameraRig) -> None:
         """Give robot ``i`` its world and its camera."""
         ground, light = scene.ground, scene.light
-        texture = mip_texture(ground, floor_shade(light))
+        texels, self._levels[i] = mip_texture(ground, floor_shade(light))
         self._scenes[i] = scene
         if scene not in _ROWS:
             _ROWS[scene] = solid_rows(scene.solids)
@@ -120,8 +116,7 @@ class RayCamera:
         self._rows = _with_room(self._rows, len(rows) + len(self._parts))
         self._rows[i, : len(rows)], self._counts[i] = rows, len(rows)
         self._skies[i], self._sky_kinds[i] = background(rig, self._image, scene)
-        self._addresses[i] = texture.texels.ctypes.data
-        self._levels[i] = texture.levels
+        self._addresses[i] = texels.ctypes.data
         self._origins[i] = ground.west_m, ground.north_m, ground.texel_m
         self._eyes[i] = rig.mount.position_m
         self._lights[i] = light_row(light)

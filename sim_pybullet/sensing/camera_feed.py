@@ -9,8 +9,9 @@ from robot.inference.policy import Translator
 from sim_pybullet.look import CameraLook, Look
 from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
 from sim_pybullet.rendering.ray_camera import NoCamera, RayCamera
+from sim_pybullet.rendering.rays import pixel_rays
 from sim_pybullet.scene import Scene
-from sim_pybullet.sensing.sensor import Gloss, Sensors
+from sim_pybullet.sensing.sensor import Sensors, add_gloss
 
 
 class CameraFeed:
@@ -46,7 +47,8 @@ class CameraFeed:
         self._translator = translator
         height, width, _ = camera.shape
         self._sensors = Sensors(n_robots, camera.shape, crop_top_px)
-        self._gloss = Gloss(n_robots, ImageSpec(width, height + crop_top_px, crop_top_px))
+        self._image = ImageSpec(width, height + crop_top_px, crop_top_px)
+        self._rays: list[np.ndarray | None] = [None] * n_robots  # where floors mirror the light
         self._scenes: list[Scene | None] = [None] * n_robots
         self._cameras: list[CameraLook | None] = [None] * n_robots
         self._headings, self._turns_radps = np.zeros(n_robots), np.zeros(n_robots)
@@ -64,6 +66,11 @@ class CameraFeed:
         """(H, W, 3 F) of what one robot sees."""
         height, width, _ = self._camera.shape
         return height, width, 3 * self._frames
+
+    @property
+    def newest(self) -> np.ndarray:
+        """(N, H, W, 3) the pictures that came last; black before the first."""
+        return self._stack[..., -3:].copy()
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
@@ -84,7 +91,8 @@ class CameraFeed:
         around = pose[None] if movers is None else np.vstack((pose, movers))
         self._past.reset(i, delay, _as_vectors(around).ravel())
         self._sensors.put(i, look.sensor)
-        self._gloss.put(i, look.rig(), scene.light)
+        rays = pixel_rays(look.rig(), self._image).directions if scene.light.gloss else None
+        self._rays[i] = rays
         self._headings[i], self._turns_radps[i] = pose[2], 0.0
         self._skip[i] = look.timing.frame_skip
         self._first[i] = True
@@ -113,7 +121,10 @@ class CameraFeed:
         chosen = np.arange(len(poses)) if robots is None else robots
         moving = (around[chosen, 1:],) if self._movers else ()
         light = self._camera.render(poses[chosen], robots, *moving)
-        self._gloss.add(light, poses[chosen, 2], chosen)
+        for frame, heading_rad, i in zip(light, poses[chosen, 2].tolist(), chosen, strict=True):
+            rays, scene = self._rays[i], self._scenes[i]
+            if rays is not None and scene is not None:
+                add_gloss(frame, rays, scene.light, heading_rad)
         pictures = self._sensors.take(light, chosen, noise_rng, self._turns_radps[chosen])
         if self._translator is not None:
             pictures = self._translator(pictures)

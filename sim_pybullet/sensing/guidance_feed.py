@@ -166,12 +166,10 @@ class OverheadPoses(NamedTuple):
 class PoseError:
     """One ``PoseLook`` per robot; errors are Ornstein-Uhlenbeck processes.
 
-    Args:
-        dt_s: time between two calls of ``observe``; delays are rounded to whole calls.
+    ``observe`` is called at every decision; delays are rounded to whole ones.
     """
 
-    def __init__(self, count: int, dt_s: float = CONTROL_DT_S) -> None:
-        self._dt_s = dt_s
+    def __init__(self, count: int) -> None:
         self._deviations = np.zeros((count, 3))
         self._keep = np.ones((count, 1))  # of the error, from one call to the next
         self._delay_s = np.zeros(count)
@@ -184,10 +182,10 @@ class PoseError:
     def reset(self, robot: int, look: PoseLook, rng: np.random.Generator) -> None:
         """Begin an episode of one robot, its error drawn from the stationary distribution."""
         self._deviations[robot] = look.position_m, look.position_m, look.heading_rad
-        self._keep[robot] = math.exp(-self._dt_s / max(look.correlation_s, 1e-6))
-        calls = round(look.delay_s / self._dt_s)
-        self._delay_s[robot] = calls * self._dt_s
-        self._gap_begins[robot] = look.dropout_per_s * self._dt_s
+        self._keep[robot] = math.exp(-CONTROL_DT_S / max(look.correlation_s, 1e-6))
+        calls = round(look.delay_s / CONTROL_DT_S)
+        self._delay_s[robot] = calls * CONTROL_DT_S
+        self._gap_begins[robot] = look.dropout_per_s * CONTROL_DT_S
         self._longest_gap_s[robot] = look.dropout_s
         self._outlier[robot] = look.outlier
         self._errors[robot] = rng.standard_normal(3) * self._deviations[robot]
@@ -215,7 +213,7 @@ class PoseError:
     def _missing(self, rng: np.random.Generator) -> np.ndarray:
         """(N,) bool: in a gap. No gap follows another without a pose between them."""
         begins = (rng.random(len(self._gap_s)) < self._gap_begins) & (self._gap_s <= 0.0)
-        self._gap_s -= self._dt_s
+        self._gap_s -= CONTROL_DT_S
         lengths = rng.random(len(self._gap_s)) * self._longest_gap_s
         self._gap_s = np.where(begins, lengths, self._gap_s)
         return np.asarray(self._gap_s > 0.0)

@@ -9,8 +9,8 @@ from robot.geometry import Pose
 from robot.navigation.map_objects import blocked
 from robot.navigation.path import Path
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.motors import WheeledRobots
 from sim_pybullet.tasks.spec import Course, Mission, Task, TaskStep
-from sim_pybullet.vehicle import WheeledRobots
 
 # From the middle of a lane to its edge: the yellow line begins at 0.18 tiles, the white at 0.193.
 HALF_LANE_TILES = 0.19

@@ -21,12 +21,13 @@ from robot.geometry import Pose, wrap_angle
 from robot.navigation.path import Path, PathBatch
 from robot.navigation.road_map import load_map
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from sim_pybullet.episodes import Looks
+    from sim_pybullet.motors import WheeledRobots
     from sim_pybullet.scene import Mover
     from sim_pybullet.scenery.objects import Place
+    from sim_pybullet.tasks.track_racing import RacingCars
 
 MAX_HEADING_ERROR_RAD = math.radians(100.0)
 START_OFFSET = 0.25  # at most, in half-lane widths
@@ -89,7 +90,7 @@ class Task(ABC):
     def __init__(
         self,
         road_maps: Sequence[Place],
-        vehicle: Vehicle,
+        vehicle: WheeledRobots | RacingCars,
         n_robots: int,
         half_widths_m: np.ndarray,
         path: Path,

@@ -14,7 +14,7 @@ from robot.contract import CONTROL_DT_S, ActionTable, ImageSpec
 from robot.geometry import wrap_angle
 from robot.navigation.path import PathBatch
 from sim_pybullet.look import DriveLook
-from sim_pybullet.motors import PHYSICS_DT_S, DelayLine
+from sim_pybullet.motors import PHYSICS_DT_S, DelayLine, pursuit
 from sim_pybullet.racing.track import SCALE, Track, centre_line, load_track, mirrored
 from sim_pybullet.randomise import load_looks
 from sim_pybullet.tasks.spec import (
@@ -26,7 +26,6 @@ from sim_pybullet.tasks.spec import (
     expect_some,
     register,
 )
-from sim_pybullet.vehicle import pursuit
 
 # Steering (positive to the left) and throttle (negative brakes), in the order of paper B, section
 # 3.1: straight, left, right, each with throttle, with brakes, and rolling.
@@ -50,7 +49,7 @@ _CAREFUL = 0.6  # share of the grip it uses in bends
 
 
 class RacingCars:
-    """N cars; see `sim_pybullet.vehicle.Vehicle`.
+    """N cars, in the place of `sim_pybullet.motors.WheeledRobots`.
 
     A ``DriveLook`` gives the engine's ``gain``, ``turn_gain`` of the steering, ``turn_lag_s``
     between wheel and tyre, ``delay_s`` between command and car, and ``noise`` of the speed.

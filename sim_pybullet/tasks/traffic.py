@@ -8,6 +8,7 @@ import numpy as np
 from robot.contract import CONTROL_DT_S, FIVE_ACTIONS, Action, ActionTable
 from robot.errors import ConfigError
 from robot.navigation.road_map import RoadMap
+from sim_pybullet.motors import WheeledRobots, expert_actions
 from sim_pybullet.tasks.following import NOMINAL_STEP_M, Following, following_terms
 from sim_pybullet.tasks.spec import Choices, TaskSpec, TaskStep, expect_some, register
 from sim_pybullet.traffic.ahead import behind
@@ -15,7 +16,6 @@ from sim_pybullet.traffic.crowd import STANDS_MPS, Approach, Body, Crowd
 from sim_pybullet.traffic.drivers import GAP_M, LINE_S
 from sim_pybullet.traffic.scenario import Scenario, load_scenario
 from sim_pybullet.traffic.streets import Streets
-from sim_pybullet.vehicle import WheeledRobots, expert_actions
 
 EPISODE_S = 60.0
 SLOW, STOP = len(FIVE_ACTIONS), len(FIVE_ACTIONS) + 1
@@ -167,8 +167,8 @@ class Traffic(Following):
 
     def _meet(self, poses: np.ndarray, collided: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whom each robot has met (N,), 0 for nobody, and whether that is its own fault (N,)."""
-        bodies = self.crowd.bodies(self._grouped(poses), self._grouped(self._velocities))
-        xy_m, robots = np.repeat(bodies.xy_m, self.group, axis=0), np.arange(self.n_robots)
+        bodies, robots = self.crowd.bodies(self._grouped(poses)), np.arange(self.n_robots)
+        xy_m = np.repeat(bodies, self.group, axis=0)
         xy_m[robots, robots % self.group] = np.nan
         delta = xy_m - poses[:, None, :2]
         apart = np.hypot(delta[..., 0], delta[..., 1])

@@ -105,13 +105,6 @@ class Body(IntEnum):
     THING = 3
 
 
-class Bodies(NamedTuple):
-    """B bodies in each of G worlds; ours come first, robot by robot."""
-
-    xy_m: np.ndarray  # (G, B, 2), NaN for who is not there
-    velocities_mps: np.ndarray  # (G, B, 2)
-
-
 class Crowd:
     """Road users of G groups of P robots of ours, on the maps of ``streets``.
 
@@ -197,27 +190,21 @@ class Crowd:
         self._way.begin(group)
         self._before = self._after = self._now()
 
-    def bodies(self, poses: np.ndarray, velocities_mps: np.ndarray) -> Bodies:
-        """Everybody, among robots of ours at poses (G, P, 3) with velocities (G, P, 2)."""
-        cars, ducklings = self.drivers, self.ducks
-        robots = np.concatenate((poses, cars.poses, self.parked), axis=1)[..., :2]
-        xy_m = np.concatenate((robots, ducklings.poses[..., :2], self._things), axis=1)
-        velocities = np.zeros(xy_m.shape)
-        driving = np.concatenate((velocities_mps, cars.velocities), axis=1)
-        velocities[:, : driving.shape[1]] = driving
-        velocities[:, self.kinds == Body.DUCK] = ducklings.velocities
-        return Bodies(xy_m, velocities)
+    def bodies(self, poses: np.ndarray) -> np.ndarray:
+        """(G, B, 2) where everybody is, ours at poses (G, P, 3) first; NaN for who is not there."""
+        robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)[..., :2]
+        return np.concatenate((robots, self.ducks.poses[..., :2], self._things), axis=1)
 
     def look(
         self, poses: np.ndarray, paths: PathBatch, arc_m: np.ndarray, velocities: np.ndarray
     ) -> Approach:
         """What all cars have ahead, ours at ``arc_m`` (G P,) of their paths first: (G, A)."""
-        bodies = self.bodies(poses, velocities)
+        mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
         everyone = np.concatenate((poses, self.drivers.poses), axis=1)  # who looks
         groups, cars = everyone.shape[:2]
         own = paths.points_at(arc_m[:, None] + AHEAD_M).reshape(groups, self.ours, -1, 2)
         points = np.concatenate((own, self.drivers.points(AHEAD_M)), axis=1)
-        xy_m, theirs, clear_m = self._obstacles(bodies)
+        xy_m, theirs, clear_m = self._obstacles(self.bodies(poses), mine)
         seen = np.repeat(xy_m[:, None], cars, axis=1)
         seen[:, np.arange(cars), np.arange(cars)] = np.nan  # nobody is in their own way
         flat = groups * cars
@@ -230,7 +217,6 @@ class Crowd:
         free_m = nearest(steps)[0].reshape(groups, cars)
         now = nearest(steps[:, : len(self.kinds)])
         now_m, what = (each.reshape(groups, cars) for each in now)
-        mine = np.concatenate((velocities, self.drivers.velocities), axis=1)
         others = np.take_along_axis(theirs, np.maximum(what, 0)[..., None], axis=1)
         closing = np.hypot(mine[..., 0], mine[..., 1]) - (others * along(points, now_m)).sum(-1)
         meets = (what != NOTHING) & (closing > STANDS_MPS)
@@ -244,11 +230,10 @@ class Crowd:
         may[:, self.ours :] |= ~self.drivers.obeying
         line_m = np.where(may, np.inf, approach.line_m - STOP_M)
         self.line_m = line_m[:, : self.ours]
-        before_m = self.bodies(poses, velocities).xy_m
+        before_m = self.bodies(poses)
         self.drivers.step(approach.free_m[:, self.ours :], line_m[:, self.ours :])
-        self.drivers.stand(self._touching(before_m, self.bodies(poses, velocities).xy_m))
-        robots = np.concatenate((poses, self.drivers.poses, self.parked), axis=1)
-        self.ducks.step(robots[..., :2])
+        self.drivers.stand(self._touching(before_m, self.bodies(poses)))
+        self.ducks.step(self.bodies(poses)[:, : self._robots])
         self.lights.step()
         self._before, self._after = self._after, self._now()
 
@@ -284,16 +269,20 @@ class Crowd:
             (self.drivers.poses, self.parked, self.ducks.poses, self.lights.shown()), axis=1
         )
 
-    def _obstacles(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bodies, ducks also where they will be: (G, B + 2 D, 2) places and velocities; and how far
-        to stay away, (B + 2 D,)."""
-        ducklings = self.kinds == Body.DUCK
-        xy_m, walks = bodies.xy_m[:, ducklings], bodies.velocities_mps[:, ducklings]
-        later = [xy_m + after_s * walks for after_s in _WALKS_S]
+    def _obstacles(
+        self, xy_m: np.ndarray, driving: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bodies at (G, B, 2), of which the first drive with velocities (G, A, 2), and ducks also
+        where they will be: (G, B + 2 D, 2) places and velocities; and how far to stay away,
+        (B + 2 D,)."""
+        ducklings, walks = self.kinds == Body.DUCK, self.ducks.velocities
+        velocities = np.zeros(xy_m.shape)
+        velocities[:, : driving.shape[1]], velocities[:, ducklings] = driving, walks
+        later = [xy_m[:, ducklings] + after_s * walks for after_s in _WALKS_S]
         near_m = np.full(2 * int(ducklings.sum()), DUCK_M)
         return (
-            np.concatenate((bodies.xy_m, *later), axis=1),
-            np.concatenate((bodies.velocities_mps, walks, walks), axis=1),
+            np.concatenate((xy_m, *later), axis=1),
+            np.concatenate((velocities, walks, walks), axis=1),
             np.concatenate((np.maximum(self.meet_m, HALF_ROBOT_M), near_m)),
         )
 

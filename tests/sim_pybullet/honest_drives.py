@@ -16,11 +16,16 @@ from robot.geometry import Pose, compose
 from robot.navigation.fusion import PoseFusion
 from robot.navigation.road_map import load_map
 from robot.navigation.way_check import WayCheck
-from sim_pybullet.motors import PHYSICS_DT_S, PHYSICS_STEPS, MotorModel
+from sim_pybullet.motors import (
+    ACTION_TABLE,
+    PHYSICS_DT_S,
+    PHYSICS_STEPS,
+    MotorModel,
+    expert_actions,
+)
 from sim_pybullet.randomise import load_look_sampler
 from sim_pybullet.sensing.guidance_feed import OverheadPoses, PoseError
 from sim_pybullet.tasks.navigation import Navigation
-from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 
 STAND_S = 1.5  # before the missions begin
 LONGEST_S = 40.0

@@ -19,11 +19,11 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.env import DriveEnv
 from sim_pybullet.look import NOMINAL
+from sim_pybullet.motors import ACTION_TABLE
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.spec import TASKS
 from sim_pybullet.tasks.track_racing import RACING_ACTIONS, TrackRacing
 from sim_pybullet.vec_env import DuckpilotVecEnv
-from sim_pybullet.vehicle import ACTION_TABLE
 
 SMALL = ImageSpec(40, 30, 10)
 LAPS = 0.25  # two take too long for a test

@@ -10,11 +10,10 @@ from robot.navigation.planner import plan_path
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import NOMINAL, DriveLook
-from sim_pybullet.motors import MotorModel
+from sim_pybullet.motors import ACTION_TABLE, MotorModel, expert_actions
 from sim_pybullet.tasks.following import HALF_LANE_TILES
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.town import Town
-from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 from tests.sim_pybullet.flat_camera import PoseCamera
 
 

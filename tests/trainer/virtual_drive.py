@@ -19,11 +19,11 @@ from robot.recording.drive_file import DriveFile, png
 from robot.recording.topics import Turn
 from sim_pybullet.batch import BatchWorld
 from sim_pybullet.look import ARENA_POSE, Look
+from sim_pybullet.motors import pursuit
 from sim_pybullet.sensing.guidance_feed import PoseError
 from sim_pybullet.tasks.lane_keeping import LaneKeeping
 from sim_pybullet.tasks.navigation import Navigation
 from sim_pybullet.tasks.spec import Task, TaskStep
-from sim_pybullet.vehicle import pursuit
 
 BEGAN_S = 1_000.0  # by the robot's clock
 STANDS_S = 2.0  # before it drives off

@@ -98,12 +98,12 @@ class Governed(Pilot):
         self._turns += 1
         now_s, ours = self._turns * CONTROL_DT_S, task.group
         poses = world.poses.reshape(-1, ours, 3)
-        bodies = task.crowd.bodies(poses, np.zeros((len(poses), ours, 2)))
+        bodies = task.crowd.bodies(poses)
         red = task.look(world.poses).red
         if not self._robots:
             self._begin(world, task, task.crowd.kinds.size)
-        there = np.zeros((*bodies.xy_m.shape[:2], 3))
-        there[..., :2], there[:, :ours, 2] = bodies.xy_m, poses[..., 2]
+        there = np.zeros((*bodies.shape[:2], 3))
+        there[..., :2], there[:, :ours, 2] = bodies, poses[..., 2]
         told = [above.tell(here, now_s) for above, here in zip(self._above, there, strict=True)]
         heard = [self._messages(poses, task.crowd.kinds, ours, now_s) for poses in told]
         believed = np.array([above.believed[:ours] for above in self._above]).reshape(-1, 3)

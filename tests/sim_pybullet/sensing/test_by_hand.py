@@ -45,7 +45,7 @@ def reddened(pictures: np.ndarray, *shares: float) -> np.ndarray:
     [(3.0, [0, 67, 67, 67, 0]), (4.0, [25, 50, 50, 50, 25]), (2.0, [0, 50, 100, 50, 0])],
 )
 def test_a_smear_is_a_box_of_its_length(length_px: float, seen: list[int]) -> None:
-    assert row(smeared(POST, np.array([length_px])))[78:83].tolist() == seen
+    assert row(smeared(POST.copy(), np.array([length_px])))[78:83].tolist() == seen
 
 
 def test_infrared_is_mixed_in_by_its_share() -> None:

@@ -10,7 +10,7 @@ DT = 0.1
 
 def run(look: PoseLook, ticks: int, seed: int = 0, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Errors (T, N, 3) against the pose at capture time, and delays (T, N); NaN where none came."""
-    rng, model = np.random.default_rng(seed), PoseError(count, DT)
+    rng, model = np.random.default_rng(seed), PoseError(count)
     for robot in range(count):
         model.reset(robot, look, rng)
     errors, delays = [], []

@@ -12,8 +12,8 @@ import pytest
 from robot.contract import MAX_WHEEL_MPS
 from robot.navigation.road_map import load_map
 from sim_pybullet.batch import BatchWorld
+from sim_pybullet.motors import ACTION_TABLE, expert_actions
 from sim_pybullet.randomise import load_look_sampler
-from sim_pybullet.vehicle import ACTION_TABLE, expert_actions
 from trainer.judging.challenge import Episode, drive
 from trainer.judging.drivers import Driver, Expert, Pilot
 from trainer.judging.governed import Governed
