@@ -189,7 +189,6 @@ NOMINAL = Look()
 ARENA_POSE = PoseLook(
     position_m=0.03,
     heading_rad=math.radians(5.0),
-    correlation_s=2.0,
     delay_s=0.2,
     dropout_per_s=0.05,
     dropout_s=1.0,

@@ -86,9 +86,8 @@ def _sizes(line: CentreLine, look: Look, texel_m: float) -> np.ndarray:
     """See `sim_pybullet.racing.track_ground.lay`; all lengths in metres of the world."""
     wide = look.ground.line_width_scale
     real = (LINE_M * wide, KERB_M, STONE_M, CENTRE_LINE_M * wide, look.track.dashes_m)
-    edge, kerb, stone, middle, period = (SCALE * value for value in real)
+    road = (line.half_width_m, line.verge_m, *(SCALE * value for value in real))
     spacing = line.path.length_m / len(line.curvature)
-    road = (line.half_width_m, line.verge_m, edge, kerb, stone, middle, period)
     return np.array((*road, look.track.centre_line, spacing, texel_m))
 
 

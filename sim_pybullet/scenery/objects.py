@@ -1,20 +1,20 @@
 """What there is to see: a Duckietown map or a race track, painted and built alike under a Look."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
 from robot.errors import MapError
 from robot.geometry import bezier_points, bezier_tangents
-from robot.navigation.map_objects import MapObject, colours, kinds, objects_of
+from robot.navigation.map_objects import objects_of
 from robot.navigation.road_map import RoadMap
 from sim_pybullet.look import Look
 from sim_pybullet.painting.ground import paint_ground
 from sim_pybullet.racing.track import Track, centre_line
 from sim_pybullet.racing.track_ground import paint_track, track_walls
-from sim_pybullet.scene import Ground, Scene, SemanticClass, Solid
+from sim_pybullet.scene import Ground, Scene, Solid
 from sim_pybullet.scenery.clutter import clutter_solids, roadside
+from sim_pybullet.scenery.object_solids import object_solids
 
 Place = RoadMap | Track  # what there is to drive on
 OPTIONAL_SHARE = 0.5  # probability that an optional object stands there in an episode
@@ -46,27 +46,6 @@ def paint_place(place: Place, look: Look) -> Ground:
     """The floor of a map or a track."""
     return (
         paint_track(place, look) if isinstance(place, Track) else paint_ground(place, look.ground)
-    )
-
-
-def object_solids(item: MapObject) -> tuple[Solid, ...]:
-    """The solids that one object of a map is made of; none for marks on the floor."""
-    kind = kinds()[item.kind]
-    scale = item.height_m
-    c, s = math.cos(item.heading_rad), math.sin(item.heading_rad)
-    return tuple(
-        Solid(
-            shape=part.shape,
-            x_m=item.x_m + scale * (c * part.forward - s * part.left),
-            y_m=item.y_m + scale * (s * part.forward + c * part.left),
-            heading_rad=item.heading_rad,
-            size_m=(scale * part.size[0], scale * part.size[1], scale * part.size[2]),
-            rgb=colours().get(item.color or "", part.rgb) if part.own_colour else part.rgb,
-            kind=SemanticClass[kind.class_name],
-            base_m=scale * part.base,
-            collides=part.collides,
-        )
-        for part in kind.parts
     )
 
 

@@ -11,7 +11,7 @@ from robot.geometry import wrap_angle
 from robot.navigation.map_objects import HALF_ROBOT_M, MapObject
 from robot.navigation.path import PathBatch
 from sim_pybullet.scene import Mover
-from sim_pybullet.scenery.objects import object_solids
+from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic import drivers, ducks
 from sim_pybullet.traffic.ahead import AHEAD_M, NOTHING, STEP_M, along, nearest, steps_ahead
 from sim_pybullet.traffic.drivers import Drivers
@@ -177,7 +177,7 @@ class Crowd:
         tile_m = self._streets.tile_m[k]
         walkers = [(o.x_m, o.y_m, o.heading_rad, tile_m) for o in movers if o.kind == "duckie"]
         places = np.array([*layout.ducks().reshape(-1, 4), *walkers]).reshape(-1, 4)
-        self.ducks.begin(group, places, how.duckie_speed_mps, how.duckie_wait_s, rng)
+        self.ducks.begin(group, places, how, rng)
 
     def _begin_standing(self, group: int, k: int, rng: np.random.Generator) -> None:
         lights, things = self._streets.lights[k], self._streets.blocked_m[k]

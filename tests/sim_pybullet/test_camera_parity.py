@@ -16,7 +16,8 @@ from robot.navigation.road_map import RoadMap, load_map
 from sim_pybullet.look import NOMINAL, GroundLook, LightLook, Look
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Scene, SemanticClass
-from sim_pybullet.scenery.objects import build_scene, object_solids
+from sim_pybullet.scenery.object_solids import object_solids
+from sim_pybullet.scenery.objects import build_scene
 from tests.robot.real_lenses import real_lenses
 from tests.sim_pybullet.pybullet_camera import PyBulletCamera
 from tests.thorough import count

@@ -14,7 +14,7 @@ from robot.navigation.neighbours import AHEAD_M, HALF_DUCK_M, HALF_ROBOT_M, Othe
 from robot.navigation.road_map import RoadMap
 from robot.safety.governors import NOSE_M
 from sim_pybullet.scene import Mover, Solid
-from sim_pybullet.scenery.objects import object_solids
+from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.tasks.navigation import Navigation
 
 _DUCKS, _ROBOTS = 4, 3

@@ -15,7 +15,8 @@ from robot.navigation.road_map import load_map
 from sim_pybullet.look import NOMINAL, LightLook, SkyLook
 from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scene import Ground, Scene, SemanticClass, Solid
-from sim_pybullet.scenery.objects import build_scene, object_solids
+from sim_pybullet.scenery.object_solids import object_solids
+from sim_pybullet.scenery.objects import build_scene
 
 IMAGE = ImageSpec(160, 120)
 RIG = CameraRig(DUCKIEBOT_LENS.scaled(160, 120))

@@ -46,8 +46,8 @@ def test_who_leads_through_a_bend_goes_on_along_it() -> None:
 
 def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:
     rng, ducks = np.random.default_rng(0), Ducks(1, 2)
-    way_m = 0.6
-    ducks.begin(0, np.array([(1.0, 2.0, np.pi / 2, way_m)]), (0.12, 0.12), (3.0, 3.0), rng)
+    way_m, how = 0.6, Scenario(duckie_speed_mps=(0.12, 0.12), duckie_wait_s=(3.0, 3.0))
+    ducks.begin(0, np.array([(1.0, 2.0, np.pi / 2, way_m)]), how, rng)
     assert np.isnan(ducks.poses[0, 1]).all()
     ys = []
     for _ in range(170):
@@ -62,7 +62,8 @@ def test_a_duck_waits_crosses_at_its_speed_and_comes_back() -> None:
 
 def test_a_duck_does_not_walk_into_a_robot_in_front_of_it_but_goes_back() -> None:
     rng, ducks, xs = np.random.default_rng(0), Ducks(1, 1), []
-    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), (0.1, 0.1), (0.0, 0.0), rng)
+    how = Scenario(duckie_speed_mps=(0.1, 0.1), duckie_wait_s=(0.0, 0.0))
+    ducks.begin(0, np.array([(0.0, 0.0, 0.0, 0.6)]), how, rng)
     for _ in range(60):
         ducks.step(np.array([[(0.4, 0.0)]]))
         xs.append(ducks.poses[0, 0, 0])

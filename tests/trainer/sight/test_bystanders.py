@@ -9,7 +9,7 @@ from robot.navigation.neighbours import HALF_DUCK_M, HALF_ROBOT_M, Other
 from robot.navigation.road_map import load_map
 from robot.safety.governors import NOSE_M
 from sim_pybullet.look import NOMINAL
-from sim_pybullet.scenery.objects import object_solids
+from sim_pybullet.scenery.object_solids import object_solids
 from sim_pybullet.traffic.lights import lamps
 from trainer.sight.bystanders import Bystanders, half_m
 from trainer.sight.pictures import FREE, ROBOTS, THING, drive, label, missions
