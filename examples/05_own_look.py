@@ -23,5 +23,5 @@ sensor:
 """)
 (out / "05_own_look.yaml").write_text(yaml.safe_dump(evening))  # for train --look
 pictures = draws(load_map("town"), look_sampler(evening), 12, np.random.default_rng(0))
-cv2.imwrite(str(out / "05_own_look.png"), sheet(pictures, columns=4)[..., ::-1])
+cv2.imwrite(str(out / "05_own_look.png"), sheet(pictures)[..., ::-1])
 print(f"{len(pictures)} draws; mean brightness {pictures.mean():.0f} of 255")

@@ -26,4 +26,4 @@ for turn, frame in read_turns(drive):
         shown.append(picture)
 counts = {name: actions.count(name) for name in dict.fromkeys(actions)}
 print(f"{drive.name}: {len(actions)} decisions, {counts}")
-cv2.imwrite(str(out / "10_read_recording.png"), sheet(np.array(shown[:12]), 4)[..., ::-1])
+cv2.imwrite(str(out / "10_read_recording.png"), sheet(np.array(shown[:12]))[..., ::-1])

@@ -222,7 +222,7 @@ class BatchWorld:
         return robots
 
     def _observe(self, begun: np.ndarray | None = None) -> Observation:
-        """What robots see that have just begun an episode; else what all active ones see (N)."""
+        """What robots see that have just begun; else what all active ones see (N), the others 0."""
         everyone = begun is None and bool(self.active.all())
         robots = np.flatnonzero(self.active) if begun is None else begun
         drawn = None if everyone else robots
@@ -236,7 +236,11 @@ class BatchWorld:
         if path is not None and not everyone:
             path = path[robots]
         seen = Observation(image, path)
-        return seen if everyone or begun is not None else _spread(seen, robots, self.n_robots)
+        if everyone or begun is not None:
+            return seen
+        nothing = None if path is None else np.zeros((self.n_robots, path.shape[1]), path.dtype)
+        whole = Observation(np.zeros((self.n_robots, *image.shape[1:]), image.dtype), nothing)
+        return _replaced(whole, robots, seen)
 
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
@@ -251,14 +255,6 @@ def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:
     if not valid:
         raise ContractError(f"actions: expected {wanted}, got {actions!r}")
     return actions
-
-
-def _spread(observation: Observation, robots: np.ndarray, n: int) -> Observation:
-    """The observations of some of N robots in their rows, zeros in the others."""
-    image, path = observation
-    nothing = None if path is None else np.zeros((n, path.shape[1]), path.dtype)
-    whole = Observation(np.zeros((n, *image.shape[1:]), image.dtype), nothing)
-    return _replaced(whole, robots, observation)
 
 
 def _replaced(whole: Observation, robots: np.ndarray, parts: Observation) -> Observation:

@@ -11,7 +11,6 @@ import numpy as np
 
 from robot.contract import (
     ACTION_TWISTS,
-    ACTION_WHEELS,
     CONTROL_DT_S,
     DRIVE,
     FIVE_ACTIONS,
@@ -111,7 +110,6 @@ def _twists(wheel_mps: np.ndarray) -> np.ndarray:
     return np.stack((0.5 * (left + right), (right - left) / DRIVE.baseline_m), axis=1)
 
 
-ACTION_TABLE = np.array(ACTION_WHEELS)  # (5, 2) left and right rim speed [m/s]
 LOOKAHEAD_M = 0.14
 _CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]
 

@@ -12,7 +12,6 @@ from sim_pybullet.rendering.ray_camera import RayCamera
 from sim_pybullet.scenery.objects import Place, build_scene, lane_poses
 from sim_pybullet.sensing.camera_feed import CameraFeed
 
-COLUMNS = 6
 _TURN_RAD = 0.05  # in the last physics step: a robot that turns smears its picture
 _GAP_PX = 2
 _WAY_RGB = (0, 160, 255)
@@ -39,7 +38,7 @@ def from_above(road_map: RoadMap, points_m: np.ndarray) -> np.ndarray:
     return picture
 
 
-def sheet(pictures: np.ndarray, columns: int = COLUMNS) -> np.ndarray:
+def sheet(pictures: np.ndarray, columns: int = 4) -> np.ndarray:
     """The pictures in rows, with white lines between, (H, W, 3) uint8 RGB."""
     rows = -(-len(pictures) // columns)
     framed = np.pad(

@@ -24,7 +24,6 @@ from sim_pybullet.rendering.solid_table import (
     ELEVATIONS,
     direction_table,
     light_row,
-    mover_rows,
     solid_rows,
 )
 from sim_pybullet.scene import Mover, Scene
@@ -98,7 +97,9 @@ class RayCamera:
         self._tables = RigTables(n_robots, image)
         self._rows = np.zeros((n_robots, 0, 13))  # of the solids in each robot's scene
         self._counts = np.zeros(n_robots, np.int64)
-        self._parts, self._owners = mover_rows(movers)
+        self._parts = solid_rows(tuple(solid for mover in movers for solid in mover))
+        owners = [number for number, mover in enumerate(movers) for _ in mover]
+        self._owners = np.array(owners, int)  # (D,) whose part each of the D rows is
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -147,9 +148,9 @@ class RayCamera:
         """(N, H, W) uint8, values of SemanticClass."""
         robots = np.arange(len(self._scenes))
         poses = self._checked(poses, len(robots))
-        labels = self._sky_kinds.copy().reshape(len(poses), *self.shape[:2])
-        flat = labels.reshape(len(poses), self._sky_kinds.shape[1])
+        flat = self._sky_kinds.copy()
         label_floor(flat, self._floor_views(poses, robots), self._tables.floor)
+        labels = flat.reshape(len(poses), *self.shape[:2])
         self._draw_solids(labels[..., None], poses, robots, movers)
         return labels
 

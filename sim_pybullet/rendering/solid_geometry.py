@@ -22,8 +22,9 @@ def place_movers(
 ) -> None:
     """Append the parts of what moves to what stands around M robots.
 
-    ``rows`` (R, 13), of robot i up to last[i] (M,), which moves on; ``parts`` (D, 13) and
-    ``owners`` (D,) as `mover_rows`; ``poses`` (M, U, 3), not finite where a mover is not there.
+    ``rows`` (R, 13), of robot i up to last[i] (M,), which moves on; ``parts`` (D, 13) about the
+    origins of the movers that ``owners`` (D,) names; ``poses`` (M, U, 3) of these, not finite where
+    one is not there.
     """
     for i in range(len(poses)):
         for k in range(len(parts)):

@@ -9,7 +9,7 @@ from robot.contract import ImageSpec
 from robot.lens import CameraRig
 from sim_pybullet.look import LightLook
 from sim_pybullet.rendering.rays import pixel_rays
-from sim_pybullet.scene import Mover, Solid
+from sim_pybullet.scene import Solid
 
 AZIMUTHS, ELEVATIONS = 120, 60  # cells of 3 by 3 degrees
 
@@ -33,15 +33,6 @@ def solid_rows(solids: tuple[Solid, ...]) -> np.ndarray:
         for solid in solids
     ]
     return np.array(rows, dtype=np.float64).reshape(len(solids), 13)
-
-
-def mover_rows(movers: tuple[Mover, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """The parts of what moves, (D, 13) as of `solid_rows`, and whose part each is, (D,) int.
-
-    The solids of each mover stand about its own origin.
-    """
-    owners = [number for number, solids in enumerate(movers) for _ in solids]
-    return solid_rows(tuple(solid for solids in movers for solid in solids)), np.array(owners, int)
 
 
 def light_row(light: LightLook) -> np.ndarray:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -107,8 +106,9 @@ class GuidanceFeed:
         else:
             self._move()
             told, captured_s = self._errors.observe(poses, self._now_s, rng)
-            told = np.where(self._silent()[:, None], np.nan, told)
-            self._fusion.measure(told, captured_s)
+            for_s, every_s = OVERHEAD[self._sources.overhead]
+            silent = (self._decisions - self._began) * CONTROL_DT_S % every_s >= for_s
+            self._fusion.measure(np.where(silent[:, None], np.nan, told), captured_s)
         self._believe(poses)
 
     def see(self, images: np.ndarray, fresh: np.ndarray, maps: np.ndarray) -> None:
@@ -138,11 +138,6 @@ class GuidanceFeed:
     def _now_s(self) -> float:
         return self._decisions * CONTROL_DT_S
 
-    def _silent(self) -> np.ndarray:
-        """(N,) bool: whose overhead camera says nothing now."""
-        for_s, every_s = OVERHEAD[self._sources.overhead]
-        return np.asarray((self._decisions - self._began) * CONTROL_DT_S % every_s >= for_s)
-
     def _move(self) -> None:
         forward_m, turn_rad = self._driven.T.copy()
         self._fusion.move(forward_m, turn_rad, self._now_s)
@@ -154,13 +149,6 @@ class GuidanceFeed:
 
 
 OUTLIER_M = 1.0  # an outlier is up to this far off in each coordinate
-
-
-class OverheadPoses(NamedTuple):
-    """Poses (N, 3) in the world, NaN rows where none arrived, and capture times (N,) [s]."""
-
-    poses: np.ndarray
-    captured_s: np.ndarray
 
 
 class PoseError:
@@ -196,8 +184,11 @@ class PoseError:
         """What was told (N, 3) of robots that have stood at these poses (N, 3) for a while."""
         return _off(poses, self._errors)
 
-    def observe(self, poses: np.ndarray, now_s: float, rng: np.random.Generator) -> OverheadPoses:
-        """What arrives now, of true poses (N, 3)."""
+    def observe(
+        self, poses: np.ndarray, now_s: float, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What arrives now, of true poses (N, 3): poses, NaN rows where none does; when they were
+        captured (N,) [s]."""
         spread = np.sqrt(1.0 - self._keep**2) * self._deviations
         self._errors = self._keep * self._errors + spread * rng.standard_normal(spread.shape)
         seen = _off(poses, self._errors)
@@ -208,7 +199,7 @@ class PoseError:
         self._sent.push(seen)
         arrived = self._sent.read()
         captured_s = np.where(np.isnan(arrived[:, 0]), -math.inf, now_s - self._delay_s)
-        return OverheadPoses(arrived, captured_s)
+        return arrived, captured_s
 
     def _missing(self, rng: np.random.Generator) -> np.ndarray:
         """(N,) bool: in a gap. No gap follows another without a pose between them."""

@@ -120,16 +120,15 @@ class Sensors:
         frames: np.ndarray,
         robots: np.ndarray,
         rng: np.random.Generator,
-        turns_radps: np.ndarray | None = None,
+        turns_radps: np.ndarray | float = 0.0,
     ) -> np.ndarray:
         """The pictures of robots (M,) from frames (M, H, W, 3) uint8, which may be overwritten.
 
         ``rng`` is used only where a sensor has noise; M robots turn at ``turns_radps`` (M,).
         """
         looks = [self._looks[i] for i in robots.tolist()]
-        if turns_radps is not None:
-            shutters_s = np.array([look.shutter_s for look in looks])
-            frames = smeared(frames, self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps))
+        shutters_s = np.array([look.shutter_s for look in looks])
+        frames = smeared(frames, self._scale * PX_PER_RAD * shutters_s * np.abs(turns_radps))
         starts = np.zeros((len(looks), self._height), np.int64)
         if any(look.noise for look in looks):
             starts = rng.integers(0, _NOISE_SIZE, starts.shape)
@@ -159,7 +158,7 @@ def apply_sensor(
     looks: Sequence[SensorLook],
     rng: np.random.Generator,
     crop_top_px: int = 0,
-    turns_radps: np.ndarray | None = None,
+    turns_radps: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """What sensors make of frames (N, H, W, 3) uint8 RGB, one look for each; see `Sensors`."""
     sensors = Sensors(len(frames), frames.shape[1:], crop_top_px)

@@ -56,9 +56,9 @@ def record_drive(
         now_s = BEGAN_S + k * CONTROL_DT_S
         wheels = person.wheels(world, k * CONTROL_DT_S)
         told_wheels = wheels[::-1] if k % 40 < 40 * reverse else wheels
-        arrived = told.observe(world.poses, now_s, rng)
-        age_s = now_s - float(arrived.captured_s[0])
-        _write(file, (k, frame), now_s, image[0], told_wheels, arrived.poses[0], age_s)
+        arrived, captured_s = told.observe(world.poses, now_s, rng)
+        age_s = now_s - float(captured_s[0])
+        _write(file, (k, frame), now_s, image[0], told_wheels, arrived[0], age_s)
         if task.guided:
             believed = Pose(*world.guidance.poses[0].tolist())
             file.add(topics.POSE, now_s, topics.pose_message(now_s, believed), k)

@@ -71,7 +71,7 @@ class _Above:
 
     def tell(self, poses: np.ndarray, now_s: float) -> np.ndarray:
         """(B, 3) what arrives now, of true poses (B, 3)."""
-        told = self._errors.observe(poses, now_s, self._rng).poses
+        told, _ = self._errors.observe(poses, now_s, self._rng)
         self.believed = self._errors.of_standing(poses)
         return told
 

@@ -211,7 +211,7 @@ def test_outliers_are_off_by_up_to_a_metre_to_every_side() -> None:
     model, source = PoseError(500), rng()
     for robot in range(500):
         model.reset(robot, PoseLook(outlier=1.0), source)
-    seen = model.observe(np.zeros((500, 3)), 0.0, source).poses
+    seen = model.observe(np.zeros((500, 3)), 0.0, source)[0]
     for side in (seen[:, 0], seen[:, 1], -seen[:, 0], -seen[:, 1]):
         assert 0.95 < side.max() <= 1.0
     np.testing.assert_array_equal(seen[:, 2], 0.0)
@@ -224,7 +224,7 @@ def test_a_gap_begins_so_often_and_lasts_up_to_its_longest() -> None:
     for robot in range(100):
         model.reset(robot, look, source)
     for tick in range(600):
-        missing.append(np.isnan(model.observe(np.zeros((100, 3)), 0.1 * tick, source).poses[:, 0]))
+        missing.append(np.isnan(model.observe(np.zeros((100, 3)), 0.1 * tick, source)[0][:, 0]))
     assert np.mean(missing) == pytest.approx(5.5 / 15.5, abs=0.015)
     assert ARENA_POSE.dropout_s == 1.0
 
@@ -236,7 +236,7 @@ def test_an_error_begins_as_large_as_it_stays_and_each_episode_with_another() ->
         model.reset(robot, look, source)
     standing = model.of_standing(np.zeros((400, 3)))
     np.testing.assert_allclose(standing.std(axis=0), [0.03, 0.03, 0.1], rtol=0.1)
-    next_one = model.observe(np.zeros((400, 3)), 0.0, source).poses
+    next_one = model.observe(np.zeros((400, 3)), 0.0, source)[0]
     kept = (standing * next_one).sum() / (standing**2).sum()
     assert kept == pytest.approx(math.exp(-0.1 / 5.0), abs=0.01)
 

@@ -10,7 +10,7 @@ from robot.errors import ConfigError, MapError
 from robot.navigation.map_objects import objects_of
 from robot.navigation.planner import LaneGraph
 from robot.navigation.road_map import RoadMap, load_map, read_map
-from sim_pybullet.rendering.solid_table import mover_rows
+from sim_pybullet.rendering.solid_table import solid_rows
 from sim_pybullet.traffic.ahead import AHEAD_M, along, nearest, steps_ahead
 from sim_pybullet.traffic.crowd import Approach, Crowd, RightOfWay
 from sim_pybullet.traffic.drivers import Drivers
@@ -133,7 +133,7 @@ def test_a_light_is_green_for_two_ways_of_four_in_turn() -> None:
         lights.step()
     changes = np.flatnonzero(np.diff(seen))
     assert set(np.diff(changes)) <= set(range(40, 72))
-    rows, owners = mover_rows((lamps(0), lamps(1)))
+    rows, owners = solid_rows((*lamps(0), *lamps(1))), np.repeat((0, 1), len(lamps(0)))
     assert (rows[owners == 0, -3:] != rows[owners == 1, -3:]).any()
 
 
