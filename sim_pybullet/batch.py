@@ -239,8 +239,8 @@ class BatchWorld:
         if everyone or begun is not None:
             return seen
         nothing = None if path is None else np.zeros((self.n_robots, path.shape[1]), path.dtype)
-        whole = Observation(np.zeros((self.n_robots, *image.shape[1:]), image.dtype), nothing)
-        return _replaced(whole, robots, seen)
+        zeros = np.zeros((self.n_robots, *image.shape[1:]), image.dtype)
+        return _replaced(Observation(zeros, nothing), robots, seen)
 
 
 def _checked(actions: np.ndarray, n_robots: int, choices: int) -> np.ndarray:

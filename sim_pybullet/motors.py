@@ -110,7 +110,6 @@ def _twists(wheel_mps: np.ndarray) -> np.ndarray:
     return np.stack((0.5 * (left + right), (right - left) / DRIVE.baseline_m), axis=1)
 
 
-LOOKAHEAD_M = 0.14
 _CURVATURES = np.array([twist.turn_radps / twist.forward_mps for twist in ACTION_TWISTS])  # [1/m]
 
 
@@ -138,7 +137,7 @@ class WheeledRobots(MotorModel):
 
 
 def expert_actions(
-    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = LOOKAHEAD_M
+    paths: PathBatch, poses: np.ndarray, arc_m: np.ndarray, ahead_m: float = 0.14
 ) -> np.ndarray:
     """The actions (N,) of experts at true poses (N, 3): whose circle is nearest to `pursuit`'s."""
     curvature = pursuit(paths, poses, np.asarray(arc_m) + ahead_m)

@@ -164,10 +164,10 @@ def robot_sheets(marker: Marker, pose: Pose, board: np.ndarray | None = None) ->
     body = np.full((1, 1, 3), BODY_RGB, np.uint8)
     top = marker.board.height_m
     slices = [Sheet(pose, 0.16, 0.13, top * i / 3.0, body) for i in range(3)]
-    middle = Pose(*pose.to_world(np.array([marker.board.forward_m, 0.0])), pose.heading_rad)
+    x_m, y_m = pose.to_world(np.array([marker.board.forward_m, 0.0]))
     rgb = board_rgb(marker) if board is None else board
     size = (marker.board.length_m, marker.board.width_m, top)
-    return [*slices, Sheet(middle, *size, rgb)]
+    return [*slices, Sheet(Pose(x_m, y_m, pose.heading_rad), *size, rgb)]
 
 
 def known_calibration(

@@ -226,9 +226,8 @@ class Town:
     def _load_robot(self) -> _Body:
         """A robot on wheels."""
         number = self._client.loadURDF(str(URDF))
-        links = {}
-        for joint in range(self._client.getNumJoints(number)):
-            links[self._client.getJointInfo(number, joint)[12].decode()] = joint
+        count = self._client.getNumJoints(number)
+        links = {self._client.getJointInfo(number, k)[12].decode(): k for k in range(count)}
         for link in (-1, *links.values()):
             self._calm(number, link)
             self._client.setCollisionFilterGroupMask(number, link, ROBOT, STATIC)

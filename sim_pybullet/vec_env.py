@@ -48,8 +48,7 @@ class DuckpilotVecEnv(VecEnv):
         for info, truncated in zip(infos, step.task.truncated.tolist(), strict=True):
             info["TimeLimit.truncated"] = truncated
         for k, i in enumerate(step.finished.robots):
-            last = as_space_member(step.finished.observation, k)
-            infos[i]["terminal_observation"] = last
+            infos[i]["terminal_observation"] = as_space_member(step.finished.observation, k)
         done = step.task.terminated | step.task.truncated
         seen = as_space_member(step.observation)
         return seen, step.reward.astype(np.float32), done, infos
